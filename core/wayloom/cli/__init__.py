@@ -1,0 +1,1 @@
+"""The commands. They parse, make one call and return."""

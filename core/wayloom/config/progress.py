@@ -1,0 +1,13 @@
+"""How long work tells how far it is."""
+
+from typing import Protocol
+
+
+class Progress(Protocol):
+    """Called with the share done, 0 to 1 and never falling, and a few words on what is being done. May raise to stop the work."""
+
+    def __call__(self, share: float, what: str, /) -> None: ...
+
+
+def silent(share: float, what: str, /) -> None:
+    """A `Progress` for callers that do not want to know."""

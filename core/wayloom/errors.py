@@ -1,0 +1,111 @@
+"""The one error tree of wayloom. A message says what happened, with the numbers, and what to do next.
+
+WayloomError                    anything that wayloom itself reports                   exit 1
+├── InputError                  what the user gave cannot be used                      exit 2
+│   ├── LogError                a drive log, or a file in it
+│   ├── CalibrationError        a camera or rig calibration
+│   ├── ModelError              a network or its description
+│   ├── ConfigError             a setting
+│   └── UnknownFormatError      nothing that wayloom knows was recognised
+├── StageError                  a stage of the pipeline cannot go on
+│   └── TooFewKeyframesError    the odometry left nothing to map
+├── NotFoundError               a drive, upload, tile or map version that does not exist
+├── ConflictError               the state of the thing forbids the request
+│   └── OffsetConflictError     an upload continues at another byte than it ended
+├── LeaseLostError              another worker has taken over the job
+└── ServiceError                a server answered with an error or not at all
+"""
+
+from pathlib import Path
+
+
+class WayloomError(Exception):
+    """Anything that wayloom itself reports. `code` is stable and machine-readable."""
+
+    code = "error"
+
+
+class InputError(WayloomError):
+    """What the user gave cannot be used. The message is one line: the file, the record in it, what is wrong, the remedy."""
+
+    code = "bad-input"
+
+    def __init__(self, what: str, *, file: Path | str | None = None, record: str | None = None, remedy: str | None = None) -> None:
+        self.file = None if file is None else str(file)
+        self.record = record
+        self.remedy = remedy
+        where = ", ".join(part for part in (self.file, record) if part)
+        message = f"{where}: {what}" if where else what
+        super().__init__(f"{message}; {remedy}" if remedy else message)
+
+
+class LogError(InputError):
+    """A drive log, or a file in it, is missing, damaged or contradicts itself."""
+
+    code = "bad-log"
+
+
+class CalibrationError(InputError):
+    """A camera or rig calibration is missing or impossible."""
+
+    code = "bad-calibration"
+
+
+class ModelError(InputError):
+    """A network or its description cannot be used."""
+
+    code = "bad-model"
+
+
+class ConfigError(InputError):
+    """A setting is unknown, out of range or contradicts another."""
+
+    code = "bad-config"
+
+
+class UnknownFormatError(InputError):
+    """Nothing that wayloom knows was recognised; the message lists what it knows."""
+
+    code = "unknown-format"
+
+
+class StageError(WayloomError):
+    """A stage of the pipeline cannot go on with what the stage before it left."""
+
+    code = "stage-failed"
+
+
+class TooFewKeyframesError(StageError):
+    """The odometry left too few keyframes to map."""
+
+    code = "too-few-keyframes"
+
+
+class NotFoundError(WayloomError):
+    """A drive, upload, tile or map version that does not exist (or is not the caller's)."""
+
+    code = "not-found"
+
+
+class ConflictError(WayloomError):
+    """The state of the thing forbids the request."""
+
+    code = "conflict"
+
+
+class OffsetConflictError(ConflictError):
+    """An upload was continued at another byte than the one at which its stored bytes end."""
+
+    code = "offset-conflict"
+
+
+class LeaseLostError(WayloomError):
+    """The job's lease ran out and another worker has taken it over: stop, and write nothing."""
+
+    code = "lease-lost"
+
+
+class ServiceError(WayloomError):
+    """A server answered with an error or not at all."""
+
+    code = "service-error"

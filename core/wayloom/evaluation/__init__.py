@@ -1,0 +1,1 @@
+"""Trajectory and label metrics, and the benchmarks behind `wayloom benchmark`."""

@@ -1,0 +1,37 @@
+"""What the geo-reference leaves of a drive."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class MapFrame:
+    """The local tangent plane of a map: east, north, up in metres at a fixed origin. Set for each map, never by its first drive.
+
+    lon_deg, lat_deg  WGS84 degrees; height_m ellipsoidal
+    """
+
+    lon_deg: float
+    lat_deg: float
+    height_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class GeoReference:
+    """A drive in its map's frame, or, where it has no GNSS, in its own.
+
+    frame        the map frame, None without GNSS: then `enu` below is the drive's own world frame
+    T_enu_cam    (N, 4, 4) for every frame of the log
+    covariance   (N, 6, 6) of the left perturbation (v, omega) of T_enu_cam, m^2 and rad^2; NaN without GNSS
+    report       JSON-ready facts: fixes used and rejected, residuals, honest sigma
+    """
+
+    frame: MapFrame | None
+    T_enu_cam: FloatArray
+    covariance: FloatArray
+    report: dict[str, Any] = field(default_factory=dict)

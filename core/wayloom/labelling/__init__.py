@@ -1,0 +1,1 @@
+"""Temporally consistent labelling (TCL) of the odometry's points."""

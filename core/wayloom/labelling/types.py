@@ -1,0 +1,27 @@
+"""What the labelling leaves of a drive."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class PointLabels:
+    """Labels of the odometry's P points, train ids, 255 where the network says nothing.
+
+    baseline, mono, stereo  (P,) uint8: the host image's own label L_i(p); TCL over left images; TCL over left and right images
+    vote_start              (P + 1,) int64: the (sparse) vote vector of point p, of the stereo form
+    vote_class              (M,) uint8, increasing within a point
+    vote_weight             (M,) float32, > 0: sum of inverse depths, 1/m, of the votes for that class (eq. 3)
+    """
+
+    baseline: NDArray[np.uint8]
+    mono: NDArray[np.uint8]
+    stereo: NDArray[np.uint8]
+    vote_start: NDArray[np.int64]
+    vote_class: NDArray[np.uint8]
+    vote_weight: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.baseline)

@@ -1,0 +1,115 @@
+"""What a drive log gives, whatever its format."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.geometry.camera import StereoRig
+
+FloatArray = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+
+class FixType(IntEnum):
+    """Quality of a GNSS fix."""
+
+    NONE = 0
+    SINGLE = 1
+    FLOAT = 2
+    FIXED = 3
+
+
+@dataclass(frozen=True, slots=True)
+class StereoFrame:
+    """One rectified stereo pair.
+
+    index         place in the log, from 0
+    t_ns          time stamp, integer nanoseconds
+    left, right   (h, w) grey or (h, w, 3) RGB, uint8, of one size
+    exposure_s    exposure times of left and right where the log has them
+    """
+
+    index: int
+    t_ns: int
+    left: Image
+    right: Image
+    exposure_s: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GnssTrack:
+    """GNSS fixes in time order.
+
+    t_ns            (M,) int64 time stamps, on the clock of the frames
+    lon_lat_height  (M, 3) WGS84 degrees, degrees, ellipsoidal metres of the antenna
+    covariance_enu  (M, 3, 3) m^2 in the local east, north, up
+    fix_type        (M,) uint8, FixType
+    """
+
+    t_ns: NDArray[np.int64]
+    lon_lat_height: FloatArray
+    covariance_enu: FloatArray
+    fix_type: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class ImuTrack:
+    """IMU samples in time order: t_ns (M,) int64, specific force (M, 3) m/s^2 and angular rate (M, 3) rad/s in the IMU frame."""
+
+    t_ns: NDArray[np.int64]
+    specific_force: FloatArray
+    angular_rate: FloatArray
+
+
+class DriveLog(Protocol):
+    """A drive as a vehicle recorded it. A reader streams: it never holds a drive's images in memory.
+
+    path          folder or file that was opened
+    format        key of LOG_FORMATS
+    name          short name for people, e.g. the folder's
+    rig           the rectified stereo rig of the frames as `frame` returns them
+    t_ns          (N,) int64 time stamps of the frames, strictly increasing
+    colour        whether frames are RGB
+    gnss, imu     None where the log has none
+    p_cam_gnss    (3,) m: the antenna in the left camera's frame; zeros where unknown (then "lever arm" is in `missing`)
+    T_cam_imu     (4, 4), None without IMU
+    truth         (N, 4, 4) T_world_cam in any world frame, NaN where unknown; None where the log has none
+    missing       what the reader looked for and did not find, in words
+    files         every file that belongs to the log, relative to `root`, with forward slashes, sorted
+    root          the folder that `files` are relative to
+    """
+
+    path: Path
+    format: str
+    name: str
+    rig: StereoRig
+    t_ns: NDArray[np.int64]
+    colour: bool
+    gnss: GnssTrack | None
+    imu: ImuTrack | None
+    p_cam_gnss: FloatArray
+    T_cam_imu: FloatArray | None
+    truth: FloatArray | None
+    rig_id: str | None
+    vehicle_id: str | None
+    missing: tuple[str, ...]
+    root: Path
+    files: tuple[str, ...]
+
+    def __len__(self) -> int: ...
+
+    def frame(self, index: int) -> StereoFrame:
+        """Decode (and, where the log is distorted, rectify) one pair. Raises LogError that names the file."""
+        ...
+
+    def frames(self, start: int = 0, stop: int | None = None) -> Iterator[StereoFrame]:
+        """The pairs from start to stop in order, one in memory at a time."""
+        ...

@@ -1,0 +1,1 @@
+"""Pose graphs: the only import of gtsam."""

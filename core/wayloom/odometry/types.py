@@ -1,0 +1,101 @@
+"""What the odometry leaves of a drive."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.geometry.camera import StereoRig
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """One pose for every frame of the log.
+
+    t_ns         (N,) int64, the log's own time stamps
+    T_world_cam  (N, 4, 4); where a frame was lost, the constant-motion guess
+    tracked      (N,) whether the pose was really tracked
+    segment      (N,) int32, counts up after each loss; frames of one segment are rigidly connected
+    """
+
+    t_ns: NDArray[np.int64]
+    T_world_cam: FloatArray
+    tracked: NDArray[np.bool_]
+    segment: NDArray[np.int32]
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class Keyframes:
+    """frame (K,) int32 index into the trajectory, increasing; T_world_cam (K, 4, 4), the final estimate;
+    affine (K, 4) a_left, b_left, a_right, b_right of I = exp(a) I_scene + b; segment (K,) int32."""
+
+    frame: NDArray[np.int32]
+    T_world_cam: FloatArray
+    affine: FloatArray
+    segment: NDArray[np.int32]
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+
+@dataclass(frozen=True, slots=True)
+class Points:
+    """The points that the odometry activated, P of them, and which keyframes really saw each.
+
+    host           (P,) int32, row in Keyframes
+    uv_host        (P, 2) float32 pixels in the host's left image
+    inverse_depth  (P,) float32, 1/m along the host's z axis
+    variance       (P,) float32, of inverse_depth, 1/m^2
+    grey           (P,) uint8
+    obs_start      (P + 1,) int64: point p was seen in keyframes obs_keyframe[obs_start[p]:obs_start[p + 1]], host left out
+    obs_keyframe   (M,) int32, row in Keyframes, in which the point was a photometric inlier in the left image
+    obs_right      (M,) bool, whether it was also consistent with the right image of that keyframe
+    host_right     (P,) bool, whether it was consistent with the right image of its host
+    """
+
+    host: NDArray[np.int32]
+    uv_host: NDArray[np.float32]
+    inverse_depth: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    grey: NDArray[np.uint8]
+    obs_start: NDArray[np.int64]
+    obs_keyframe: NDArray[np.int32]
+    obs_right: NDArray[np.bool_]
+    host_right: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.host)
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryResult:
+    """A tracked drive.
+
+    rig     the rectified rig of the log
+    disparity_bias_px  δ of u_right = u_left - bf * inverse_depth - δ, as last estimated (0 where the log is perfect)
+    row_coefficients   (3,) px: the right image's row offset dv = c0 (1 + y^2) + c1 x + c2 x y, x and y normalised coordinates
+    report  JSON-ready facts: segments, losses and their reasons, keyframe counts, stage times
+    """
+
+    rig: StereoRig
+    trajectory: Trajectory
+    keyframes: Keyframes
+    points: Points
+    disparity_bias_px: float
+    row_coefficients: FloatArray
+    report: dict[str, Any] = field(default_factory=dict)
+
+    def points_world(self) -> FloatArray:
+        """(P, 3) m: every point in the drive's world frame."""
+        camera, p = self.rig.camera, self.points
+        rays = camera.rays(p.uv_host.astype(np.float64))
+        T = self.keyframes.T_world_cam[p.host]
+        p_host = rays / np.maximum(p.inverse_depth.astype(np.float64), 1e-9)[:, None]
+        points: FloatArray = np.einsum("nij,nj->ni", T[:, :3, :3], p_host) + T[:, :3, 3]
+        return points

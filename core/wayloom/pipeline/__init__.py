@@ -1,0 +1,1 @@
+"""One drive on one page: track, segment, label, geo-reference, submaps."""

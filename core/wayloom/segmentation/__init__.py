@@ -1,0 +1,1 @@
+"""Image to class: the catalogue of networks and the only import of onnxruntime."""

@@ -1,0 +1,1 @@
+"""Many submaps into one map: registration, joint optimisation, merge."""

@@ -1,0 +1,1 @@
+"""wayloom's HTTP API, tile server and operator dashboard."""
