@@ -1,0 +1,52 @@
+# The commands of this repository. `make demo` needs nothing but Python 3.11 to 3.13; everything else it installs into .venv/.
+PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3 python; do command -v $$p >/dev/null 2>&1 && $$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' 2>/dev/null && { echo $$p; break; }; done)
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint requirements/constraints.txt
+PYTEST_ARGS ?=
+
+.PHONY: demo test lint bench format clean help
+.DEFAULT_GOAL := help
+
+help:
+	@echo "make demo             simulate two drives, upload them, map them, leave the dashboard running (ONCE=1: end)"
+	@echo "make demo LOG=PATH    the same with a drive log of your own (GNSS=PATH: a GNSS log kept beside it)"
+	@echo "make test             lint, type check, import contracts, migration check, tests"
+	@echo "make lint             the part of it that runs nothing"
+	@echo "make bench            benchmarks: ratios against naive twins and, where installed, peers"
+
+.venv/bin/python:
+	@test -n "$(PYTHON)" || { echo "wayloom needs Python 3.11, 3.12 or 3.13: install one, or say PYTHON=/path/to/python" >&2; exit 2; }
+	$(PYTHON) -m venv .venv
+
+.venv/.runtime: pyproject.toml requirements/constraints.txt | .venv/bin/python
+	@echo "installing wayloom and what it needs into .venv (about a minute)"
+	$(PIP) --editable .
+	@touch $@
+
+.venv/.dev: .venv/.runtime
+	@echo "installing what the tests need into .venv"
+	$(PIP) --editable '.[dev]'
+	@touch $@
+
+demo: .venv/.runtime
+	$(BIN)/wayloom demo $(if $(LOG),--log '$(LOG)') $(if $(GNSS),--gnss '$(GNSS)') $(if $(ONCE),--once)
+
+lint: .venv/.dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python -m wayloom.store.migrate --check
+
+test: lint
+	$(BIN)/pytest $(PYTEST_ARGS)
+
+bench: .venv/.dev
+	for script in benchmarks/*.py; do grep -q 'make bench' $$script && $(BIN)/python $$script || true; done
+
+format: .venv/.dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean:
+	rm -rf .venv demo-out
