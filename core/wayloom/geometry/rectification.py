@@ -1,0 +1,69 @@
+"""Lens distortion and rectification: where the pixels of an ideal, rectified camera lie in the distorted image."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.geometry.camera import PinholeCamera
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class DistortedCamera:
+    """A real camera with the radial-tangential lens (Brown 1966, OpenCV's order of coefficients).
+
+    camera       its intrinsics
+    distortion   k1, k2, p1, p2, k3, on normalised coordinates
+    """
+
+    camera: PinholeCamera
+    distortion: tuple[float, float, float, float, float]
+
+
+def distort(xy: Array, distortion: tuple[float, float, float, float, float]) -> Array:
+    """Normalised ideal coordinates (N, 2), x/z and y/z, to where the lens puts them, (N, 2).
+
+    x_d = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), and p1, p2 exchanged for y.
+    """
+    k1, k2, p1, p2, k3 = distortion
+    x, y = xy[:, 0], xy[:, 1]
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return np.column_stack(
+        [
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        ]
+    )
+
+
+def undistort(xy_distorted: Array, distortion: tuple[float, float, float, float, float], iterations: int = 50) -> Array:
+    """The inverse of `distort`, (N, 2) to (N, 2), by fixed-point iteration; for the parts of a lens where it has one."""
+    xy = xy_distorted.copy()
+    for _ in range(iterations):
+        xy = xy + (xy_distorted - distort(xy, distortion))
+    return xy
+
+
+def project_distorted(rays: Array, lens: DistortedCamera) -> Array:
+    """rays (N, 3) in the distorted camera's frame to uv (N, 2) pixels of its image; NaN for rays that do not point forward."""
+    z = np.where(rays[:, 2] > 0, rays[:, 2], np.nan)
+    xy = distort(rays[:, :2] / z[:, None], lens.distortion)
+    c = lens.camera
+    return np.column_stack([c.fx * xy[:, 0] + c.cx, c.fy * xy[:, 1] + c.cy])
+
+
+def rectifying_maps(
+    lens: DistortedCamera, R_rect_cam: Array, rectified: PinholeCamera
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Where each pixel of the rectified image lies in the distorted one: u and v, each (h, w) float32 pixels.
+
+    R_rect_cam (3, 3) turns the distorted camera's axes into the rectified ones (KITTI's R_rect).
+    """
+    v, u = np.mgrid[0 : rectified.height, 0 : rectified.width].astype(np.float64)
+    rays = rectified.rays(np.column_stack([u.ravel(), v.ravel()])) @ R_rect_cam  # R_rect_cam^T on each row
+    uv = project_distorted(rays, lens).reshape(rectified.height, rectified.width, 2)
+    uv = np.nan_to_num(uv, nan=-1e6)
+    return uv[..., 0].astype(np.float32), uv[..., 1].astype(np.float32)

@@ -1,0 +1,49 @@
+"""Writing a drive in the KITTI raw layout (`…_sync`): what `wayloom.logs.kitti_raw` reads."""
+
+from pathlib import Path
+
+import numpy as np
+
+from wayloom.geometry import se3
+from wayloom.logs.drive_writer import DriveWriter, numbers_text, projection_texts
+from wayloom.logs.kitti_calibration import CAM_TO_CAM, IMU_TO_VELO, VELO_TO_CAM
+from wayloom.logs.timestamps import wall_clock_from_ns
+
+R_CAM_VELO = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+"""x forward, y left, z up into x right, y down, z forward."""
+IDENTITY = numbers_text(np.eye(3))
+
+
+class KittiRawWriter(DriveWriter):
+    """`image_02/image_03` (colour) or `image_00/image_01` (grey) with data and timestamps.txt, the calibration files, oxts,
+    wayloom.json, and poses.txt, which KITTI raw itself has not. Images are rectified; the left camera is the reference."""
+
+    name_digits = 10
+
+    def image_folders(self) -> tuple[Path, Path]:
+        """Left and right."""
+        left, right = ("image_02", "image_03") if self.colour else ("image_00", "image_01")
+        return self.folder / left / "data", self.folder / right / "data"
+
+    def write_calibration(self) -> None:
+        """calib_cam_to_cam.txt, and, where T_cam_imu is known, calib_imu_to_velo.txt and calib_velo_to_cam.txt."""
+        camera = self.rig.camera
+        size, lens = f"{camera.width} {camera.height}", numbers_text(camera.K)
+        lines = []
+        for i, P in enumerate(projection_texts(self.rig) * 2):
+            t = (0.0, 0.0, 0.0) if i % 2 == 0 else self.rig.t_right_left
+            lines += [f"S_{i:02d}: {size}", f"K_{i:02d}: {lens}", f"D_{i:02d}: 0 0 0 0 0", f"R_{i:02d}: {IDENTITY}"]
+            lines += [f"T_{i:02d}: {numbers_text(np.array(t))}", f"S_rect_{i:02d}: {size}"]
+            lines += [f"R_rect_{i:02d}: {IDENTITY}", f"P_rect_{i:02d}: {P}"]
+        (self.folder / CAM_TO_CAM).write_text("\n".join(lines) + "\n", encoding="ascii")
+        if self.T_cam_imu is not None:
+            T_cam_velo = se3.from_rotation_translation(R_CAM_VELO, np.zeros(3))
+            for name, T in ((VELO_TO_CAM, T_cam_velo), (IMU_TO_VELO, se3.inverse(T_cam_velo) @ self.T_cam_imu)):
+                text = f"R: {numbers_text(T[:3, :3])}\nT: {numbers_text(T[:3, 3])}\n"
+                (self.folder / name).write_text(text, encoding="ascii")
+
+    def write_times(self) -> None:
+        """The time stamps of both cameras, as wall clock since 1970."""
+        text = "".join(wall_clock_from_ns(t) + "\n" for t in self.times_ns)
+        for folder in self.image_folders():
+            (folder.parent / "timestamps.txt").write_text(text, encoding="ascii")

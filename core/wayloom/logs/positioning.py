@@ -1,0 +1,146 @@
+"""Where a log's GNSS comes from, which fix belongs to which frame, and where the antenna sits."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.errors import LogError, UnknownFormatError
+from wayloom.logs import gnss_csv, oxts
+from wayloom.logs.kitti_calibration import CAM_TO_CAM, IMU_TO_VELO, VELO_TO_CAM, T_cam_imu_from_files
+from wayloom.logs.sidecar import Sidecar
+from wayloom.logs.timestamps import NS
+from wayloom.logs.types import GnssTrack, ImuTrack
+
+FloatArray = NDArray[np.float64]
+LEAST_IMU_RATE_HZ = 50.0
+CLOCK_SLACK_NS = 2 * NS
+CSV_NAME = "gnss.csv"
+
+
+@dataclass(frozen=True, slots=True)
+class Positioning:
+    """GNSS and IMU of a log, the lever arm (zeros where unknown), what was not found, and the files that were read."""
+
+    gnss: GnssTrack | None
+    imu: ImuTrack | None
+    p_cam_gnss: FloatArray
+    T_cam_imu: FloatArray | None
+    missing: tuple[str, ...]
+    files: tuple[Path, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FrameClock:
+    """The frames' file numbers and time stamps (N,) int64 ns: what GNSS packets are matched against."""
+
+    numbers: tuple[int, ...]
+    t_ns: NDArray[np.int64]
+
+    def overlaps(self, t_ns: NDArray[np.int64]) -> bool:
+        """Whether these time stamps can be of the same clock: the two spans meet."""
+        return bool(len(t_ns) and t_ns[0] <= self.t_ns[-1] + CLOCK_SLACK_NS and t_ns[-1] >= self.t_ns[0] - CLOCK_SLACK_NS)
+
+
+def find_positioning(log_folder: Path, gnss: Path | None, clock: FrameClock, P_left: FloatArray, sidecar: Sidecar) -> Positioning:
+    """The GNSS that was given, else the log's own `oxts` folder or `gnss.csv`, else none. Raises LogError or CalibrationError.
+
+    P_left : (3, 4) projection matrix of the left camera in KITTI's rectified frame 0.
+    """
+    source = locate(gnss) if gnss is not None else own_source(log_folder)
+    if source is None:
+        return Positioning(None, None, np.zeros(3), None, ("GNSS", "IMU"), ())
+    T_cam_imu: FloatArray | None = None
+    imu: ImuTrack | None = None
+    files: tuple[Path, ...] = (source,)
+    missing: tuple[str, ...] = ("IMU",)
+    calibration_files: tuple[Path, ...] = ()
+    if source.suffix == ".csv":
+        track = read_csv(source, clock)
+    else:
+        by_number = gnss is not None and not source.parent.name.endswith("_extract")
+        track, imu, files, missing = read_oxts(source, clock, by_number=by_number)
+        T_cam_imu, calibration_files, lacking = find_T_cam_imu(source.parent, log_folder, P_left)
+        missing += lacking
+    p_cam_gnss = np.zeros(3) if T_cam_imu is None else T_cam_imu[:3, 3].copy()
+    if sidecar.T_cam_imu is not None:
+        T_cam_imu = np.array(sidecar.T_cam_imu)
+    if sidecar.p_cam_gnss_m is not None:
+        p_cam_gnss = np.array(sidecar.p_cam_gnss_m)
+    elif not p_cam_gnss.any():
+        missing += ("lever arm",)
+    return Positioning(track, imu, p_cam_gnss, T_cam_imu, missing, (*files, *calibration_files))
+
+
+def own_source(log_folder: Path) -> Path | None:
+    """The GNSS that lies inside a log's folder: an `oxts` folder or `gnss.csv`."""
+    for candidate in (log_folder / "oxts", log_folder / CSV_NAME):
+        if candidate.exists():
+            return candidate
+    return None
+
+
+def locate(gnss: Path) -> Path:
+    """The oxts folder or CSV file that a GNSS path means. Raises LogError for no such path, UnknownFormatError else."""
+    if not gnss.exists():
+        raise LogError("no such file or folder", file=gnss, remedy="give a KITTI …_sync folder, its oxts folder or a gnss.csv")
+    if gnss.is_file() and gnss.suffix == ".csv":
+        return gnss
+    for folder in (gnss / "oxts", gnss):
+        if (folder / "data").is_dir() and not (folder / "data" / "0000000000.png").exists():
+            return folder.resolve() if folder.name == "" else folder
+    what = "no GNSS log: looked for oxts/data, data and a .csv file"
+    raise UnknownFormatError(what, file=gnss, remedy="give a KITTI …_sync folder, its oxts folder or a gnss.csv")
+
+
+def read_oxts(
+    folder: Path, clock: FrameClock, *, by_number: bool
+) -> tuple[GnssTrack, ImuTrack | None, tuple[Path, ...], tuple[str, ...]]:
+    """Packets as fixes on the clock of the frames, IMU where it is fast enough, the files read, and what is missing.
+
+    By number: packet n belongs to the frame numbered n and takes its time stamp. Else the packets' own time stamps count,
+    where they are of the frames' clock; where they are not, the packets belong to the frames by number.
+    """
+    packets = oxts.read_packets(folder, frozenset(clock.numbers) if by_number else None)
+    files = (*packets.files, *(folder / name for name in ("timestamps.txt", "dataformat.txt") if (folder / name).is_file()))
+    if not by_number and packets.t_ns is not None and clock.overlaps(packets.t_ns):
+        t_ns = packets.t_ns
+        rate_hz = (len(t_ns) - 1) * NS / max(int(t_ns[-1] - t_ns[0]), 1)
+        imu = oxts.imu_track(packets.values, t_ns) if rate_hz >= LEAST_IMU_RATE_HZ else None
+        return oxts.gnss_track(packets.values, t_ns), imu, files, () if imu else ("IMU",)
+    place = {number: i for i, number in enumerate(clock.numbers)}
+    keep = [i for i, number in enumerate(packets.numbers) if number in place]
+    if not keep:
+        what = f"no packet has the number of a frame ({clock.numbers[0]} to {clock.numbers[-1]})"
+        raise LogError(what, file=folder, remedy="give the GNSS log of the same drive")
+    t_ns = clock.t_ns[[place[packets.numbers[i]] for i in keep]]
+    short = () if len(keep) == len(place) else (f"GNSS for {len(place) - len(keep)} of {len(place)} frames",)
+    return oxts.gnss_track(packets.values[keep], t_ns), None, files, ("IMU", *short)
+
+
+def find_T_cam_imu(
+    drive: Path, log_folder: Path, P_left: FloatArray
+) -> tuple[FloatArray | None, tuple[Path, ...], tuple[str, ...]]:
+    """T_cam_imu from the calibration files inside or beside the GNSS drive or the log; None where they are nowhere."""
+    places = (drive, drive.resolve().parent, log_folder, log_folder.resolve().parent)
+    found = {
+        name: next((place / name for place in places if (place / name).is_file()), None)
+        for name in (IMU_TO_VELO, VELO_TO_CAM, CAM_TO_CAM)
+    }
+    imu_to_velo, velo_to_cam, cam_to_cam = found.values()
+    if imu_to_velo is None or velo_to_cam is None:
+        return None, (), ()
+    T = T_cam_imu_from_files(imu_to_velo, velo_to_cam, cam_to_cam, P_left)
+    lacking = () if cam_to_cam else (f"{CAM_TO_CAM} (its R_rect_00 is taken as identity: the lever arm is good to about 1 cm)",)
+    return T, tuple(file for file in found.values() if file), lacking
+
+
+def read_csv(file: Path, clock: FrameClock) -> GnssTrack:
+    """The fixes of a gnss.csv. Raises LogError where they are not on the clock of the frames."""
+    track = gnss_csv.read_gnss_csv(file)
+    if not clock.overlaps(track.t_ns):
+        gap_s = (int(track.t_ns[0]) - int(clock.t_ns[0])) / NS
+        what = f"the fixes start {gap_s:.3f} s from the first frame and never meet the frames"
+        raise LogError(what, file=file, remedy="give the fixes on the clock of the frames")
+    return track

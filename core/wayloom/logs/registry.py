@@ -1,0 +1,81 @@
+"""The drive log formats that wayloom reads, and how one is recognised: by looking at the folder."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from wayloom.errors import LogError, UnknownFormatError
+from wayloom.logs import kitti_odometry, kitti_raw
+from wayloom.logs.image_folder_log import ImageFolderLog
+from wayloom.logs.types import DriveLog
+
+
+@dataclass(frozen=True, slots=True)
+class LogFormat:
+    """A format: what is looked for (in words), whether a folder looks like it, and how it is opened (with a GNSS path or none)."""
+
+    looks_for: str
+    recognise: Callable[[Path], bool]
+    open: Callable[[Path, Path | None], ImageFolderLog]
+
+
+LOG_FORMATS: Final[dict[str, LogFormat]] = {
+    kitti_odometry.FORMAT: LogFormat(kitti_odometry.LOOKS_FOR, kitti_odometry.recognise, kitti_odometry.open_kitti_odometry),
+    kitti_raw.FORMAT: LogFormat(kitti_raw.LOOKS_FOR, kitti_raw.recognise, kitti_raw.open_kitti_raw),
+}
+
+
+def open_log(path: Path, *, gnss: Path | None = None) -> DriveLog:
+    """Open a drive log. The ends and headers of all images are looked at, none is decoded.
+
+    path : a log's folder, or one that holds exactly one log
+    gnss : a KITTI `…_sync` folder or its oxts folder, whose packet n belongs to the frame numbered n, or a gnss.csv on the
+           clock of the frames; None takes what lies in the log
+
+    Raises LogError, CalibrationError or UnknownFormatError, each one line with file, record and remedy.
+    """
+    log = open_log_unchecked(path, gnss=gnss)
+    log.check_headers()
+    return log
+
+
+def open_log_unchecked(path: Path, *, gnss: Path | None = None) -> ImageFolderLog:
+    """`open_log`, but only the first image is looked at."""
+    folder = find_log(Path(path))
+    key = next(key for key, log_format in LOG_FORMATS.items() if log_format.recognise(folder))
+    return LOG_FORMATS[key].open(folder, None if gnss is None else Path(gnss))
+
+
+def find_log(path: Path) -> Path:
+    """The folder that is a log: `path`, or the only one inside it. Raises LogError or UnknownFormatError."""
+    try:
+        if not path.exists():
+            raise LogError("no such folder", file=path, remedy="give the path of a drive log")
+        if not path.is_dir():
+            raise UnknownFormatError(
+                f"is a file, and no known log format is one; {known()}", file=path, remedy="give a log's folder"
+            )
+        if _recognised(path):
+            return path
+        inside = sorted(path.iterdir())
+        logs = [folder for folder in inside if folder.is_dir() and _recognised(folder)]
+    except OSError as problem:
+        raise LogError(f"cannot be read ({problem.strerror})", file=path, remedy="check the folder's permissions") from None
+    if len(logs) == 1:
+        return logs[0]
+    if logs:
+        names = ", ".join(folder.name for folder in logs[:5]) + (", …" if len(logs) > 5 else "")
+        raise UnknownFormatError(f"holds {len(logs)} logs ({names})", file=path, remedy="give one of them")
+    if not inside:
+        raise UnknownFormatError(f"the folder is empty; {known()}", file=path, remedy="give a log's folder")
+    raise UnknownFormatError(f"no known log format; {known()}", file=path, remedy="give the folder that holds them")
+
+
+def known() -> str:
+    """The known formats and what is looked for, in words."""
+    return "known are " + "; ".join(f"{key} ({log_format.looks_for})" for key, log_format in LOG_FORMATS.items())
+
+
+def _recognised(folder: Path) -> bool:
+    return any(log_format.recognise(folder) for log_format in LOG_FORMATS.values())

@@ -1,0 +1,63 @@
+"""Reading the small text files of a drive log, so that whatever is wrong in one ends in a single clear line."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.errors import InputError, LogError
+
+FloatArray = NDArray[np.float64]
+QUOTE_CHARACTERS = 40
+
+
+def quoted(text: str) -> str:
+    """Text from a file as it may stand in a message: on one line, quoted, not longer than QUOTE_CHARACTERS."""
+    shown = text if len(text) <= QUOTE_CHARACTERS else text[:QUOTE_CHARACTERS] + "…"
+    return repr(shown)
+
+
+def read_bytes(file: Path, *, remedy: str, error: type[InputError] = LogError) -> bytes:
+    """The bytes of a file. Raises `error`, with the remedy, where it is missing, and says why where it cannot be read."""
+    try:
+        return file.read_bytes()
+    except FileNotFoundError:
+        raise error("no such file", file=file, remedy=remedy) from None
+    except OSError as problem:
+        raise error(f"cannot be read ({problem.strerror})", file=file, remedy="check the file and its permissions") from None
+
+
+def read_text(file: Path, *, remedy: str, error: type[InputError] = LogError) -> str:
+    """The UTF-8 text of a file. Raises `error` where it is missing, unreadable or no text."""
+    data = read_bytes(file, remedy=remedy, error=error)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as problem:
+        what = f"byte {problem.start} is not UTF-8 text"
+        raise error(what, file=file, remedy="the file is damaged: copy it again from the vehicle") from None
+
+
+def read_lines(file: Path, *, remedy: str) -> list[str]:
+    """The lines of a text file, without blank lines at its end (a blank one between others stays, so that numbers count lines)."""
+    lines = read_text(file, remedy=remedy).split("\n")
+    while lines and not lines[-1].strip():
+        lines.pop()
+    return [line.strip() for line in lines]
+
+
+def parse_numbers(
+    text: str, *, file: Path, record: str, count: int | None = None, error: type[InputError] = LogError
+) -> FloatArray:
+    """Whitespace-separated finite numbers, `count` of them where given, (count,). Raises `error` naming the first that is none."""
+    words = text.split()
+    if count is not None and len(words) != count:
+        raise error(f"{len(words)} numbers where {count} belong", file=file, record=record, remedy="the line is cut or damaged")
+    values = np.empty(len(words))
+    for i, word in enumerate(words):
+        try:
+            values[i] = float(word)
+        except ValueError:
+            raise error(f"{quoted(word)} is not a number", file=file, record=record, remedy="correct the file") from None
+        if not np.isfinite(values[i]):
+            raise error(f"{quoted(word)} is not finite", file=file, record=record, remedy="correct the file")
+    return values
