@@ -1,0 +1,44 @@
+"""The labels of a drive's points as one npz file whose bytes depend on the labels alone."""
+
+import os
+import zipfile
+import zlib
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.errors import StageError
+from wayloom.labelling.types import PointLabels
+
+FORMAT_VERSION: Final = 1
+_EPOCH: Final = (1980, 1, 1, 0, 0, 0)
+
+
+def save_labels(labels: PointLabels, path: Path) -> None:
+    """Write the labels; the file appears whole or not at all."""
+    arrays: dict[str, NDArray[Any]] = {"format_version": np.array(FORMAT_VERSION, np.int64)}
+    arrays |= {field.name: getattr(labels, field.name) for field in fields(PointLabels)}
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    with zipfile.ZipFile(temporary, "w") as archive:
+        for name, array in arrays.items():
+            entry = zipfile.ZipInfo(f"{name}.npy", date_time=_EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            with archive.open(entry, "w", force_zip64=True) as file:
+                np.lib.format.write_array(file, np.asarray(array, order="C"), allow_pickle=False)
+    os.replace(temporary, path)
+
+
+def load_labels(path: Path) -> PointLabels:
+    """Read what `save_labels` wrote. Raises StageError where the file is missing, damaged or of another version."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            version = int(archive["format_version"])
+            arrays = {field.name: archive[field.name] for field in fields(PointLabels)} if version == FORMAT_VERSION else {}
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        raise StageError(f"{path}: no readable file of labels ({type(error).__name__}); run the labelling again") from error
+    if not arrays:
+        raise StageError(f"{path}: format {version}, this version reads {FORMAT_VERSION}; run the labelling again")
+    return PointLabels(**arrays)

@@ -1,0 +1,208 @@
+"""Runs one network on one image: the only import of onnxruntime."""
+
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from wayloom.config.classes import CLASS_COUNT, VOID
+from wayloom.errors import ModelError
+from wayloom.segmentation.catalogue import locate
+from wayloom.segmentation.description import ModelDescription
+from wayloom.segmentation.kernels.upsampling import upsampled_argmax
+from wayloom.segmentation.onnx_file import check_onnx
+from wayloom.segmentation.tiling import tiles_along
+
+Image = NDArray[np.uint8]
+Labels = NDArray[np.uint8]
+
+_ID_TYPES: Final = ("tensor(int64)", "tensor(int32)", "tensor(uint8)")
+_LOGIT_TYPES: Final = ("tensor(float)", "tensor(float16)")
+_LOAD_ERRORS: Final = (RuntimeError, ValueError, TypeError)  # onnxruntime's own errors derive from these
+
+
+class Network:
+    """A loaded network. Same image, same labels, whatever the number of threads.
+
+    description  what it is; sha256 of its file; `colour` in the description says whether grey images are beneath it
+    """
+
+    def __init__(self, description: ModelDescription, threads: int = 1) -> None:
+        """Check the file (SHA-256, format, no outside data), load it and try it on a blank image. Raises ModelError."""
+        self.description = description
+        self.path, self.sha256 = locate(description)
+        self._session = _load(self.path, threads)
+        _check_input(description, self._session, self.path)
+        self._input: str = self._session.get_inputs()[0].name
+        self._train_ids = np.array(description.classes, np.uint8)
+        self._try_out()
+
+    def labels(self, image: Image) -> Labels:
+        """Train ids of every pixel, 255 = void.
+
+        image    (h, w) grey or (h, w, 3) RGB uint8
+        returns  (h, w) uint8
+        """
+        rgb = _as_rgb(image)
+        return self._labels_of_tiles(rgb) if self.description.size == "tiles" else self._labels_of_frame(rgb)
+
+    def top_scores(self, image: Image, k: int = 4) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """The k best of our 19 classes for each cell of the network's grid, best first, and their probabilities (softmax).
+
+        image    (h, w) grey or (h, w, 3) RGB uint8
+        returns  (gh, gw, k) uint8 train ids and (gh, gw, k) float32; the grid covers the image padded to the network's multiple
+        Raises ModelError for a network that gives an arg max only.
+        """
+        if self.description.output != "logits" or self.description.size != "dynamic":
+            raise ModelError(f"network {self.description.name} gives an arg max only", remedy="use a network with logits")
+        logits, _ = self._logits(_as_rgb(image))
+        shifted = np.exp(logits - logits.max(axis=2, keepdims=True))
+        shares = np.zeros((*logits.shape[:2], 256), np.float32)
+        for column, train_id in enumerate(self._train_ids):
+            shares[..., train_id] += shifted[..., column]
+        shares /= shares.sum(axis=2, keepdims=True)
+        ours = shares[..., :CLASS_COUNT]
+        order = np.argsort(-ours, axis=2, kind="stable")[..., :k]
+        return order.astype(np.uint8), np.take_along_axis(ours, order, axis=2)
+
+    def _labels_of_frame(self, rgb: Image) -> Labels:
+        """The whole frame, padded by its own border to the network's multiple, at once."""
+        height, width = rgb.shape[:2]
+        if self.description.output == "ids":
+            padded = _padded(rgb, self.description.multiple)
+            ids = _as_plane(self._run(padded)[0])
+            return _in_train_ids(self._train_ids, ids)[:height, :width]
+        logits, (padded_height, padded_width) = self._logits(rgb)
+        winners = upsampled_argmax(logits, padded_height, padded_width, height, width)
+        labels: Labels = self._train_ids[winners]
+        return labels
+
+    def _labels_of_tiles(self, rgb: Image) -> Labels:
+        """Near-square tiles, each resized to the network's square and its labels back, joined in the middle of their overlap."""
+        height, width = rgb.shape[:2]
+        side = self.description.tile_px
+        labels = np.full((height, width), VOID, np.uint8)
+        for row in tiles_along(height, width):
+            for column in tiles_along(width, height):
+                tile = rgb[row.start : row.stop, column.start : column.stop]
+                squeezed = cv2.resize(tile, (side, side), interpolation=cv2.INTER_LINEAR)
+                square = self._square_labels(np.asarray(squeezed, np.uint8))
+                size = (column.stop - column.start, row.stop - row.start)
+                full = cv2.resize(square, size, interpolation=cv2.INTER_NEAREST_EXACT)
+                labels[row.keep_start : row.keep_stop, column.keep_start : column.keep_stop] = full[
+                    row.keep_start - row.start : row.keep_stop - row.start,
+                    column.keep_start - column.start : column.keep_stop - column.start,
+                ]
+        return labels
+
+    def _square_labels(self, square: Image) -> Labels:
+        output = self._run(square)[0]
+        if self.description.output == "ids":
+            return _in_train_ids(self._train_ids, _as_plane(output))
+        side = self.description.tile_px
+        labels: Labels = self._train_ids[upsampled_argmax(self._channels_last(output), side, side, side, side)]
+        return labels
+
+    def _logits(self, rgb: Image) -> tuple[NDArray[np.float32], tuple[int, int]]:
+        """(gh, gw, C) logits of the padded frame, and the padded size in pixels."""
+        padded = _padded(rgb, self.description.multiple)
+        return self._channels_last(self._run(padded)[0]), (padded.shape[0], padded.shape[1])
+
+    def _channels_last(self, output: NDArray[Any]) -> NDArray[np.float32]:
+        grid = output[0] if self.description.layout == "NHWC" else output[0].transpose(1, 2, 0)
+        return np.ascontiguousarray(grid, np.float32)
+
+    def _run(self, rgb: Image) -> list[NDArray[Any]]:
+        d = self.description
+        if d.dtype == "uint8":
+            values: NDArray[Any] = rgb
+        else:
+            gain = np.float32(d.scale) / np.array(d.std, np.float32)
+            offset = -np.array(d.mean, np.float32) / np.array(d.std, np.float32)
+            values = rgb * gain + offset
+        batch = values[None] if d.layout == "NHWC" else values.transpose(2, 0, 1)[None]
+        outputs: list[NDArray[Any]] = self._session.run(None, {self._input: np.ascontiguousarray(batch)})
+        return outputs
+
+    def _try_out(self) -> None:
+        """Run a blank image through, so that a network that does not fit its description is refused before any work."""
+        d = self.description
+        side = d.tile_px if d.size == "tiles" else -(-64 // d.multiple) * d.multiple
+        try:
+            output = self._run(np.zeros((side, side, 3), np.uint8))[0]
+        except _LOAD_ERRORS as error:
+            raise ModelError(f"does not run on {side}x{side} pixels ({_one_line(error)})", file=self.path) from error
+        _check_output(d, output, side, self.path)
+
+
+def _load(path: Path, threads: int) -> Any:
+    data = path.read_bytes()
+    check_onnx(data, str(path))
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+    options.use_deterministic_compute = True
+    options.log_severity_level = 4
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    try:
+        return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+    except _LOAD_ERRORS as error:
+        raise ModelError(f"onnxruntime cannot load it ({_one_line(error)})", file=path) from error
+
+
+def _check_input(d: ModelDescription, session: Any, path: Path) -> None:
+    inputs = session.get_inputs()
+    if len(inputs) != 1:
+        raise ModelError(f"has {len(inputs)} inputs, not one image", file=path)
+    shape, kind = inputs[0].shape, inputs[0].type
+    expected = {"float32": "tensor(float)", "uint8": "tensor(uint8)"}[d.dtype]
+    if kind != expected:
+        raise ModelError(f"its input is {kind}, its description says {d.dtype}", file=path, remedy="correct `dtype`")
+    channels = shape[1 if d.layout == "NCHW" else 3] if len(shape) == 4 else None
+    if len(shape) != 4 or (isinstance(channels, int) and channels != 3):
+        raise ModelError(f"its input has shape {shape}, not one RGB image in {d.layout}", file=path, remedy="correct `layout`")
+
+
+def _check_output(d: ModelDescription, output: NDArray[Any], side: int, path: Path) -> None:
+    shape = output.shape
+    if d.output == "ids":
+        if not np.issubdtype(output.dtype, np.integer) or _as_plane(output).shape != (side, side):
+            raise ModelError(
+                f"its output is {output.dtype} {list(shape)}, not one class id for each pixel", file=path, remedy="correct `output`"
+            )
+        return
+    if output.ndim != 4 or not np.issubdtype(output.dtype, np.floating):
+        raise ModelError(f"its output is {output.dtype} {list(shape)}, not logits", file=path, remedy="correct `output`")
+    count = shape[1 if d.layout == "NCHW" else 3]
+    if count != len(d.classes):
+        raise ModelError(f"gives {count} classes, its description names {len(d.classes)}", file=path, remedy="correct `classes`")
+
+
+def _as_plane(ids: NDArray[Any]) -> NDArray[Any]:
+    """(h, w) of the ids, whose axes of length 1 are dropped."""
+    return ids.reshape([n for n in ids.shape if n != 1] or [1])
+
+
+def _in_train_ids(train_ids: NDArray[np.uint8], ids: NDArray[Any]) -> Labels:
+    """Ids of the network to train ids; an id that its description does not name is void."""
+    known = (ids >= 0) & (ids < len(train_ids))
+    labels: Labels = np.where(known, train_ids[np.where(known, ids, 0)], np.uint8(VOID))
+    return labels
+
+
+def _as_rgb(image: Image) -> Image:
+    return np.repeat(image[:, :, None], 3, axis=2) if image.ndim == 2 else image
+
+
+def _padded(rgb: Image, multiple: int) -> Image:
+    """Height and width rounded up to the multiple; the border's pixels are repeated at the bottom and the right."""
+    below, right = -rgb.shape[0] % multiple, -rgb.shape[1] % multiple
+    return np.pad(rgb, ((0, below), (0, right), (0, 0)), mode="edge") if below or right else rgb
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]

@@ -1,0 +1,150 @@
+"""Labels for the left and right image of every keyframe, kept as PNG files."""
+
+import hashlib
+import json
+import os
+from collections import OrderedDict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.progress import Progress, silent
+from wayloom.errors import StageError
+from wayloom.logs.types import DriveLog
+from wayloom.odometry.types import OdometryResult
+from wayloom.segmentation.network import Network
+
+Labels = NDArray[np.uint8]
+
+FORMAT_VERSION: Final = 1
+SIDES: Final = ("left", "right")
+
+
+def segment_keyframes(
+    log: DriveLog, odometry: OdometryResult, network: Network, out_dir: Path, progress: Progress = silent
+) -> "KeyframeLabels":
+    """Write `left/%010d.png` and `right/%010d.png`, named by frame index, and `model.json`, into out_dir.
+
+    A run that was cut short goes on where it stopped: a PNG that decodes to the right size is kept as long as `model.json` says
+    that the same network labelled the same drive. Every file appears whole or not at all.
+    Raises LogError from the log's reader.
+    """
+    out_dir.mkdir(parents=True, exist_ok=True)
+    _claim(out_dir, _facts(log, network))
+    shape = (log.rig.camera.height, log.rig.camera.width)
+    frames = [int(index) for index in odometry.keyframes.frame]
+    for done, index in enumerate(frames):
+        progress(done / len(frames), f"labelling keyframe {done + 1} of {len(frames)}")
+        _segment_pair(log, network, out_dir, index, shape)
+    progress(1.0, f"labelled {len(frames)} keyframes")
+    return KeyframeLabels(out_dir, frames)
+
+
+def _segment_pair(log: DriveLog, network: Network, out_dir: Path, index: int, shape: tuple[int, int]) -> None:
+    paths = {side: label_path(out_dir, side, index) for side in SIDES}
+    missing = [side for side in SIDES if _read_valid(paths[side], shape) is None]
+    if missing:
+        frame = log.frame(index)
+        for side in missing:
+            _write_png(paths[side], network.labels(frame.left if side == "left" else frame.right))
+
+
+class KeyframeLabels:
+    """The label images of a folder that `segment_keyframes` wrote, decoded when asked for; the last few stay in memory."""
+
+    def __init__(self, folder: Path, frames: Sequence[int] | NDArray[np.integer[Any]], held: int = 4) -> None:
+        """frames: the frame index of each keyframe row (`Keyframes.frame`); held: how many images stay in memory."""
+        self._folder = folder
+        self._frames = [int(index) for index in frames]
+        self._held = held
+        self._cache: OrderedDict[tuple[str, int], Labels] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def left(self, keyframe: int) -> Labels:
+        """(h, w) uint8 train ids of the left image of the keyframe in this row. Raises StageError where the file is missing."""
+        return self._get("left", keyframe)
+
+    def right(self, keyframe: int) -> Labels:
+        """(h, w) uint8 train ids of the right image of the keyframe in this row. Raises StageError where the file is missing."""
+        return self._get("right", keyframe)
+
+    def _get(self, side: str, keyframe: int) -> Labels:
+        key = (side, keyframe)
+        if key not in self._cache:
+            path = label_path(self._folder, side, self._frames[keyframe])
+            labels = _read(path)
+            if labels is None:
+                raise StageError(f"{path}: label image missing or damaged; run the segmentation again")
+            self._cache[key] = labels
+            if len(self._cache) > self._held:
+                self._cache.popitem(last=False)
+        self._cache.move_to_end(key)
+        return self._cache[key]
+
+
+def label_path(folder: Path, side: str, frame: int) -> Path:
+    """Where the labels of one image lie."""
+    return folder / side / f"{frame:010d}.png"
+
+
+def _facts(log: DriveLog, network: Network) -> dict[str, Any]:
+    """What `model.json` says: which network labelled which drive."""
+    d = network.description
+    camera = log.rig.camera
+    drive = hashlib.sha256(np.asarray(log.t_ns, np.int64).tobytes())
+    drive.update(f"{log.name} {camera.width}x{camera.height}".encode())
+    return {
+        "format": FORMAT_VERSION,
+        "name": d.name,
+        "sha256": network.sha256,
+        "licence": d.licence,
+        "settings": hashlib.sha256(d.model_dump_json().encode()).hexdigest(),
+        "drive": drive.hexdigest(),
+        "grey_images_to_a_colour_network": d.colour and not log.colour,
+    }
+
+
+def _claim(out_dir: Path, facts: dict[str, Any]) -> None:
+    """Leave what the same network labelled of the same drive; anything else in the folder is removed first."""
+    path = out_dir / "model.json"
+    text = json.dumps(facts, indent=1, sort_keys=True) + "\n"
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        path.unlink(missing_ok=True)
+        for side in SIDES:
+            for old in (out_dir / side).glob("*.png"):
+                old.unlink()
+    for side in SIDES:
+        (out_dir / side).mkdir(exist_ok=True)
+    _write(path, text.encode())
+
+
+def _read(path: Path) -> Labels | None:
+    if not path.is_file():
+        return None
+    data = np.fromfile(path, np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    return None if image is None or image.ndim != 2 or image.dtype != np.uint8 else np.asarray(image, np.uint8)
+
+
+def _read_valid(path: Path, shape: tuple[int, int]) -> Labels | None:
+    labels = _read(path)
+    return labels if labels is not None and labels.shape == shape else None
+
+
+def _write_png(path: Path, labels: Labels) -> None:
+    written, data = cv2.imencode(".png", labels, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+    if not written:
+        raise StageError(f"{path}: the label image could not be encoded")
+    _write(path, data.tobytes())
+
+
+def _write(path: Path, data: bytes) -> None:
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_bytes(data)
+    os.replace(temporary, path)
