@@ -46,8 +46,10 @@ def log(T: Array) -> Array:
     if angle < SMALL_ANGLE_RAD:
         w = 0.5 * w2
         return np.concatenate([T[:3, 3] - 0.5 * np.cross(w, T[:3, 3]), w])
-    if np.linalg.norm(w2) < 1e-5:  # near pi: the axis from R + I
-        M = R + np.eye(3)
+    if (
+        np.trace(R) < 0 and np.linalg.norm(w2) < 1e-5
+    ):  # near pi: the axis from the symmetric part, (1 + cos) I + (1 - cos) axis axis^T
+        M = 0.5 * (R + R.T) + np.eye(3)
         axis = M[:, int(np.argmax(np.diag(M)))]
         w = angle * axis / np.linalg.norm(axis)
         w = w if w @ w2 >= 0 else -w

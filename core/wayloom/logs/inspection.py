@@ -1,0 +1,208 @@
+"""What is in a drive log and what is wrong with it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from wayloom.config.progress import Progress, silent
+from wayloom.errors import LogError
+from wayloom.geometry.wgs84 import enu_from_lonlatheight
+from wayloom.logs.image_folder_log import ImageFolderLog
+from wayloom.logs.timestamps import NS, wall_clock_from_ns
+from wayloom.logs.types import DriveLog, FixType, GnssTrack
+
+FloatArray = NDArray[np.float64]
+GAP_FACTOR = 1.5
+"""A step in time of more than this many usual ones is a gap."""
+STEP_M, STEP_SIGMAS = 2.0, 3.0
+FIRST_WALL_CLOCK_NS = 946_684_800 * NS
+"""Time stamps from the year 2000 on are taken as wall clock."""
+
+
+class Gap(BaseModel):
+    """A hole in the time stamps: after which record (from 0), and how long it is."""
+
+    after: int
+    seconds: float
+
+
+class RateReport(BaseModel):
+    """Records of one kind: how many, how fast (the median), how long, and the gaps."""
+
+    count: int
+    rate_hz: float
+    duration_s: float
+    gaps: list[Gap]
+
+
+class CameraReport(BaseModel):
+    """The rectified camera, px; the translation to the right camera, m; the images as they lie on disk."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    baseline_m: float
+    t_right_left_m: tuple[float, float, float]
+    colour: bool
+    rectified_on_load: bool
+    stored_width: int
+    stored_height: int
+
+
+class GnssReport(BaseModel):
+    """The fixes: their rate, the share of each type, horizontal sigma, lever arm, and how many frames lie in their time span."""
+
+    fixes: RateReport
+    share: dict[str, float]
+    sigma_median_m: float
+    sigma_worst_m: float
+    first_lon_lat_height: tuple[float, float, float]
+    p_cam_gnss_m: tuple[float, float, float]
+    frames_covered: int
+
+
+class DamagedImage(BaseModel):
+    """An image that cannot be used, and the one line that says why."""
+
+    file: str
+    problem: str
+
+
+class LogReport(BaseModel):
+    """What `inspect_log` found. `usable` is False where an image is damaged."""
+
+    path: str
+    name: str
+    format: str
+    rig_id: str | None
+    vehicle_id: str | None
+    start: str
+    frames: RateReport
+    camera: CameraReport
+    gnss: GnssReport | None
+    imu: RateReport | None
+    truth_poses: int
+    distance_m: float | None
+    distance_from: str | None
+    files: int
+    bytes: int
+    missing: list[str]
+    damaged: list[DamagedImage]
+    usable: bool
+
+
+def inspect_log(log: DriveLog, *, decode: bool = True, progress: Progress = silent) -> LogReport:
+    """Look at the whole log: every image is decoded, or, where `decode` is False, looked at from both ends."""
+    damaged = damaged_images(log, decode, progress)
+    distance_m, distance_from = distance(log)
+    first_ns = int(log.t_ns[0])
+    return LogReport(
+        path=str(log.path),
+        name=log.name,
+        format=log.format,
+        rig_id=log.rig_id,
+        vehicle_id=log.vehicle_id,
+        start=wall_clock_from_ns(first_ns) if first_ns >= FIRST_WALL_CLOCK_NS else f"{first_ns / NS:.9f} s",
+        frames=rate_report(log.t_ns),
+        camera=camera_report(log),
+        gnss=None if log.gnss is None else gnss_report(log.gnss, log.p_cam_gnss, log.t_ns),
+        imu=None if log.imu is None else rate_report(log.imu.t_ns),
+        truth_poses=0 if log.truth is None else int(np.isfinite(log.truth).all(axis=(1, 2)).sum()),
+        distance_m=distance_m,
+        distance_from=distance_from,
+        files=len(log.files),
+        bytes=sum((log.root / file).stat().st_size for file in log.files),
+        missing=list(log.missing),
+        damaged=[DamagedImage(file=problem.file or "", problem=str(problem)) for problem in damaged],
+        usable=not damaged,
+    )
+
+
+def damaged_images(log: DriveLog, decode: bool, progress: Progress) -> Sequence[LogError]:
+    """The errors of all images that cannot be used."""
+    if isinstance(log, ImageFolderLog):
+        return log.damaged(decode=decode, progress=lambda share: progress(share, "looking at images"))
+    found = []
+    for i in range(len(log)):
+        try:
+            log.frame(i)
+        except LogError as problem:
+            found.append(problem)
+        progress((i + 1) / len(log), "looking at images")
+    return found
+
+
+def rate_report(t_ns: NDArray[np.int64]) -> RateReport:
+    """t_ns (N,) int64, increasing, to its median rate, its length and its gaps; rate 0 for a single record."""
+    steps = np.diff(t_ns)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    gaps = [Gap(after=int(i), seconds=float(steps[i] / NS)) for i in np.flatnonzero(steps > GAP_FACTOR * usual)]
+    duration_s = float((t_ns[-1] - t_ns[0]) / NS) if len(t_ns) else 0.0
+    return RateReport(count=len(t_ns), rate_hz=NS / usual if usual else 0.0, duration_s=duration_s, gaps=gaps)
+
+
+def camera_report(log: DriveLog) -> CameraReport:
+    """The calibration in short."""
+    camera = log.rig.camera
+    folder = log if isinstance(log, ImageFolderLog) else None
+    stored = folder.stored_sizes[0] if folder else (camera.width, camera.height)
+    return CameraReport(
+        width=camera.width,
+        height=camera.height,
+        fx=camera.fx,
+        fy=camera.fy,
+        cx=camera.cx,
+        cy=camera.cy,
+        baseline_m=log.rig.baseline_m,
+        t_right_left_m=log.rig.t_right_left,
+        colour=log.colour,
+        rectified_on_load=folder is not None and folder.rectifier is not None,
+        stored_width=stored[0],
+        stored_height=stored[1],
+    )
+
+
+def gnss_report(gnss: GnssTrack, p_cam_gnss: FloatArray, t_ns: NDArray[np.int64]) -> GnssReport:
+    """The fixes in short; t_ns (N,) are the frames' time stamps."""
+    sigma = horizontal_sigma_m(gnss)
+    inside = (t_ns >= gnss.t_ns[0]) & (t_ns <= gnss.t_ns[-1])
+    lon, lat, height = (float(value) for value in gnss.lon_lat_height[0])
+    x, y, z = (float(value) for value in p_cam_gnss)
+    return GnssReport(
+        fixes=rate_report(gnss.t_ns),
+        share={fix.name.lower(): float((gnss.fix_type == fix).mean()) for fix in FixType},
+        sigma_median_m=float(np.median(sigma)),
+        sigma_worst_m=float(sigma.max()),
+        first_lon_lat_height=(lon, lat, height),
+        p_cam_gnss_m=(x, y, z),
+        frames_covered=int(inside.sum()),
+    )
+
+
+def horizontal_sigma_m(gnss: GnssTrack) -> FloatArray:
+    """(M,) m: root of the mean of the variances east and north."""
+    return np.sqrt(0.5 * (gnss.covariance_enu[:, 0, 0] + gnss.covariance_enu[:, 1, 1]))
+
+
+def distance(log: DriveLog) -> tuple[float | None, str | None]:
+    """The way driven in m and what it is from: truth, else GNSS, else (None, None).
+
+    GNSS noise would add up while the car stands, so a fix counts once it is STEP_M and STEP_SIGMAS sigmas from the last that did.
+    """
+    if log.truth is not None and np.isfinite(log.truth).all():
+        return float(np.linalg.norm(np.diff(log.truth[:, :3, 3], axis=0), axis=1).sum()), "truth"
+    if log.gnss is None:
+        return None, None
+    enu = enu_from_lonlatheight(log.gnss.lon_lat_height, log.gnss.lon_lat_height[0])
+    least = np.maximum(STEP_M, STEP_SIGMAS * horizontal_sigma_m(log.gnss))
+    total, last = 0.0, enu[0]
+    for place, step in zip(enu[1:], least[1:], strict=True):
+        moved = float(np.linalg.norm(place - last))
+        if moved >= step:
+            total, last = total + moved, place
+    return total + float(np.linalg.norm(enu[-1] - last)), "GNSS"

@@ -1,0 +1,37 @@
+"""The WGS84 ellipsoid, against pyproj."""
+
+import numpy as np
+import pytest
+from pyproj import CRS, Transformer
+
+from wayloom.geometry.wgs84 import R_enu_ecef, ecef_from_lonlatheight, enu_from_lonlatheight
+
+
+def places() -> np.ndarray:
+    rng = np.random.default_rng(0)
+    return np.vstack([rng.uniform([-180, -89, -400], [180, 89, 9000], (500, 3)), [[0, 0, 0], [180, 0, 0], [8.4, 49.0, 115.0]]])
+
+
+def test_earth_centred_coordinates_are_those_of_pyproj() -> None:
+    to_ecef = Transformer.from_crs(CRS.from_epsg(4979), CRS.from_epsg(4978), always_xy=True)
+    expected = np.column_stack(to_ecef.transform(*places().T))
+    np.testing.assert_allclose(ecef_from_lonlatheight(places()), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("origin", [(8.4, 49.0, 115.0), (-70.0, -33.0, 500.0), (179.9999, 0.0, 0.0)])
+def test_the_tangent_plane_is_that_of_pyproj(origin: tuple[float, float, float]) -> None:
+    lon, lat, h = origin
+    pipeline = f"+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 +step +proj=topocentric +ellps=WGS84 +lon_0={lon} +lat_0={lat} +h_0={h}"
+    near = np.array(origin) + np.random.default_rng(1).uniform([-0.02, -0.02, -50], [0.02, 0.02, 50], (200, 3))
+    expected = np.column_stack(Transformer.from_pipeline(pipeline).transform(*near.T))
+    np.testing.assert_allclose(enu_from_lonlatheight(near, np.array(origin)), expected, atol=1e-6)
+
+
+def test_east_north_up_point_where_their_names_say() -> None:
+    origin = np.array([8.4, 49.0, 100.0])
+    moved = origin + np.array([[1e-4, 0, 0], [0, 1e-4, 0], [0, 0, 5.0]])
+    enu = enu_from_lonlatheight(moved, origin)
+    assert enu.argmax(axis=1).tolist() == [0, 1, 2]
+    assert enu[2] == pytest.approx([0, 0, 5.0], abs=1e-6)
+    R = R_enu_ecef(8.4, 49.0)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
