@@ -1,0 +1,164 @@
+"""A drive put on the Earth: GNSS fixes and odometry to T_enu_cam of every frame, with an honest covariance.
+
+The graph is built in the tangent plane of the drive's own place, where up is up; the result is moved to the map's frame as a whole.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.progress import Progress, silent
+from wayloom.errors import StageError
+from wayloom.geometry import se3
+from wayloom.georeference import geodesy
+from wayloom.georeference.first_guess import guess_nodes
+from wayloom.georeference.fixes import UsableFixes, usable_fixes
+from wayloom.georeference.frames import map_frame_for
+from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
+from wayloom.georeference.rigid import horizontal_spread
+from wayloom.georeference.settings import GeoReferenceSettings
+from wayloom.georeference.types import GeoReference, MapFrame
+from wayloom.georeference.uncertainty import heading_sigma_rad, moved_covariance, position_covariance
+from wayloom.logs.types import DriveLog, GnssTrack
+from wayloom.mapping.drive_graph import AntennaFixes, DriveNoise, DriveSolution, optimise_drive
+from wayloom.odometry.types import OdometryResult, Trajectory
+
+FloatArray = NDArray[np.float64]
+NO_GNSS = "no GNSS: map in the drive's own frame"
+
+
+def georeference(
+    log: DriveLog,
+    odometry: OdometryResult,
+    frame: MapFrame | None = None,
+    settings: GeoReferenceSettings = GeoReferenceSettings(),
+    progress: Progress = silent,
+) -> GeoReference:
+    """T_enu_cam and its covariance for every frame of the log.
+
+    frame : the map's frame; None takes the one of the place (`map_frame_for`). Without a usable fix the result has no frame, and
+            its poses are the odometry's own.
+    Raises StageError when nothing was tracked.
+    """
+    trajectory = odometry.trajectory
+    if not trajectory.tracked.any():
+        raise StageError("the odometry tracked no frame: there is nothing to geo-reference; look at the odometry's report")
+    if log.gnss is None or len(log.gnss) == 0:
+        return _in_own_frame(trajectory, NO_GNSS, {})
+    progress(0.0, "choosing fixes")
+    usable = usable_fixes(log.gnss, trajectory, settings.max_fix_rate_hz)
+    if len(usable.rows) == 0:
+        return _in_own_frame(trajectory, f"none of {len(log.gnss)} GNSS fixes can be used; {NO_GNSS}", usable.unusable)
+    local = _frame_of_place(log.gnss.lon_lat_height[usable.rows])
+    nodes = choose_nodes(trajectory, odometry.keyframes.frame, settings.node_spacing_m)
+    chain = odometry_chain(trajectory, nodes, settings.level_every_m)
+    fixes = _antenna_fixes(log, log.gnss, usable, trajectory, nodes, local, settings)
+    progress(0.2, "first alignment")
+    guess = guess_nodes(chain.T_world_node, trajectory.segment[nodes], fixes, travelled(trajectory)[nodes], settings)
+    progress(0.3, "optimising")
+    solution = optimise_drive(chain, fixes, guess, _noise(settings))
+    progress(0.9, "placing every frame")
+    target = frame or map_frame_for(local.lon_deg, local.lat_deg)
+    T_target_local = geodesy.T_enu_enu(target, local)
+    T_local_cam = spread_poses(trajectory, nodes, solution.T_enu_node)
+    covariance = spread_covariances(len(trajectory), nodes, solution.covariance)
+    report = _report(log.gnss, usable, fixes, solution, T_local_cam, covariance, trajectory, settings)
+    progress(1.0, "geo-referenced")
+    return GeoReference(target, T_target_local @ T_local_cam, moved_covariance(T_target_local, covariance), report)
+
+
+def _in_own_frame(trajectory: Trajectory, message: str, unusable: dict[str, int]) -> GeoReference:
+    report: dict[str, Any] = {"geo_referenced": False, "messages": [message], "fixes": {"used": 0, "unusable": unusable}}
+    return GeoReference(None, trajectory.T_world_cam.copy(), np.full((len(trajectory), 6, 6), np.nan), report)
+
+
+def _frame_of_place(lon_lat_height: FloatArray) -> MapFrame:
+    """The tangent plane at the median fix: no outlier moves it far."""
+    lon, lat, height = np.median(lon_lat_height, axis=0).tolist()
+    return MapFrame(lon, lat, height)
+
+
+def _noise(settings: GeoReferenceSettings) -> DriveNoise:
+    return DriveNoise(
+        position_m=settings.position_noise_m,
+        rotation_rad=float(np.radians(settings.rotation_noise_deg)),
+        standing_position_m=settings.standing_position_m,
+        standing_rotation_rad=float(np.radians(settings.standing_rotation_deg)),
+        level_rad=float(np.radians(settings.level_sigma_deg)),
+        correlation_s=settings.gnss_correlation_s,
+        white_share=settings.gnss_white_share,
+        gate_floor_m=settings.gate_floor_m,
+        gate_probability=settings.gate_probability,
+    )
+
+
+def _antenna_fixes(
+    log: DriveLog,
+    gnss: GnssTrack,
+    usable: UsableFixes,
+    trajectory: Trajectory,
+    nodes: NDArray[np.int64],
+    local: MapFrame,
+    settings: GeoReferenceSettings,
+) -> AntennaFixes:
+    """The fixes in the local plane; each antenna as seen from the nearest node, through the odometry between the two."""
+    node = nearest_node(nodes, trajectory.segment, usable.frame)
+    T_node_cam = se3.inverse(trajectory.T_world_cam[nodes[node]]) @ usable.T_world_cam
+    return AntennaFixes(
+        t_s=(gnss.t_ns[usable.rows] - trajectory.t_ns[0]) * 1e-9,
+        node=node,
+        p_node_gnss=T_node_cam[:, :3, :3] @ log.p_cam_gnss + T_node_cam[:, :3, 3],
+        position_enu=geodesy.enu_from_lonlatheight(gnss.lon_lat_height[usable.rows], local),
+        covariance=gnss.covariance_enu[usable.rows] + settings.sigma_floor_m**2 * np.eye(3),
+    )
+
+
+def _report(
+    gnss: GnssTrack,
+    usable: UsableFixes,
+    fixes: AntennaFixes,
+    solution: DriveSolution,
+    T_local_cam: FloatArray,
+    covariance: FloatArray,
+    trajectory: Trajectory,
+    settings: GeoReferenceSettings,
+) -> dict[str, Any]:
+    """JSON-ready facts; lengths in m, angles in degrees."""
+    residual = solution.residual_enu[solution.inlier]
+    sigma = np.sqrt(np.maximum(np.diagonal(position_covariance(T_local_cam, covariance), axis1=1, axis2=2), 0.0))
+    heading = np.degrees(heading_sigma_rad(covariance))
+    extent = float(horizontal_spread(fixes.position_enu[solution.inlier])[0]) if solution.inlier.sum() > 1 else 0.0
+    rejected = np.flatnonzero(~solution.inlier)
+    messages = []
+    if extent < settings.min_baseline_m:
+        messages.append(
+            f"the fixes span only {extent:.1f} m: the heading is hardly observed (sigma {np.median(heading):.0f} degrees)"
+        )
+    if len(rejected) > len(fixes) / 2:
+        messages.append(f"{len(rejected)} of {len(fixes)} fixes contradict the odometry: one of the two is wrong")
+    return {
+        "geo_referenced": True,
+        "messages": messages,
+        "fixes": {
+            "in_log": len(gnss),
+            "used": int(solution.inlier.sum()),
+            "rejected": len(rejected),
+            "unusable": usable.unusable,
+        },
+        "outliers": [
+            {"fix": int(usable.rows[i]), "t_ns": int(gnss.t_ns[usable.rows[i]]), "residual_m": _rounded(solution.residual_enu[i])}
+            for i in rejected
+        ],
+        "residual_rms_m": _rounded(np.sqrt((residual**2).mean(axis=0))),
+        "residual_max_m": round(float(np.linalg.norm(residual, axis=1).max()), 4),
+        "sigma_enu_m": {"median": _rounded(np.median(sigma, axis=0)), "worst": _rounded(sigma.max(axis=0))},
+        "sigma_heading_deg": {"median": round(float(np.median(heading)), 4), "worst": round(float(heading.max()), 4)},
+        "extent_m": round(extent, 2),
+        "odometry_m": round(float(travelled(trajectory)[-1]), 2),
+        "mapped_m": round(float(np.linalg.norm(np.diff(T_local_cam[:, :3, 3], axis=0), axis=1).sum()), 2),
+    }
+
+
+def _rounded(values: FloatArray) -> list[float]:
+    return [round(float(v), 4) for v in values]

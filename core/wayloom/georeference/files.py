@@ -1,0 +1,40 @@
+"""`georeference.npz`: one file with the poses, covariances, frame and report. Equal results give equal bytes."""
+
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from wayloom.errors import InputError
+from wayloom.georeference.types import GeoReference, MapFrame
+from wayloom.logs.atomic import write_atomically
+
+FORMAT = "wayloom-georeference"
+VERSION = 1
+
+
+def save_georeference(geo: GeoReference, path: Path) -> None:
+    """The file is whole or not there. (A zip of NumPy carries no time, so equal results are equal bytes.)"""
+    frame = None if geo.frame is None else [geo.frame.lon_deg, geo.frame.lat_deg, geo.frame.height_m]
+    header = {"format": FORMAT, "version": VERSION, "frame": frame, "report": geo.report}
+    buffer = io.BytesIO()
+    text = np.frombuffer(json.dumps(header, sort_keys=True).encode(), np.uint8)
+    np.savez(buffer, header=text, T_enu_cam=geo.T_enu_cam, covariance=geo.covariance)
+    write_atomically(path, buffer.getvalue())
+
+
+def load_georeference(path: Path) -> GeoReference:
+    """Raises InputError that names the file when it is missing, damaged or of another version."""
+    remedy = "run the geo-reference stage again"
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            header = json.loads(file["header"].tobytes())
+            T_enu_cam, covariance = file["T_enu_cam"], file["covariance"]
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"is no geo-reference ({error})", file=path, remedy=remedy) from error
+    if header.get("format") != FORMAT or header.get("version") != VERSION:
+        raise InputError(f"has version {header.get('version')}, this program reads {VERSION}", file=path, remedy=remedy)
+    frame = None if header["frame"] is None else MapFrame(*header["frame"])
+    return GeoReference(frame, T_enu_cam, covariance, header["report"])

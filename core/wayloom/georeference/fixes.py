@@ -1,0 +1,80 @@
+"""Which GNSS fixes can be used, and how each is seen from the drive."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.geometry import se3
+from wayloom.logs.types import FixType, GnssTrack
+from wayloom.odometry.types import Trajectory
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class UsableFixes:
+    """rows (M,) of the GNSS track, in time order; T_world_cam (M, 4, 4) at their times; frame (M,) the last frame not after each;
+    unusable counts the others by reason."""
+
+    rows: IntArray
+    T_world_cam: FloatArray
+    frame: IntArray
+    unusable: dict[str, int]
+
+
+def usable_fixes(gnss: GnssTrack, trajectory: Trajectory, max_rate_hz: float) -> UsableFixes:
+    """Fixes with a type, a covariance and a tracked pose at their time. The pose is interpolated between frames."""
+    unusable: dict[str, int] = {}
+    rows = np.arange(len(gnss))
+
+    def keep(good: NDArray[np.bool_], reason: str) -> None:
+        nonlocal rows
+        if not good.all():
+            unusable[reason] = int((~good).sum())
+        rows = rows[good]
+
+    keep(gnss.fix_type[rows] != FixType.NONE, "no fix")
+    keep(_sound(gnss.lon_lat_height[rows], gnss.covariance_enu[rows]), "no usable covariance")
+    t = gnss.t_ns[rows]
+    keep((t >= trajectory.t_ns[0]) & (t <= trajectory.t_ns[-1]), "outside the drive's time")
+    keep(_thin(gnss.t_ns[rows], max_rate_hz), "faster than needed")
+    before, share = _between_frames(gnss.t_ns[rows], trajectory.t_ns)
+    after = np.minimum(before + 1, len(trajectory) - 1)
+    tracked = trajectory.tracked[before] & trajectory.tracked[after] & (trajectory.segment[before] == trajectory.segment[after])
+    keep(tracked, "track lost")
+    T = interpolate(trajectory.T_world_cam[before[tracked]], trajectory.T_world_cam[after[tracked]], share[tracked])
+    return UsableFixes(rows, T, before[tracked], unusable)
+
+
+def interpolate(T_a: FloatArray, T_b: FloatArray, share: FloatArray) -> FloatArray:
+    """(N, 4, 4) motions a share (N,) of the way from T_a to T_b (N, 4, 4): T_a exp(share log(T_a^-1 T_b))."""
+    step = se3.inverse(T_a) @ T_b
+    twists = np.array([se3.log(T) for T in step]).reshape(-1, 6)
+    return T_a @ se3.exp(share[:, None] * twists)
+
+
+def _sound(lon_lat_height: FloatArray, covariance: FloatArray) -> NDArray[np.bool_]:
+    finite = np.asarray(np.isfinite(lon_lat_height).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2)))
+    eigenvalues = np.linalg.eigvalsh(np.where(finite[:, None, None], covariance, np.eye(3)))
+    return np.asarray(finite & (eigenvalues[:, 0] > 0.0))
+
+
+def _thin(t_ns: IntArray, max_rate_hz: float) -> NDArray[np.bool_]:
+    """(M,) a subset in which neighbours are at least nine tenths of the period apart (a clock jitters)."""
+    period_ns = int(0.9e9 / max_rate_hz)
+    good = np.zeros(len(t_ns), dtype=np.bool_)
+    last: int | None = None
+    for i, t in enumerate(t_ns.tolist()):
+        if last is None or t - last >= period_ns:
+            good[i], last = True, t
+    return good
+
+
+def _between_frames(t_ns: IntArray, frame_t_ns: IntArray) -> tuple[IntArray, FloatArray]:
+    """The last frame not after each time, and the share (M,) of the way to the next frame."""
+    before = np.clip(np.searchsorted(frame_t_ns, t_ns, side="right") - 1, 0, max(len(frame_t_ns) - 2, 0))
+    after = np.minimum(before + 1, len(frame_t_ns) - 1)
+    step = np.maximum(frame_t_ns[after] - frame_t_ns[before], 1)
+    return before, (t_ns - frame_t_ns[before]) / step

@@ -1,0 +1,38 @@
+"""Settings of the geo-reference. What the noise numbers mean is derived in `wayloom.mapping.drive_graph`."""
+
+from pydantic import Field
+
+from wayloom.config.settings import Settings
+
+
+class GeoReferenceSettings(Settings):
+    """How far odometry, GNSS and gravity are trusted."""
+
+    position_noise_m: float = Field(
+        0.1, gt=0.0, le=5.0, description="odometry: sigma of position after one metre, m; grows with the root"
+    )
+    rotation_noise_deg: float = Field(0.05, gt=0.0, le=10.0, description="odometry: sigma of rotation after one metre, degrees")
+    standing_position_m: float = Field(
+        0.005, gt=0.0, le=1.0, description="odometry: sigma of position between nodes at one place, m"
+    )
+    standing_rotation_deg: float = Field(
+        0.02, gt=0.0, le=5.0, description="odometry: sigma of rotation between nodes at one place, degrees"
+    )
+    level_sigma_deg: float = Field(3.0, gt=0.0, le=45.0, description="how level the camera is, sigma of roll and pitch, degrees")
+    level_every_m: float = Field(500.0, gt=0.0, description="one level prior each such stretch of road, m")
+    gnss_correlation_s: float = Field(30.0, gt=0.0, le=3600.0, description="time after which GNSS errors are independent, s")
+    gnss_white_share: float = Field(0.3, gt=0.0, lt=1.0, description="share of a fix's sigma that is independent from fix to fix")
+    max_fix_rate_hz: float = Field(10.0, gt=0.0, le=1000.0, description="fixes that come faster are thinned to this rate, Hz")
+    sigma_floor_m: float = Field(0.01, gt=0.0, le=1.0, description="no fix is trusted beyond this: lever arm and clock, m")
+    gate_probability: float = Field(
+        0.9999, gt=0.9, lt=1.0, description="a fix is an outlier beyond this quantile of chi-square (3)"
+    )
+    gate_floor_m: float = Field(
+        0.15, ge=0.0, le=5.0, description="added to a fix's sigma when it is judged, never when it is used, m"
+    )
+    ransac_threshold_sigma: float = Field(4.0, gt=0.5, le=20.0, description="first alignment: inliers within so many sigma")
+    ransac_rounds: int = Field(200, ge=10, le=10_000)
+    min_baseline_m: float = Field(5.0, gt=0.0, description="heading is called observed from this extent of the track, m")
+    node_spacing_m: float = Field(
+        2.0, gt=0.0, le=100.0, description="a frame becomes a node of the graph at the latest after so far, m"
+    )

@@ -1,0 +1,217 @@
+"""Submaps merged into voxels: the same bits whatever the order of arrival, and whatever was merged and removed before.
+
+Everything that is summed is a whole number (fixed point), and sums of whole numbers know no order:
+- the place of a point within its voxel in 1/4096 of the edge, weighted by its inverse variance in units of 1/16 m^-2,
+- votes (sums of inverse depths, eq. 3) in units of 2^-16 per metre,
+- counts, the newest time, and the set of drives.
+An int64 holds the offsets of 10^10 points in one voxel at the greatest weight. Rounding to the fixed point moves a point by at most
+1/8192 of the voxel's edge.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.classes import CLASS_COUNT, MOVING_CLASSES, SKY, VOID
+from wayloom.errors import StageError
+from wayloom.georeference.types import MapFrame
+from wayloom.stitching.kernels.accumulate import add_points, add_voxels
+from wayloom.stitching.settings import MergeSettings
+from wayloom.stitching.voxel_map import VoxelMap
+from wayloom.submaps.submap import PlacedSubmap
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Bounds = tuple[float, float, float, float]
+
+OFFSET_STEPS = 4096
+WEIGHT_STEPS, MAX_WEIGHT = 16.0, 160_000  # of 1/m^2: a sigma of 1 cm
+VOTE_STEPS = 65_536.0
+KEY_BITS = 21
+KEY_LIMIT = 1 << (KEY_BITS - 1)
+STATIC_CLASSES = np.array([c for c in range(CLASS_COUNT) if c not in MOVING_CLASSES and c != SKY])
+NEVER_NS = np.iinfo(np.int64).min
+
+
+@dataclass(frozen=True, slots=True)
+class _Sums:
+    """Sums of V voxels with sorted packed keys, and the distinct pairs (voxel key, drive number) that were seen."""
+
+    key: IntArray
+    weight: IntArray
+    offset: IntArray
+    votes: IntArray
+    count: IntArray
+    last_seen_ns: IntArray
+    pairs: IntArray
+
+    @staticmethod
+    def zeros(key: IntArray, pairs: IntArray) -> "_Sums":
+        n = len(key)
+        return _Sums(
+            key,
+            np.zeros(n, np.int64),
+            np.zeros((n, 3), np.int64),
+            np.zeros((n, CLASS_COUNT), np.int64),
+            np.zeros(n, np.int64),
+            np.full(n, NEVER_NS),
+            pairs,
+        )
+
+
+def merge(placed: Iterable[PlacedSubmap], settings: MergeSettings = MergeSettings(), bounds: Bounds | None = None) -> VoxelMap:
+    """The static layer of all submaps.
+
+    placed : each submap of each drive; one that comes twice counts once
+    bounds : (west, south, east, north) m of a region, in the map's frame: only voxels whose centre lies in it, west and south edges
+             included, so that regions side by side make the whole map; None for everything
+    Raises StageError when the submaps are of different frames, or lie more than 2^20 voxels from the frame's origin.
+    """
+    frame: MapFrame | None = None
+    drives: dict[str, int] = {}
+    met: set[tuple[str, str]] = set()
+    sums: list[_Sums] = []
+    left_out = {"moving": 0, "sky": 0, "void": 0}
+    for item in placed:
+        if not met:
+            frame = item.frame
+        _check_frame(item, frame, drives)
+        name = (item.drive_id, item.submap.digest)
+        if name in met:
+            continue
+        met.add(name)
+        drive = drives.setdefault(item.drive_id, len(drives))
+        sums.append(_sum_submap(item, drive, settings.voxel_m, bounds, left_out))
+        if len(sums) == 16:  # memory stays near that of the voxels, not of the points
+            sums = [_add(sums)]
+    total = _add(sums) if sums else _Sums.zeros(np.zeros(0, np.int64), np.zeros((0, 2), np.int64))
+    return _voxel_map(total, frame, settings.voxel_m, {k: v for k, v in left_out.items() if v})
+
+
+def _check_frame(item: PlacedSubmap, frame: MapFrame | None, drives: dict[str, int]) -> None:
+    if item.frame != frame:
+        raise StageError(
+            f"drive {item.drive_id} lies in the frame {item.frame}, the others in {frame}: geo-reference them in one frame"
+        )
+    if frame is None and drives and item.drive_id not in drives:
+        raise StageError(f"drive {item.drive_id} has no GNSS, so it has no place beside other drives: merge it alone")
+
+
+def pack(keys: IntArray) -> IntArray:
+    """keys (V, 3) to one sortable whole number each."""
+    shifted = keys + KEY_LIMIT
+    return np.asarray((shifted[:, 0] << (2 * KEY_BITS)) | (shifted[:, 1] << KEY_BITS) | shifted[:, 2])
+
+
+def unpack(packed: IntArray) -> IntArray:
+    """The inverse of `pack`."""
+    mask = (1 << KEY_BITS) - 1
+    return np.column_stack([packed >> (2 * KEY_BITS), (packed >> KEY_BITS) & mask, packed & mask]) - KEY_LIMIT
+
+
+def _sum_submap(item: PlacedSubmap, drive: int, voxel_m: float, bounds: Bounds | None, left_out: dict[str, int]) -> _Sums:
+    submap = item.submap
+    in_voxels = item.points_enu() / voxel_m
+    keys = np.floor(in_voxels).astype(np.int64)
+    if len(keys) and np.abs(keys).max() >= KEY_LIMIT:
+        far_km = np.abs(in_voxels).max() * voxel_m / 1e3
+        raise StageError(
+            f"submap {submap.digest[:12]} lies {far_km:.0f} km from its frame's origin: use the map frame of its own place"
+        )
+    inside = _inside(keys, voxel_m, bounds)
+    rows = np.flatnonzero(inside & _static(submap.label, inside, left_out))
+    packed = pack(keys[rows])
+    key, voxel = np.unique(packed, return_inverse=True)
+    sums = _Sums.zeros(key, np.column_stack([key, np.full(len(key), drive, np.int64)]))
+    offset = np.floor((in_voxels[rows] - keys[rows]) * OFFSET_STEPS).astype(np.int64)
+    weight = np.clip(np.rint(WEIGHT_STEPS / submap.variance[rows].astype(np.float64)), 1, MAX_WEIGHT).astype(np.int64)
+    start, vote_class, vote_weight = _votes(item, rows)
+    add_points(
+        voxel.astype(np.int64),
+        weight,
+        np.minimum(offset, OFFSET_STEPS - 1),
+        submap.seen_ns[rows],
+        start,
+        vote_class,
+        vote_weight,
+        sums.weight,
+        sums.offset,
+        sums.votes,
+        sums.count,
+        sums.last_seen_ns,
+    )
+    return sums
+
+
+def _inside(keys: IntArray, voxel_m: float, bounds: Bounds | None) -> NDArray[np.bool_]:
+    if bounds is None:
+        return np.ones(len(keys), bool)
+    centre = (keys[:, :2] + 0.5) * voxel_m
+    west, south, east, north = bounds
+    return np.asarray((centre[:, 0] >= west) & (centre[:, 1] >= south) & (centre[:, 0] < east) & (centre[:, 1] < north))
+
+
+def _static(label: NDArray[np.uint8], inside: NDArray[np.bool_], left_out: dict[str, int]) -> NDArray[np.bool_]:
+    """(P,) points of things that stand still; the others, where inside, are counted."""
+    moving, sky, void = np.isin(label, MOVING_CLASSES), label == SKY, label == VOID
+    for name, members in (("moving", moving), ("sky", sky), ("void", void)):
+        left_out[name] += int((members & inside).sum())
+    return np.asarray(~(moving | sky | void))
+
+
+def _votes(item: PlacedSubmap, rows: IntArray) -> tuple[IntArray, NDArray[np.uint8], IntArray]:
+    """The ragged votes of these points in fixed point, at least one step each; a point without any votes one step for its label."""
+    submap = item.submap
+    old = submap.vote_start.astype(np.int64)
+    length = np.maximum(old[rows + 1] - old[rows], 1)
+    start = np.concatenate([[0], np.cumsum(length)])
+    vote_class = np.repeat(submap.label[rows], length)
+    vote_weight = np.ones(start[-1], np.int64)
+    has_votes = np.repeat(old[rows + 1] > old[rows], length)
+    place = (np.repeat(old[rows] - start[:-1], length) + np.arange(start[-1]))[has_votes]
+    vote_class[has_votes] = submap.vote_class[place]
+    vote_weight[has_votes] = np.maximum(np.rint(submap.vote_weight[place].astype(np.float64) * VOTE_STEPS), 1).astype(np.int64)
+    return start, vote_class, vote_weight
+
+
+def _add(parts: list[_Sums]) -> _Sums:
+    """One table of sums from several."""
+    key = np.unique(np.concatenate([part.key for part in parts]))
+    pairs = np.unique(np.concatenate([part.pairs for part in parts]), axis=0)
+    out = _Sums.zeros(key, pairs)
+    for part in parts:
+        add_voxels(
+            np.searchsorted(key, part.key),
+            part.weight,
+            part.offset,
+            part.votes,
+            part.count,
+            part.last_seen_ns,
+            out.weight,
+            out.offset,
+            out.votes,
+            out.count,
+            out.last_seen_ns,
+        )
+    return out
+
+
+def _voxel_map(total: _Sums, frame: MapFrame | None, voxel_m: float, left_out: dict[str, int]) -> VoxelMap:
+    keys = unpack(total.key)
+    # The middle of the step that the offset was floored to.
+    within = (total.offset / np.maximum(total.weight, 1)[:, None] + 0.5) / OFFSET_STEPS
+    _, drives = np.unique(total.pairs[:, 0], return_counts=True)
+    return VoxelMap(
+        frame,
+        voxel_m,
+        keys.astype(np.int32),
+        (keys + within) * voxel_m,
+        (total.votes / VOTE_STEPS).astype(np.float32),
+        STATIC_CLASSES[np.argmax(total.votes[:, STATIC_CLASSES], axis=1)].astype(np.uint8),
+        total.count.astype(np.uint32),
+        drives.astype(np.uint16),
+        total.last_seen_ns,
+        left_out,
+    )

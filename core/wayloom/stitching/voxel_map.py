@@ -1,0 +1,97 @@
+"""The static layer of the map: voxels of a grid in the map's frame."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.classes import CLASS_COUNT
+from wayloom.errors import StageError
+from wayloom.georeference.types import MapFrame
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class VoxelMap:
+    """V voxels in the order of their keys (up, north, east slowest last: sorted by east, then north, then up).
+
+    frame         the map's frame; None: a drive's own
+    voxel_m       edge, m
+    keys          (V, 3) int32: floor(enu / voxel_m)
+    points_enu    (V, 3) m, mean of the points, weighted by inverse variance
+    votes         (V, 19) float32, 1/m: sum of the votes of all drives
+    label         (V,) uint8, the static class with the most votes, the lower on a tie
+    count         (V,) uint32 points; drives (V,) uint16 distinct drives; last_seen_ns (V,) int64
+    left_out      how many points are not in the static layer, by reason
+    """
+
+    frame: MapFrame | None
+    voxel_m: float
+    keys: NDArray[np.int32]
+    points_enu: FloatArray
+    votes: NDArray[np.float32]
+    label: NDArray[np.uint8]
+    count: NDArray[np.uint32]
+    drives: NDArray[np.uint16]
+    last_seen_ns: NDArray[np.int64]
+    left_out: dict[str, int] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    @property
+    def confidence(self) -> NDArray[np.float32]:
+        """(V,) share of the votes that the label has, 0 to 1."""
+        total = self.votes.sum(axis=1)
+        own = self.votes[np.arange(len(self)), self.label]
+        return np.asarray(own / np.where(total > 0, total, 1), np.float32)
+
+    def class_counts(self) -> NDArray[np.int64]:
+        """(19,) voxels of each class."""
+        return np.bincount(self.label, minlength=CLASS_COUNT)
+
+    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> "VoxelMap":
+        """The voxels of these rows; `left_out` stays the whole map's."""
+        return VoxelMap(
+            self.frame,
+            self.voxel_m,
+            self.keys[rows],
+            self.points_enu[rows],
+            self.votes[rows],
+            self.label[rows],
+            self.count[rows],
+            self.drives[rows],
+            self.last_seen_ns[rows],
+            self.left_out,
+        )
+
+
+def join_regions(regions: list[VoxelMap]) -> VoxelMap:
+    """The map of regions that share no voxel, equal to the one merged at once. Raises StageError on overlap."""
+    if not regions:
+        raise StageError("there is no region to join: merge at least one")
+    first = regions[0]
+    if any(region.frame != first.frame or region.voxel_m != first.voxel_m for region in regions):
+        raise StageError("regions of different frames or grids cannot be joined: merge them with one frame and one voxel_m")
+    keys = np.concatenate([region.keys for region in regions])
+    order = np.lexsort((keys[:, 2], keys[:, 1], keys[:, 0]))
+    if (np.diff(keys[order], axis=0) == 0).all(axis=1).any():
+        raise StageError("regions overlap: their bounds must share no voxel")
+    left_out: dict[str, int] = {}
+    for region in regions:
+        for reason, count in region.left_out.items():
+            left_out[reason] = left_out.get(reason, 0) + count
+
+    return VoxelMap(
+        first.frame,
+        first.voxel_m,
+        keys[order],
+        np.concatenate([region.points_enu for region in regions])[order],
+        np.concatenate([region.votes for region in regions])[order],
+        np.concatenate([region.label for region in regions])[order],
+        np.concatenate([region.count for region in regions])[order],
+        np.concatenate([region.drives for region in regions])[order],
+        np.concatenate([region.last_seen_ns for region in regions])[order],
+        dict(sorted(left_out.items())),
+    )

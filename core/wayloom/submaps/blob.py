@@ -1,0 +1,56 @@
+"""Named arrays in one run of bytes that depends on their content alone: the container of submaps and point tiles.
+
+    8 bytes magic · uint32 version · uint32 length of the header · header · body          (all little-endian)
+
+The header is JSON (UTF-8, sorted keys, filled up with spaces to a multiple of 8 bytes); its key "arrays" lists
+[name, dtype, shape, offset in the body] of each array, each at a multiple of 8 bytes. Nothing is compressed, so equal content is
+equal bytes on every machine, and a browser can lay typed arrays over it.
+"""
+
+import json
+import struct
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+ALIGNMENT = 8
+PREFIX = 16
+
+
+def encode_blob(magic: bytes, version: int, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """The bytes of a header and arrays (in their order, in their own dtypes, little-endian)."""
+    body, table = bytearray(), []
+    for name, array in arrays.items():
+        little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
+        body += bytes(-len(body) % ALIGNMENT)
+        table.append([name, little.dtype.str, list(little.shape), len(body)])
+        body += little.tobytes()
+    text = json.dumps({**header, "arrays": table}, sort_keys=True, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % ALIGNMENT)
+    return magic + struct.pack("<II", version, len(text)) + text + bytes(body)
+
+
+def decode_blob(
+    data: bytes, magic: bytes, version: int, dtypes: Mapping[str, str]
+) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Header and arrays. Raises ValueError when the bytes are something else, of another version, cut off or too long."""
+    if data[: len(magic)] != magic or len(data) < PREFIX:
+        raise ValueError(f"it begins with {data[:8]!r}, not with {magic!r}")
+    found, length = struct.unpack_from("<II", data, len(magic))
+    if found != version:
+        raise ValueError(f"it has version {found}, this program reads {version}")
+    header = json.loads(data[PREFIX : PREFIX + length])
+    body = memoryview(data)[PREFIX + length :]
+    table = header.pop("arrays")
+    if [row[:2] for row in table] != [[name, dtype] for name, dtype in dtypes.items()]:
+        raise ValueError(f"it does not hold the arrays of version {version}")
+    arrays, end = {}, 0
+    for name, dtype, shape, offset in table:
+        count = int(np.prod(shape, dtype=np.int64))
+        arrays[name] = np.frombuffer(body, dtype, count, offset).reshape(shape)
+        end = offset + arrays[name].nbytes
+    if end != len(body):
+        raise ValueError(f"it has {len(body)} bytes of arrays, not {end}")
+    return header, arrays

@@ -1,0 +1,72 @@
+"""A folder of submaps: `index.json` says where each lies, `<digest>.submap` holds what it is."""
+
+import hashlib
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wayloom.errors import InputError
+from wayloom.georeference.types import MapFrame
+from wayloom.logs.atomic import write_atomically
+from wayloom.submaps.submap import PlacedSubmap, decode_submap
+
+FORMAT = "wayloom-submaps"
+VERSION = 1
+INDEX = "index.json"
+REMEDY = "make the submaps again"
+
+
+def save_submaps(placed: Iterable[PlacedSubmap], folder: Path) -> None:
+    """Write the blobs, then the index: a folder with an index is whole."""
+    folder.mkdir(parents=True, exist_ok=True)
+    entries = []
+    for item in placed:
+        write_atomically(folder / f"{item.submap.digest}.submap", item.submap.encoded)
+        entries.append(_entry(item))
+    text = json.dumps({"format": FORMAT, "version": VERSION, "submaps": entries}, indent=1, sort_keys=True)
+    write_atomically(folder / INDEX, text.encode())
+
+
+def load_submaps(folder: Path) -> list[PlacedSubmap]:
+    """The submaps in the order they were saved. Raises InputError that names the file that is missing or damaged."""
+    path = folder / INDEX
+    try:
+        index = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"is no index of submaps ({error})", file=path, remedy="give the folder that the submaps stage wrote"
+        ) from error
+    if not isinstance(index, dict) or index.get("format") != FORMAT or index.get("version") != VERSION:
+        raise InputError(f"is no {FORMAT} of version {VERSION}", file=path, remedy=REMEDY)
+    return [_load(folder, entry) for entry in index["submaps"]]
+
+
+def _entry(item: PlacedSubmap) -> dict[str, Any]:
+    frame = item.frame
+    return {
+        "digest": item.submap.digest,
+        "drive_id": item.drive_id,
+        "frame": None if frame is None else [frame.lon_deg, frame.lat_deg, frame.height_m],
+        "T_enu_submap": item.T_enu_submap.tolist(),
+        "covariance": item.covariance.tolist() if np.isfinite(item.covariance).all() else None,
+        "points": len(item.submap),
+        "length_m": item.submap.length_m,
+    }
+
+
+def _load(folder: Path, entry: dict[str, Any]) -> PlacedSubmap:
+    path = folder / f"{entry['digest']}.submap"
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", file=path, remedy=REMEDY) from error
+    if hashlib.sha256(data).hexdigest() != entry["digest"]:
+        raise InputError("does not hold what its name says", file=path, remedy=REMEDY)
+    covariance = np.full((6, 6), np.nan) if entry["covariance"] is None else np.array(entry["covariance"], np.float64)
+    frame = None if entry["frame"] is None else MapFrame(*entry["frame"])
+    return PlacedSubmap(
+        decode_submap(data, str(path)), np.array(entry["T_enu_submap"], np.float64), covariance, entry["drive_id"], frame
+    )

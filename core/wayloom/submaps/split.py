@@ -1,0 +1,157 @@
+"""A drive cut into submaps."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.classes import SKY
+from wayloom.errors import StageError
+from wayloom.geometry import se3
+from wayloom.georeference.nodes import travelled
+from wayloom.georeference.rigid import mean_motion
+from wayloom.georeference.types import GeoReference
+from wayloom.labelling.types import PointLabels
+from wayloom.logs.types import DriveLog
+from wayloom.odometry.types import OdometryResult
+from wayloom.submaps.settings import SubmapSettings
+from wayloom.submaps.submap import PlacedSubmap, Submap
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def make_submaps(
+    log: DriveLog,
+    odometry: OdometryResult,
+    labels: PointLabels,
+    geo: GeoReference,
+    settings: SubmapSettings = SubmapSettings(),
+    drive_id: str | None = None,
+) -> list[PlacedSubmap]:
+    """The submaps of a drive in the order of the road. Every point that is kept is in exactly one.
+
+    drive_id : which drive the map shall name; None takes the log's name
+    Raises StageError when labels and points do not belong together.
+    """
+    if len(labels) != len(odometry.points):
+        raise StageError(f"{len(labels)} labels for {len(odometry.points)} points: labelling and odometry are of different runs")
+    kept = _judge_points(odometry, labels, settings)
+    stretches = split_road(odometry, settings)
+    return [
+        _place(_submap(odometry, labels, kept, stretch, settings), odometry, geo, stretch, drive_id or log.name)
+        for stretch in stretches
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """keyframes (K,) rows, in order; anchor the row in the middle of the road; length_m of road."""
+
+    keyframes: IntArray
+    anchor: int
+    length_m: float
+
+
+def split_road(odometry: OdometryResult, settings: SubmapSettings) -> list[Stretch]:
+    """Every segment of the track is cut into equal lengths of road, as near to the wanted length as whole numbers allow."""
+    road = travelled(odometry.trajectory)[odometry.keyframes.frame]
+    stretches = []
+    for segment in np.unique(odometry.keyframes.segment):
+        rows = np.flatnonzero(odometry.keyframes.segment == segment)
+        length = float(road[rows[-1]] - road[rows[0]])
+        pieces = max(1, round(length / settings.length_m))
+        pieces += length / pieces > settings.max_length_m
+        piece = np.minimum(((road[rows] - road[rows[0]]) / max(length, 1e-9) * pieces).astype(np.int64), pieces - 1)
+        for number in np.unique(piece):
+            members = rows[piece == number]
+            middle = 0.5 * (road[members[0]] + road[members[-1]])
+            stretches.append(Stretch(members, int(members[np.argmin(np.abs(road[members] - middle))]), length / pieces))
+    return stretches
+
+
+NAMES = ("kept", "without depth", "too far", "depth too uncertain", "sky")
+KEPT, NO_DEPTH, TOO_FAR, UNCERTAIN, IS_SKY = range(5)
+
+
+def _judge_points(odometry: OdometryResult, labels: PointLabels, settings: SubmapSettings) -> NDArray[np.int8]:
+    """(P,) which of NAMES each point is."""
+    d = odometry.points.inverse_depth.astype(np.float64)
+    variance = odometry.points.variance.astype(np.float64)
+    has_depth = np.isfinite(d) & (d > 0.0) & np.isfinite(variance) & (variance >= 0.0)
+    d = np.where(has_depth, d, 1.0)
+    depth_sigma = np.sqrt(np.where(has_depth, variance, 0.0)) / d**2
+    uncertain = (depth_sigma > settings.max_depth_sigma_m) & (depth_sigma * d > settings.max_depth_sigma_share)
+    verdict = np.full(len(d), KEPT, np.int8)
+    verdict[labels.stereo == SKY] = IS_SKY
+    verdict[uncertain] = UNCERTAIN
+    verdict[d < 1.0 / settings.max_distance_m] = TOO_FAR
+    verdict[~has_depth] = NO_DEPTH
+    return verdict
+
+
+def _submap(
+    odometry: OdometryResult, labels: PointLabels, verdict: NDArray[np.int8], stretch: Stretch, settings: SubmapSettings
+) -> Submap:
+    keyframes, points = odometry.keyframes, odometry.points
+    local_row = np.full(len(keyframes), -1, np.int64)
+    local_row[stretch.keyframes] = np.arange(len(stretch.keyframes))
+    here = local_row[points.host] >= 0
+    rows = np.flatnonzero(here & (verdict == KEPT))
+    rows = rows[np.lexsort((rows, points.uv_host[rows, 0], points.uv_host[rows, 1], local_row[points.host[rows]]))]
+    T_submap_cam = se3.inverse(keyframes.T_world_cam[stretch.anchor]) @ keyframes.T_world_cam[stretch.keyframes]
+    host = local_row[points.host[rows]]
+    xyz, variance = _positions(odometry, rows, T_submap_cam[host], settings)
+    start, taken = _take_ragged(labels.vote_start, rows)
+    t_ns = odometry.trajectory.t_ns[keyframes.frame[stretch.keyframes]]
+    counts = Counter(verdict[here].tolist())
+    return Submap(
+        xyz=xyz,
+        label=labels.stereo[rows],
+        variance=variance,
+        grey=points.grey[rows],
+        seen_ns=t_ns[host],
+        keyframe=host.astype(np.uint32),
+        vote_start=start.astype(np.uint32),
+        vote_class=labels.vote_class[taken],
+        vote_weight=labels.vote_weight[taken],
+        keyframe_frame=keyframes.frame[stretch.keyframes].astype(np.uint32),
+        keyframe_t_ns=t_ns,
+        T_submap_cam=T_submap_cam,
+        length_m=round(stretch.length_m, 3),
+        points_left_out={NAMES[code]: counts[code] for code in (NO_DEPTH, TOO_FAR, UNCERTAIN, IS_SKY) if counts[code]},
+    )
+
+
+def _positions(
+    odometry: OdometryResult, rows: IntArray, T_submap_host: FloatArray, settings: SubmapSettings
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """xyz (P, 3) m in the submap's frame, and variance (P,) m^2 along the worst axis.
+
+    Along the ray sigma_z = sigma_d / d^2 times the ray's length; across it pixel_sigma z / f. The larger counts, plus a floor.
+    """
+    camera = odometry.rig.camera
+    rays = camera.rays(odometry.points.uv_host[rows].astype(np.float64))
+    d = odometry.points.inverse_depth[rows].astype(np.float64)
+    xyz = np.einsum("nij,nj->ni", T_submap_host[:, :3, :3], rays / d[:, None]) + T_submap_host[:, :3, 3]
+    along = odometry.points.variance[rows] / d**4 * (rays**2).sum(axis=1)
+    across = (settings.pixel_sigma / (camera.fx * d)) ** 2
+    return xyz.astype(np.float32), (np.maximum(along, across) + settings.position_floor_m**2).astype(np.float32)
+
+
+def _take_ragged(start: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
+    """The new start (P + 1,) and the old places (V,) of the entries of these rows of a ragged table."""
+    length = start[rows + 1] - start[rows]
+    new = np.concatenate([[0], np.cumsum(length)])
+    return new, np.repeat(start[rows] - new[:-1], length) + np.arange(new[-1])
+
+
+def _place(submap: Submap, odometry: OdometryResult, geo: GeoReference, stretch: Stretch, drive_id: str) -> PlacedSubmap:
+    """The mean, at the submap's origin, of where each of its keyframes would put it; the anchor's covariance.
+
+    (Rigidly joined frames share their left perturbation, so the anchor's is the submap's.)
+    """
+    frames = odometry.keyframes.frame
+    T_enu_submap = mean_motion(geo.T_enu_cam[frames[stretch.keyframes]] @ se3.inverse(submap.T_submap_cam))
+    return PlacedSubmap(submap, T_enu_submap, geo.covariance[frames[stretch.anchor]], drive_id, geo.frame)

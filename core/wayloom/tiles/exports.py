@@ -1,0 +1,75 @@
+"""Clouds and tracks for other programs: PLY, LAZ, GeoJSON."""
+
+import io
+import json
+from pathlib import Path
+from typing import Final
+
+import laspy
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.classes import CLASS_ID, PALETTE_WITH_VOID
+from wayloom.georeference import geodesy
+from wayloom.georeference.types import MapFrame
+from wayloom.logs.atomic import write_atomically
+from wayloom.logs.ply import write_ply
+
+FloatArray = NDArray[np.float64]
+
+ASPRS_OF_CLASS: Final = {
+    "road": 11, "sidewalk": 2, "building": 6, "wall": 6, "fence": 26, "pole": 20, "traffic light": 21, "traffic sign": 22,
+    "vegetation": 5, "terrain": 2, "sky": 7, "person": 64, "rider": 65, "car": 66, "truck": 67, "bus": 68, "train": 69,
+    "motorcycle": 70, "bicycle": 71,
+}  # fmt: skip
+"""docs/formats.md: ASPRS LAS 1.4 class of each of ours. 1 (unclassified) is void; 64 and above are free for users."""
+UNCLASSIFIED: Final = 1
+ASPRS: Final = np.full(256, UNCLASSIFIED, np.uint8)
+ASPRS[[CLASS_ID[name] for name in ASPRS_OF_CLASS]] = list(ASPRS_OF_CLASS.values())
+LAZ_SCALE_M: Final = 0.001
+
+
+def export_ply(path: Path, points: FloatArray, labels: NDArray[np.uint8], frame: MapFrame | None = None) -> None:
+    """points (N, 3) m in the map's frame (or a drive's own without frame), coloured by their labels (N,)."""
+    said = (
+        "frame: the drive's own world"
+        if frame is None
+        else f"frame: ENU at {frame.lon_deg} {frame.lat_deg} {frame.height_m} (WGS84)"
+    )
+    write_ply(path, points, PALETTE_WITH_VOID[labels], labels, (said,))
+
+
+def export_laz(path: Path, points: FloatArray, labels: NDArray[np.uint8], frame: MapFrame | None = None) -> None:
+    """LAZ 1.4, point format 7: UTM of the place with ellipsoidal heights and the CRS in its header, or the drive's own frame.
+
+    points (N, 3) m and labels (N,) as in `export_ply`. `classification` is the ASPRS class, the extra dimension `label` ours.
+    """
+    header = laspy.LasHeader(point_format=7, version="1.4")
+    header.add_extra_dim(laspy.ExtraBytesParams("label", np.uint8, "train id, 255 void"))
+    header.generating_software = "wayloom"
+    coordinates = np.asarray(points, np.float64).reshape(-1, 3)
+    if frame is not None and len(coordinates):
+        lon_lat_height = geodesy.lonlatheight_from_enu(coordinates, frame)
+        lon, lat = np.median(lon_lat_height[:, :2], axis=0).tolist()
+        epsg = geodesy.utm_epsg(lon, lat)
+        header.add_crs(geodesy.utm_crs(epsg))
+        coordinates = geodesy.utm_from_lonlatheight(lon_lat_height, epsg)
+    header.scales = np.full(3, LAZ_SCALE_M)
+    header.offsets = np.floor(coordinates.min(axis=0)) if len(coordinates) else np.zeros(3)
+    header.global_encoding.wkt = True
+    cloud = laspy.LasData(header)
+    cloud.x, cloud.y, cloud.z = coordinates.T
+    cloud.classification = ASPRS[labels]
+    cloud.red, cloud.green, cloud.blue = PALETTE_WITH_VOID[labels].astype(np.uint16).T * 257
+    cloud.label = labels
+    buffer = io.BytesIO()
+    cloud.write(buffer, do_compress=True, laz_backend=laspy.LazBackend.Lazrs)
+    write_atomically(path, buffer.getvalue())
+
+
+def export_geojson_track(path: Path, T_enu_cam: FloatArray, frame: MapFrame, name: str = "") -> None:
+    """The camera's track (N, 4, 4) as one WGS84 LineString with heights, longitude first (RFC 7946)."""
+    lon_lat_height = geodesy.lonlatheight_from_enu(T_enu_cam[:, :3, 3], frame)
+    line = [[round(lon, 9), round(lat, 9), round(height, 3)] for lon, lat, height in lon_lat_height.tolist()]
+    feature = {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "LineString", "coordinates": line}}
+    write_atomically(path, json.dumps({"type": "FeatureCollection", "features": [feature]}).encode())

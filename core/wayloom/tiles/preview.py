@@ -1,0 +1,89 @@
+"""The map from above as one picture, with a scale bar and north."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.classes import PALETTE_WITH_VOID
+
+FloatArray = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+PAPER, INK = (250, 250, 248), (40, 40, 40)
+TRACK = (220, 30, 30)
+MARGIN_PX = 40
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+
+
+def top_down(
+    points_enu: FloatArray,
+    labels: NDArray[np.uint8],
+    resolution_m: float | None = None,
+    *,
+    tracks_enu: tuple[FloatArray, ...] = (),
+    max_size_px: int = 1600,
+    dot_px: int = 2,
+    north_up: bool = True,
+) -> Picture:
+    """(h, w, 3) RGB: points in the colours of their classes, the higher over the lower, tracks as lines.
+
+    points_enu : (N, 3) m, with NaN left out; labels (N,) train ids
+    resolution_m : m a pixel; None takes the finest that stays within max_size_px
+    tracks_enu : (K, 3) m each
+    north_up : whether the frame is geographic: then an arrow says so; the scale bar stands always
+    """
+    finite = np.isfinite(points_enu).all(axis=1)
+    points, labels = points_enu[finite], labels[finite]
+    everything = np.vstack([points, *tracks_enu]) if len(points) or tracks_enu else np.zeros((1, 3))
+    low, high = everything[:, :2].min(axis=0), everything[:, :2].max(axis=0)
+    room = max_size_px - 2 * MARGIN_PX
+    finest = float((high - low).max()) / room
+    resolution = max(resolution_m or max(finest, 0.02), finest)
+    size = np.ceil((high - low) / resolution).astype(int) + 1 + 2 * MARGIN_PX
+    picture = np.full((int(size[1]), max(int(size[0]), 260), 3), PAPER, np.uint8)
+
+    def pixel(enu: FloatArray) -> NDArray[np.int64]:
+        xy = np.rint((enu[:, :2] - low) / resolution).astype(np.int64) + MARGIN_PX
+        return np.column_stack([xy[:, 0], size[1] - 1 - xy[:, 1]])
+
+    _draw_points(picture, pixel(points), points[:, 2], PALETTE_WITH_VOID[labels], dot_px)
+    for track in tracks_enu:
+        cv2.polylines(picture, [pixel(track).astype(np.int32)], False, TRACK, 2, cv2.LINE_AA)
+    _draw_scale(picture, resolution)
+    if north_up:
+        _draw_north(picture)
+    return picture
+
+
+def _draw_points(picture: Picture, pixel: NDArray[np.int64], height: FloatArray, colour: Picture, dot_px: int) -> None:
+    """Dots of dot_px x dot_px; a later write wins, so lower points are written first."""
+    order = np.argsort(height, kind="stable")
+    pixel, colour = pixel[order], colour[order]
+    for dy in range(dot_px):
+        for dx in range(dot_px):
+            rows = np.clip(pixel[:, 1] + dy, 0, picture.shape[0] - 1)
+            columns = np.clip(pixel[:, 0] + dx, 0, picture.shape[1] - 1)
+            picture[rows, columns] = colour
+
+
+def _draw_scale(picture: Picture, resolution_m: float) -> None:
+    """A bar of 1, 2 or 5 times a power of ten metres, about 100 pixels long, at the bottom left."""
+    length = bar_length_m(100.0 * resolution_m)
+    x, y = 14, picture.shape[0] - 14
+    end = x + round(length / resolution_m)
+    cv2.line(picture, (x, y), (end, y), INK, 2)
+    for tick in (x, end):
+        cv2.line(picture, (tick, y - 5), (tick, y + 1), INK, 2)
+    text = f"{length:g} m" if length < 1000 else f"{length / 1000:g} km"
+    cv2.putText(picture, text, (end + 8, y + 2), FONT, 0.5, INK, 1, cv2.LINE_AA)
+
+
+def bar_length_m(about_m: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not over about_m."""
+    power = 10.0 ** np.floor(np.log10(about_m))
+    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= about_m * (1.0 + 1e-9)))
+
+
+def _draw_north(picture: Picture) -> None:
+    x = picture.shape[1] - 20
+    cv2.arrowedLine(picture, (x, 36), (x, 10), INK, 2, cv2.LINE_AA, tipLength=0.4)
+    cv2.putText(picture, "N", (x - 6, 52), FONT, 0.5, INK, 1, cv2.LINE_AA)

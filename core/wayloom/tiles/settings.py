@@ -1,0 +1,29 @@
+"""Settings of the tiles."""
+
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from wayloom.config.settings import Settings
+
+
+class TileSettings(Settings):
+    """Which zooms are built, and how fine."""
+
+    min_zoom: int = Field(12, ge=3, le=20, description="coarsest zoom of pictures and vector tiles")
+    max_zoom: int = Field(
+        20, ge=0, le=21, description="finest zoom of the preview pictures, from whose pixels all coarser levels are summed"
+    )
+    features_max_zoom: int = Field(18, ge=0, le=20, description="finest zoom of the vector tiles; viewers enlarge beyond")
+    fine_cells_from_zoom: int = Field(17, ge=0, le=20, description="from here 128 cells a tile edge, below 64")
+    points_zoom: int = Field(18, ge=10, le=20)
+    points_per_tile: int = Field(100_000, ge=100, description="a fuller point tile is thinned by joining voxels, counts kept")
+    dot_from_zoom: int = Field(19, ge=0, le=21, description="from here a voxel is drawn three pixels wide")
+
+    @model_validator(mode="after")
+    def _zooms_in_order(self) -> Self:
+        if not self.min_zoom <= self.features_max_zoom <= self.max_zoom:
+            raise ValueError(
+                f"min_zoom {self.min_zoom} <= features_max_zoom {self.features_max_zoom} <= max_zoom {self.max_zoom} must hold"
+            )
+        return self
