@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import InputError
-from wayloom.geometry import se3
 from wayloom.georeference.geodesy import enu_from_lonlatheight, lonlatheight_from_enu
 from wayloom.georeference.types import MapFrame
 
@@ -81,16 +80,3 @@ def distance_to_ins(
     mapped = lonlatheight_from_enu(antenna_enu(T_enu_cam, p_cam_gnss), frame)
     reference = np.column_stack([np.interp(t_ns, ins_t_ns, column, left=np.nan, right=np.nan) for column in ins.T])
     return track_distance(mapped, reference)
-
-
-def integrate_velocity(t_ns: NDArray[np.int64], velocity_body: FloatArray, T_enu_body: FloatArray) -> FloatArray:
-    """(N, 4, 4) T_enu_body whose positions are the integral of the body's own velocity, from the first pose on.
-
-    t_ns : (N,) int64; velocity_body : (N, 3) m/s in the body frame; T_enu_body : (N, 4, 4), of which the attitudes and the
-    first position are used. The truth of a drive whose INS lost its position fix and shifted its positions since.
-    """
-    velocity = (T_enu_body[:, :3, :3] @ velocity_body[:, :, None])[:, :, 0]
-    seconds = np.diff(t_ns)[:, None] * 1e-9
-    steps = 0.5 * (velocity[1:] + velocity[:-1]) * seconds
-    positions = T_enu_body[0, :3, 3] + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-    return se3.from_rotation_translation(T_enu_body[:, :3, :3], positions)

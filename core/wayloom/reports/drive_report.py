@@ -1,0 +1,146 @@
+"""The report of one drive: report.json for machines and report.html, one page that needs nothing else, for people."""
+
+import base64
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from wayloom.config.classes import CLASS_NAMES, PALETTE
+from wayloom.geometry import se3
+from wayloom.georeference.geodesy import enu_from_lonlatheight
+from wayloom.georeference.uncertainty import position_covariance
+from wayloom.logs.atomic import write_atomically
+from wayloom.pipeline.drive import DriveResult
+from wayloom.pipeline.exports import MAP_FILE, OVERLAYS_DIR, read_image
+from wayloom.pipeline.plane import T_plane_enu, axis_labels
+from wayloom.reports import plots, views
+from wayloom.reports.facts import concatenated, drive_facts
+
+FloatArray = NDArray[np.float64]
+JSON_FILE: Final = "report.json"
+HTML_FILE: Final = "report.html"
+OVERLAY_WIDTH_PX: Final = 700
+MAP_WIDTH_PX: Final = 1400
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture in the page: a data URI and the words under it."""
+
+    uri: str
+    caption: str
+
+
+def write_report(result: DriveResult, folder: Path) -> None:
+    """Write report.html, with the pictures that `write_exports` left in the folder, and report.json."""
+    said = drive_facts(result)
+    write_atomically(folder / HTML_FILE, render(said, pictures(result, folder)).encode())
+    write_atomically(folder / JSON_FILE, (json.dumps(said, indent=1, allow_nan=False) + "\n").encode())
+
+
+def render(said: dict[str, Any], shown: dict[str, Any]) -> str:
+    """The page. said : report.json's content; shown : what `pictures` returns."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("wayloom.reports"), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
+    )
+    environment.filters |= {"number": number, "thousands": thousands}
+    return environment.get_template("drive.html.j2").render(said=said, shown=shown, bars=class_bars(said), stages=stage_bars(said))
+
+
+def pictures(result: DriveResult, folder: Path) -> dict[str, Any]:
+    """All drawings and pictures of the page."""
+    T = T_plane_enu(result.geo)
+    clouds = [se3.transform(T, placed.points_enu()) for placed in result.submaps]
+    points = np.concatenate([np.empty((0, 3)), *clouds])
+    labels = concatenated(placed.submap.label for placed in result.submaps)
+    track = se3.transform(T, result.geo.T_enu_cam[:, :3, 3])
+    side = views.side_view(points, labels, track)
+    return {
+        "track": Markup(plots.track_svg(track_picture(result, track, T))),  # noqa: S704  drawn here, from numbers
+        "sigma": sigma_drawing(result),
+        "map": Picture(data_uri(views.png_bytes(views.shrunk(read_image(folder / MAP_FILE), MAP_WIDTH_PX)), "png"), ""),
+        "side": Picture(data_uri(views.png_bytes(side.image), "png"), f"{side.width_m:.0f} m of road, {side.height_m:.0f} m high"),
+        "overlays": overlays(result, folder),
+    }
+
+
+def track_picture(result: DriveResult, track: FloatArray, T: FloatArray) -> plots.TrackPicture:
+    """The trajectory in the drive's plane, with its fixes and its truth."""
+    gnss, frame, trajectory = result.log.gnss, result.geo.frame, result.odometry.trajectory
+    fixes = None
+    if gnss is not None and frame is not None:
+        fixes = se3.transform(T, enu_from_lonlatheight(gnss.lon_lat_height, frame))[:, :2]
+    truth = None
+    if result.log.truth is not None and np.isfinite(result.log.truth).all(axis=(1, 2)).sum() >= 3:
+        truth = plots.aligned_truth(result.log.truth, T @ result.geo.T_enu_cam)[:, :2]
+    return plots.TrackPicture(
+        track=track[:, :2],
+        tracked=trajectory.tracked,
+        segment=trajectory.segment,
+        fixes=fixes,
+        fix_type=None if fixes is None or gnss is None else gnss.fix_type,
+        truth=truth,
+        labels=axis_labels(result.geo),
+    )
+
+
+def sigma_drawing(result: DriveResult) -> Markup | None:
+    """Uncertainty over time; None without GNSS."""
+    if result.geo.frame is None:
+        return None
+    covariance = position_covariance(result.geo.T_enu_cam, result.geo.covariance)
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+    t_ns = result.odometry.trajectory.t_ns
+    return Markup(plots.sigma_svg((t_ns - t_ns[0]) * 1e-9, sigma))  # noqa: S704  drawn here, from numbers
+
+
+def overlays(result: DriveResult, folder: Path) -> list[tuple[Picture, Picture]]:
+    """Left and right of each keyframe that was drawn."""
+    t_ns, shown = result.odometry.trajectory.t_ns, []
+    for left in sorted((folder / OVERLAYS_DIR).glob("*_left.jpg")):
+        frame = int(left.name.removesuffix("_left.jpg"))
+        caption = f"frame {frame}, {(t_ns[frame] - t_ns[0]) * 1e-9:.1f} s"
+        sides = (left, left.with_name(left.name.replace("_left", "_right")))
+        images = [views.jpeg_bytes(views.shrunk(read_image(file), OVERLAY_WIDTH_PX)) for file in sides]
+        shown.append((Picture(data_uri(images[0], "jpeg"), caption + ", left"), Picture(data_uri(images[1], "jpeg"), "right")))
+    return shown
+
+
+def class_bars(said: dict[str, Any]) -> list[dict[str, Any]]:
+    """For each class that has a point: name, colour, counts, and the length of its bar in percent of the longest."""
+    most = max((counts["tcl_stereo"] for counts in said["classes"].values()), default=0) or 1
+    colours = {name: "#" + PALETTE[i].tobytes().hex() for i, name in enumerate(CLASS_NAMES)}
+    rows = []
+    for name, counts in said["classes"].items():
+        if any(counts.values()):
+            change = counts["tcl_stereo"] - counts["baseline"]
+            width = 100.0 * counts["tcl_stereo"] / most
+            rows.append({"name": name, "colour": colours.get(name, "#000000"), "width": width, "change": change, **counts})
+    return sorted(rows, key=lambda row: (row["name"] == "void", -row["tcl_stereo"], row["name"]))
+
+
+def stage_bars(said: dict[str, Any]) -> list[dict[str, Any]]:
+    """For each stage: name, seconds, whether reused, and the length of its bar in percent of the longest."""
+    longest = max((stage["seconds"] for stage in said["stages"].values()), default=0.0) or 1.0
+    return [{"name": name, "width": 100.0 * stage["seconds"] / longest, **stage} for name, stage in said["stages"].items()]
+
+
+def data_uri(data: bytes, kind: str) -> str:
+    """An image inside the page."""
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+
+
+def number(value: float | None, digits: int = 2, unit: str = "") -> str:
+    """A number for people; a dash for None."""
+    return "–" if value is None else f"{value:.{digits}f}{unit}"
+
+
+def thousands(value: int) -> str:
+    """1234567 to '1 234 567', with narrow no-break spaces."""
+    return f"{value:,}".replace(",", "\u202f")

@@ -1,0 +1,157 @@
+"""What a report says of a drive, as JSON-able numbers and words."""
+
+import math
+from collections.abc import Iterable
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+import wayloom
+from wayloom.config.classes import CLASS_NAMES, VOID
+from wayloom.evaluation.trajectory import evaluate, path_length
+from wayloom.odometry.types import OdometryResult
+from wayloom.pipeline.drive import DriveResult
+
+FORMAT: Final = "wayloom-drive-report"
+FORMAT_VERSION: Final = 1
+
+
+def drive_facts(result: DriveResult) -> dict[str, Any]:
+    """The content of report.json. Numbers that are not finite are None."""
+    said: dict[str, Any] = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "wayloom": wayloom.__version__,
+        "log": result.log_facts["log"],
+        "model": result.model,
+        "odometry": odometry_facts(result),
+        "georeference": georeference_facts(result),
+        "cloud": cloud_facts(result),
+        "classes": class_counts(result),
+        "stages": {name: {"seconds": time.seconds, "reused": time.reused} for name, time in result.times.items()},
+        "warnings": warnings(result),
+    }
+    errors = truth_errors(result)
+    if errors is not None:
+        said["truth"] = errors
+    return {name: finite(value) for name, value in said.items()}
+
+
+def odometry_facts(result: DriveResult) -> dict[str, Any]:
+    """How the drive was tracked."""
+    odometry = result.odometry
+    trajectory = odometry.trajectory
+    seconds = result.times["odometry"].seconds
+    return {
+        "frames": len(trajectory),
+        "frames_tracked": int(trajectory.tracked.sum()),
+        "segments": len(np.unique(trajectory.segment)),
+        "keyframes": len(odometry.keyframes),
+        "points": len(odometry.points),
+        "observations": len(odometry.points.obs_keyframe),
+        "distance_m": path_length(trajectory.T_world_cam[:, :3, 3]),
+        "points_per_m": len(odometry.points) / max(path_length(trajectory.T_world_cam[:, :3, 3]), 1.0),
+        "disparity_bias_px": odometry.disparity_bias_px,
+        "row_coefficients_px": [float(c) for c in odometry.row_coefficients],
+        "row_offset_in_corner_px": row_offset_in_corner(odometry),
+        "ms_per_frame": 1000.0 * seconds / max(len(trajectory), 1),
+        "report": odometry.report,
+    }
+
+
+def row_offset_in_corner(odometry: OdometryResult) -> float:
+    """The largest |dv| in px that the row coefficients give in the four corners of the image."""
+    camera = odometry.rig.camera
+    uv = np.array([[u, v] for u in (0.0, camera.width - 1.0) for v in (0.0, camera.height - 1.0)])
+    x, y = camera.rays(uv)[:, :2].T
+    c0, c1, c2 = odometry.row_coefficients
+    return float(np.abs(c0 * (1 + y**2) + c1 * x + c2 * x * y).max())
+
+
+def georeference_facts(result: DriveResult) -> dict[str, Any]:
+    """Where the drive lies on Earth, and how well that is known."""
+    frame = result.geo.frame
+    origin = None if frame is None else {"lon_deg": frame.lon_deg, "lat_deg": frame.lat_deg, "height_m": frame.height_m}
+    return {"origin": origin, **result.geo.report}
+
+
+def cloud_facts(result: DriveResult) -> dict[str, Any]:
+    """The points that went into the map, and why others did not."""
+    left_out: dict[str, int] = {}
+    for placed in result.submaps:
+        for reason, count in placed.submap.points_left_out.items():
+            left_out[reason] = left_out.get(reason, 0) + count
+    points = sum(len(placed.submap) for placed in result.submaps)
+    distance = path_length(result.odometry.trajectory.T_world_cam[:, :3, 3])
+    return {
+        "frame": "enu" if result.geo.frame is not None else "world",
+        "points": points,
+        "points_per_m": points / max(distance, 1.0),
+        "left_out": left_out,
+        "submaps": [
+            {"digest": placed.submap.digest, "points": len(placed.submap), "length_m": placed.submap.length_m}
+            for placed in result.submaps
+        ],
+    }
+
+
+def class_counts(result: DriveResult) -> dict[str, dict[str, int]]:
+    """Class name to point counts: host image alone, TCL mono, TCL stereo, and, in stereo, those in the cloud."""
+    labels = result.labels
+    cloud = concatenated(placed.submap.label for placed in result.submaps)
+    columns = {"baseline": labels.baseline, "tcl_mono": labels.mono, "tcl_stereo": labels.stereo, "cloud": cloud}
+    counts = {name: np.bincount(column, minlength=256) for name, column in columns.items()}
+    ids = {name: i for i, name in enumerate(CLASS_NAMES)} | {"void": VOID}
+    return {name: {column: int(count[i]) for column, count in counts.items()} for name, i in ids.items()}
+
+
+def concatenated(arrays: Iterable[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """All arrays one behind the other; empty where there is none."""
+    return np.concatenate([np.empty(0, np.uint8), *arrays])
+
+
+def truth_errors(result: DriveResult) -> dict[str, Any] | None:
+    """Errors against the log's own truth; None where it has none."""
+    truth = result.log.truth
+    if truth is None or np.isfinite(truth).all(axis=(1, 2)).sum() < 3:
+        return None
+    return dict(evaluate(result.odometry.trajectory.T_world_cam, truth).as_json())
+
+
+def warnings(result: DriveResult) -> list[str]:
+    """What a reader must know before trusting the map, worst first."""
+    trajectory, log = result.odometry.trajectory, result.log_facts["log"]
+    said = []
+    lost = int((~trajectory.tracked).sum())
+    if lost:
+        segments = len(np.unique(trajectory.segment))
+        said.append(f"{lost} of {len(trajectory)} frames were lost: the track has {segments} segments, joined by guesses or GNSS")
+    said += [str(message) for message in result.geo.report.get("messages", ())]
+    if log["missing"]:
+        said.append(f"the log has no {', no '.join(log['missing'])}")
+    gaps = log["frames"]["gaps"]
+    if gaps:
+        worst = max(gap["seconds"] for gap in gaps)
+        said.append(f"{len(gaps)} gaps in the frames' time stamps, the longest {worst:.2f} s")
+    if result.model.get("grey_images_to_a_colour_network"):
+        said.append(
+            f"the images are grey and the network {result.model['name']} was trained on colour: its labels are less certain"
+        )
+    void = int((result.labels.stereo == VOID).sum())
+    if len(result.labels) and void > 0.2 * len(result.labels):
+        said.append(f"{100.0 * void / len(result.labels):.0f} % of the points have no label")
+    return said
+
+
+def finite(value: Any) -> Any:
+    """The same JSON-able value with numpy numbers as Python's and None for numbers that JSON does not know."""
+    if isinstance(value, dict):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
