@@ -29,7 +29,8 @@ def pixel(image: np.ndarray, u: float, v: float) -> int:
 def naive_votes(drive: OdometryResult, images: HeldImages, p: int, dist_min: float, stereo: bool) -> dict[int, float]:
     """Eq. 3 in metres, one point and one image after the other."""
     points, T_world_cam = drive.points, drive.keyframes.T_world_cam
-    host, u, v = int(points.host[p]), *points.uv_host[p].astype(float)
+    host = int(points.host[p])
+    u, v = points.uv_host[p].astype(float)
     z = 1 / float(points.inverse_depth[p])
     p_world = T_world_cam[host] @ np.array([(u - CAMERA.cx) / CAMERA.fx * z, (v - CAMERA.cy) / CAMERA.fy * z, z, 1])
     part = slice(points.obs_start[p], points.obs_start[p + 1])

@@ -34,7 +34,7 @@ def save_labels(labels: PointLabels, path: Path) -> None:
 def load_labels(path: Path) -> PointLabels:
     """Read what `save_labels` wrote. Raises StageError where the file is missing, damaged or of another version."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             version = int(archive["format_version"])
             arrays = {field.name: archive[field.name] for field in fields(PointLabels)} if version == FORMAT_VERSION else {}
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as error:

@@ -19,9 +19,7 @@ from wayloom.segmentation.tiling import tiles_along
 Image = NDArray[np.uint8]
 Labels = NDArray[np.uint8]
 
-_ID_TYPES: Final = ("tensor(int64)", "tensor(int32)", "tensor(uint8)")
-_LOGIT_TYPES: Final = ("tensor(float)", "tensor(float16)")
-_LOAD_ERRORS: Final = (RuntimeError, ValueError, TypeError)  # onnxruntime's own errors derive from these
+_FIT: Final = "correct `layout`, `size`, `multiple` or `tile_px` of its description"
 
 
 class Network:
@@ -124,17 +122,18 @@ class Network:
             offset = -np.array(d.mean, np.float32) / np.array(d.std, np.float32)
             values = rgb * gain + offset
         batch = values[None] if d.layout == "NHWC" else values.transpose(2, 0, 1)[None]
-        outputs: list[NDArray[Any]] = self._session.run(None, {self._input: np.ascontiguousarray(batch)})
+        try:
+            outputs: list[NDArray[Any]] = self._session.run(None, {self._input: np.ascontiguousarray(batch)})
+        except Exception as error:  # onnxruntime's errors have no other base
+            size = f"{rgb.shape[1]}x{rgb.shape[0]}"
+            raise ModelError(f"does not run on {size} pixels ({_one_line(error)})", file=self.path, remedy=_FIT) from error
         return outputs
 
     def _try_out(self) -> None:
         """Run a blank image through, so that a network that does not fit its description is refused before any work."""
         d = self.description
         side = d.tile_px if d.size == "tiles" else -(-64 // d.multiple) * d.multiple
-        try:
-            output = self._run(np.zeros((side, side, 3), np.uint8))[0]
-        except _LOAD_ERRORS as error:
-            raise ModelError(f"does not run on {side}x{side} pixels ({_one_line(error)})", file=self.path) from error
+        output = self._run(np.zeros((side, side, 3), np.uint8))[0]
         _check_output(d, output, side, self.path)
 
 
@@ -150,14 +149,14 @@ def _load(path: Path, threads: int) -> Any:
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     try:
         return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-    except _LOAD_ERRORS as error:
-        raise ModelError(f"onnxruntime cannot load it ({_one_line(error)})", file=path) from error
+    except Exception as error:  # onnxruntime's errors have no other base
+        raise ModelError(f"onnxruntime cannot load it ({_one_line(error)})", file=path, remedy="export it again") from error
 
 
 def _check_input(d: ModelDescription, session: Any, path: Path) -> None:
     inputs = session.get_inputs()
     if len(inputs) != 1:
-        raise ModelError(f"has {len(inputs)} inputs, not one image", file=path)
+        raise ModelError(f"has {len(inputs)} inputs, not one image", file=path, remedy="export the network with the image as input")
     shape, kind = inputs[0].shape, inputs[0].type
     expected = {"float32": "tensor(float)", "uint8": "tensor(uint8)"}[d.dtype]
     if kind != expected:
