@@ -41,11 +41,14 @@ def test_the_bounds_fit_at_the_finest_zoom_that_keeps_the_size():
 
 def test_a_track_is_drawn_where_it_ran():
     track = np.array([[11.6002, 48.10025], [11.6008, 48.10025]])
-    picture = map_picture(lambda z, x, y: None, BOUNDS, [("car-1", track)], max_size_px=400)
-    rows = np.flatnonzero((picture[:, 100:200] == (255, 92, 72)).all(axis=2).any(axis=1))
-    ground_rows = picture.shape[0]
-    assert len(rows) > 0
-    assert rows.max() < ground_rows
+    seen: list[int] = []
+    picture = map_picture(lambda z, x, y: seen.append(z), BOUNDS, [("car-1", track)], max_size_px=400)
+    left, top = pixel_from_lonlat(np.array([[BOUNDS[0], BOUNDS[3]]]), seen[0])[0] - MARGIN_PX
+    (column, row), (end, _) = pixel_from_lonlat(track, seen[0]) - (left, top)
+    drawn = np.argwhere((picture[:, : picture.shape[1] - LEGEND_PX] == (255, 92, 72)).all(axis=2))
+    assert np.abs(drawn[:, 0] - row).max() <= 1
+    assert drawn[:, 1].min() == pytest.approx(column, abs=2)
+    assert drawn[:, 1].max() == pytest.approx(end, abs=2)
 
 
 def test_a_tile_that_is_no_picture_is_reported():
