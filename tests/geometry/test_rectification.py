@@ -6,7 +6,14 @@ import pytest
 
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera
-from wayloom.geometry.rectification import DistortedCamera, distort, project_distorted, rectifying_maps, undistort
+from wayloom.geometry.rectification import (
+    DistortedCamera,
+    distort,
+    distortion_jacobian,
+    project_distorted,
+    rectifying_maps,
+    undistort,
+)
 
 # The colour camera of KITTI's 2011_09_26, at half size.
 LENS = DistortedCamera(PinholeCamera(479.9, 478.5, 348.0, 112.1, 696, 256), (-0.369, 0.197, 1.35e-3, 5.7e-4, -0.068))
@@ -22,7 +29,20 @@ def test_the_lens_is_that_of_opencv() -> None:
 
 def test_undistort_undoes_distort() -> None:
     xy = np.random.default_rng(1).uniform([-0.7, -0.25], [0.7, 0.25], (300, 2))
-    np.testing.assert_allclose(undistort(distort(xy, LENS.distortion), LENS.distortion), xy, atol=1e-7)
+    np.testing.assert_allclose(undistort(distort(xy, LENS.distortion), LENS.distortion), xy, atol=1e-9)
+
+
+def test_the_jacobian_of_the_lens_is_that_of_finite_differences() -> None:
+    xy, step = np.random.default_rng(2).uniform([-1, -0.6], [1, 0.6], (50, 2)), 1e-6
+    J = distortion_jacobian(xy, LENS.distortion)
+    for i in range(2):
+        d = step * np.eye(2)[i]
+        numeric = (distort(xy + d, LENS.distortion) - distort(xy - d, LENS.distortion)) / (2 * step)
+        np.testing.assert_allclose(J[:, :, i], numeric, atol=1e-8)
+
+
+def test_where_the_lens_reaches_no_point_undistort_is_nan() -> None:
+    assert np.isnan(undistort(np.array([[9.0, 9.0]]), LENS.distortion)).all()
 
 
 def test_a_ray_that_does_not_point_forward_is_nan() -> None:
@@ -47,7 +67,7 @@ def test_a_distorted_picture_of_a_made_world_comes_out_as_the_ideal_camera_sees_
     c = lens.camera
     v, u = np.mgrid[0 : c.height, 0 : c.width].astype(float)
     xy = undistort(np.column_stack([(u.ravel() - c.cx) / c.fx, (v.ravel() - c.cy) / c.fy]), lens.distortion)
-    rays_rect = np.column_stack([xy, np.ones(len(xy))]) @ R_RECT.T
+    rays_rect = np.column_stack([np.nan_to_num(xy), np.ones(len(xy))]) @ R_RECT.T
     seen = np.round(texture(rays_rect)).astype(np.uint8).reshape(c.height, c.width)
     got = cv2.remap(seen, *rectifying_maps(lens, R_RECT, RECTIFIED), cv2.INTER_LINEAR).astype(float)
     v, u = np.mgrid[0 : RECTIFIED.height, 0 : RECTIFIED.width].astype(float)

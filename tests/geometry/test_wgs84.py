@@ -20,8 +20,9 @@ def test_earth_centred_coordinates_are_those_of_pyproj() -> None:
 
 @pytest.mark.parametrize("origin", [(8.4, 49.0, 115.0), (-70.0, -33.0, 500.0), (179.9999, 0.0, 0.0)])
 def test_the_tangent_plane_is_that_of_pyproj(origin: tuple[float, float, float]) -> None:
-    lon, lat, h = origin
-    pipeline = f"+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 +step +proj=topocentric +ellps=WGS84 +lon_0={lon} +lat_0={lat} +h_0={h}"
+    place = "+lon_0={} +lat_0={} +h_0={}".format(*origin)
+    steps = ("+proj=unitconvert +xy_in=deg +xy_out=rad", "+proj=cart +ellps=WGS84", f"+proj=topocentric +ellps=WGS84 {place}")
+    pipeline = "+proj=pipeline " + " ".join(f"+step {step}" for step in steps)
     near = np.array(origin) + np.random.default_rng(1).uniform([-0.02, -0.02, -50], [0.02, 0.02, 50], (200, 3))
     expected = np.column_stack(Transformer.from_pipeline(pipeline).transform(*near.T))
     np.testing.assert_allclose(enu_from_lonlatheight(near, np.array(origin)), expected, atol=1e-6)

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from wayloom.geometry.camera import PinholeCamera
 
 Array = NDArray[np.float64]
+Coefficients = tuple[float, float, float, float, float]
+NEWTON_STEPS, LARGEST_STEP, SMALLEST_DETERMINANT, UNDISTORTED_TO = 25, 0.3, 1e-6, 1e-10
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,10 +21,10 @@ class DistortedCamera:
     """
 
     camera: PinholeCamera
-    distortion: tuple[float, float, float, float, float]
+    distortion: Coefficients
 
 
-def distort(xy: Array, distortion: tuple[float, float, float, float, float]) -> Array:
+def distort(xy: Array, distortion: Coefficients) -> Array:
     """Normalised ideal coordinates (N, 2), x/z and y/z, to where the lens puts them, (N, 2).
 
     x_d = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), and p1, p2 exchanged for y.
@@ -39,12 +41,33 @@ def distort(xy: Array, distortion: tuple[float, float, float, float, float]) -> 
     )
 
 
-def undistort(xy_distorted: Array, distortion: tuple[float, float, float, float, float], iterations: int = 50) -> Array:
-    """The inverse of `distort`, (N, 2) to (N, 2), by fixed-point iteration; for the parts of a lens where it has one."""
+def distortion_jacobian(xy: Array, distortion: Coefficients) -> Array:
+    """The derivative of `distort` at xy (N, 2), (N, 2, 2); symmetric."""
+    k1, k2, p1, p2, k3 = distortion
+    x, y = xy[:, 0], xy[:, 1]
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3)  # d radial / d r2
+    out = np.empty((len(xy), 2, 2))
+    out[:, 0, 0] = radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
+    out[:, 1, 1] = radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
+    out[:, 0, 1] = out[:, 1, 0] = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y
+    return out
+
+
+def undistort(xy_distorted: Array, distortion: Coefficients) -> Array:
+    """The inverse of `distort`, (N, 2) to (N, 2), by Newton's method; NaN where the lens has none that it finds."""
     xy = xy_distorted.copy()
-    for _ in range(iterations):
-        xy = xy + (xy_distorted - distort(xy, distortion))
-    return xy
+    for _ in range(NEWTON_STEPS):
+        J = distortion_jacobian(xy, distortion)
+        rest = xy_distorted - distort(xy, distortion)
+        det = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] ** 2
+        det = np.where(np.abs(det) < SMALLEST_DETERMINANT, SMALLEST_DETERMINANT, det)
+        step_x = (J[:, 1, 1] * rest[:, 0] - J[:, 0, 1] * rest[:, 1]) / det
+        step_y = (J[:, 0, 0] * rest[:, 1] - J[:, 0, 1] * rest[:, 0]) / det
+        xy = xy + np.clip(np.column_stack([step_x, step_y]), -LARGEST_STEP, LARGEST_STEP)
+    found = np.abs(xy_distorted - distort(xy, distortion)).max(axis=1) < UNDISTORTED_TO
+    return np.where(found[:, None], xy, np.nan)
 
 
 def project_distorted(rays: Array, lens: DistortedCamera) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import LogError
-from wayloom.logs.text_files import parse_numbers, quoted, read_text
+from wayloom.logs.text_files import QUOTE_CHARACTERS, parse_numbers, quoted, read_text
 from wayloom.logs.timestamps import check_increasing, ns_from_seconds
 from wayloom.logs.types import FixType, GnssTrack
 
@@ -57,7 +57,7 @@ def write_gnss_csv(file: Path, track: GnssTrack) -> None:
 def _time(row: dict[str, str | None], file: Path, line: int) -> int:
     try:
         if row.get("t_ns"):
-            t_ns = int(str(row["t_ns"]))
+            t_ns = int(str(row["t_ns"])[:QUOTE_CHARACTERS])
             if abs(t_ns) > 9 * 10**18:
                 raise ValueError(f"{quoted(str(t_ns))} is no possible time")
             return t_ns

@@ -55,7 +55,7 @@ def check_projection(P: FloatArray, file: Path, key: str) -> None:
     rows = [[P[0, 0], 0, P[0, 2]], [0, P[1, 1], P[1, 2]], [0, 0, 1]]
     if not np.allclose(P[:, :3], rows, atol=1e-6):
         raise CalibrationError("is no projection matrix of a rectified camera", file=file, record=key, remedy=RESTORE)
-    if P[0, 0] <= 0 or P[1, 1] <= 0 or max(P[0, 0], P[1, 1]) > 1e6:
+    if not (1.0 <= P[0, 0] <= 1e6 and 1.0 <= P[1, 1] <= 1e6):
         what = f"focal length {P[0, 0]:g}, {P[1, 1]:g} px is impossible"
         raise CalibrationError(what, file=file, record=key, remedy=RESTORE)
 

@@ -63,12 +63,13 @@ def find_positioning(log_folder: Path, gnss: Path | None, clock: FrameClock, P_l
         track, imu, files, missing = read_oxts(source, clock, by_number=by_number)
         T_cam_imu, calibration_files, lacking = find_T_cam_imu(source.parent, log_folder, P_left)
         missing += lacking
-    p_cam_gnss = np.zeros(3) if T_cam_imu is None else T_cam_imu[:3, 3].copy()
-    if sidecar.T_cam_imu is not None:
-        T_cam_imu = np.array(sidecar.T_cam_imu)
+        T_cam_imu = np.array(sidecar.T_cam_imu) if sidecar.T_cam_imu is not None else T_cam_imu
     if sidecar.p_cam_gnss_m is not None:
         p_cam_gnss = np.array(sidecar.p_cam_gnss_m)
-    elif not p_cam_gnss.any():
+    elif T_cam_imu is not None:
+        p_cam_gnss = T_cam_imu[:3, 3].copy()  # an oxts packet's position is that of the unit
+    else:
+        p_cam_gnss = np.zeros(3)
         missing += ("lever arm",)
     return Positioning(track, imu, p_cam_gnss, T_cam_imu, missing, (*files, *calibration_files))
 

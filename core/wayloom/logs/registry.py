@@ -53,9 +53,7 @@ def find_log(path: Path) -> Path:
         if not path.exists():
             raise LogError("no such folder", file=path, remedy="give the path of a drive log")
         if not path.is_dir():
-            raise UnknownFormatError(
-                f"is a file, and no known log format is one; {known()}", file=path, remedy="give a log's folder"
-            )
+            raise UnknownFormatError(f"is a file; {known()}", file=path, remedy="give a log's folder")
         if _recognised(path):
             return path
         inside = sorted(path.iterdir())

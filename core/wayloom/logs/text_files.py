@@ -9,6 +9,7 @@ from wayloom.errors import InputError, LogError
 
 FloatArray = NDArray[np.float64]
 QUOTE_CHARACTERS = 40
+LARGEST_NUMBER = 1e12
 
 
 def quoted(text: str) -> str:
@@ -58,6 +59,7 @@ def parse_numbers(
             values[i] = float(word)
         except ValueError:
             raise error(f"{quoted(word)} is not a number", file=file, record=record, remedy="correct the file") from None
-        if not np.isfinite(values[i]):
-            raise error(f"{quoted(word)} is not finite", file=file, record=record, remedy="correct the file")
+        if not np.isfinite(values[i]) or abs(values[i]) > LARGEST_NUMBER:
+            what = "is not finite" if not np.isfinite(values[i]) else "is out of all range"
+            raise error(f"{quoted(word)} {what}", file=file, record=record, remedy="correct the file")
     return values

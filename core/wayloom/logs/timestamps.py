@@ -24,7 +24,7 @@ def ns_from_seconds(text: str) -> int:
         seconds = Decimal(text)
     except InvalidOperation:
         raise ValueError(f"{quoted(text)} is not a time in seconds") from None
-    if not seconds.is_finite() or abs(seconds) > LARGEST_SECONDS:
+    if not seconds.is_finite() or seconds.adjusted() > 10 or abs(seconds) > LARGEST_SECONDS:
         raise ValueError(f"{quoted(text)} is no possible time in seconds")
     return round(seconds * NS)
 
