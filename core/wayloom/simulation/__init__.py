@@ -1,1 +1,1 @@
-"""The synthetic city and its fleet, with exact truth."""
+"""The synthetic city and its fleet, with exact truth for everything that a drive records."""

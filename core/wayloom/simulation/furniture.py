@@ -1,0 +1,151 @@
+"""What stands on sidewalks: lamps, signs, traffic lights, bollards, bins, shelters, and the fences and walls of gardens."""
+
+import numpy as np
+
+from wayloom.config.classes import CLASS_ID
+from wayloom.simulation.ground import KERB_M
+from wayloom.simulation.materials import Material
+from wayloom.simulation.mesh import MeshBuilder
+from wayloom.simulation.paint_objects import SIGN_COLUMNS, SIGN_ROWS
+from wayloom.simulation.solids import box, post, tube
+from wayloom.simulation.streets import F64
+
+POLE, SIGN, LIGHT = CLASS_ID["pole"], CLASS_ID["traffic sign"], CLASS_ID["traffic light"]
+FENCE, WALL, BUILDING = CLASS_ID["fence"], CLASS_ID["wall"], CLASS_ID["building"]
+SIGN_KINDS = SIGN_COLUMNS * SIGN_ROWS
+GREY = (0.7, 0.7, 0.7)
+BACK_OF_SIGN = (0.3, 0.3, 0.3)
+
+
+def lamp_post(m: MeshBuilder, at: F64, to_street: F64, number: int) -> None:
+    """A street lamp with an arm of 1.6 m over the road."""
+    post(m, at[0], at[1], (0, 0.9), (0.09, 0.09), Material.METAL, POLE, number)
+    post(m, at[0], at[1], (0.9, 6.4), (0.06, 0.045), Material.METAL, POLE, number)
+    end = at + to_street * 1.6
+    tube(m, (*at, 6.35), (*end, 6.6), (0.04, 0.03), Material.METAL, POLE, number, sides=5)
+    yaw = float(np.arctan2(to_street[1], to_street[0]))
+    box(m, (-0.35, -0.12, 6.52), (0.35, 0.12, 6.64), Material.METAL, POLE, number, GREY, 1, (end[0], end[1]), yaw, bottom=True)
+
+
+def _plate(m: MeshBuilder, at: F64, facing: F64, z: tuple[float, float], half_m: float, kind: int, number: int) -> None:
+    """Sign `kind` on a thin plate that faces `facing`, and its grey back of the same shape."""
+    to_its_right = np.array([-facing[1], facing[0]]) * half_m  # as who looks at it sees it
+    u0, v0 = (kind % SIGN_COLUMNS) / SIGN_COLUMNS, (kind // SIGN_COLUMNS) / SIGN_ROWS
+    u1, v1 = u0 + 1 / SIGN_COLUMNS, v0 + 1 / SIGN_ROWS
+    for off, tint in ((0.05, (1.0, 1.0, 1.0)), (0.035, BACK_OF_SIGN)):
+        a, b = at + facing * off - to_its_right, at + facing * off + to_its_right
+        quad = [(*a, z[0]), (*b, z[0]), (*b, z[1]), (*a, z[1])]
+        m.quads([quad], [[(u0, v1), (u1, v1), (u1, v0), (u0, v0)]], Material.SIGNS, SIGN, number, tint)
+
+
+def sign_post(m: MeshBuilder, at: F64, facing: F64, kind: int, post_number: int, sign_number: int) -> None:
+    """A sign, 0.66 m wide, on a post."""
+    post(m, at[0], at[1], (0, 2.75), (0.032, 0.032), Material.METAL, POLE, post_number, (1.2, 1.2, 1.2), 6)
+    _plate(m, at, facing, (2.08, 2.74), 0.33, kind, sign_number)
+
+
+def traffic_light(m: MeshBuilder, at: F64, facing: F64, to_street: F64, arm_m: float, post_number: int, light_number: int) -> None:
+    """Signal heads on a post, and, where arm_m > 0, one more over the road."""
+    tall = 3.5 if arm_m == 0 else 5.9
+    post(m, at[0], at[1], (0, tall), (0.08, 0.07), Material.METAL, POLE, post_number)
+    _signal_head(m, at + facing * 0.22, facing, 2.45, light_number)
+    if arm_m > 0:
+        end = at + to_street * arm_m
+        tube(m, (*at, tall - 0.1), (*end, tall + 0.15), (0.06, 0.04), Material.METAL, POLE, post_number, sides=6)
+        _signal_head(m, end + facing * 0.16, facing, tall - 0.75, light_number)
+
+
+def _signal_head(m: MeshBuilder, at: F64, facing: F64, foot_m: float, number: int) -> None:
+    """A box of three lamps with its foot at foot_m."""
+    yaw = float(np.arctan2(facing[1], facing[0]))
+    box(
+        m,
+        (-0.14, -0.16, foot_m),
+        (0.14, 0.16, foot_m + 0.95),
+        Material.METAL,
+        LIGHT,
+        number,
+        (0.14, 0.15, 0.14),
+        1,
+        (at[0], at[1]),
+        yaw,
+        bottom=True,
+    )
+    face, to_its_right = at + facing * 0.146, np.array([-facing[1], facing[0]]) * 0.15
+    a, b = face - to_its_right, face + to_its_right
+    quad = [(*a, foot_m + 0.02), (*b, foot_m + 0.02), (*b, foot_m + 0.93), (*a, foot_m + 0.93)]
+    m.quads([quad], [[(0, 1), (1, 1), (1, 0), (0, 0)]], Material.LAMPS, LIGHT, number)
+
+
+def bollard(m: MeshBuilder, at: F64, number: int) -> None:
+    """A post of 0.95 m with a white band."""
+    post(m, at[0], at[1], (0, 0.75), (0.055, 0.055), Material.METAL, POLE, number, (0.45, 0.45, 0.45))
+    post(m, at[0], at[1], (0.75, 0.86), (0.057, 0.057), Material.PAINT, POLE, number, (0.8, 0.8, 0.8))
+    post(m, at[0], at[1], (0.86, 0.97), (0.055, 0.04), Material.METAL, POLE, number, (0.45, 0.45, 0.45))
+
+
+def cabinet(m: MeshBuilder, at: F64, yaw: float, number: int, rng: np.random.Generator) -> None:
+    """A grey switch cabinet, a yellow letter box or a green bin."""
+    tint = ((0.55, 0.58, 0.55), (0.75, 0.5, 0.03), (0.06, 0.2, 0.1))[rng.integers(3)]
+    box(
+        m,
+        (-0.45, -0.22, KERB_M),
+        (0.45, 0.22, rng.uniform(0.9, 1.4)),
+        Material.PAINT,
+        BUILDING,
+        number,
+        tint,
+        1,
+        (at[0], at[1]),
+        yaw,
+    )
+
+
+def shelter(m: MeshBuilder, at: F64, along: F64, to_street: F64, number: int) -> None:
+    """A glass bus shelter, 4 m long."""
+    yaw = float(np.arctan2(along[1], along[0]))
+    place = {"at": (float(at[0]), float(at[1])), "yaw": yaw}
+    side = -1.0 if along[0] * to_street[1] - along[1] * to_street[0] < 0 else 1.0
+    low, high = sorted((0.0, side * 1.4))
+    box(m, (-2, low, 2.4), (2, high, 2.52), Material.METAL, BUILDING, number, bottom=True, **place)
+    box(m, (-1.9, -0.03, 0.4), (1.9, 0.03, 2.3), Material.GLASS, BUILDING, number, (3.0, 3.2, 3.2), **place)
+    for x in (-1.95, 0.0, 1.95):
+        box(m, (x - 0.04, -0.04, KERB_M), (x + 0.04, 0.04, 2.4), Material.METAL, BUILDING, number, **place)
+
+
+def fence(m: MeshBuilder, a: F64, b: F64, number: int, rng: np.random.Generator) -> None:
+    """Iron rails, wooden pickets or wire mesh from a to b (2,) m, with posts."""
+    material = (Material.RAILS, Material.PICKETS, Material.MESH)[rng.integers(3)]
+    high, length = rng.uniform(1.1, 1.7), float(np.hypot(*(b - a)))
+    quad = [(*a, KERB_M - 0.05), (*b, KERB_M - 0.05), (*b, high), (*a, high)]
+    repeat = max(1, round(length / 2))
+    m.quads([quad], [[(0, 1), (repeat, 1), (repeat, 0), (0, 0)]], material, FENCE, number)
+    yaw = float(np.arctan2(*(b - a)[::-1]))
+    for s in np.linspace(0, 1, repeat + 1):
+        p = a + (b - a) * s
+        box(
+            m,
+            (-0.04, -0.04, -0.1),
+            (0.04, 0.04, high + 0.05),
+            Material.METAL,
+            FENCE,
+            number,
+            (0.4, 0.42, 0.4),
+            at=(p[0], p[1]),
+            yaw=yaw,
+        )
+
+
+def guard_rail(m: MeshBuilder, a: F64, b: F64, number: int) -> None:
+    """Pedestrian railing along a kerb."""
+    quad = [(*a, KERB_M), (*b, KERB_M), (*b, 1.1), (*a, 1.1)]
+    repeat = max(1, round(float(np.hypot(*(b - a))) / 2))
+    m.quads([quad], [[(0, 1), (repeat, 1), (repeat, 0), (0, 0)]], Material.RAILS, FENCE, number, (5.0, 5.0, 5.0))
+
+
+def garden_wall(m: MeshBuilder, a: F64, b: F64, number: int, rng: np.random.Generator) -> None:
+    """Brick, rubble or concrete with a coping, from a to b (2,) m."""
+    material = (Material.BRICK, Material.RUBBLE, Material.CONCRETE)[rng.integers(3)]
+    high, length, yaw = rng.uniform(0.9, 2.2), float(np.hypot(*(b - a))), float(np.arctan2(*(b - a)[::-1]))
+    box(m, (0, 0, -0.4), (length, 0.25, high), material, WALL, number, metres=3.0, at=(a[0], a[1]), yaw=yaw)
+    box(m, (0, -0.05, high), (length, 0.30, high + 0.09), Material.CONCRETE, WALL, number, metres=3.0, at=(a[0], a[1]), yaw=yaw)

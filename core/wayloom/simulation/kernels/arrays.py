@@ -1,0 +1,92 @@
+"""The named groups of arrays that the drawing kernels share.
+
+World axes: x east, y north, z up, metres. Camera axes: x right, y down, z forward.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Triangles(NamedTuple):
+    """Triangles to draw, row by row.
+
+    corners   (T, 3, 3) float32 m, world
+    uv        (T, 3, 2) float32 texture coordinates, 1 = one repeat
+    normals   (T, 3, 3) float32 unit, world, at the corners
+    material  (T,) uint8 layer of the texture stack
+    tint      (T, 3) float32 linear factor on the texture's colour
+    """
+
+    corners: NDArray[np.float32]
+    uv: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    material: NDArray[np.uint8]
+    tint: NDArray[np.float32]
+
+
+class TextureStack(NamedTuple):
+    """All textures with their mip pyramids, flattened.
+
+    texels   (M, 4) uint8: square root of linear RGB, then gloss, or coverage for cut-out layers
+    offsets  (levels + 1,) int64 first row of each level
+    size     edge of level 0 in texels, a power of two
+    cutout   (L,) uint8: 1 where coverage under one half is a hole
+    smooth   (L,) uint8: 1 where no large-scale stain is laid over the texture
+    """
+
+    texels: NDArray[np.uint8]
+    offsets: NDArray[np.int64]
+    size: int
+    cutout: NDArray[np.uint8]
+    smooth: NDArray[np.uint8]
+
+
+class DepthMap(NamedTuple):
+    """Largest coordinate along an axis seen from infinity: values (H, W) float32 m; texel (0, 0)'s edge lies at (x0, y0) m."""
+
+    values: NDArray[np.float32]
+    x0: float
+    y0: float
+    texels_per_m: float
+
+
+class Light(NamedTuple):
+    """Sun, sky and what stands in their way.
+
+    axes       (3, 3) rows: two directions across the sun's rays, and the direction to the sun
+    near, far  DepthMap of standing things along the sun's rays, fine and near, coarse and wide
+    movers     DepthMap of moving things
+    openness   DepthMap-like (H, W) share of the sky seen from the ground, and its place
+    ground     (H, W) float32 m, height of the ground at the texels of openness
+    clouds     (C, C) float32, C a power of two: tileable noise of zero mean, unit spread
+    stains     (C, C) float32, likewise, for large-scale variation of surfaces
+    sun_rgb, sky_rgb, horizon_rgb  (3,) float32 linear radiance
+    cloud_cover  0 clear … 1 overcast
+    haze_per_m   extinction, 1/m
+    """
+
+    axes: NDArray[np.float32]
+    near: DepthMap
+    far: DepthMap
+    movers: DepthMap
+    openness: DepthMap
+    ground: NDArray[np.float32]
+    clouds: NDArray[np.float32]
+    stains: NDArray[np.float32]
+    sun_rgb: NDArray[np.float32]
+    sky_rgb: NDArray[np.float32]
+    horizon_rgb: NDArray[np.float32]
+    cloud_cover: float
+    haze_per_m: float
+
+
+class View(NamedTuple):
+    """A pinhole camera in the world: fx, fy, cx, cy in pixels; T_world_cam (4, 4) float64."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    T_world_cam: NDArray[np.float64]

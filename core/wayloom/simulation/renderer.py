@@ -1,0 +1,108 @@
+"""What a camera in the city sees, and the truth about it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.classes import SKY
+from wayloom.geometry import se3
+from wayloom.geometry.camera import PinholeCamera
+from wayloom.simulation.city import City
+from wayloom.simulation.kernels import raster, shade
+from wayloom.simulation.kernels.arrays import Light, TextureStack, View
+from wayloom.simulation.light import CityLight
+from wayloom.simulation.mesh import Mesh, join
+from wayloom.simulation.traffic import Traffic
+
+F64 = NDArray[np.float64]
+FAR_M = 700.0
+STEREO_MARGIN_M = 1.0
+SAMPLES_PER_EDGE = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """depth (h, w) float32 m along z, 0 for sky; class_id (h, w) uint8 train ids; instance (h, w) uint16, 0 for none."""
+
+    depth: NDArray[np.float32]
+    class_id: NDArray[np.uint8]
+    instance: NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What is near enough to be seen at one moment: triangles, nearest chunks first, and the light."""
+
+    mesh: Mesh
+    light: Light
+    textures: TextureStack
+
+    def image(self, camera: PinholeCamera, T_world_cam: F64) -> NDArray[np.float32]:
+        """(h, w, 3) linear radiance, four samples of coverage a pixel."""
+        n = SAMPLES_PER_EDGE
+        fine = View(n * camera.fx, n * camera.fy, n * camera.cx + 0.5 * (n - 1), n * camera.cy + 0.5 * (n - 1), T_world_cam)
+        ids = self._ids(fine, n * camera.width, n * camera.height)
+        out = np.empty((camera.height, camera.width, 3), np.float32)
+        shade.shade_samples(ids, self.mesh.triangles(), self.textures, self.light, _view(camera, T_world_cam), out)
+        return out
+
+    def truth(self, camera: PinholeCamera, T_world_cam: F64) -> Truth:
+        """What the ray through each pixel's centre meets."""
+        view = _view(camera, T_world_cam)
+        ids = self._ids(view, camera.width, camera.height)
+        depth = np.empty(ids.shape, np.float32)
+        raster.depth_of(ids, view, self.mesh.corners, depth)
+        seen = ids != raster.NO_TRIANGLE
+        return Truth(
+            depth,
+            np.where(seen, self.mesh.class_id[ids], SKY).astype(np.uint8),
+            np.where(seen, self.mesh.instance[ids], 0).astype(np.uint16),
+        )
+
+    def _ids(self, view: View, width: int, height: int) -> NDArray[np.int32]:
+        """(height, width) row of the triangle that each sample sees."""
+        edges, boxes = np.empty((len(self.mesh), 9)), np.empty((len(self.mesh), 4), np.int32)
+        raster.project_triangles(self.mesh.corners, view, se3.inverse(view.T_world_cam), width, height, edges, boxes)
+        inv_z, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
+        raster.rasterise(edges, boxes, self.mesh.triangles(), self.textures, inv_z, ids)
+        return ids
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """A city with its traffic, its textures and its light."""
+
+    city: City
+    traffic: Traffic
+    textures: TextureStack
+    light: CityLight
+
+    def scene(self, camera: PinholeCamera, T_world_cam: F64, t_s: float, left_out: frozenset[int] = frozenset()) -> Scene:
+        """What may be seen from about T_world_cam (a stereo pair's right camera included) at time t_s, without some movers."""
+        x, y = float(T_world_cam[0, 3]), float(T_world_cam[1, 3])
+        movers = self.traffic.around(x, y, t_s, left_out)
+        standing = self.city.chunks(visible_chunks(self.city, camera, T_world_cam))
+        return Scene(join([movers, standing]), self.light.at(x, y, movers), self.textures)
+
+
+def visible_chunks(city: City, camera: PinholeCamera, T_world_cam: F64) -> NDArray[np.int64]:
+    """Chunks whose box is not wholly outside one of the planes of the view, nearest first."""
+    left, right = (-0.5 - camera.cx) / camera.fx, (camera.width - 0.5 - camera.cx) / camera.fx
+    top, bottom = (-0.5 - camera.cy) / camera.fy, (camera.height - 0.5 - camera.cy) / camera.fy
+    planes_cam = np.array([(1, 0, -left), (-1, 0, right), (0, 1, -top), (0, -1, bottom), (0, 0, 1), (0, 0, -1)])
+    planes_cam /= np.linalg.norm(planes_cam, axis=1, keepdims=True)
+    reach = np.full(6, STEREO_MARGIN_M)
+    reach[5] = FAR_M
+    planes, origin = planes_cam @ T_world_cam[:3, :3].T, T_world_cam[:3, 3]
+    kept = np.ones(len(city.low), bool)
+    for plane, beyond in zip(planes, reach, strict=True):
+        farthest = np.where(plane > 0, city.high, city.low)  # the corner of each box that lies farthest inside
+        kept &= (farthest - origin) @ plane > -beyond
+    chosen = np.nonzero(kept)[0]
+    nearest = np.clip(origin, city.low[chosen], city.high[chosen])
+    return chosen[np.argsort(np.linalg.norm(nearest - origin, axis=1), kind="stable")]
+
+
+def _view(camera: PinholeCamera, T_world_cam: F64) -> View:
+    return View(camera.fx, camera.fy, camera.cx, camera.cy, T_world_cam)
