@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from wayloom.logs.inspection import LogReport, RateReport
 
 SHOWN = 10
+PIPE_WIDTH = 200
 
 
 def inspect_command(
@@ -39,6 +40,8 @@ def print_report(report: "LogReport") -> None:
     from rich.text import Text
 
     console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=PIPE_WIDTH)
     table = Table("", report.name, title=None, show_header=True, header_style="bold", box=None, pad_edge=False)
     for name, value in rows(report):
         table.add_row(Text(name, style="dim"), Text(value))
@@ -91,4 +94,5 @@ def rate_text(rate: "RateReport") -> str:
         return text + ", no gaps"
     shown = ", ".join(f"{gap.seconds:.2f} s after {gap.after}" for gap in rate.gaps[:SHOWN])
     more = f", {len(rate.gaps) - SHOWN} more" if len(rate.gaps) > SHOWN else ""
-    return f"{text}, {len(rate.gaps)} gaps: {shown}{more}"
+    gaps = "1 gap" if len(rate.gaps) == 1 else f"{len(rate.gaps)} gaps"
+    return f"{text}, {gaps}: {shown}{more}"
