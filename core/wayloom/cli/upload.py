@@ -1,0 +1,104 @@
+"""`wayloom upload`: drive logs to a service, resumed where an earlier try ended."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from wayloom.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from wayloom.client.api import Api
+    from wayloom.client.manifests import Parcel
+
+
+def upload_command(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG…", help="Drive logs.")],
+    to: Annotated[str, typer.Option(help="Address of the service, e.g. http://127.0.0.1:8088")],
+    gnss: Annotated[Path | None, typer.Option(help="GNSS log kept beside the drive (one LOG only).")] = None,
+    wait: Annotated[bool, typer.Option("--wait", help="Show the stages until the drives are in the map.")] = False,
+    vehicle: Annotated[str | None, typer.Option(help="Id of the vehicle that drove.")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write what the service says of each drive there.")] = None,
+    connections: Annotated[int, typer.Option(min=1, max=32, help="Files sent at once.")] = 4,
+) -> None:
+    """Send drive logs to a service. Run it again after any interruption: it continues where the service has it."""
+    from wayloom.client.api import Api
+    from wayloom.client.manifests import pack
+
+    if gnss is not None and len(logs) > 1:
+        raise ConfigError("--gnss belongs to one drive, several were given", remedy="send the drives one by one")
+    api = Api(to, connections=connections)
+    with progress_bars() as bars:
+        parcels = []
+        for path in logs:
+            bar = bars.add_task(f"{path.name}: reading", total=None)
+            parcels.append(pack(path, gnss, vehicle, lambda done, of, bar=bar: bars.update(bar, completed=done, total=of)))  # type: ignore[misc]
+            bars.remove_task(bar)
+        sent = [send(api, parcel, bars, connections) for parcel in parcels]
+        drives = [follow(api, drive_id, bars) if wait else api.drive(drive_id) for drive_id in sent]
+    for drive in drives:
+        print(summary(drive))
+    if json_file is not None:
+        write_json(json_file, drives)
+    if any(drive["state"] == "failed" for drive in drives):
+        raise typer.Exit(1)
+
+
+def send(api: "Api", parcel: "Parcel", bars: "Progress", connections: int) -> str:
+    """Upload one drive under a bar of bytes. Returns its id."""
+    from wayloom.client.upload import upload
+
+    bar = bars.add_task(f"{parcel.manifest.name}: sending", total=parcel.manifest.byte_count)
+    registration = upload(api, parcel, lambda done, of: bars.update(bar, completed=done, total=of), connections)
+    bars.update(bar, description=f"{parcel.manifest.name}: sent", completed=parcel.manifest.byte_count)
+    return str(registration["id"])
+
+
+def follow(api: "Api", drive_id: str, bars: "Progress") -> dict[str, Any]:
+    """Show each stage as a line of its own until the drive is in the map or has failed."""
+    from wayloom.client.watch import wait_for_drive
+
+    lines: dict[str, Any] = {}
+    said: set[str] = set()
+
+    def told(drive: dict[str, Any]) -> None:
+        for stage in drive["stages"]:
+            name = stage["stage"]
+            if stage["state"] == "waiting" and name not in lines:
+                continue
+            if name not in lines:
+                lines[name] = bars.add_task(f"{drive['name']}: {name}", total=1.0)
+            bars.update(lines[name], completed=stage["progress"], words=stage["message"] or stage["state"])
+            if stage["state"] == "done" and name not in said:
+                said.add(name)
+                if not bars.console.is_terminal:
+                    print(f"{drive['name']}: {name} done in {stage['seconds']:.1f} s", flush=True)
+
+    return wait_for_drive(api, drive_id, told)
+
+
+def progress_bars() -> "Progress":
+    """Bars on stderr; nothing where stderr is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    columns = ("[progress.description]{task.description}", BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    console = Console(file=sys.stderr)
+    return Progress(*columns, TextColumn("{task.fields[words]}"), console=console, disable=not console.is_terminal)
+
+
+def summary(drive: dict[str, Any]) -> str:
+    """One line on a drive."""
+    words = {"done": "in the map", "failed": f"failed: {drive['error']}"}.get(drive["state"], drive["state"])
+    return f"{drive['name']} ({drive['id'][:12]}): {drive['note'] or words}"
+
+
+def write_json(path: Path, drives: list[dict[str, Any]]) -> None:
+    """What the service says of each drive."""
+    beside = path.with_name(f".{path.name}.part")
+    beside.write_text(json.dumps({"drives": drives}, indent=1) + "\n", encoding="utf-8")
+    beside.replace(path)

@@ -1,0 +1,83 @@
+"""One wayloom server, spoken to over HTTP. Every failure is a ServiceError that says what the server answered."""
+
+import os
+import time
+from collections.abc import Iterable
+from typing import Any
+
+import httpx2
+
+from wayloom.errors import NotFoundError, ServiceError
+
+RETRIED_STATUS = frozenset({423, 429, 500, 502, 503, 504})
+PAUSES_S = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+TIMEOUT = httpx2.Timeout(connect=10.0, read=120.0, write=120.0, pool=None)
+
+
+class AnswerError(ServiceError):
+    """The server refused. `status` and `code` are those of its problem document."""
+
+    def __init__(self, status: int, code: str, detail: str) -> None:
+        super().__init__(f"the server answered {status}: {detail}")
+        self.status, self.code = status, code
+
+
+class Api:
+    """Requests with the key, tried again with growing pauses while the server is away. Safe to share between threads."""
+
+    def __init__(self, url: str, key: str | None = None, connections: int = 4, pauses_s: Iterable[float] = PAUSES_S) -> None:
+        key = key or os.environ.get("WAYLOOM_API_KEY")
+        headers = {"Authorization": f"Bearer {key}"} if key else {}
+        limits = httpx2.Limits(max_connections=connections + 2, max_keepalive_connections=connections + 2)
+        self._pauses_s = tuple(pauses_s)
+        try:
+            self._client = httpx2.Client(base_url=url.rstrip("/"), headers=headers, timeout=TIMEOUT, limits=limits, trust_env=False)
+        except httpx2.InvalidURL as error:
+            raise ServiceError(f"{url} is no address of a server: {error}") from None
+        self.url = url.rstrip("/")
+
+    def close(self) -> None:
+        """Close every connection."""
+        self._client.close()
+
+    def json(self, method: str, path: str, **request: Any) -> Any:
+        """The answer's JSON, after as many tries as it takes. Raises AnswerError, ServiceError."""
+        for pause_s in (*self._pauses_s, None):
+            try:
+                return self.once(method, path, **request).json()
+            except ServiceError as error:
+                passing = not isinstance(error, AnswerError) or error.status in RETRIED_STATUS
+                if pause_s is None or not passing:
+                    raise
+                time.sleep(pause_s)
+        raise AssertionError("the last try either returns or raises")
+
+    def once(self, method: str, path: str, **request: Any) -> httpx2.Response:
+        """One request. Raises AnswerError for an answer of 400 and above, ServiceError when none comes."""
+        try:
+            response = self._client.request(method, path, **request)
+        except httpx2.HTTPError as error:
+            raise ServiceError(f"{self.url} does not answer: {str(error) or type(error).__name__}") from error
+        if response.status_code >= 400:
+            raise _refusal(response)
+        return response
+
+    def drive(self, drive_id: str) -> dict[str, Any]:
+        """A drive with its stages. Raises NotFoundError when it was removed."""
+        try:
+            found: dict[str, Any] = self.json("GET", f"/v1/drives/{drive_id}")
+        except AnswerError as error:
+            if error.status == 404:
+                raise NotFoundError(f"drive {drive_id[:12]} is not on the server any more") from None
+            raise
+        return found
+
+
+def _refusal(response: httpx2.Response) -> AnswerError:
+    try:
+        body = response.json()
+        return AnswerError(response.status_code, str(body["code"]), str(body["detail"]))
+    except (ValueError, KeyError, TypeError):
+        return AnswerError(
+            response.status_code, "error", f"{response.reason_phrase or 'no reason given'} (is it a wayloom server?)"
+        )

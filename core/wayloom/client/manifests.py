@@ -1,0 +1,93 @@
+"""From a drive log on disk to the manifest that announces it."""
+
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from wayloom.errors import LogError
+from wayloom.logs.registry import open_log
+from wayloom.logs.types import DriveLog
+from wayloom.store.manifest import Manifest, ManifestFile
+
+HASH_THREADS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Parcel:
+    """A manifest and where each of its files is on this machine."""
+
+    manifest: Manifest
+    sources: dict[str, Path]
+
+
+def pack(
+    log_path: Path,
+    gnss: Path | None = None,
+    vehicle_id: str | None = None,
+    told: Callable[[int, int], None] = lambda _done, _of: None,
+) -> Parcel:
+    """Open the log, which refuses a bad one before a byte is sent, and hash its files. `told(done, of)` hears of bytes.
+
+    Raises InputError.
+    """
+    log = open_log(log_path, gnss=gnss)
+    sources = {f"log/{name}": log.root / name for name in log.files}
+    gnss_name, gnss_sources = _gnss_files(log, gnss)
+    sources |= gnss_sources
+    if not sources:
+        raise LogError("has no files", file=log_path, remedy="give a drive log")
+    files = _hashed(sources, told)
+    manifest = Manifest(
+        name=log.name, vehicle_id=vehicle_id or log.vehicle_id, format=log.format, log=_log_name(log), gnss=gnss_name, files=files
+    )
+    return Parcel(manifest, sources)
+
+
+def _log_name(log: DriveLog) -> str:
+    """Where the log itself lies below the folder that its files are relative to."""
+    below = log.path.resolve().relative_to(log.root.resolve())
+    return str(PurePosixPath("log", *below.parts))
+
+
+def _gnss_files(log: DriveLog, gnss: Path | None) -> tuple[str | None, dict[str, Path]]:
+    """The files of the GNSS log kept beside the drive, unless the log has them among its own."""
+    if gnss is None:
+        return None, {}
+    gnss = gnss.resolve()
+    gnss = gnss.parent if gnss.name == "oxts" else gnss
+    if gnss.is_file():
+        return f"gnss/{gnss.name}", {f"gnss/{gnss.name}": gnss}
+    found = {f"gnss/{gnss.name}/{path.relative_to(gnss).as_posix()}": path for path in _gnss_folder_files(gnss)}
+    if not found:
+        raise LogError("has no files", file=gnss, remedy="give the folder of a GNSS log")
+    beside = {f"gnss/{path.name}": path for path in sorted(gnss.parent.glob("calib*.txt"))}
+    return f"gnss/{gnss.name}", found | beside
+
+
+def _gnss_folder_files(gnss: Path) -> Iterator[Path]:
+    """Everything in the folder, or, where it is a whole recording, its `oxts` part alone: images are not sent twice."""
+    part = gnss / "oxts" if (gnss / "oxts").is_dir() else gnss
+    for folder, _, names in os.walk(part):
+        yield from sorted(Path(folder) / name for name in names)
+
+
+def _hashed(sources: dict[str, Path], told: Callable[[int, int], None]) -> tuple[ManifestFile, ...]:
+    total, done = sum(path.stat().st_size for path in sources.values()), 0
+    files = []
+    with ThreadPoolExecutor(HASH_THREADS) as pool:
+        for name, (size, digest) in zip(sources, pool.map(_hash, sources.values()), strict=True):
+            files.append(ManifestFile(path=name, size=size, sha256=digest))
+            done += size
+            told(done, total)
+    return tuple(files)
+
+
+def _hash(path: Path) -> tuple[int, str]:
+    try:
+        with path.open("rb") as file:
+            return os.fstat(file.fileno()).st_size, hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise LogError(f"cannot be read ({error.strerror})", file=path, remedy="check the file") from None

@@ -1,0 +1,172 @@
+"""The upload of one drive: several files at once, each resumed where the server's stored bytes end, until the server has all."""
+
+import base64
+import hashlib
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from pathlib import Path
+from typing import Any, Final
+
+from wayloom.client.api import RETRIED_STATUS, AnswerError, Api
+from wayloom.client.manifests import Parcel
+from wayloom.errors import LogError, ServiceError
+
+CHUNK: Final = 16 << 20
+"""Bytes of one PATCH. Smaller chunks cost time, larger ones are lost with their checksum when a link breaks."""
+CONNECTIONS: Final = 4
+TUS: Final = {"Tus-Resumable": "1.0.0"}
+CONTENT: Final = {"Content-Type": "application/offset+octet-stream"}
+ROUNDS: Final = 3
+"""How often the server is asked what it lacks: a file that was damaged on the way is sent again."""
+Told = Callable[[int, int], None]
+
+
+class Stopped(Exception):  # noqa: N818 - no error: another file's upload has failed and this one ends
+    """The upload is over for another reason."""
+
+
+def upload(
+    api: Api, parcel: Parcel, told: Told = lambda _done, _of: None, connections: int = CONNECTIONS, chunk: int = CHUNK
+) -> dict[str, Any]:
+    """Send what the server lacks of the drive and return its registration. `told(done, of)` hears of bytes that the server has.
+
+    Running it again after any interruption continues; running it for a drive that is complete sends nothing.
+    Raises LogError when a file changed on the way, ServiceError when the server stays away or refuses.
+    """
+    manifest = parcel.manifest.model_dump(mode="json", exclude_none=True)
+    total = parcel.manifest.byte_count
+    for _ in range(ROUNDS):
+        registration: dict[str, Any] = api.json("POST", "/v1/drives", json=manifest)
+        missing = registration["missing"]
+        stored = total - sum(file["size"] - file["offset"] for file in missing)
+        told(stored, total)
+        if not missing:
+            return registration
+        _send_all(api, parcel, registration["id"], missing, _Counter(stored, total, told), connections, chunk)
+    registration = api.json("POST", "/v1/drives", json=manifest)
+    if registration["missing"]:
+        raise ServiceError(
+            f"{len(registration['missing'])} files did not arrive whole, the first is {registration['missing'][0]['path']}"
+        )
+    told(total, total)
+    return registration
+
+
+class _Counter:
+    """Bytes that the server has, counted from several threads."""
+
+    def __init__(self, done: int, total: int, told: Told) -> None:
+        self._done, self._total, self._told = done, total, told
+        self._lock = threading.Lock()
+
+    def add(self, count: int) -> None:
+        with self._lock:
+            self._done += count
+            self._told(min(self._done, self._total), self._total)
+
+
+def _send_all(
+    api: Api, parcel: Parcel, drive_id: str, missing: list[dict[str, Any]], counter: _Counter, connections: int, chunk: int
+) -> None:
+    over = threading.Event()
+
+    def one(file: dict[str, Any]) -> None:
+        _send_file(api, drive_id, file, parcel.sources[file["path"]], counter, over, chunk)
+
+    with ThreadPoolExecutor(connections) as pool:
+        futures = [pool.submit(one, file) for file in missing]
+        try:
+            done, _ = wait(futures, return_when=FIRST_EXCEPTION)
+        finally:
+            over.set()
+            pool.shutdown(cancel_futures=True)
+    for future in done:
+        error = future.exception()
+        if error is not None and not isinstance(error, Stopped):
+            raise error
+
+
+def _send_file(
+    api: Api, drive_id: str, file: dict[str, Any], source: Path, counter: _Counter, over: threading.Event, chunk: int
+) -> None:
+    """One file from where the server has it, each chunk with its SHA-256, again after every interruption."""
+    address: str | None = file["upload"]
+    offset = int(file["offset"])
+    for pause_s in _pauses(over):
+        try:
+            while address is None or offset < file["size"]:
+                if over.is_set():
+                    raise Stopped
+                content = _read(source, offset, min(chunk, file["size"] - offset), file["size"])
+                address, new_offset = _send_chunk(api, drive_id, file, address, offset, content)
+                counter.add(new_offset - offset)
+                offset = new_offset
+            return
+        except AnswerError as error:
+            if error.status == 409 and error.code == "conflict":
+                return  # complete already, by another client
+            if (error.status in (404, 410) and address is not None) or error.status == 460:
+                counter.add(-offset)
+                address, offset = None, 0  # dropped by the server: from the beginning
+            elif error.status != 409 and error.status not in RETRIED_STATUS:
+                raise
+            last: ServiceError = error
+        except ServiceError as error:
+            last = error
+        if pause_s is None:
+            raise last
+        time.sleep(pause_s)
+        if address is not None:
+            known = _offset(api, address)
+            counter.add((known or 0) - offset)
+            address, offset = (address, known) if known is not None else (None, 0)
+
+
+def _pauses(over: threading.Event) -> Iterator[float | None]:
+    """Pauses between tries; after None there is no further try."""
+    for pause_s in (0.1, 0.3, 1.0, 2.0, 4.0, 8.0, 15.0, 15.0):
+        if over.is_set():
+            raise Stopped
+        yield pause_s
+    yield None
+
+
+def _send_chunk(api: Api, drive_id: str, file: dict[str, Any], address: str | None, offset: int, content: bytes) -> tuple[str, int]:
+    """The upload's address and its offset after this chunk."""
+    headers = {**TUS, **CONTENT, "Upload-Checksum": f"sha256 {_base64(hashlib.sha256(content).digest())}"}
+    if address is None:
+        named = f"drive {_base64(drive_id.encode())},path {_base64(file['path'].encode())}"
+        headers |= {"Upload-Length": str(file["size"]), "Upload-Metadata": named}
+        response = api.once("POST", "/v1/uploads", headers=headers, content=content)
+        return response.headers["Location"], int(response.headers["Upload-Offset"])
+    response = api.once("PATCH", address, headers={**headers, "Upload-Offset": str(offset)}, content=content)
+    return address, int(response.headers["Upload-Offset"])
+
+
+def _offset(api: Api, address: str) -> int | None:
+    """Where the server's stored bytes end; None where it knows nothing of the upload."""
+    try:
+        return int(api.once("HEAD", address, headers=TUS).headers["Upload-Offset"])
+    except ServiceError:
+        return None
+
+
+def _read(source: Path, offset: int, count: int, size: int) -> bytes:
+    """The next bytes of the file. Raises LogError when it is no longer what was announced."""
+    try:
+        with source.open("rb") as stream:
+            stream.seek(offset)
+            content = stream.read(count)
+    except OSError as error:
+        raise LogError(
+            f"cannot be read ({error.strerror})", file=source, remedy="check the file and run the command again"
+        ) from None
+    if len(content) < count:
+        raise LogError(f"has become shorter than the {size} bytes announced", file=source, remedy="run the command again")
+    return content
+
+
+def _base64(content: bytes) -> str:
+    return base64.b64encode(content).decode()

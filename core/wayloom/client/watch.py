@@ -1,0 +1,21 @@
+"""What becomes of a drive on the server, until it is in the map."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from wayloom.client.api import Api
+
+OVER = ("done", "failed")
+
+
+def wait_for_drive(
+    api: Api, drive_id: str, told: Callable[[dict[str, Any]], None] = lambda _drive: None, poll_s: float = 0.5
+) -> dict[str, Any]:
+    """Ask until the drive is done or has failed; `told` hears each answer. Returns the last. Raises NotFoundError, ServiceError."""
+    while True:
+        drive = api.drive(drive_id)
+        told(drive)
+        if drive["state"] in OVER:
+            return drive
+        time.sleep(poll_s)

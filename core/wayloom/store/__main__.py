@@ -1,0 +1,22 @@
+"""`python -m wayloom.store`: bring the database that the settings name to the newest tables."""
+
+import sys
+
+from wayloom.config.service import load_service_settings
+from wayloom.errors import InputError
+from wayloom.store.database import Database
+from wayloom.store.migrate import upgrade
+
+
+def main() -> int:
+    """Migrate and end."""
+    try:
+        upgrade(Database(load_service_settings().database))
+    except InputError as error:
+        sys.stderr.write(f"wayloom: {error}\n")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,51 @@
+"""Immutable bytes under the name of their own hash, in a local folder or any object store that obstore speaks."""
+
+import contextlib
+import hashlib
+from pathlib import Path
+
+import obstore
+from obstore.exceptions import AlreadyExistsError
+from obstore.store import LocalStore, from_url
+
+from wayloom.errors import NotFoundError
+
+
+class BlobStore:
+    """Content-addressed, put once, never overwritten."""
+
+    def __init__(self, folder: Path, url: str | None = None) -> None:
+        if url is None:
+            folder.mkdir(parents=True, exist_ok=True)
+        self._store = LocalStore(folder) if url is None else from_url(url)
+
+    def put(self, content: bytes) -> str:
+        """Store the bytes and return their SHA-256 in hexadecimal. Storing them again changes nothing."""
+        digest = hashlib.sha256(content).hexdigest()
+        with contextlib.suppress(AlreadyExistsError):
+            obstore.put(self._store, _name(digest), content, mode="create")
+        return digest
+
+    def get(self, digest: str) -> bytes:
+        """The bytes. Raises NotFoundError."""
+        try:
+            return bytes(obstore.get(self._store, _name(digest)).bytes())
+        except FileNotFoundError:
+            raise NotFoundError(f"blob {digest} is not in the store") from None
+
+    def has(self, digest: str) -> bool:
+        """Whether the bytes are there."""
+        try:
+            obstore.head(self._store, _name(digest))
+        except FileNotFoundError:
+            return False
+        return True
+
+    def delete(self, digest: str) -> None:
+        """Forget the bytes. Deleting what is not there is no error."""
+        with contextlib.suppress(FileNotFoundError):
+            obstore.delete(self._store, _name(digest))
+
+
+def _name(digest: str) -> str:
+    return f"{digest[:2]}/{digest}"

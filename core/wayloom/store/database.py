@@ -1,0 +1,74 @@
+"""One door to the database, whichever it is: short read and write transactions, and the database's own clock."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event, func, make_url, select
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+from sqlalchemy.pool import ConnectionPoolEntry
+
+__all__ = ["Database", "DatabaseError", "Session", "now_s"]
+DatabaseError = SQLAlchemyError
+"""Whatever goes wrong between wayloom and its database."""
+BUSY_TIMEOUT_MS = 30_000
+
+
+class Database:
+    """SQLite (WAL) or PostgreSQL behind the same tables. Safe to share between threads; never across a fork (call `forget`)."""
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        self.dialect = make_url(url).get_backend_name()
+        self.engine = _sqlite_engine(url) if self.dialect == "sqlite" else create_engine(url, pool_pre_ping=True)
+        self._writing = self.engine.execution_options(wayloom_begin="BEGIN IMMEDIATE")
+
+    @contextmanager
+    def read(self) -> Iterator[Session]:
+        """A transaction that only looks."""
+        with Session(self.engine, expire_on_commit=False) as session:
+            yield session
+
+    @contextmanager
+    def write(self) -> Iterator[Session]:
+        """A transaction that commits at the end of the block, rolls back on an error. SQLite is locked from the start."""
+        with Session(self._writing, expire_on_commit=False) as session, session.begin():
+            yield session
+
+    def forget(self) -> None:
+        """Drop every connection without closing it: to be called in the child after a fork."""
+        self.engine.dispose(close=False)
+
+    def close(self) -> None:
+        """Close every connection."""
+        self.engine.dispose()
+
+
+def now_s(session: Session) -> float:
+    """Seconds since 1970 by the clock of the database, so that leases of several machines are on one clock."""
+    if session.get_bind().dialect.name == "sqlite":
+        return time.time()  # SQLite has no server: its clock is this machine's
+    return float(session.execute(select(func.extract("epoch", func.clock_timestamp()))).scalar_one())
+
+
+def _sqlite_engine(url: str) -> Engine:
+    """SQLite as a server would want it: WAL, foreign keys, waiting for the lock, and transactions that SQLAlchemy begins itself."""
+    database = make_url(url).database
+    if database and database != ":memory:":
+        Path(database).parent.mkdir(parents=True, exist_ok=True)
+    engine = create_engine(url, connect_args={"timeout": BUSY_TIMEOUT_MS / 1000})
+
+    @event.listens_for(engine, "connect")
+    def _prepare(connection: Any, _entry: ConnectionPoolEntry) -> None:
+        connection.isolation_level = None  # the driver's own BEGIN would come too late and be deferred
+        for pragma in ("journal_mode=WAL", "synchronous=NORMAL", "foreign_keys=ON", f"busy_timeout={BUSY_TIMEOUT_MS}"):
+            connection.execute(f"PRAGMA {pragma}")
+
+    @event.listens_for(engine, "begin")
+    def _begin(connection: Connection) -> None:
+        connection.exec_driver_sql(connection.get_execution_options().get("wayloom_begin", "BEGIN"))
+
+    return engine

@@ -1,0 +1,152 @@
+"""Drives and their files."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sqlalchemy import delete, func, insert, select, update
+from sqlalchemy.orm import Session
+
+from wayloom.errors import ConflictError, NotFoundError
+from wayloom.store.database import now_s
+from wayloom.store.jobs import Wake, create_drive_jobs, create_remove_job
+from wayloom.store.manifest import Manifest
+from wayloom.store.maps import ensure_map
+from wayloom.store.queues import REMOVE
+from wayloom.store.tables import Drive, DriveFile, Job, Vehicle
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """How much of a drive has arrived and is verified."""
+
+    files: int
+    bytes: int
+
+
+def register(session: Session, manifest: Manifest, map_id: str) -> tuple[Drive, bool]:
+    """The manifest's drive, and whether it is new."""
+    drive_id = manifest.drive_id
+    if (known := session.get(Drive, drive_id)) is not None:
+        if known.state == "removing":
+            raise ConflictError(f"drive {drive_id[:12]} is being removed: send it again in a minute")
+        return known, False
+    now = now_s(session)
+    ensure_map(session, map_id)
+    if manifest.vehicle_id is not None and session.get(Vehicle, manifest.vehicle_id) is None:
+        session.add(Vehicle(id=manifest.vehicle_id, created_at=now))
+        session.flush()
+    about = manifest.model_dump(mode="json", exclude={"files"})
+    drive = Drive(
+        id=drive_id, name=manifest.name, vehicle_id=manifest.vehicle_id, map_id=map_id, manifest=about, state="uploading", facts={},
+        file_count=len(manifest.files), byte_count=manifest.byte_count, created_at=now,
+    )  # fmt: skip
+    session.add(drive)
+    session.flush()
+    session.execute(insert(DriveFile), [{"drive_id": drive_id, "complete": False, **file.model_dump()} for file in manifest.files])
+    return drive, True
+
+
+def get(session: Session, drive_id: str) -> Drive:
+    """The drive. Raises NotFoundError."""
+    drive = session.get(Drive, drive_id)
+    if drive is None:
+        raise NotFoundError(f"there is no drive {drive_id[:80]!r}")
+    return drive
+
+
+def newest(session: Session, limit: int, before: float | None = None, state: str | None = None) -> Sequence[Drive]:
+    """Drives by the time of their registration, newest first."""
+    query = select(Drive).order_by(Drive.created_at.desc(), Drive.id).limit(limit)
+    if before is not None:
+        query = query.where(Drive.created_at < before)
+    if state is not None:
+        query = query.where(Drive.state == state)
+    return session.scalars(query).all()
+
+
+def missing_files(session: Session, drive_id: str) -> Sequence[DriveFile]:
+    """The files that have not arrived yet, by path."""
+    query = select(DriveFile).where(DriveFile.drive_id == drive_id, DriveFile.complete.is_(False))
+    return session.scalars(query.order_by(DriveFile.path)).all()
+
+
+def received(session: Session, drive_ids: Sequence[str]) -> dict[str, Received]:
+    """For each drive, what has arrived."""
+    query = select(DriveFile.drive_id, func.count(), func.sum(DriveFile.size)).where(
+        DriveFile.drive_id.in_(drive_ids), DriveFile.complete.is_(True)
+    )
+    rows = {
+        drive_id: Received(count, int(size or 0)) for drive_id, count, size in session.execute(query.group_by(DriveFile.drive_id))
+    }
+    return {drive_id: rows.get(drive_id, Received(0, 0)) for drive_id in drive_ids}
+
+
+def mark_complete(session: Session, drive_id: str, path: str) -> Wake | None:
+    """A file has arrived and is verified. When it was the last one the drive is queued, and the job to wake is returned."""
+    drive = session.get(Drive, drive_id, with_for_update=True)
+    if drive is None:
+        raise NotFoundError(f"drive {drive_id[:12]} was removed while it was uploaded")
+    session.execute(update(DriveFile).where(DriveFile.drive_id == drive_id, DriveFile.path == path).values(complete=True))
+    return queue_if_complete(session, drive)
+
+
+def queue_if_complete(session: Session, drive: Drive) -> Wake | None:
+    """Start the drive's jobs when all of its files are there and they have not been started."""
+    if drive.state != "uploading" or missing_any(session, drive.id):
+        return None
+    drive.state, drive.uploaded_at = "queued", now_s(session)
+    return create_drive_jobs(session, drive.id)
+
+
+def missing_any(session: Session, drive_id: str) -> bool:
+    """Whether a file has not arrived yet."""
+    query = select(DriveFile.path).where(DriveFile.drive_id == drive_id, DriveFile.complete.is_(False)).limit(1)
+    return session.scalars(query).first() is not None
+
+
+def request_removal(session: Session, drive_id: str) -> Wake:
+    """Take the drive out of everything that is yet to run; a job then removes its files and its part of the map."""
+    drive = get(session, drive_id)
+    if drive.state == "removing":
+        raise ConflictError(f"drive {drive_id[:12]} is being removed already")
+    session.execute(delete(Job).where(Job.drive_id == drive_id))
+    drive.state, drive.error = "removing", None
+    return create_remove_job(session, drive_id, REMOVE)
+
+
+def delete_rows(session: Session, drive_id: str) -> None:
+    """Forget the drive, its files, uploads, jobs and submaps."""
+    session.execute(delete(Drive).where(Drive.id == drive_id))
+
+
+def jobs_of(session: Session, drives: Sequence[Drive]) -> dict[str, list[Job]]:
+    """For each drive its stages in order, those of the map job that takes it in included."""
+    ids = [drive.id for drive in drives]
+    stitches = {drive.stitch_job_id for drive in drives if drive.stitch_job_id is not None}
+    own = session.scalars(select(Job).where(Job.drive_id.in_(ids)).order_by(Job.position)).all()
+    of_map = session.scalars(select(Job).where(Job.id.in_(stitches) | Job.parent_id.in_(stitches)).order_by(Job.id)).all()
+    found: dict[str, list[Job]] = {drive_id: [] for drive_id in ids}
+    for job in own:
+        if job.drive_id is not None:
+            found[job.drive_id].append(job)
+    for drive in drives:
+        if drive.stitch_job_id is not None:
+            found[drive.id] += [job for job in of_map if drive.stitch_job_id in (job.id, job.parent_id)]
+    return found
+
+
+def track_of(session: Session, drive_id: str) -> list[object] | None:
+    """(M, 3) longitude, latitude, height of the drive, None until it has a place."""
+    return get(session, drive_id).track
+
+
+def usual_seconds(session: Session, newest_jobs: int = 200) -> dict[str, float]:
+    """For each stage, the mean of how long it took lately."""
+    lately = (
+        select(Job.stage, Job.started_at, Job.finished_at).where(Job.state == "done").order_by(Job.id.desc()).limit(newest_jobs)
+    )
+    took: dict[str, list[float]] = {}
+    for stage, started, finished in session.execute(lately):
+        if started is not None and finished is not None:
+            took.setdefault(stage, []).append(finished - started)
+    return {stage: sum(seconds) / len(seconds) for stage, seconds in took.items()}

@@ -1,0 +1,37 @@
+"""Where everything lies under the data folder."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class Folders:
+    """Paths only; nothing is made here.
+
+    uploads/ID.part                  bytes of an upload that have arrived
+    drives/ID/log, drives/ID/gnss    the drive's files, each verified
+    drives/ID/stages/STAGE/KEY       a finished stage, KEY = hash of inputs, parameters and code version
+    drives/ID/attempts/STAGE-…       a stage that is running, or was when its worker died
+    maps/ID/stages, maps/ID/attempts the same for a map's jobs
+    blobs/                           submaps and tiles by digest
+    """
+
+    root: Path
+
+    @property
+    def uploads(self) -> Path:
+        """Folder of unfinished uploads."""
+        return self.root / "uploads"
+
+    @property
+    def blobs(self) -> Path:
+        """Folder of the local blob store."""
+        return self.root / "blobs"
+
+    def drive(self, drive_id: str) -> Path:
+        """Folder of one drive."""
+        return self.root / "drives" / drive_id
+
+    def map(self, map_id: str) -> Path:
+        """Folder of one map's jobs."""
+        return self.root / "maps" / map_id

@@ -1,0 +1,209 @@
+"""Job rows: created, claimed, kept alive, finished and recovered, each by one guarded transaction.
+
+A job is claimed by compare-and-set. The claim carries a fencing token that grows with every claim; whatever a worker writes later
+is guarded by that token, so a worker that was thought dead and comes back can do no harm, and a message delivered twice finds
+nothing to do.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import CursorResult, select, update
+from sqlalchemy.orm import Session
+
+from wayloom.errors import ConflictError, LeaseLostError
+from wayloom.store.database import Database, now_s
+from wayloom.store.queues import DRIVE_STAGES, MAP_STAGES, QUEUE_OF
+from wayloom.store.tables import Drive, Job, Map
+
+ERROR_LENGTH = 4000
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """The right to run a job, as long as `token` is the row's token."""
+
+    job_id: int
+    token: int
+    stage: str
+    attempt: int
+    drive_id: str | None
+    map_id: str | None
+    payload: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Wake:
+    """A job that a worker should be told of."""
+
+    job_id: int
+    queue: str
+
+
+def create_drive_jobs(session: Session, drive_id: str) -> Wake:
+    """One row for every stage of the drive; the first is queued, the others wait for the one before."""
+    now = now_s(session)
+    jobs = [_job(stage, now, drive_id=drive_id, position=i, state="waiting") for i, stage in enumerate(DRIVE_STAGES)]
+    jobs[0].state = "queued"
+    session.add_all(jobs)
+    session.flush()
+    return Wake(jobs[0].id, jobs[0].queue)
+
+
+def create_map_job(
+    session: Session, stage: str, map_id: str, payload: dict[str, Any] | None = None, parent_id: int | None = None
+) -> Job:
+    """A queued job of a map."""
+    job = _job(stage, now_s(session), map_id=map_id, payload=payload or {}, parent_id=parent_id, position=MAP_STAGES.index(stage))
+    session.add(job)
+    session.flush()
+    return job
+
+
+def request_stitch(session: Session, map_id: str) -> Job:
+    """The stitch job that will see what this transaction commits: one that nobody has claimed yet, or a new one. Locks the map."""
+    session.execute(select(Map.id).where(Map.id == map_id).with_for_update())
+    waiting = select(Job).where(Job.map_id == map_id, Job.stage == "stitch", Job.state == "queued", Job.token == 0)
+    return session.scalars(waiting.order_by(Job.id)).first() or create_map_job(session, "stitch", map_id)
+
+
+def create_remove_job(session: Session, drive_id: str, stage: str) -> Wake:
+    """A queued job that removes a drive; its rows go with the drive."""
+    job = _job(stage, now_s(session), drive_id=drive_id, position=0)
+    session.add(job)
+    session.flush()
+    return Wake(job.id, job.queue)
+
+
+def claim(database: Database, job_id: int, worker: str, lease_s: float) -> Claim | None:
+    """Take a queued job, or None where it is not to be had: taken, finished, gone, or its map is being worked on."""
+    with database.write() as session:
+        job = session.get(Job, job_id)
+        if job is None or job.state != "queued" or _map_is_busy(session, job):
+            return None
+        now = now_s(session)
+        taken = _update(
+            session,
+            update(Job).where(Job.id == job_id, Job.state == "queued", Job.token == job.token),
+            state="running", token=job.token + 1, attempt=job.attempt + 1, worker=worker, lease_until=now + lease_s,
+            heartbeat_at=now, started_at=now, finished_at=None, progress=0.0, message="",
+        )  # fmt: skip
+        if not taken:
+            return None
+        if job.drive_id is not None and job.stage in DRIVE_STAGES:
+            _update(session, update(Drive).where(Drive.id == job.drive_id, Drive.state == "queued"), state="running")
+        return Claim(job.id, job.token + 1, job.stage, job.attempt + 1, job.drive_id, job.map_id, dict(job.payload))
+
+
+def heartbeat(database: Database, held: Claim, lease_s: float, progress: float, message: str) -> None:
+    """Prolong the lease and say how far the work is. Raises LeaseLostError."""
+    with database.write() as session:
+        now = now_s(session)
+        values = {"lease_until": now + lease_s, "heartbeat_at": now, "progress": progress, "message": message}
+        if not _update(session, _held(held), **values):
+            raise LeaseLostError(f"job {held.job_id} ({held.stage}): another worker has taken it over, or its drive is gone")
+
+
+def finish(session: Session, held: Claim, key: str) -> Wake | None:
+    """Mark the job done, its output being `key`, and queue the drive's next stage, which is returned. Raises LeaseLostError."""
+    values: dict[str, Any] = {"state": "done", "finished_at": now_s(session), "progress": 1.0, "message": "", "error": None}
+    values |= {"worker": None, "lease_until": None, "payload": {**held.payload, "key": key}}
+    if not _update(session, _held(held), **values):
+        raise LeaseLostError(f"job {held.job_id} ({held.stage}): finished too late, another worker has taken it over")
+    if held.drive_id is None:
+        return None
+    following = select(Job).where(Job.drive_id == held.drive_id, Job.state == "waiting").order_by(Job.position)
+    job = session.scalars(following).first()
+    if job is None:
+        return None
+    job.state, job.sent_at = "queued", None
+    return Wake(job.id, job.queue)
+
+
+def fail(session: Session, held: Claim, error: str, *, final: bool) -> None:
+    """Write the error down; queue the job once more, or, when `final`, fail it and what depends on it. Raises LeaseLostError."""
+    values: dict[str, Any] = {"worker": None, "lease_until": None, "error": error[:ERROR_LENGTH], "sent_at": None}
+    values |= {"state": "failed", "finished_at": now_s(session)} if final else {"state": "queued"}
+    if not _update(session, _held(held), **values):
+        raise LeaseLostError(f"job {held.job_id} ({held.stage}): failed too late, another worker has taken it over")
+    if final:
+        _fail_dependants(session, session.get_one(Job, held.job_id), error)
+
+
+def release(session: Session, held: Claim) -> None:
+    """Put the job back untouched because the worker is told to stop; the attempt does not count. Raises LeaseLostError."""
+    values = {"state": "queued", "attempt": held.attempt - 1, "worker": None, "lease_until": None, "sent_at": None, "message": ""}
+    if not _update(session, _held(held), **values):
+        raise LeaseLostError(f"job {held.job_id} ({held.stage}): another worker has taken it over")
+
+
+def input_keys(session: Session, drive_id: str, stage: str) -> dict[str, str]:
+    """For each stage before `stage`, in order, the key of its output. Raises ConflictError where one is not done."""
+    before = DRIVE_STAGES[: DRIVE_STAGES.index(stage)]
+    rows = session.scalars(select(Job).where(Job.drive_id == drive_id, Job.stage.in_(before), Job.state == "done")).all()
+    keys = {job.stage: str(job.payload["key"]) for job in rows}
+    if len(keys) < len(before):
+        raise ConflictError(f"{stage} was started before {', '.join(name for name in before if name not in keys)}")
+    return {name: keys[name] for name in before}
+
+
+def retry(session: Session, drive_id: str) -> list[Wake]:
+    """Fresh attempts for the failed stages of a drive, or the map job that it waits for. Raises ConflictError where none failed."""
+    drive = session.get_one(Drive, drive_id)
+    of_drive = (Job.drive_id == drive_id) | (Job.id == (drive.stitch_job_id or 0)) | (Job.parent_id == (drive.stitch_job_id or 0))
+    jobs = session.scalars(select(Job).where(of_drive, Job.state == "failed")).all()
+    if not jobs:
+        raise ConflictError(f"drive {drive_id[:12]} has no failed stage")
+    for job in jobs:
+        job.state, job.attempt, job.error, job.sent_at, job.finished_at = "queued", 0, None, None, None
+        if job.map_id is not None:
+            waiting = update(Drive).where(Drive.stitch_job_id == (job.parent_id or job.id), Drive.state == "failed")
+            _update(session, waiting, state="stitching", error=None, finished_at=None)
+        else:
+            drive.state, drive.error, drive.finished_at = "queued", None, None
+    return [Wake(job.id, job.queue) for job in jobs]
+
+
+def mark_sent(database: Database, woken: Iterable[Wake]) -> None:
+    """Remember that the jobs' messages went out."""
+    ids = [wake.job_id for wake in woken]
+    if ids:
+        with database.write() as session:
+            _update(session, update(Job).where(Job.id.in_(ids)), sent_at=now_s(session))
+
+
+def _job(stage: str, now: float, *, state: str = "queued", **values: Any) -> Job:
+    return Job(stage=stage, queue=QUEUE_OF[stage], state=state, created_at=now, **values)
+
+
+def _held(held: Claim) -> Any:
+    return update(Job).where(Job.id == held.job_id, Job.token == held.token, Job.state == "running")
+
+
+def _update(session: Session, statement: Any, **values: Any) -> bool:
+    """Run an UPDATE and tell whether it met a row."""
+    result = session.execute(statement.values(**values), execution_options={"synchronize_session": False})
+    return isinstance(result, CursorResult) and result.rowcount > 0
+
+
+def _map_is_busy(session: Session, job: Job) -> bool:
+    """One job of a map at a time, and what was stitched is published before the next stitch. Locks the map's row."""
+    if job.map_id is None:
+        return False
+    session.execute(select(Map.id).where(Map.id == job.map_id).with_for_update())
+    others = select(Job.id).where(Job.map_id == job.map_id, Job.id != job.id)
+    busy = others.where(Job.state == "running")
+    unpublished = others.where(Job.stage == "publish", Job.state == "queued")
+    return bool(session.scalars(busy).first()) or (job.stage == "stitch" and bool(session.scalars(unpublished).first()))
+
+
+def _fail_dependants(session: Session, job: Job, error: str) -> None:
+    """A failed stage fails its drive; a failed map job fails the drives that wait for it."""
+    values = {"state": "failed", "error": f"{job.stage}: {error}"[:ERROR_LENGTH], "finished_at": now_s(session)}
+    if job.drive_id is not None:
+        _update(session, update(Drive).where(Drive.id == job.drive_id), **values)
+    else:
+        _update(
+            session, update(Drive).where(Drive.stitch_job_id == (job.parent_id or job.id), Drive.state == "stitching"), **values
+        )

@@ -1,0 +1,37 @@
+"""Who runs a job, said so that another process of the same machine can see that it has died."""
+
+import os
+import socket
+from functools import cache
+from pathlib import Path
+
+
+def identity(pid: int | None = None) -> str:
+    """Host, boot, process id and start time of a process (this one by default): no two processes ever share it."""
+    pid = os.getpid() if pid is None else pid
+    return f"{_machine()}|{pid}|{_start_time(pid)}"
+
+
+def is_dead(worker: str) -> bool:
+    """Whether the process certainly no longer runs. False where that cannot be known, as on another machine."""
+    machine, _, process = worker.partition("|")
+    pid, _, started = process.partition("|")
+    return machine == _machine() and started != "" and _start_time(int(pid)) != started
+
+
+@cache
+def _machine() -> str:
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    except OSError:
+        boot = "unknown"
+    return f"{socket.gethostname()}/{boot}"
+
+
+def _start_time(pid: int) -> str:
+    """Clock ticks from boot to the process's start; empty where there is no such process or no /proc. A zombie counts as gone."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return "gone" if Path("/proc/self/stat").exists() else ""
+    return "gone" if fields[0] in "ZX" else fields[19]

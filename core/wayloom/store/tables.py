@@ -1,0 +1,182 @@
+"""The tables. Times are seconds since 1970 as float; digests are 64 hexadecimal characters of SHA-256."""
+
+from typing import Any
+
+from sqlalchemy import JSON, BigInteger, Float, ForeignKey, Index, Integer, LargeBinary, MetaData, String, Text, UniqueConstraint
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+
+NAMING = {
+    "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+    "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+    "fk": "fk_%(table_name)s_%(column_0_N_name)s",
+    "pk": "pk_%(table_name)s",
+}
+DIGEST = String(64)
+
+
+class Base(DeclarativeBase):
+    """Parent of every table."""
+
+    metadata = MetaData(naming_convention=NAMING)
+    type_annotation_map = {  # noqa: RUF012 - SQLAlchemy reads it from the class
+        int: BigInteger().with_variant(Integer, "sqlite"),
+        float: Float(53),
+        dict[str, Any]: JSON(),
+        list[Any]: JSON(),
+        bytes: LargeBinary(),
+    }
+
+
+class Vehicle(Base):
+    """A vehicle that has sent at least one drive."""
+
+    __tablename__ = "vehicles"
+    id: Mapped[str] = mapped_column(String(128), primary_key=True)
+    created_at: Mapped[float]
+
+
+class Drive(Base):
+    """One drive of one vehicle: its manifest, and how far it is.
+
+    state    uploading, queued, running, stitching, done, failed, removing
+    placed   whether it has a place on Earth (None until the geo-reference is done)
+    """
+
+    __tablename__ = "drives"
+    id: Mapped[str] = mapped_column(DIGEST, primary_key=True)
+    name: Mapped[str] = mapped_column(String(256))
+    vehicle_id: Mapped[str | None] = mapped_column(ForeignKey("vehicles.id"), index=True)
+    map_id: Mapped[str] = mapped_column(ForeignKey("maps.id"), index=True)
+    manifest: Mapped[dict[str, Any]]
+    file_count: Mapped[int]
+    byte_count: Mapped[int]
+    state: Mapped[str] = mapped_column(String(16), index=True)
+    error: Mapped[str | None] = mapped_column(Text)
+    placed: Mapped[bool | None]
+    facts: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    track: Mapped[list[Any] | None]
+    stitch_job_id: Mapped[int | None]
+    created_at: Mapped[float] = mapped_column(index=True)
+    uploaded_at: Mapped[float | None]
+    finished_at: Mapped[float | None]
+
+
+class DriveFile(Base):
+    """A file that a drive's manifest promises; `complete` once it lies in the drive's folder with the promised digest."""
+
+    __tablename__ = "drive_files"
+    drive_id: Mapped[str] = mapped_column(ForeignKey("drives.id", ondelete="CASCADE"), primary_key=True)
+    path: Mapped[str] = mapped_column(String(1024), primary_key=True)
+    size: Mapped[int]
+    sha256: Mapped[str] = mapped_column(DIGEST)
+    complete: Mapped[bool] = mapped_column(default=False)
+
+
+class Upload(Base):
+    """A tus upload of one file. Its offset stands nowhere: it is the size of the stored bytes."""
+
+    __tablename__ = "uploads"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    drive_id: Mapped[str] = mapped_column(ForeignKey("drives.id", ondelete="CASCADE"), index=True)
+    path: Mapped[str] = mapped_column(String(1024))
+    length: Mapped[int]
+    metadata_header: Mapped[str] = mapped_column(Text)
+    complete: Mapped[bool] = mapped_column(default=False)
+    expires_at: Mapped[float] = mapped_column(index=True)
+
+
+class Job(Base):
+    """One stage of one drive or map. The row is the truth; a message only wakes a worker.
+
+    state   waiting (for the stage before it), queued, running, done, failed
+    token   fencing token: grows with every claim; whoever holds an older one may not commit
+    worker  who runs it: host, boot, process id and start time
+    """
+
+    __tablename__ = "jobs"
+    id: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    drive_id: Mapped[str | None] = mapped_column(ForeignKey("drives.id", ondelete="CASCADE"))
+    map_id: Mapped[str | None] = mapped_column(ForeignKey("maps.id", ondelete="CASCADE"))
+    parent_id: Mapped[int | None]
+    stage: Mapped[str] = mapped_column(String(32))
+    position: Mapped[int]
+    queue: Mapped[str] = mapped_column(String(32))
+    state: Mapped[str] = mapped_column(String(16))
+    attempt: Mapped[int] = mapped_column(default=0)
+    token: Mapped[int] = mapped_column(default=0)
+    worker: Mapped[str | None] = mapped_column(String(256))
+    lease_until: Mapped[float | None]
+    heartbeat_at: Mapped[float | None]
+    sent_at: Mapped[float | None]
+    progress: Mapped[float] = mapped_column(default=0.0)
+    message: Mapped[str] = mapped_column(Text, default="")
+    error: Mapped[str | None] = mapped_column(Text)
+    payload: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    created_at: Mapped[float]
+    started_at: Mapped[float | None]
+    finished_at: Mapped[float | None]
+    __table_args__ = (
+        UniqueConstraint("drive_id", "stage"),
+        Index("ix_jobs_state_sent_at", "state", "sent_at"),
+        Index("ix_jobs_map_id_stage_state", "map_id", "stage", "state"),
+    )
+
+
+class SubmapRow(Base):
+    """A submap's place; its points are the blob `digest`. The box is in degrees, for look-up."""
+
+    __tablename__ = "submaps"
+    drive_id: Mapped[str] = mapped_column(ForeignKey("drives.id", ondelete="CASCADE"), primary_key=True)
+    position: Mapped[int] = mapped_column(primary_key=True)
+    map_id: Mapped[str] = mapped_column(ForeignKey("maps.id"), index=True)
+    digest: Mapped[str] = mapped_column(DIGEST)
+    point_count: Mapped[int]
+    frame: Mapped[list[Any]]
+    T_enu_submap: Mapped[list[Any]]
+    covariance: Mapped[list[Any]]
+    min_lon: Mapped[float]
+    min_lat: Mapped[float]
+    max_lon: Mapped[float]
+    max_lat: Mapped[float]
+    __table_args__ = (Index("ix_submaps_box", "map_id", "min_lon", "max_lon", "min_lat", "max_lat"),)
+
+
+class Map(Base):
+    """A map; `version` is the pointer that publishing flips (0: nothing published yet)."""
+
+    __tablename__ = "maps"
+    id: Mapped[str] = mapped_column(String(63), primary_key=True)
+    version: Mapped[int] = mapped_column(default=0)
+    created_at: Mapped[float]
+
+
+class MapVersion(Base):
+    """One published state of a map. Never changed after it is written."""
+
+    __tablename__ = "map_versions"
+    map_id: Mapped[str] = mapped_column(ForeignKey("maps.id", ondelete="CASCADE"), primary_key=True)
+    version: Mapped[int] = mapped_column(primary_key=True)
+    created_at: Mapped[float]
+    frame: Mapped[list[Any]]
+    drives: Mapped[list[Any]]
+    submap_count: Mapped[int]
+    bounds: Mapped[list[Any] | None]
+    layers: Mapped[dict[str, Any]]
+    tile_count: Mapped[int]
+    byte_count: Mapped[int]
+    facts: Mapped[dict[str, Any]] = mapped_column(default=dict)
+
+
+class TileRow(Base):
+    """Where the bytes of a tile of a version are: the digest is the blob's name and the tile's ETag."""
+
+    __tablename__ = "tiles"
+    map_id: Mapped[str] = mapped_column(String(63), primary_key=True)
+    version: Mapped[int] = mapped_column(primary_key=True)
+    layer: Mapped[str] = mapped_column(String(32), primary_key=True)
+    z: Mapped[int] = mapped_column(primary_key=True)
+    x: Mapped[int] = mapped_column(primary_key=True)
+    y: Mapped[int] = mapped_column(primary_key=True)
+    digest: Mapped[str] = mapped_column(DIGEST)
+    media_type: Mapped[str] = mapped_column(String(64))
+    size: Mapped[int]

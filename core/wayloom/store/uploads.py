@@ -1,0 +1,151 @@
+"""tus uploads: the row (which file of which drive, until when) and the stored bytes, whose number is the offset."""
+
+import hashlib
+import os
+import shutil
+import uuid
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy import delete, select, update
+from sqlalchemy.orm import Session
+
+from wayloom.errors import ConflictError, NotFoundError
+from wayloom.store.database import now_s
+from wayloom.store.folders import Folders
+from wayloom.store.tables import DriveFile, Upload
+
+BLOCK = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The bytes of one upload on disk. Every method is blocking: call it from a thread."""
+
+    path: Path
+
+    def size(self) -> int:
+        """The offset: how many bytes are stored."""
+        try:
+            return os.stat(self.path).st_size
+        except FileNotFoundError:
+            return 0
+
+    def open(self) -> int:
+        """A file descriptor for writing, made with its folder where it is missing."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        return os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+
+    def digest(self) -> str:
+        """SHA-256 of the stored bytes."""
+        with self.path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+
+    def append(self, staged: "Part") -> None:
+        """Put the bytes of `staged` behind ours and drop it. A crash on the way leaves a verified beginning of them."""
+        if self.size() == 0:
+            os.replace(staged.path, self.path)
+            return
+        with staged.path.open("rb") as source, self.path.open("ab") as target:
+            shutil.copyfileobj(source, target, BLOCK)
+        staged.drop()
+
+    def install(self, target: Path) -> None:
+        """Make the bytes durable and move them to their place."""
+        fd = self.open()
+        try:
+            os.fdatasync(fd) if hasattr(os, "fdatasync") else os.fsync(fd)
+        finally:
+            os.close(fd)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        os.replace(self.path, target)
+
+    def drop(self) -> None:
+        """Forget the bytes."""
+        self.path.unlink(missing_ok=True)
+
+
+def write_at(fd: int, data: bytes, offset: int) -> None:
+    """Write all of `data` at `offset`."""
+    view = memoryview(data)
+    while view:
+        written = os.pwrite(fd, view, offset)
+        view, offset = view[written:], offset + written
+
+
+def part(folders: Folders, upload_id: str) -> Part:
+    """Where an upload's bytes are."""
+    return Part(folders.uploads / f"{upload_id}.part")
+
+
+def staged_part(folders: Folders, upload_id: str) -> Part:
+    """Where a chunk waits for its checksum."""
+    return Part(folders.uploads / f"{upload_id}.chunk")
+
+
+def create(session: Session, drive_id: str, path: str, length: int, metadata: str, expiry_s: float) -> Upload:
+    """A new upload of a file that a drive's manifest names. Raises NotFoundError, ConflictError."""
+    file = session.get(DriveFile, (drive_id, path))
+    if file is None:
+        raise NotFoundError(f"drive {drive_id[:12]!r} has no file {path[:200]!r} in its manifest")
+    if file.complete:
+        raise ConflictError(f"{path} has arrived already")
+    if file.size != length:
+        raise ConflictError(f"{path}: the manifest says {file.size} bytes, Upload-Length says {length}")
+    upload = Upload(
+        id=uuid.uuid4().hex, drive_id=drive_id, path=path, length=length, metadata_header=metadata, complete=False,
+        expires_at=now_s(session) + expiry_s,
+    )  # fmt: skip
+    session.add(upload)
+    return upload
+
+
+def find(session: Session, upload_id: str) -> Upload:
+    """The upload. Raises NotFoundError."""
+    upload = session.get(Upload, upload_id)
+    if upload is None:
+        raise NotFoundError("there is no such upload, or it was dropped")
+    return upload
+
+
+def expected_digest(session: Session, upload: Upload) -> str:
+    """The SHA-256 that the manifest promises for the upload's file."""
+    return session.get_one(DriveFile, (upload.drive_id, upload.path)).sha256
+
+
+def prolong(session: Session, upload_id: str, expiry_s: float) -> float:
+    """Count the expiry from now. Returns when it will be."""
+    until = now_s(session) + expiry_s
+    session.execute(update(Upload).where(Upload.id == upload_id).values(expires_at=until))
+    return until
+
+
+def mark_complete(session: Session, upload_id: str) -> None:
+    """The file is in its place."""
+    session.execute(update(Upload).where(Upload.id == upload_id).values(complete=True))
+
+
+def remove(session: Session, upload_id: str) -> None:
+    """Forget the row."""
+    session.execute(delete(Upload).where(Upload.id == upload_id))
+
+
+def unfinished(session: Session, drive_id: str) -> Sequence[Upload]:
+    """The uploads of a drive that can be continued."""
+    query = select(Upload).where(Upload.drive_id == drive_id, Upload.complete.is_(False), Upload.expires_at > now_s(session))
+    return session.scalars(query).all()
+
+
+def drop_expired(session: Session, folders: Folders, grace_s: float = 3600.0) -> int:
+    """Drop the bytes of expired uploads; rows stay for `grace_s`, so a late client hears 410, not 404. Returns the rows gone."""
+    now = now_s(session)
+    expired = session.scalars(select(Upload).where(Upload.expires_at < now)).all()
+    gone = 0
+    for upload in expired:
+        part(folders, upload.id).drop()
+        staged_part(folders, upload.id).drop()
+        if upload.expires_at < now - grace_s:
+            session.delete(upload)
+            gone += 1
+    return gone

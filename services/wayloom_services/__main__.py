@@ -1,0 +1,61 @@
+"""`python -m wayloom_services`: the API on an address, or on a socket that the parent has opened (--fd)."""
+
+import argparse
+import ctypes
+import logging
+import os
+import signal
+import socket
+import sys
+
+import structlog
+import uvicorn
+
+from wayloom.config.service import load_service_settings
+from wayloom.errors import WayloomError
+from wayloom_services.app import create_app
+
+GRACE_S = 3
+
+
+def main() -> int:
+    """Serve until told to stop."""
+    parser = argparse.ArgumentParser(prog="python -m wayloom_services")
+    parser.add_argument("--fd", type=int, help="an open listening socket")
+    parser.add_argument("--die-with-parent", action="store_true", help="end when the process that started this one ends")
+    arguments = parser.parse_args()
+    if arguments.die_with_parent and sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+        if os.getppid() == 1:
+            return 1
+    structlog.configure(
+        processors=[
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso"),
+            structlog.processors.format_exc_info,
+            structlog.processors.JSONRenderer(),
+        ],
+        wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
+        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+    )
+    try:
+        settings = load_service_settings()
+        settings.check_exposure()
+    except WayloomError as error:
+        sys.stderr.write(f"wayloom: {error}\n")
+        return 2
+    config = uvicorn.Config(
+        create_app(settings),
+        settings.host,
+        settings.port,
+        log_level="warning",
+        timeout_graceful_shutdown=GRACE_S,
+        server_header=False,
+    )
+    sockets = None if arguments.fd is None else [socket.socket(fileno=arguments.fd)]
+    uvicorn.Server(config).run(sockets)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

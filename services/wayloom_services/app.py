@@ -1,0 +1,77 @@
+"""The ASGI application."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.resources import files
+from pathlib import Path
+
+from fastapi import FastAPI
+from fastapi.responses import FileResponse
+from fastapi.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from wayloom import __version__
+from wayloom.config.service import ServiceSettings
+from wayloom_services import drives, errors, events, health, maps, tus
+from wayloom_services.context import make_service
+from wayloom_services.events import Feed
+from wayloom_services.metrics import CountRequests
+from wayloom_services.tus_headers import MethodOverride
+
+STATIC = Path(str(files("wayloom_services"))) / "static"
+CONTENT_SECURITY_POLICY = (
+    "default-src 'self'; img-src 'self' data: blob:; worker-src 'self' blob:; connect-src 'self'; style-src 'self'; "
+    "script-src 'self'; object-src 'none'; base-uri 'none'; frame-ancestors 'none'; form-action 'self'"
+)
+
+
+def create_app(settings: ServiceSettings) -> FastAPI:
+    """The API, the tile server and the dashboard of one service."""
+    service = make_service(settings)
+
+    @asynccontextmanager
+    async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
+        settings.data_dir.mkdir(parents=True, exist_ok=True)
+        yield
+        service.database.close()
+
+    app = FastAPI(
+        title="wayloom", version=__version__, lifespan=lifespan, docs_url=None, redoc_url=None, openapi_url="/v1/openapi.json",
+        description="Drives go in, a labelled, geo-referenced map comes out as tiles. Errors are problem+json (RFC 9457).",
+    )  # fmt: skip
+    app.state.service, app.state.feed = service, Feed(service)
+    errors.install(app)
+    for router in (drives.router, tus.router, maps.router, events.router, health.router):
+        app.include_router(router)
+    app.mount("/static", StaticFiles(directory=STATIC), name="static")
+
+    @app.get("/", include_in_schema=False)
+    async def dashboard() -> FileResponse:
+        return FileResponse(STATIC / "index.html")
+
+    app.add_middleware(SecurityHeaders)
+    app.add_middleware(MethodOverride)
+    app.add_middleware(CountRequests, metrics=service.metrics)
+    return app
+
+
+class SecurityHeaders:
+    """ASGI middleware: what a browser may load, and that it must not guess types."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on."""
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [
+                    *message["headers"],
+                    (b"content-security-policy", CONTENT_SECURITY_POLICY.encode()),
+                    (b"x-content-type-options", b"nosniff"),
+                    (b"referrer-policy", b"no-referrer"),
+                ]
+            await send(message)
+
+        await self._app(scope, receive, with_headers if scope["type"] == "http" else send)

@@ -1,0 +1,107 @@
+"""What every endpoint has at hand."""
+
+import secrets
+import threading
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Annotated, TypeVar
+
+import anyio
+import anyio.to_thread
+import structlog
+from celery import Celery
+from fastapi import Depends, Request
+from kombu.exceptions import OperationalError
+
+from wayloom.config.service import ServiceSettings
+from wayloom.store import jobs
+from wayloom.store.blobs import BlobStore
+from wayloom.store.database import Database, Session
+from wayloom.store.folders import Folders
+from wayloom.store.jobs import Wake
+from wayloom.store.queues import TASK_NAME, celery_settings
+from wayloom_services.errors import ProtocolError
+from wayloom_services.locks import UploadLocks
+from wayloom_services.metrics import Metrics
+
+log = structlog.get_logger()
+T = TypeVar("T")
+FILE_THREADS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """The database, the files, the broker and what is counted."""
+
+    settings: ServiceSettings
+    database: Database
+    blobs: BlobStore
+    folders: Folders
+    broker: Celery
+    metrics: Metrics
+    locks: UploadLocks = field(default_factory=UploadLocks)
+    threads: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(FILE_THREADS))
+    _sending: threading.Lock = field(default_factory=threading.Lock)
+
+    async def in_thread(self, work: Callable[[], T]) -> T:
+        """Blocking work, in one of a fixed number of threads."""
+        return await anyio.to_thread.run_sync(work, limiter=self.threads)
+
+    async def read(self, query: Callable[[Session], T]) -> T:
+        """A query in a transaction that only looks."""
+        return await self.in_thread(lambda: self._read(query))
+
+    async def write(self, change: Callable[[Session], T]) -> T:
+        """A change in a transaction that commits when it returns."""
+        return await self.in_thread(lambda: self._write(change))
+
+    async def wake(self, woken: Iterable[Wake]) -> None:
+        """After the commit: tell the workers. A broker that is away is no error, the sweeper tells them later."""
+        if pending := list(woken):
+            await self.in_thread(lambda: self._send(pending))
+
+    def _read(self, query: Callable[[Session], T]) -> T:
+        with self.database.read() as session:
+            return query(session)
+
+    def _write(self, change: Callable[[Session], T]) -> T:
+        with self.database.write() as session:
+            return change(session)
+
+    def _send(self, pending: list[Wake]) -> None:
+        try:
+            with self._sending:
+                for wake in pending:
+                    self.broker.send_task(TASK_NAME, args=[wake.job_id], queue=wake.queue)
+        except OperationalError as error:
+            log.warning("broker is away", error=str(error))
+            return
+        jobs.mark_sent(self.database, pending)
+
+
+def make_service(settings: ServiceSettings) -> Service:
+    """Everything that the settings name, opened."""
+    folders = Folders(settings.data_dir)
+    broker = Celery("wayloom", set_as_current=False)
+    broker.conf.update(celery_settings(settings.broker))
+    database = Database(settings.database)
+    return Service(settings, database, BlobStore(folders.blobs, settings.blob_url), folders, broker, Metrics())
+
+
+def the_service(request: Request) -> Service:
+    """The service of the application that the request came to."""
+    service: Service = request.app.state.service
+    return service
+
+
+async def require_key(request: Request) -> None:
+    """Refuse a request without the API key, where one is set."""
+    key = the_service(request).settings.api_key
+    if key is None:
+        return
+    scheme, _, given = request.headers.get("authorization", "").partition(" ")
+    if scheme.lower() != "bearer" or not secrets.compare_digest(given.strip().encode(), key.encode()):
+        raise ProtocolError(401, "unauthorized", "this server wants its API key as a Bearer token", {"WWW-Authenticate": "Bearer"})
+
+
+ServiceDep = Annotated[Service, Depends(the_service)]

@@ -1,0 +1,106 @@
+"""Drives: registered, listed, watched, tried again, removed."""
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Path, Query, Response
+
+from wayloom.store import drives, jobs, uploads
+from wayloom.store.database import Session
+from wayloom.store.jobs import Wake
+from wayloom.store.manifest import Manifest
+from wayloom_services.context import Service, ServiceDep, require_key
+from wayloom_services.errors import Problem, ProtocolError
+from wayloom_services.schemas import DriveList, DriveOut, DriveState, Feature, MissingFile, Registration
+from wayloom_services.views import drives_out
+
+PROBLEMS: dict[int | str, dict[str, Any]] = {404: {"model": Problem}, 409: {"model": Problem}, 401: {"model": Problem}}
+DriveId = Annotated[str, Path(pattern="^[0-9a-f]{64}$")]
+router = APIRouter(prefix="/v1/drives", tags=["drives"], dependencies=[Depends(require_key)], responses=PROBLEMS)
+
+
+@router.post("", status_code=201, responses={200: {"model": Registration}, 413: {"model": Problem}})
+async def register(manifest: Manifest, response: Response, service: ServiceDep) -> Registration:
+    """Announce a drive. The same manifest again is the same drive: 200, with the files that are still missing."""
+    _check_size(service, manifest)
+
+    def change(session: Session) -> tuple[Registration, Wake | None]:
+        drive, created = drives.register(session, manifest, service.settings.map_id)
+        woken = drives.queue_if_complete(session, drive)
+        (view,) = drives_out(session, [drive])
+        return Registration(id=drive.id, created=created, drive=view, missing=_missing(service, session, drive.id)), woken
+
+    answer, woken = await service.write(change)
+    await service.wake([woken] if woken else [])
+    response.status_code = 201 if answer.created else 200
+    response.headers["Location"] = f"/v1/drives/{answer.id}"
+    return answer
+
+
+@router.get("")
+async def newest(
+    service: ServiceDep,
+    limit: Annotated[int, Query(ge=1, le=500)] = 100,
+    before: Annotated[float | None, Query(description="only drives registered before this time")] = None,
+    state: DriveState | None = None,
+) -> DriveList:
+    """Drives, newest first."""
+    found = await service.read(lambda session: drives_out(session, drives.newest(session, limit, before, state)))
+    return DriveList(drives=found, next_before=found[-1].created_at if len(found) == limit else None)
+
+
+@router.get("/{drive_id}")
+async def one(drive_id: DriveId, service: ServiceDep) -> DriveOut:
+    """One drive with its stages."""
+    return await service.read(lambda session: drives_out(session, [drives.get(session, drive_id)])[0])
+
+
+@router.get("/{drive_id}/track")
+async def track(drive_id: DriveId, service: ServiceDep) -> Feature:
+    """The way that the drive took, as a GeoJSON LineString in WGS84; no geometry until it has a place."""
+    drive = await service.read(lambda session: drives.get(session, drive_id))
+    geometry = {"type": "LineString", "coordinates": drive.track} if drive.track else None
+    return Feature(geometry=geometry, properties={"id": drive.id, "name": drive.name, "state": drive.state})
+
+
+@router.post("/{drive_id}/retry")
+async def retry(drive_id: DriveId, service: ServiceDep) -> DriveOut:
+    """Try the failed stage again, with a fresh set of attempts; finished stages are kept."""
+
+    def change(session: Session) -> list[Wake]:
+        drives.get(session, drive_id)
+        return jobs.retry(session, drive_id)
+
+    await service.wake(await service.write(change))
+    return await one(drive_id, service)
+
+
+@router.delete("/{drive_id}", status_code=202)
+async def remove(drive_id: DriveId, service: ServiceDep) -> DriveOut:
+    """Remove the drive: its files, and its part of the map with the next version."""
+    woken = await service.write(lambda session: drives.request_removal(session, drive_id))
+    view = await one(drive_id, service)
+    await service.wake([woken])
+    return view
+
+
+def _check_size(service: Service, manifest: Manifest) -> None:
+    limits = service.settings
+    if len(manifest.files) > limits.max_drive_files:
+        raise ProtocolError(413, "too-large", f"the drive has {len(manifest.files)} files, {limits.max_drive_files} are allowed")
+    largest = max(manifest.files, key=lambda file: file.size)
+    if largest.size > limits.max_file_bytes:
+        raise ProtocolError(413, "too-large", f"{largest.path} has {largest.size} bytes, {limits.max_file_bytes} are allowed")
+
+
+def _missing(service: Service, session: Session, drive_id: str) -> list[MissingFile]:
+    """The missing files, each with the unfinished upload that is furthest."""
+    furthest: dict[str, tuple[int, str]] = {}
+    for upload in uploads.unfinished(session, drive_id):
+        size = uploads.part(service.folders, upload.id).size()
+        furthest[upload.path] = max(furthest.get(upload.path, (0, "")), (size, f"/v1/uploads/{upload.id}"))
+    files = drives.missing_files(session, drive_id)
+    return [
+        MissingFile(path=file.path, size=file.size, sha256=file.sha256, offset=offset, upload=address or None)
+        for file in files
+        for offset, address in [furthest.get(file.path, (0, ""))]
+    ]

@@ -1,0 +1,86 @@
+"""Whether the server lives, whether it can work, and what it counts."""
+
+from fastapi import APIRouter, Depends, Response
+from prometheus_client import CONTENT_TYPE_LATEST
+from redis import Redis
+from redis.exceptions import RedisError
+
+from wayloom import __version__
+from wayloom.config.classes import CLASS_NAMES, PALETTE
+from wayloom.store import counts, migrate
+from wayloom.store.database import DatabaseError, Session
+from wayloom_services.context import Service, ServiceDep, require_key
+from wayloom_services.schemas import ClassOut, Health, Info
+from wayloom_services.views import ALL_STAGES
+
+router = APIRouter(tags=["service"])
+
+
+@router.get("/healthz")
+async def alive() -> Health:
+    """The process answers."""
+    return Health(status="ok", version=__version__, checks={})
+
+
+@router.get("/readyz", responses={503: {"model": Health}})
+async def ready(response: Response, service: ServiceDep) -> Health:
+    """The database is there and up to date. Without a broker drives still arrive and wait: `degraded`, but 200."""
+    checks = {
+        "database": await service.in_thread(lambda: _database(service)),
+        "broker": await service.in_thread(lambda: _broker(service)),
+    }
+    response.status_code = 200 if checks["database"] == "ok" else 503
+    return Health(status="ok" if set(checks.values()) == {"ok"} else "degraded", version=__version__, checks=checks)
+
+
+@router.get("/metrics", response_class=Response, dependencies=[Depends(require_key)])
+async def metrics(service: ServiceDep) -> Response:
+    """In Prometheus' text format."""
+    await service.read(lambda session: _count(service, session))
+    return Response(await service.in_thread(service.metrics.exposition), media_type=CONTENT_TYPE_LATEST)
+
+
+@router.get("/v1/info")
+async def info(service: ServiceDep) -> Info:
+    """The map, the stages and the classes; needs no key."""
+    classes = [ClassOut(id=i, name=name, colour=f"#{PALETTE[i].tobytes().hex()}") for i, name in enumerate(CLASS_NAMES)]
+    settings = service.settings
+    return Info(
+        version=__version__,
+        map_id=settings.map_id,
+        needs_key=settings.api_key is not None,
+        stages=list(ALL_STAGES),
+        classes=classes,
+    )
+
+
+def _database(service: Service) -> str:
+    try:
+        return (
+            "ok"
+            if migrate.is_current(service.database)
+            else "migrations are missing: run `wayloom up` or `python -m wayloom.store`"
+        )
+    except DatabaseError as error:
+        return type(error).__name__
+
+
+def _broker(service: Service) -> str:
+    url = service.settings.broker.replace("redis+socket://", "unix://")
+    try:
+        with Redis.from_url(url, socket_connect_timeout=2, socket_timeout=2) as client:
+            client.ping()
+    except RedisError as error:
+        return type(error).__name__
+    return "ok"
+
+
+def _count(service: Service, session: Session) -> None:
+    service.metrics.jobs.clear()
+    for stage, state, number in counts.jobs(session):
+        service.metrics.jobs.labels(stage, state).set(number)
+    service.metrics.drives.clear()
+    for state, number in counts.drives(session):
+        service.metrics.drives.labels(state).set(number)
+    for map_id, version in counts.maps(session):
+        service.metrics.map_version.labels(map_id).set(version)

@@ -1,0 +1,162 @@
+"""Maps, their versions, tiles and submaps."""
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
+
+from wayloom.store import maps
+from wayloom.store.tables import TileRow
+from wayloom_services.context import Service, ServiceDep, require_key
+from wayloom_services.drives import PROBLEMS
+from wayloom_services.errors import ProtocolError
+from wayloom_services.schemas import (
+    Feature,
+    FeatureCollection,
+    MapList,
+    MapOut,
+    SubmapList,
+    VersionList,
+    VersionOut,
+)  # fmt: skip
+from wayloom_services.views import submap_out, version_out
+
+MapId = Annotated[str, Path(pattern="^[a-z0-9][a-z0-9-]{0,62}$")]
+Number = Annotated[int, Path(ge=1, le=2**31 - 1)]
+Layer = Annotated[str, Path(pattern="^[a-z0-9][a-z0-9_-]{0,31}$")]
+Zoom = Annotated[int, Path(ge=0, le=24)]
+Coordinate = Annotated[int, Path(ge=0, lt=2**24)]
+Extension = Annotated[str, Path(pattern="^[a-z0-9]{1,8}$")]
+COVERAGE_ZOOM = 17
+FOREVER = "public, max-age=31536000, immutable"
+ASK_AGAIN = "no-cache"
+
+router = APIRouter(prefix="/v1", tags=["maps"], dependencies=[Depends(require_key)], responses=PROBLEMS)
+
+
+@router.get("/maps")
+async def all_maps(service: ServiceDep) -> MapList:
+    """Every map."""
+    found = await service.read(maps.all_maps)
+    return MapList(maps=[MapOut(id=row.id, version=row.version, created_at=row.created_at) for row in found])
+
+
+@router.get("/maps/{map_id}")
+async def newest(map_id: MapId, service: ServiceDep) -> VersionOut:
+    """The newest version; 404 until something is published."""
+    return version_out(await service.read(lambda session: maps.version(session, map_id)))
+
+
+@router.get("/maps/{map_id}/versions")
+async def versions(map_id: MapId, service: ServiceDep) -> VersionList:
+    """The versions that are kept, newest first."""
+    return VersionList(versions=[version_out(row) for row in await service.read(lambda session: maps.versions(session, map_id))])
+
+
+@router.get("/maps/{map_id}/versions/{number}")
+async def version(map_id: MapId, number: Number, service: ServiceDep) -> VersionOut:
+    """One version."""
+    return version_out(await service.read(lambda session: maps.version(session, map_id, number)))
+
+
+@router.get("/maps/{map_id}/coverage")
+async def coverage(map_id: MapId, service: ServiceDep) -> FeatureCollection:
+    """Where the newest version has something, as squares of the tile grid."""
+    return await service.read(lambda session: _coverage(maps.tiles(session, map_id, maps.get(session, map_id).version)))
+
+
+@router.get("/maps/{map_id}/submaps")
+async def submaps(
+    map_id: MapId,
+    service: ServiceDep,
+    bbox: Annotated[str | None, Query(description="west,south,east,north in degrees", max_length=120)] = None,
+) -> SubmapList:
+    """The submaps of the map, or those that touch the box."""
+    box = None if bbox is None else _box(bbox)
+    return SubmapList(submaps=[submap_out(row) for row in await service.read(lambda session: maps.submaps(session, map_id, box))])
+
+
+@router.get("/submaps/{digest}", response_class=Response, responses={200: {"content": {"application/octet-stream": {}}}})
+async def submap(digest: Annotated[str, Path(pattern="^[0-9a-f]{64}$")], service: ServiceDep) -> Response:
+    """A submap's points, in its own frame; the format is in docs/formats.md."""
+    content = await service.in_thread(lambda: service.blobs.get(digest))
+    return Response(content, headers={"ETag": f'"{digest}"', "Cache-Control": FOREVER}, media_type="application/octet-stream")
+
+
+TILE_ANSWERS: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"image/png": {}, "application/vnd.mapbox-vector-tile": {}, "application/octet-stream": {}}},
+    204: {"description": "nothing is mapped there"},
+    304: {"description": "the tile is the one that you hold"},
+}
+
+
+@router.get("/maps/{map_id}/tiles/{layer}/{z}/{x}/{y}.{ext}", response_class=Response, responses=TILE_ANSWERS)
+async def tile(
+    map_id: MapId, layer: Layer, z: Zoom, x: Coordinate, y: Coordinate, ext: Extension, request: Request, service: ServiceDep
+) -> Response:
+    """A tile of the newest version. Its ETag is its content's hash: ask again with If-None-Match."""
+    return await _tile(service, request, (map_id, None, layer, z, x, y), ext, ASK_AGAIN)
+
+
+@router.get("/maps/{map_id}/versions/{number}/tiles/{layer}/{z}/{x}/{y}.{ext}", response_class=Response, responses=TILE_ANSWERS)
+async def tile_of_version(
+    map_id: MapId,
+    number: Number,
+    layer: Layer,
+    z: Zoom,
+    x: Coordinate,
+    y: Coordinate,
+    ext: Extension,
+    request: Request,
+    service: ServiceDep,
+) -> Response:
+    """A tile of a given version: it never changes."""
+    return await _tile(service, request, (map_id, number, layer, z, x, y), ext, FOREVER)
+
+
+async def _tile(
+    service: Service, request: Request, address: tuple[str, int | None, str, int, int, int], ext: str, cache: str
+) -> Response:
+    map_id, number, layer, z, x, y = address
+    if x >= 1 << z or y >= 1 << z:
+        raise ProtocolError(404, "not-found", f"zoom {z} has no tile {x}/{y}: both go from 0 to {(1 << z) - 1}")
+    row = await service.read(
+        lambda session: maps.tile(session, map_id, maps.version(session, map_id, number).version, layer, z, x, y)
+    )
+    if row is None:
+        return Response(status_code=204, headers={"Cache-Control": cache})
+    headers = {"ETag": f'"{row.digest}"', "Cache-Control": cache}
+    if any(
+        tag.strip().removeprefix("W/").strip('"') in (row.digest, "*")
+        for tag in request.headers.get("if-none-match", "").split(",")
+    ):
+        return Response(status_code=304, headers=headers)
+    content = await service.in_thread(lambda: service.blobs.get(row.digest))
+    return Response(content, headers=headers, media_type=row.media_type)
+
+
+def _box(text: str) -> maps.Box:
+    try:
+        west, south, east, north = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ProtocolError(400, "bad-request", "bbox is west,south,east,north in degrees") from None
+    if not (-180 <= west <= east <= 180 and -90 <= south <= north <= 90):
+        raise ProtocolError(400, "bad-request", "bbox: west <= east within 180 degrees, south <= north within 90")
+    return west, south, east, north
+
+
+def _coverage(tiles: Sequence[TileRow]) -> FeatureCollection:
+    """One square for each address that has a tile at COVERAGE_ZOOM, or at the deepest zoom above it."""
+    zoom = max((tile.z for tile in tiles if tile.z <= COVERAGE_ZOOM), default=0)
+    addresses = sorted({(tile.x, tile.y) for tile in tiles if tile.z == zoom})
+    return FeatureCollection(
+        features=[Feature(geometry=_square(zoom, x, y), properties={"z": zoom, "x": x, "y": y}) for x, y in addresses]
+    )
+
+
+def _square(z: int, x: int, y: int) -> dict[str, object]:
+    """The outline of a web-mercator tile in degrees."""
+    west, east = (360.0 * column / (1 << z) - 180.0 for column in (x, x + 1))
+    north, south = (math.degrees(math.atan(math.sinh(math.pi * (1 - 2 * row / (1 << z))))) for row in (y, y + 1))
+    return {"type": "Polygon", "coordinates": [[[west, south], [east, south], [east, north], [west, north], [west, south]]]}

@@ -1,0 +1,51 @@
+"""What Prometheus may ask for. Labels are route templates, never paths that a client chose."""
+
+import time
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+
+class Metrics:
+    """The counters of one application, in a registry of their own."""
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        labels = ("method", "route", "status")
+        self.requests = Counter("wayloom_http_requests", "Requests answered", labels, registry=self.registry)
+        self.seconds = Histogram("wayloom_http_request_seconds", "Time to answer", ("method", "route"), registry=self.registry)
+        self.upload_bytes = Counter("wayloom_upload_bytes", "Bytes of drives received", registry=self.registry)
+        self.jobs = Gauge("wayloom_jobs", "Jobs by stage and state", ("stage", "state"), registry=self.registry)
+        self.drives = Gauge("wayloom_drives", "Drives by state", ("state",), registry=self.registry)
+        self.map_version = Gauge("wayloom_map_version", "Published version of each map", ("map",), registry=self.registry)
+
+    def exposition(self) -> bytes:
+        """The text that Prometheus reads."""
+        return generate_latest(self.registry)
+
+
+class CountRequests:
+    """ASGI middleware that counts and times every request."""
+
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+        self._app, self._metrics = app, metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        started, status = time.perf_counter(), 500
+
+        async def note_status(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+            await send(message)
+
+        try:
+            await self._app(scope, receive, note_status)
+        finally:
+            route = getattr(scope.get("route"), "path", None) or "unknown"
+            self._metrics.requests.labels(scope["method"], route, str(status)).inc()
+            self._metrics.seconds.labels(scope["method"], route).observe(time.perf_counter() - started)

@@ -1,0 +1,171 @@
+"""What the API answers, as its OpenAPI document shows it. Times are seconds since 1970."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field
+
+DriveState = Literal["uploading", "queued", "running", "stitching", "done", "failed", "removing"]
+StageState = Literal["waiting", "queued", "running", "done", "failed"]
+
+
+class StageOut(BaseModel):
+    """One stage of a drive."""
+
+    stage: str
+    state: StageState
+    progress: float = Field(ge=0, le=1)
+    message: str
+    attempt: int
+    error: str | None
+    started_at: float | None
+    finished_at: float | None
+    seconds: float | None = Field(description="how long it took, or has run so far")
+
+
+class DriveOut(BaseModel):
+    """One drive and how far it is."""
+
+    id: str
+    name: str
+    vehicle_id: str | None
+    map_id: str
+    state: DriveState
+    note: str | None = Field(description="a few words on the outcome, as 'not geo-referenced'")
+    error: str | None
+    stage: str | None = Field(description="the stage that is running or comes next")
+    progress: float = Field(ge=0, le=1, description="share of all stages that is done")
+    eta_s: float | None = Field(
+        description="seconds to the end as guessed from this and earlier drives; None where nothing is known"
+    )
+    stages: list[StageOut]
+    files: int
+    bytes: int
+    received_files: int
+    received_bytes: int
+    placed: bool | None
+    facts: dict[str, Any]
+    created_at: float
+    uploaded_at: float | None
+    finished_at: float | None
+
+
+class DriveList(BaseModel):
+    """Drives, newest first."""
+
+    drives: list[DriveOut]
+    next_before: float | None = Field(description="give as `before` to get the next page")
+
+
+class MissingFile(BaseModel):
+    """A file that the server lacks, and where its upload can be continued."""
+
+    path: str
+    size: int
+    sha256: str
+    upload: str | None = Field(description="address of an unfinished upload of this file")
+    offset: int = Field(description="bytes that it has already")
+
+
+class Registration(BaseModel):
+    """The answer to a manifest."""
+
+    id: str
+    created: bool
+    drive: DriveOut
+    missing: list[MissingFile]
+
+
+class MapOut(BaseModel):
+    """A map and its newest version."""
+
+    id: str
+    version: int = Field(description="0: nothing published yet")
+    created_at: float
+
+
+class MapList(BaseModel):
+    """Every map."""
+
+    maps: list[MapOut]
+
+
+class VersionOut(BaseModel):
+    """One published version of a map."""
+
+    map_id: str
+    version: int
+    created_at: float
+    frame: list[float] = Field(description="origin of the map's ENU frame: longitude, latitude, ellipsoidal height")
+    drives: list[str]
+    submaps: int
+    bounds: list[float] | None = Field(description="west, south, east, north")
+    layers: dict[str, Any]
+    tiles: int
+    bytes: int
+    facts: dict[str, Any]
+
+
+class VersionList(BaseModel):
+    """The versions that are kept, newest first."""
+
+    versions: list[VersionOut]
+
+
+class SubmapOut(BaseModel):
+    """A submap: its place; its points are at /v1/submaps/{digest}."""
+
+    digest: str
+    drive_id: str
+    position: int
+    points: int
+    bounds: list[float]
+    frame: list[float]
+    T_enu_submap: list[list[float]]
+    covariance: list[list[float | None]]
+
+
+class SubmapList(BaseModel):
+    """Submaps that touch a box."""
+
+    submaps: list[SubmapOut]
+
+
+class Feature(BaseModel):
+    """A GeoJSON feature."""
+
+    type: Literal["Feature"] = "Feature"
+    geometry: dict[str, Any] | None
+    properties: dict[str, Any]
+
+
+class FeatureCollection(BaseModel):
+    """A GeoJSON feature collection, WGS84."""
+
+    type: Literal["FeatureCollection"] = "FeatureCollection"
+    features: list[Feature]
+
+
+class Health(BaseModel):
+    """Whether the server lives, and what it can reach."""
+
+    status: Literal["ok", "degraded"]
+    version: str
+    checks: dict[str, str]
+
+
+class ClassOut(BaseModel):
+    """A class of the map."""
+
+    id: int
+    name: str
+    colour: str
+
+
+class Info(BaseModel):
+    """What a dashboard or client must know before its first request."""
+
+    version: str
+    map_id: str
+    needs_key: bool
+    stages: list[str]
+    classes: list[ClassOut]

@@ -1,0 +1,143 @@
+"""Resumable upload by the tus protocol 1.0.0: creation, creation-with-upload, checksum, expiration, termination.
+
+The offset is the size of the stored file, whatever happened before. A chunk with a checksum waits beside the file until it is whole
+and right; a chunk without is kept as far as it came. When a file is whole, its SHA-256 must be the manifest's.
+"""
+
+import shutil
+import time
+
+from fastapi import APIRouter, Depends, Request, Response
+
+from wayloom.errors import OffsetConflictError
+from wayloom.store import uploads
+from wayloom.store.tables import Upload
+from wayloom_services.context import Service, ServiceDep, require_key
+from wayloom_services.errors import ProtocolError
+from wayloom_services.tus_body import complete, forget, receive
+from wayloom_services.tus_headers import (
+    CHECKSUMS,
+    CONTENT_TYPE,
+    EXTENSIONS,
+    VERSION,
+    check_version,
+    checksum,
+    date,
+    integer,
+    metadata,
+)
+
+router = APIRouter(prefix="/v1/uploads", tags=["uploads"], dependencies=[Depends(require_key)])
+_BODY = {"requestBody": {"content": {CONTENT_TYPE: {"schema": {"type": "string", "format": "binary"}}}, "required": False}}
+
+
+@router.options("", status_code=204, summary="What this server can do")
+@router.options("/{upload_id}", status_code=204, include_in_schema=False)
+async def capabilities(service: ServiceDep) -> Response:
+    """Versions, extensions, largest file and checksums."""
+    headers = {
+        "Tus-Version": VERSION,
+        "Tus-Extension": EXTENSIONS,
+        "Tus-Max-Size": str(service.settings.max_file_bytes),
+        "Tus-Checksum-Algorithm": ",".join(CHECKSUMS),
+    }
+    return _answer(204, headers)
+
+
+@router.post("", status_code=201, summary="Start the upload of a file", openapi_extra=_BODY)
+async def create(request: Request, service: ServiceDep) -> Response:
+    """Headers: Upload-Length; Upload-Metadata with `drive` and `path`; the body may hold the first bytes, or all of them."""
+    check_version(request)
+    length = integer(request, "upload-length")
+    if length > service.settings.max_file_bytes:
+        raise ProtocolError(
+            413, "too-large", f"{length} bytes are more than the {service.settings.max_file_bytes} allowed for a file"
+        )
+    await _check_space(service, length)
+    header = request.headers.get("upload-metadata", "")
+    given = metadata(header)
+    drive, path = given.get("drive", ""), given.get("path", "")
+    with_body = request.headers.get("content-type") == CONTENT_TYPE
+    expected = checksum(request) if with_body else None
+    expiry_s = service.settings.upload_expiry_s
+    upload = await service.write(lambda session: uploads.create(session, drive, path, length, header, expiry_s))
+    offset = 0
+    async with service.locks.hold(upload.id) as asked:
+        try:
+            offset = await receive(request, service, upload, 0, expected, asked) if with_body else 0
+        except ProtocolError:  # the client does not know the upload's address yet
+            await forget(service, upload)
+            raise
+        if offset == length:
+            await complete(service, upload)
+    headers = {"Location": f"/v1/uploads/{upload.id}", "Upload-Offset": str(offset), "Upload-Expires": date(upload.expires_at)}
+    return _answer(201, headers)
+
+
+@router.head("/{upload_id}", summary="How far the upload is")
+async def offset(upload_id: str, request: Request, service: ServiceDep) -> Response:
+    """Upload-Offset, Upload-Length, Upload-Metadata, Upload-Expires."""
+    check_version(request)
+    upload = await _find(service, upload_id)
+    headers = {
+        "Upload-Offset": str(await service.in_thread(lambda: _offset(service, upload))),
+        "Upload-Length": str(upload.length),
+        "Upload-Metadata": upload.metadata_header,
+        "Upload-Expires": date(upload.expires_at),
+    }
+    return _answer(200, headers)
+
+
+@router.patch("/{upload_id}", status_code=204, summary="Continue the upload", openapi_extra=_BODY)
+async def append(upload_id: str, request: Request, service: ServiceDep) -> Response:
+    """Headers: Upload-Offset, which must be where the stored bytes end; Upload-Checksum if the chunk is to be verified."""
+    check_version(request)
+    if request.headers.get("content-type") != CONTENT_TYPE:
+        raise ProtocolError(415, "wrong-content-type", f"a chunk is sent as {CONTENT_TYPE}")
+    start, expected = integer(request, "upload-offset"), checksum(request)
+    async with service.locks.hold(upload_id) as asked:
+        upload = await _find(service, upload_id)
+        stored = await service.in_thread(lambda: _offset(service, upload))
+        if start != stored:
+            raise OffsetConflictError(f"{stored} bytes are stored, the chunk starts at {start}: ask with HEAD and continue there")
+        if start < upload.length or request.headers.get("content-length", "0") != "0":
+            await _check_space(service, upload.length - start)
+            stored = await receive(request, service, upload, start, expected, asked)
+        if stored == upload.length and not upload.complete:
+            await complete(service, upload)
+        until = await service.write(lambda session: uploads.prolong(session, upload_id, service.settings.upload_expiry_s))
+    return _answer(204, {"Upload-Offset": str(stored), "Upload-Expires": date(until)})
+
+
+@router.delete("/{upload_id}", status_code=204, summary="Give the upload up")
+async def terminate(upload_id: str, request: Request, service: ServiceDep) -> Response:
+    """The stored bytes are dropped."""
+    check_version(request)
+    async with service.locks.hold(upload_id):
+        upload = await _find(service, upload_id)
+        if upload.complete:
+            raise ProtocolError(409, "conflict", f"{upload.path} is complete and belongs to its drive: remove the drive instead")
+        await forget(service, upload)
+    return _answer(204, {})
+
+
+async def _find(service: Service, upload_id: str) -> Upload:
+    upload = await service.read(lambda session: uploads.find(session, upload_id))
+    if not upload.complete and upload.expires_at < time.time():
+        raise ProtocolError(410, "expired", "the upload was not continued for too long: start it again")
+    return upload
+
+
+async def _check_space(service: Service, wanted: int) -> None:
+    """Refuse before the first byte what would fill the disk."""
+    free = await service.in_thread(lambda: shutil.disk_usage(service.settings.data_dir).free)
+    if free - wanted < service.settings.min_free_bytes:
+        raise ProtocolError(507, "no-space", f"{free} bytes are free, {wanted} more are wanted and a reserve is kept")
+
+
+def _offset(service: Service, upload: Upload) -> int:
+    return upload.length if upload.complete else uploads.part(service.folders, upload.id).size()
+
+
+def _answer(status: int, headers: dict[str, str]) -> Response:
+    return Response(status_code=status, headers={"Tus-Resumable": VERSION, "Cache-Control": "no-store", **headers})

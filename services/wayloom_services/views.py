@@ -1,0 +1,98 @@
+"""From rows to what the API answers."""
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+
+from wayloom.store import drives
+from wayloom.store.database import Session
+from wayloom.store.drives import Received
+from wayloom.store.queues import DRIVE_STAGES, MAP_STAGES
+from wayloom.store.tables import Drive, Job, MapVersion, SubmapRow
+from wayloom_services.schemas import DriveOut, StageOut, SubmapOut, VersionOut
+
+ALL_STAGES = DRIVE_STAGES + MAP_STAGES
+
+
+def drives_out(session: Session, rows: Sequence[Drive]) -> list[DriveOut]:
+    """The drives with their stages."""
+    jobs = drives.jobs_of(session, rows)
+    received = drives.received(session, [row.id for row in rows])
+    usual = drives.usual_seconds(session) if any(row.state in ("queued", "running", "stitching") for row in rows) else {}
+    return [drive_out(row, jobs[row.id], received[row.id], usual) for row in rows]
+
+
+def drive_out(drive: Drive, jobs: Sequence[Job], received: Received, usual: Mapping[str, float]) -> DriveOut:
+    """One drive; `usual` is how long each stage usually takes."""
+    now = time.time()
+    stages = _stages(drive, jobs, now)
+    current = next((stage for stage in stages if stage.state not in ("done",)), None)
+    return DriveOut(
+        id=drive.id, name=drive.name, vehicle_id=drive.vehicle_id, map_id=drive.map_id, state=drive.state,
+        error=drive.error,
+        note="not geo-referenced: no place in the map" if drive.placed is False else None,
+        stage=None if current is None or drive.state in ("done", "uploading", "removing") else current.stage,
+        progress=_share_done(drive, stages, received), eta_s=_eta(drive, stages, usual), stages=stages, files=drive.file_count,
+        bytes=drive.byte_count, received_files=received.files, received_bytes=received.bytes, placed=drive.placed,
+        facts=drive.facts, created_at=drive.created_at, uploaded_at=drive.uploaded_at, finished_at=drive.finished_at,
+    )  # fmt: skip
+
+
+def version_out(row: MapVersion) -> VersionOut:
+    """One version."""
+    return VersionOut(
+        map_id=row.map_id, version=row.version, created_at=row.created_at, frame=row.frame, drives=row.drives,
+        submaps=row.submap_count, bounds=row.bounds, layers=row.layers, tiles=row.tile_count, bytes=row.byte_count, facts=row.facts,
+    )  # fmt: skip
+
+
+def submap_out(row: SubmapRow) -> SubmapOut:
+    """One submap's place."""
+    covariance = [[value if value is None or math.isfinite(value) else None for value in line] for line in row.covariance]
+    return SubmapOut(
+        digest=row.digest, drive_id=row.drive_id, position=row.position, points=row.point_count, frame=row.frame,
+        bounds=[row.min_lon, row.min_lat, row.max_lon, row.max_lat], T_enu_submap=row.T_enu_submap, covariance=covariance,
+    )  # fmt: skip
+
+
+def _stages(drive: Drive, jobs: Sequence[Job], now: float) -> list[StageOut]:
+    """Every stage that the drive will have, those without a row yet as waiting."""
+    found = {job.stage: job for job in jobs}
+    names = DRIVE_STAGES if drive.placed is False else ALL_STAGES
+    return [_stage(found[name], now) if name in found else _waiting(name) for name in names]
+
+
+def _stage(job: Job, now: float) -> StageOut:
+    seconds = None if job.started_at is None else max(0.0, (job.finished_at or now) - job.started_at)
+    return StageOut(
+        stage=job.stage, state=job.state, progress=job.progress, message=job.message, attempt=job.attempt, error=job.error,
+        started_at=job.started_at, finished_at=job.finished_at, seconds=seconds if job.state != "queued" else None,
+    )  # fmt: skip
+
+
+def _waiting(name: str) -> StageOut:
+    return StageOut(
+        stage=name, state="waiting", progress=0, message="", attempt=0, error=None, started_at=None, finished_at=None, seconds=None
+    )
+
+
+def _share_done(drive: Drive, stages: Sequence[StageOut], received: Received) -> float:
+    """The received share while the drive arrives, then the share of stages done."""
+    if drive.state == "uploading":
+        return received.bytes / drive.byte_count if drive.byte_count else 0.0
+    return sum(stage.progress for stage in stages) / len(stages)
+
+
+def _eta(drive: Drive, stages: Sequence[StageOut], usual: Mapping[str, float]) -> float | None:
+    """The rest of the running stage by its own pace, the following ones as long as they usually took."""
+    if drive.state not in ("queued", "running", "stitching"):
+        return None
+    rest = 0.0
+    for stage in stages:
+        if stage.state == "running" and stage.seconds and stage.progress > 0.02:
+            rest += stage.seconds * (1 - stage.progress) / stage.progress
+        elif stage.state != "done":
+            if stage.stage not in usual:
+                return None
+            rest += usual[stage.stage]
+    return rest

@@ -1,0 +1,101 @@
+"""`python -m wayloom_workers worker|sweep`: one process, settings from the environment."""
+
+import argparse
+import ctypes
+import logging
+import os
+import signal
+import sys
+
+import structlog
+from celery import signals
+
+from wayloom.config.service import ServiceSettings, load_service_settings
+from wayloom.errors import WayloomError
+from wayloom.store.blobs import BlobStore
+from wayloom.store.database import Database
+from wayloom.store.folders import Folders
+from wayloom.store.queues import QUEUES, TASK_NAME
+from wayloom_workers.broker import Waker, make_app
+from wayloom_workers.heartbeat import stop_requested
+from wayloom_workers.runner import run_job
+from wayloom_workers.steps import Bench, load_steps
+from wayloom_workers.sweeper import sweep_until_stopped
+
+
+def main() -> int:
+    """Run until told to stop."""
+    parser = argparse.ArgumentParser(prog="python -m wayloom_workers")
+    parser.add_argument("role", choices=("worker", "sweep"))
+    parser.add_argument("--queues", default=",".join(QUEUES), help="queues to work on, comma-separated")
+    parser.add_argument("--die-with-parent", action="store_true", help="end when the process that started this one ends")
+    arguments = parser.parse_args()
+    if arguments.die_with_parent:
+        die_with_parent()
+    configure_log()
+    try:
+        settings = load_service_settings()
+        bench = make_bench(settings)
+        if arguments.role == "sweep":
+            _sweep(bench)
+        else:
+            _work(bench, arguments.queues)
+    except WayloomError as error:
+        sys.stderr.write(f"wayloom worker: {error}\n")
+        return 2
+    return 0
+
+
+def make_bench(settings: ServiceSettings) -> Bench:
+    """The database, blobs and folders that the settings name."""
+    folders = Folders(settings.data_dir)
+    return Bench(settings, Database(settings.database), BlobStore(folders.blobs, settings.blob_url), folders)
+
+
+def configure_log() -> None:
+    """One JSON object a line on stderr, with the job's and drive's id where there is one."""
+    structlog.configure(
+        processors=[
+            structlog.contextvars.merge_contextvars,
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso"),
+            structlog.processors.format_exc_info,
+            structlog.processors.JSONRenderer(),
+        ],
+        wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
+        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+    )
+
+
+def die_with_parent() -> None:
+    """Ask Linux to kill this process when its parent ends, however it ends. Elsewhere nothing happens."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+        if os.getppid() == 1:
+            sys.exit(1)
+
+
+def _sweep(bench: Bench) -> None:
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop_requested.set())
+    sweep_until_stopped(bench)
+
+
+def _work(bench: Bench, queues: str) -> None:
+    """A Celery worker of one process: the stages' own threads are all the concurrency it has, and killing it kills the stage."""
+    steps = load_steps(bench.settings.steps)
+    app = make_app(bench.settings)
+    waker = Waker(app, bench.database)
+
+    @app.task(name=TASK_NAME)
+    def _task(job_id: int) -> None:
+        run_job(bench, steps, waker, job_id)
+
+    signals.worker_shutting_down.connect(lambda **_: stop_requested.set(), weak=False)
+    app.worker_main(
+        ["worker", "--pool", "solo", "-Q", queues, "--without-gossip", "--without-mingle", "--without-heartbeat", "-l", "WARNING"]
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

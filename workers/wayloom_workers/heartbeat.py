@@ -1,0 +1,71 @@
+"""The sign of life of a running job: a thread that prolongs its lease and tells its progress."""
+
+import threading
+import time
+from types import TracebackType
+from typing import Self
+
+import structlog
+
+from wayloom.errors import LeaseLostError, WayloomError
+from wayloom.store.database import DatabaseError
+from wayloom.store.jobs import Claim, heartbeat
+from wayloom_workers.steps import Bench
+
+log = structlog.get_logger()
+stop_requested = threading.Event()
+"""Set when this process is told to stop; a running stage ends at its next sign of progress."""
+
+
+class StopRequestedError(WayloomError):
+    """The worker is told to stop: leave the job to the next one."""
+
+    code = "stop-requested"
+
+
+class Heartbeat:
+    """A context in which the job's lease is prolonged. It is the stage's `Progress`: calling it after the lease is lost raises."""
+
+    def __init__(self, bench: Bench, held: Claim) -> None:
+        self._bench, self._held = bench, held
+        self._share, self._what = 0.0, ""
+        self._over, self._lost = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._beat, name=f"heartbeat-{held.job_id}", daemon=True)
+
+    def __call__(self, share: float, what: str, /) -> None:
+        """Tell the share done, 0 to 1. Raises LeaseLostError, StopRequestedError."""
+        self._share, self._what = max(self._share, min(share, 1.0)), what
+        self.check()
+        if stop_requested.is_set():
+            raise StopRequestedError("the worker is told to stop")
+
+    def check(self) -> None:
+        """Raise LeaseLostError when the job is another's."""
+        if self._lost.is_set():
+            raise LeaseLostError(
+                f"job {self._held.job_id} ({self._held.stage}): another worker has taken it over, or its drive is gone"
+            )
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _beat(self) -> None:
+        settings = self._bench.settings
+        good_until = time.monotonic() + settings.lease_s
+        while not self._over.wait(settings.heartbeat_s):
+            try:
+                heartbeat(self._bench.database, self._held, settings.lease_s, self._share, self._what)
+                good_until = time.monotonic() + settings.lease_s
+            except LeaseLostError:
+                self._lost.set()
+                return
+            except DatabaseError as error:
+                log.warning("heartbeat failed", error=str(error))
+                if time.monotonic() > good_until:
+                    self._lost.set()
+                    return

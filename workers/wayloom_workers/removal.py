@@ -1,0 +1,33 @@
+"""The removal of a drive: its files at once, its part of the map with the next version."""
+
+import shutil
+
+from wayloom.store import drives, jobs, uploads
+from wayloom.store.database import Session
+from wayloom.store.jobs import Wake
+from wayloom_workers.steps import Work
+
+
+def nothing(_work: Work) -> None:
+    """A stage whose work is all in what it shares and records."""
+
+
+def remove_files(work: Work) -> None:
+    """The drive's folder and what has arrived of its uploads."""
+    drive_id = str(work.claim.drive_id)
+    with work.bench.database.read() as session:
+        unfinished = [upload.id for upload in uploads.unfinished(session, drive_id)]
+    for upload_id in unfinished:
+        uploads.part(work.bench.folders, upload_id).drop()
+    shutil.rmtree(work.bench.folders.drive(drive_id), ignore_errors=True)
+
+
+def remove_rows(session: Session, work: Work) -> list[Wake]:
+    """Forget the drive; where it was in the map, the map is stitched without it."""
+    drive = drives.get(session, str(work.claim.drive_id))
+    map_id, was_placed = drive.map_id, drive.stitch_job_id is not None
+    drives.delete_rows(session, drive.id)
+    if not was_placed:
+        return []
+    job = jobs.request_stitch(session, map_id)
+    return [Wake(job.id, job.queue)]

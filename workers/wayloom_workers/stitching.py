@@ -1,0 +1,89 @@
+"""The map's first stage: all placed submaps are merged in one frame and cut into tiles."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from wayloom.georeference import geodesy
+from wayloom.georeference.types import MapFrame
+from wayloom.georeference.uncertainty import moved_covariance
+from wayloom.stitching.merge import merge
+from wayloom.store import maps
+from wayloom.store.maps import TileEntry
+from wayloom.store.tables import SubmapRow
+from wayloom.submaps.submap import PlacedSubmap, decode_submap
+from wayloom.tiles.pyramid import Track, build_tiles
+from wayloom_workers.publishing import TILES_FILE
+from wayloom_workers.steps import Work
+
+
+def stitch(work: Work) -> None:
+    """Merge every placed submap of the map, store the tiles as blobs and list them in `tiles.json`."""
+    with work.bench.database.read() as session:
+        rows = maps.submaps(session, str(work.claim.map_id))
+    frame = _frame(work, rows)
+    said: dict[str, Any] = {
+        "frame": [frame.lon_deg, frame.lat_deg, frame.height_m],
+        "drives": sorted({row.drive_id for row in rows}),
+        "submaps": len(rows),
+        "bounds": _bounds(rows),
+        "tiles": [asdict(entry) for entry in _tiles(work, rows, frame)] if rows else [],
+    }
+    (work.out_dir / TILES_FILE).write_text(json.dumps(said) + "\n", encoding="utf-8")
+
+
+def _frame(work: Work, rows: Sequence[SubmapRow]) -> MapFrame:
+    """The frame of the map: the settings' origin, or the most south-western of the cells that its drives lie in.
+
+    So it depends on which drives are in the map, never on which came first. A drive of a neighbouring cell is moved over exactly:
+    both frames are rigid.
+    """
+    origin = work.bench.settings.map_origin
+    if origin is not None:
+        return MapFrame(*origin)
+    return min(
+        (MapFrame(*row.frame) for row in rows), key=lambda frame: (frame.lon_deg, frame.lat_deg), default=MapFrame(0.0, 0.0, 0.0)
+    )
+
+
+def _tiles(work: Work, rows: Sequence[SubmapRow], frame: MapFrame) -> list[TileEntry]:
+    """Merge, cut, and store each tile under its hash."""
+    tracks: list[tuple[tuple[str, int, str], Track]] = []
+    voxels = merge(_placed(work, rows, frame, tracks))
+    in_order = [track for _, track in sorted(tracks, key=lambda item: item[0])]
+    entries = []
+    for count, tile in enumerate(build_tiles(voxels, frame, tracks=in_order)):
+        digest = work.bench.blobs.put(tile.data)
+        entries.append(TileEntry(tile.layer, tile.z, tile.x, tile.y, digest, tile.media_type, len(tile.data)))
+        work.progress(0.5 + 0.5 * (1.0 - 0.5 ** (count / 200.0)), f"{count + 1} tiles")
+    return entries
+
+
+def _placed(
+    work: Work, rows: Sequence[SubmapRow], frame: MapFrame, tracks: list[tuple[tuple[str, int, str], Track]]
+) -> Iterator[PlacedSubmap]:
+    """The submaps, one in memory at a time, all in the map's frame; their tracks are left in `tracks`."""
+    for count, row in enumerate(rows):
+        work.progress(0.5 * count / len(rows), f"submap {count + 1} of {len(rows)}")
+        submap = decode_submap(work.bench.blobs.get(row.digest), row.digest)
+        T_map_row = geodesy.T_enu_enu(frame, MapFrame(*row.frame))
+        covariance = moved_covariance(T_map_row, np.array(row.covariance, np.float64)[None])[0]
+        placed = PlacedSubmap(submap, T_map_row @ np.array(row.T_enu_submap, np.float64), covariance, row.drive_id, frame)
+        if len(submap.keyframe_t_ns):
+            tracks.append(((row.drive_id, int(submap.keyframe_t_ns[0]), row.digest), Track(row.drive_id, placed.track_enu())))
+        yield placed
+
+
+def _bounds(rows: Sequence[SubmapRow]) -> maps.Box | None:
+    """The box around all submaps, degrees."""
+    if not rows:
+        return None
+    return (
+        min(row.min_lon for row in rows),
+        min(row.min_lat for row in rows),
+        max(row.max_lon for row in rows),
+        max(row.max_lat for row in rows),
+    )
