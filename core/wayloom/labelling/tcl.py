@@ -118,13 +118,15 @@ def _votes_of_keyframe(
     points, T_world_cam = odometry.points, odometry.keyframes.T_world_cam
     camera = odometry.rig.camera
     p = ballot.point[rows]
-    hosts, host = np.unique(points.host[p], return_inverse=True)
-    T_observer_host = np.linalg.inv(T_world_cam[j]) @ T_world_cam[hosts]
-    T_observer_host[hosts == j] = np.eye(4)
+    host = points.host[p]
+    first, last = int(host.min()), int(host.max())
+    T_observer_host = np.linalg.inv(T_world_cam[j]) @ T_world_cam[first : last + 1]
+    if first <= j <= last:
+        T_observer_host[j - first] = np.eye(4)
     result: tuple[NDArray[np.uint8], NDArray[np.float32]] = read_votes(
         camera.rays(points.uv_host[p].astype(np.float64)),
         points.inverse_depth[p].astype(np.float64),
-        host,
+        host - first,
         T_observer_host,
         ballot.right[rows],
         left,
