@@ -68,7 +68,8 @@ def write_overlays(log: DriveLog, odometry: OdometryResult, images: KeyframeLabe
 
 def write_image(file: Path, image: NDArray[np.uint8]) -> None:
     """An RGB image (h, w, 3) as PNG or JPEG, by the file's suffix."""
-    written, data = cv2.imencode(file.suffix, np.ascontiguousarray(image[:, :, ::-1]), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if file.suffix == ".jpg" else []
+    written, data = cv2.imencode(file.suffix, np.ascontiguousarray(image[:, :, ::-1]), options)
     if not written:
         raise StageError(f"{file}: an image of {image.shape} could not be encoded")
     file.write_bytes(data.tobytes())

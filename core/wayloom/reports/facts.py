@@ -15,6 +15,8 @@ from wayloom.pipeline.drive import DriveResult
 
 FORMAT: Final = "wayloom-drive-report"
 FORMAT_VERSION: Final = 1
+UNNEEDED: Final = ("IMU", "GNSS")
+"""What a log may lack without a warning of its own: no IMU costs little, and the geo-reference tells of missing GNSS."""
 
 
 def drive_facts(result: DriveResult) -> dict[str, Any]:
@@ -128,8 +130,9 @@ def warnings(result: DriveResult) -> list[str]:
         segments = len(np.unique(trajectory.segment))
         said.append(f"{lost} of {len(trajectory)} frames were lost: the track has {segments} segments, joined by guesses or GNSS")
     said += [str(message) for message in result.geo.report.get("messages", ())]
-    if log["missing"]:
-        said.append(f"the log has no {', no '.join(log['missing'])}")
+    lacking = [thing for thing in log["missing"] if thing not in UNNEEDED]
+    if lacking:
+        said.append(f"not in the log: {'; '.join(lacking)}")
     gaps = log["frames"]["gaps"]
     if gaps:
         worst = max(gap["seconds"] for gap in gaps)

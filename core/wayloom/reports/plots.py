@@ -113,9 +113,8 @@ def _draw_track(axes: Axes, picture: TrackPicture) -> None:
     lost = picture.track[~picture.tracked]
     if len(lost):
         axes.scatter(lost[:, 0], lost[:, 1], s=18, color=LOST, marker="x", label="lost frames", zorder=5)
-    axes.scatter(
-        picture.track[:1, 0], picture.track[:1, 1], s=46, color="white", edgecolors=ACCENT, linewidths=1.8, zorder=6, label="start"
-    )
+    x, y = picture.track[:1].T
+    axes.scatter(x, y, s=46, color="white", edgecolors=ACCENT, linewidths=1.8, zorder=6, label="start")
 
 
 def sigma_svg(t_s: FloatArray, sigma_enu_m: FloatArray) -> str:

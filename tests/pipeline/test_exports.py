@@ -1,0 +1,91 @@
+"""What a drive leaves can be read by others and lies where it should."""
+
+import json
+
+import cv2
+import laspy
+import numpy as np
+import pytest
+from evo.tools import file_interface
+
+from reports.made_result import CAMERA, made_result
+from wayloom.config.classes import PALETTE_WITH_VOID
+from wayloom.geometry import se3
+from wayloom.georeference.geodesy import enu_from_lonlatheight
+from wayloom.georeference.types import MapFrame
+from wayloom.logs.ply import read_ply
+from wayloom.pipeline.exports import cloud, write_exports
+from wayloom.pipeline.plane import T_plane_enu, axis_labels
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    return made_result(tmp_path_factory.mktemp("drive"))
+
+
+@pytest.fixture(scope="module")
+def folder(result, tmp_path_factory):
+    out = tmp_path_factory.mktemp("out")
+    write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, out)
+    return out
+
+
+def test_evo_reads_both_trajectories(folder, result):
+    tum = file_interface.read_tum_trajectory_file(str(folder / "trajectory.tum"))
+    kitti = file_interface.read_kitti_poses_file(str(folder / "trajectory.kitti"))
+    T = result.odometry.trajectory.T_world_cam
+    np.testing.assert_allclose(tum.positions_xyz, T[:, :3, 3], atol=1e-8)
+    np.testing.assert_allclose(kitti.poses_se3, T, atol=1e-8)
+    np.testing.assert_allclose(tum.timestamps, result.odometry.trajectory.t_ns * 1e-9, atol=1e-9)
+
+
+def test_the_geojson_track_lies_where_the_fixes_are(folder, result):
+    line = json.loads((folder / "trajectory.geojson").read_text())["features"][0]["geometry"]
+    assert line["type"] == "LineString"
+    frame = MapFrame(8.4, 49.0, 117.0)
+    mapped = enu_from_lonlatheight(np.array(line["coordinates"]), frame)
+    fixes = enu_from_lonlatheight(result.log.gnss.lon_lat_height, frame)
+    assert len(mapped) == 30
+    assert np.hypot(*(mapped - fixes)[:, :2].T).max() < 0.5
+    np.testing.assert_allclose(fixes[:, 2] - mapped[:, 2], 1.0, atol=0.2)  # the antenna is 1 m above the camera
+
+
+def test_the_cloud_has_all_points_of_all_submaps_with_their_colours(folder, result):
+    ply = read_ply(folder / "cloud.ply")
+    points, labels = cloud(result.submaps)
+    np.testing.assert_array_equal(ply.points, points)
+    np.testing.assert_array_equal(ply.labels, labels)
+    np.testing.assert_array_equal(ply.colours, PALETTE_WITH_VOID[labels])
+
+
+def test_the_laz_has_the_same_points_in_utm(folder, result):
+    laz = laspy.read(folder / "cloud.laz")
+    _, labels = cloud(result.submaps)
+    np.testing.assert_array_equal(np.asarray(laz.label), labels)
+    assert laz.header.parse_crs().to_epsg() == 32632
+    assert 450_000 < np.asarray(laz.x).mean() < 460_000
+
+
+def test_overlays_are_spread_over_the_drive_and_of_the_cameras_size(folder):
+    left = sorted(file.name for file in (folder / "overlays").glob("*_left.jpg"))
+    assert left == [f"{frame:010d}_left.jpg" for frame in range(0, 30, 5)]
+    assert len(list((folder / "overlays").iterdir())) == 12
+    assert cv2.imread(str(folder / "overlays" / left[0])).shape == (CAMERA.height, CAMERA.width, 3)
+
+
+def test_the_plane_of_a_geo_referenced_drive_starts_at_its_first_camera_with_up_up(result):
+    T = T_plane_enu(result.geo)
+    track = se3.transform(T, result.geo.T_enu_cam[:, :3, 3])
+    np.testing.assert_allclose(track[0], 0.0, atol=1e-6)
+    assert np.abs(track[:, 2]).max() < 0.3  # the drive is level, though the map's plane stands 0.5 degrees askew there
+    assert track[-1, 1] > 55
+    assert axis_labels(result.geo) == ("east", "north")
+
+
+def test_the_plane_of_a_drive_of_its_own_looks_ahead(tmp_path):
+    result = made_result(tmp_path, gnss=False)
+    track = se3.transform(T_plane_enu(result.geo), result.geo.T_enu_cam[:, :3, 3])
+    assert track[-1, 1] > 55
+    assert track[-1, 0] > 5
+    np.testing.assert_allclose(track[:, 2], 0.0, atol=1e-9)
+    assert axis_labels(result.geo) == ("right of the start", "ahead of the start")

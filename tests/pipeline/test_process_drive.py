@@ -1,0 +1,159 @@
+"""A real drive from the log to the report: what is done is not done again, what changed is, and nothing is left half-written."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.real_log import FRAMES, colour_network, damage, first_frames
+from segmentation.made_network import THREE
+from wayloom.errors import InputError, LogError, ModelError
+from wayloom.georeference.settings import GeoReferenceSettings
+from wayloom.pipeline.drive import process_drive
+from wayloom.pipeline.settings import ProcessSettings
+from wayloom.pipeline.stages import STAGES, finished_key, run_stage, stage_key
+from wayloom.reports.drive_report import write_report
+
+PRODUCTS = {
+    "trajectory.tum", "trajectory.kitti", "trajectory.geojson", "cloud.ply", "cloud.laz", "map.png", "overlays", "report.json",
+    "report.html", "stages",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def log_path(clip_a, tmp_path_factory):
+    return first_frames(clip_a, tmp_path_factory.mktemp("log") / "street")
+
+
+@pytest.fixture(scope="module")
+def settings(tmp_path_factory):
+    return ProcessSettings(model=str(colour_network(tmp_path_factory.mktemp("network"))))
+
+
+@pytest.fixture(scope="module")
+def done(log_path, settings, clip_a_gnss, tmp_path_factory):
+    out = tmp_path_factory.mktemp("out") / "drive"
+    return out, process_drive(log_path, out, settings, clip_a_gnss, write_more=write_report)
+
+
+def reused(result):
+    return [name for name, time in result.times.items() if time.reused]
+
+
+def test_everything_promised_is_there(done):
+    out, result = done
+    assert {path.name for path in out.iterdir()} == PRODUCTS
+    assert {path.name for path in (out / "stages").iterdir()} == {*STAGES, ".lock"}
+    assert len((out / "trajectory.tum").read_text().splitlines()) == FRAMES
+    assert reused(result) == []
+    assert result.odometry.trajectory.tracked.all()
+
+
+def test_the_report_agrees_with_the_result(done):
+    out, result = done
+    said = json.loads((out / "report.json").read_text())
+    assert said["odometry"]["frames_tracked"] == FRAMES
+    assert said["cloud"]["points"] == sum(len(placed.submap) for placed in result.submaps) > 1000
+    assert said["georeference"]["origin"] == {"lon_deg": 8.5, "lat_deg": 48.5, "height_m": 0.0}
+    assert said["odometry"]["distance_m"] == pytest.approx(32.0, abs=2.5)
+
+
+def test_a_second_run_does_nothing_twice(done, log_path, settings, clip_a_gnss):
+    out, _ = done
+    before = {name: (out / "stages" / name / "stage.json").stat().st_mtime_ns for name in STAGES}
+    again = process_drive(log_path, out, settings, clip_a_gnss, write_more=write_report)
+    assert reused(again) == list(STAGES)
+    assert before == {name: (out / "stages" / name / "stage.json").stat().st_mtime_ns for name in STAGES}
+
+
+def test_another_network_is_run_and_what_follows_from_it(done, log_path, settings, clip_a_gnss, tmp_path):
+    out, first = done
+    other = colour_network(tmp_path, "others", THREE.replace("13, 8, 10", "0, 8, 10"))
+    second = process_drive(log_path, out, settings.model_copy(update={"model": str(other)}), clip_a_gnss)
+    assert reused(second) == ["ingest", "odometry", "georeference"]
+    assert set(np.unique(second.labels.stereo)) != set(np.unique(first.labels.stereo))
+
+
+def test_another_origin_moves_the_map_and_nothing_else(done, log_path, settings, clip_a_gnss):
+    out, _ = done
+    there = settings.model_copy(update={"map_origin": (8.4, 49.0, 110.0)})
+    process_drive(log_path, out, settings, clip_a_gnss)
+    moved = process_drive(log_path, out, there, clip_a_gnss)
+    assert reused(moved) == ["ingest", "odometry", "segmentation", "labelling"]
+    assert moved.geo.frame.lon_deg == 8.4
+
+
+def test_other_trust_in_gnss_redoes_the_geo_reference_only(done, log_path, settings, clip_a_gnss):
+    out, _ = done
+    process_drive(log_path, out, settings, clip_a_gnss)
+    careful = settings.model_copy(update={"georeference": GeoReferenceSettings(position_noise_m=0.2)})
+    assert reused(process_drive(log_path, out, careful, clip_a_gnss)) == ["ingest", "odometry", "segmentation", "labelling"]
+
+
+def test_a_touched_file_is_looked_at_again_and_nothing_more(done, log_path, settings, clip_a_gnss):
+    out, _ = done
+    process_drive(log_path, out, settings, clip_a_gnss)
+    os.utime(log_path / "calib.txt")
+    assert reused(process_drive(log_path, out, settings, clip_a_gnss)) == [name for name in STAGES if name != "ingest"]
+
+
+def test_without_gnss_the_map_is_in_its_own_frame(done, log_path, settings, clip_a_gnss):
+    out, _ = done
+    own = process_drive(log_path, out, settings, None, write_more=write_report)
+    assert own.geo.frame is None
+    assert reused(own) == ["odometry", "segmentation", "labelling"]
+    assert not (out / "trajectory.geojson").exists()
+
+
+def test_two_runs_give_the_same_bytes(done, log_path, settings, clip_a_gnss, tmp_path):
+    out, _ = done
+    process_drive(log_path, out, settings, clip_a_gnss)
+    process_drive(log_path, tmp_path / "again", settings, clip_a_gnss)
+    for name in ("trajectory.tum", "cloud.ply", "map.png", "stages/submaps/index.json", "stages/labelling/labels.npz"):
+        assert (tmp_path / "again" / name).read_bytes() == (out / name).read_bytes(), name
+
+
+def test_a_stage_runs_by_itself_from_linked_folders(done, log_path, settings, clip_a_gnss, tmp_path):
+    out, _ = done
+    process_drive(log_path, out, settings, clip_a_gnss)
+    (tmp_path / "inputs").mkdir()
+    for name in STAGES[:-1]:
+        (tmp_path / "inputs" / name).symlink_to(out / "stages" / name)
+    (tmp_path / "attempt").mkdir()
+    given = {"log_path": log_path, "gnss_path": clip_a_gnss, "inputs_dir": tmp_path / "inputs", "settings": settings}
+    said = run_stage("submaps", out_dir=tmp_path / "attempt", **given)
+    assert (
+        said["key"]
+        == stage_key("submaps", **given)
+        == finished_key(tmp_path / "attempt")
+        == finished_key(out / "stages" / "submaps")
+    )
+    assert stage_key("submaps", drive_id="other", **given) != said["key"]
+
+
+def test_a_damaged_image_leaves_nothing_behind(settings, clip_a, tmp_path):
+    bad = first_frames(clip_a, tmp_path / "bad", 5)
+    damage(bad / "image_1" / "000003.png")
+    with pytest.raises(LogError, match=r"000003\.png"):
+        process_drive(bad, tmp_path / "a" / "out", settings)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bad"]
+
+
+def test_a_missing_network_is_told_before_the_work(log_path, tmp_path):
+    with pytest.raises(ModelError, match="unknown network"):
+        process_drive(log_path, tmp_path / "out", ProcessSettings(model="no-such-network"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_out_folder_that_is_a_file_is_named(log_path, settings, tmp_path):
+    (tmp_path / "out").write_text("mine")
+    with pytest.raises(InputError, match="out"):
+        process_drive(log_path, tmp_path / "out", settings)
+    assert (tmp_path / "out").read_text() == "mine"
+
+
+def test_a_folder_where_nothing_can_be_written_is_named(log_path, settings):
+    with pytest.raises(InputError, match="/proc/wayloom"):
+        process_drive(log_path, Path("/proc/wayloom"), settings)
