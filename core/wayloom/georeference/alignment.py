@@ -105,12 +105,14 @@ def _antenna_fixes(
     """The fixes in the local plane; each antenna as seen from the nearest node, through the odometry between the two."""
     node = nearest_node(nodes, trajectory.segment, usable.frame)
     T_node_cam = se3.inverse(trajectory.T_world_cam[nodes[node]]) @ usable.T_world_cam
+    from_node_m = np.linalg.norm(T_node_cam[:, :3, 3], axis=1)
+    variance = settings.sigma_floor_m**2 + settings.position_noise_m**2 * from_node_m
     return AntennaFixes(
         t_s=(gnss.t_ns[usable.rows] - trajectory.t_ns[0]) * 1e-9,
         node=node,
         p_node_gnss=T_node_cam[:, :3, :3] @ log.p_cam_gnss + T_node_cam[:, :3, 3],
         position_enu=geodesy.enu_from_lonlatheight(gnss.lon_lat_height[usable.rows], local),
-        covariance=gnss.covariance_enu[usable.rows] + settings.sigma_floor_m**2 * np.eye(3),
+        covariance=gnss.covariance_enu[usable.rows] + variance[:, None, None] * np.eye(3),
     )
 
 

@@ -51,9 +51,10 @@ def odometry_chain(trajectory: Trajectory, nodes: IntArray, level_every_m: float
 
 def nearest_node(nodes: IntArray, segment: NDArray[np.int32], frames: IntArray) -> IntArray:
     """(M,) for each frame the row of the nearest node, of its own segment where that has one."""
-    distance = np.abs(nodes[None, :] - frames[:, None]).astype(np.float64)
-    distance[segment[nodes][None, :] != segment[frames][:, None]] += len(segment)
-    return np.asarray(np.argmin(distance, axis=1))
+    before = np.clip(np.searchsorted(nodes, frames, side="right") - 1, 0, len(nodes) - 1)
+    both = np.stack([before, np.minimum(before + 1, len(nodes) - 1)])
+    distance = np.abs(nodes[both] - frames) + len(segment) * (segment[nodes[both]] != segment[frames])
+    return np.asarray(np.where(distance[0] <= distance[1], both[0], both[1]))
 
 
 def spread_poses(trajectory: Trajectory, nodes: IntArray, T_enu_node: FloatArray) -> FloatArray:

@@ -34,5 +34,5 @@ class GeoReferenceSettings(Settings):
     ransac_rounds: int = Field(200, ge=10, le=10_000)
     min_baseline_m: float = Field(5.0, gt=0.0, description="heading is called observed from this extent of the track, m")
     node_spacing_m: float = Field(
-        2.0, gt=0.0, le=100.0, description="a frame becomes a node of the graph at the latest after so far, m"
+        0.5, gt=0.0, le=100.0, description="a frame becomes a node of the graph at the latest after so far, m"
     )

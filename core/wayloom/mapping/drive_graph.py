@@ -12,7 +12,8 @@ Unknowns: the pose T_enu_node of every node, and for every fix that is kept the 
   With rho = exp(-dt / tau) the density of the b_k is, exactly, the product of plain Gaussians
       exp -1/2 [ sum_k u_k |b_k|^2 + sum_k rho_k / (1 - rho_k^2) |b_{k+1} - b_k|^2 ],  u_k = 1/(1+rho_{k-1}) + 1/(1+rho_k) - 1
   (rho = 0 beyond both ends; |.| weighted by the inverse covariance), that is priors on g_k and between factors of g_k and g_{k+1}.
-  Where a fix's sigma changes by more than a half (another fix type) the chain is cut: its errors are another process.
+  Where sigma changes slowly the error changes with it: its relative change, squared, is added to (1 - rho^2) / rho. Where it
+  changes by more than a half from fix to fix (another fix type) the chain is cut: its errors are another process.
 - Gravity: a camera is roughly level. On a straight road GNSS cannot tell the roll about the track; this weak prior does.
 - Outliers are found first, with independent fixes, by graduated non-convexity (Yang et al., RA-L 2020), then by a chi-square gate.
 
@@ -32,6 +33,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 SAME_PROCESS_RATIO = 1.5
 LOST_POSITION_M, LOST_ROTATION_RAD = 20.0, 0.5  # a link over a loss, plus half of the guessed distance
+MAX_ITERATIONS, MAX_HALVINGS, CONVERGED = 30, 8, 1e-9
 GAUGE_POSITION_M, GAUGE_ROTATION_RAD = 1e3, float(np.pi)
 
 
@@ -120,12 +122,12 @@ def optimise_drive(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatA
     inlier &= _gate(fixes, T_enu_node, noise)
     if not inlier.any():  # nothing agrees with the odometry: believe the fixes, not the gate
         inlier[:] = True
-    solved, T_enu_node, graph = _solve_correlated(motion, fixes, inlier, T_enu_node, noise)
+    marginals, T_enu_node = _solve_correlated(motion, fixes, inlier, T_enu_node, noise)
     again = _gate(fixes, T_enu_node, noise)
     if again.any() and (again != inlier).any():
         inlier = again
-        solved, T_enu_node, graph = _solve_correlated(motion, fixes, inlier, T_enu_node, noise)
-    return DriveSolution(T_enu_node, _left_covariances(graph, solved, T_enu_node), inlier, fixes.residuals(T_enu_node))
+        marginals, T_enu_node = _solve_correlated(motion, fixes, inlier, T_enu_node, noise)
+    return DriveSolution(T_enu_node, _left_covariances(marginals, T_enu_node), inlier, fixes.residuals(T_enu_node))
 
 
 def _pose_key(node: int) -> int:
@@ -200,21 +202,33 @@ def _graduated(
     return inlier, _poses(values, len(chain.T_world_node))
 
 
-def _antenna_factor(node: int, fix: int, p_node_gnss: FloatArray, covariance: FloatArray) -> gtsam.CustomFactor:
-    """error = T_enu_node p_node_gnss - g, with the derivatives for gtsam's right perturbation (omega, v)."""
-    lever = gtsam.Point3(*p_node_gnss)
-    keys = [_pose_key(node), _antenna_key(fix)]
-    minus_identity = -np.eye(3)
+def _antenna_factors(fixes: AntennaFixes, white_share: float, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
+    """error = T_enu_node p_node_gnss - g, linear at `values`: [-R hat(p), R] for gtsam's right (omega, v), and -I for g.
 
-    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
-        pose = values.atPose3(keys[0])
-        if jacobians is not None:
-            R = pose.rotation().matrix()
-            jacobians[0] = np.asfortranarray(np.hstack([-R @ se3.hat(p_node_gnss), R]))
-            jacobians[1] = minus_identity
-        return np.asarray(pose.transformFrom(lever) - values.atPoint3(keys[1]))
+    (Not a factor in Python: gtsam's threads would queue for the interpreter.)
+    """
+    poses = [values.atPose3(_pose_key(int(node))).matrix() for node in fixes.node]
+    T = np.array(poses)
+    R = T[:, :3, :3]
+    error = _antenna_errors(fixes, T, values)
+    by_pose = np.concatenate([-R @ se3.hat(fixes.p_node_gnss), R], axis=2)
+    root = _information_roots(white_share**2 * fixes.covariance)
+    graph = gtsam.GaussianFactorGraph()
+    unit = gtsam.noiseModel.Unit.Create(3)
+    for k, (A, b) in enumerate(zip(root @ by_pose, -(root @ error[:, :, None])[:, :, 0], strict=True)):
+        graph.add(_pose_key(int(fixes.node[k])), A, _antenna_key(k), -root[k], b, unit)
+    return graph
 
-    return gtsam.CustomFactor(gtsam.noiseModel.Gaussian.Covariance(covariance), keys, error)
+
+def _antenna_errors(fixes: AntennaFixes, T_enu_node: FloatArray, values: gtsam.Values) -> FloatArray:
+    """(M, 3) m: the antenna on the pose T_enu_node (M, 4, 4) of its node, minus its own unknown g."""
+    g = np.array([values.atPoint3(_antenna_key(k)) for k in range(len(fixes))])
+    return np.asarray((T_enu_node[:, :3, :3] @ fixes.p_node_gnss[:, :, None])[:, :, 0] + T_enu_node[:, :3, 3] - g)
+
+
+def _information_roots(covariance: FloatArray) -> FloatArray:
+    """(M, 3, 3) upper triangular S with S^T S = covariance^-1."""
+    return np.asarray(np.swapaxes(np.linalg.cholesky(np.linalg.inv(covariance)), 1, 2))
 
 
 def correlations(t_s: FloatArray, covariance: FloatArray, correlation_s: float) -> FloatArray:
@@ -228,17 +242,17 @@ def correlations(t_s: FloatArray, covariance: FloatArray, correlation_s: float) 
 
 
 def _gnss_factors(graph: gtsam.NonlinearFactorGraph, fixes: AntennaFixes, noise: DriveNoise) -> None:
-    """Add the correlated GNSS model of the module's docstring."""
+    """Add the correlated part of the GNSS model: priors on the g_k and links between them."""
     rho = correlations(fixes.t_s, fixes.covariance, noise.correlation_s)
     unary = 1.0 / (1.0 + rho[:-1]) + 1.0 / (1.0 + rho[1:]) - 1.0
     correlated = (1.0 - noise.white_share**2) * fixes.covariance
+    sigma = np.sqrt(np.trace(fixes.covariance, axis1=1, axis2=2))
     for k in range(len(fixes)):
-        white = noise.white_share**2 * fixes.covariance[k]
-        graph.add(_antenna_factor(int(fixes.node[k]), k, fixes.p_node_gnss[k], white))
         prior = gtsam.noiseModel.Gaussian.Covariance(correlated[k] / unary[k])
         graph.add(gtsam.PriorFactorPoint3(_antenna_key(k), fixes.position_enu[k], prior))
         if k and rho[k] > 0.0:
-            spread = 0.5 * (correlated[k - 1] + correlated[k]) * (1.0 - rho[k] ** 2) / rho[k]
+            change = (sigma[k] - sigma[k - 1]) / (0.5 * (sigma[k] + sigma[k - 1]))
+            spread = 0.5 * (correlated[k - 1] + correlated[k]) * ((1.0 - rho[k] ** 2) / rho[k] + change**2)
             step = fixes.position_enu[k] - fixes.position_enu[k - 1]
             model = gtsam.noiseModel.Gaussian.Covariance(spread)
             graph.add(gtsam.BetweenFactorPoint3(_antenna_key(k - 1), _antenna_key(k), step, model))
@@ -246,20 +260,58 @@ def _gnss_factors(graph: gtsam.NonlinearFactorGraph, fixes: AntennaFixes, noise:
 
 def _solve_correlated(
     motion: gtsam.NonlinearFactorGraph, fixes: AntennaFixes, inlier: BoolArray, T_enu_node: FloatArray, noise: DriveNoise
-) -> tuple[gtsam.Values, FloatArray, gtsam.NonlinearFactorGraph]:
+) -> tuple[gtsam.Marginals, FloatArray]:
+    """Gauss-Newton, with halved steps while the error would grow: marginals at the solution, and T_enu_node (K, 4, 4)."""
     kept = fixes.take(np.flatnonzero(inlier))
     graph = gtsam.NonlinearFactorGraph(motion)
     _gnss_factors(graph, kept, noise)
     values = _pose_values(T_enu_node)
     for k, position in enumerate(kept.position_enu - kept.residuals(T_enu_node)):
         values.insert(_antenna_key(k), gtsam.Point3(*position))
-    solved = gtsam.LevenbergMarquardtOptimizer(graph, values, gtsam.LevenbergMarquardtParams()).optimize()
-    return solved, _poses(solved, len(T_enu_node)), graph
+    error = _total_error(graph, kept, noise.white_share, values)
+    for _ in range(MAX_ITERATIONS):
+        step = _linear(graph, kept, noise.white_share, values).optimize()
+        before = error
+        values, error = _descend(graph, kept, noise.white_share, values, step, before)
+        if before - error <= CONVERGED * (before + 1.0):
+            break
+    return gtsam.Marginals(_linear(graph, kept, noise.white_share, values), values), _poses(values, len(T_enu_node))
 
 
-def _left_covariances(graph: gtsam.NonlinearFactorGraph, solved: gtsam.Values, T_enu_node: FloatArray) -> FloatArray:
+def _linear(
+    graph: gtsam.NonlinearFactorGraph, fixes: AntennaFixes, white_share: float, values: gtsam.Values
+) -> gtsam.GaussianFactorGraph:
+    linear = graph.linearize(values)
+    linear.push_back(_antenna_factors(fixes, white_share, values))
+    return linear
+
+
+def _total_error(graph: gtsam.NonlinearFactorGraph, fixes: AntennaFixes, white_share: float, values: gtsam.Values) -> float:
+    T = np.array([values.atPose3(_pose_key(int(node))).matrix() for node in fixes.node])
+    whitened = _information_roots(white_share**2 * fixes.covariance) @ _antenna_errors(fixes, T, values)[:, :, None]
+    return float(graph.error(values)) + 0.5 * float((whitened**2).sum())
+
+
+def _descend(
+    graph: gtsam.NonlinearFactorGraph,
+    fixes: AntennaFixes,
+    white_share: float,
+    values: gtsam.Values,
+    step: gtsam.VectorValues,
+    error: float,
+) -> tuple[gtsam.Values, float]:
+    """The values after the step, or after the first of its half, quarter, … that lowers the error; unchanged when none does."""
+    for _ in range(MAX_HALVINGS):
+        moved = values.retract(step)
+        new_error = _total_error(graph, fixes, white_share, moved)
+        if new_error < error:
+            return moved, new_error
+        step = step.scale(0.5)
+    return values, error
+
+
+def _left_covariances(marginals: gtsam.Marginals, T_enu_node: FloatArray) -> FloatArray:
     """(K, 6, 6): T exp(xi) = exp(Ad_T xi) T, after (omega, v) has been put in the order (v, omega)."""
-    marginals = gtsam.Marginals(graph, solved)
     order = [3, 4, 5, 0, 1, 2]
     right = np.array([marginals.marginalCovariance(_pose_key(i))[np.ix_(order, order)] for i in range(len(T_enu_node))])
     Ad = se3.adjoint(T_enu_node)

@@ -1,0 +1,190 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from georeference.made_gnss_drives import LEVER, PLACE, MadeDrive, made_drive, odometry_of
+from wayloom.errors import StageError
+from wayloom.geometry import se3
+from wayloom.georeference import geodesy
+from wayloom.georeference.alignment import georeference
+from wayloom.georeference.frames import map_frame_for
+from wayloom.georeference.settings import GeoReferenceSettings
+from wayloom.georeference.uncertainty import heading_sigma_rad, position_covariance
+from wayloom.logs.types import FixType, GnssTrack
+
+FRAME = map_frame_for(PLACE.lon_deg, PLACE.lat_deg)
+
+
+def position_errors(drive: MadeDrive, geo) -> np.ndarray:
+    return geo.T_enu_cam[:, :3, 3] - drive.truth_in(geo.frame)[:, :3, 3]
+
+
+def with_fixes(drive: MadeDrive, **changes) -> MadeDrive:
+    return dataclasses.replace(drive, log=dataclasses.replace(drive.log, gnss=dataclasses.replace(drive.log.gnss, **changes)))
+
+
+def moved_fixes(drive: MadeDrive, rows: slice, by: list[float]) -> MadeDrive:
+    enu = geodesy.enu_from_lonlatheight(drive.log.gnss.lon_lat_height, PLACE)
+    enu[rows] += by
+    return with_fixes(drive, lon_lat_height=geodesy.lonlatheight_from_enu(enu, PLACE))
+
+
+def test_a_perfect_drive_comes_to_its_exact_place():
+    drive = made_drive(sigma_m=1e-4, drift=False)
+    geo = georeference(drive.log, drive.odometry)
+    assert geo.frame == FRAME
+    assert np.abs(position_errors(drive, geo)).max() < 0.01
+    rotation = se3.inverse(drive.truth_in(FRAME)) @ geo.T_enu_cam
+    assert np.arccos(np.clip((np.trace(rotation[:, :3, :3], axis1=1, axis2=2) - 1) / 2, -1, 1)).max() < np.radians(0.3)
+
+
+def test_rtk_fixes_give_centimetres_in_spite_of_drift():
+    drive = made_drive(sigma_m=0.02)
+    error = position_errors(drive, georeference(drive.log, drive.odometry))
+    assert np.sqrt((error**2).sum(axis=1).mean()) < 0.06
+
+
+def test_every_frame_gets_a_pose_and_the_path_has_no_steps():
+    drive = made_drive(sigma_m=2.0, fix_every=10)
+    geo = georeference(drive.log, drive.odometry)
+    assert geo.T_enu_cam.shape == (200, 4, 4)
+    steps = np.linalg.norm(np.diff(geo.T_enu_cam[:, :3, 3], axis=0), axis=1)
+    assert np.abs(steps - np.linalg.norm(np.diff(drive.odometry.trajectory.T_world_cam[:, :3, 3], axis=0), axis=1)).max() < 0.15
+
+
+def test_fixes_between_frames_count_at_their_own_time():
+    """Fixes half-way between frames, on a fast drive: taken at the wrong frame they would be a metre off."""
+    drive = made_drive(sigma_m=0.01, step_m=2.0, drift=False)
+    T = drive.T_place_cam
+    middle = T[:-1] @ se3.exp(0.5 * np.array([se3.log(step) for step in se3.inverse(T[:-1]) @ T[1:]]))
+    antenna = middle[:, :3, :3] @ LEVER + middle[:, :3, 3]
+    gnss = drive.log.gnss
+    track = GnssTrack(
+        gnss.t_ns[:-1] + 50_000_000,
+        geodesy.lonlatheight_from_enu(antenna, PLACE),
+        gnss.covariance_enu[:-1],
+        gnss.fix_type[:-1],
+    )
+    drive = dataclasses.replace(drive, log=dataclasses.replace(drive.log, gnss=track))
+    assert np.abs(position_errors(drive, georeference(drive.log, drive.odometry))).max() < 0.02
+
+
+def test_wild_fixes_are_found_reported_and_left_out():
+    drive = moved_fixes(made_drive(seed=3), slice(40, 70), [18.0, -6.0, 2.0])
+    geo = georeference(drive.log, drive.odometry)
+    assert [outlier["fix"] for outlier in geo.report["outliers"]] == list(range(40, 70))
+    assert geo.report["fixes"]["rejected"] == 30
+    assert np.linalg.norm(position_errors(drive, geo), axis=1).max() < 2.0
+
+
+def test_an_outage_is_bridged_and_its_middle_is_less_certain():
+    drive = made_drive(seed=4, frames=300, sigma_m=0.1)
+    types = drive.log.gnss.fix_type.copy()
+    types[80:200] = FixType.NONE
+    drive = with_fixes(drive, fix_type=types)
+    geo = georeference(drive.log, drive.odometry)
+    sigma = np.sqrt(np.trace(position_covariance(geo.T_enu_cam, geo.covariance), axis1=1, axis2=2))
+    assert sigma[140] > 3.0 * sigma[40]
+    assert np.linalg.norm(position_errors(drive, geo), axis=1)[140] < 3.0 * sigma[140]
+    assert geo.report["fixes"]["unusable"] == {"no fix": 120}
+
+
+def test_segments_after_a_loss_are_joined_by_gnss():
+    drive = made_drive(seed=5, sigma_m=0.1, turn_rad=0.01)
+    segment = np.zeros(200, np.int32)
+    segment[100:] = 1
+    T = drive.odometry.trajectory.T_world_cam.copy()
+    T[100:] = T[99] @ se3.exp(np.array([5.0, 1.0, 9.0, 0.02, 0.6, -0.02])) @ se3.inverse(T[100]) @ T[100:]
+    broken = dataclasses.replace(drive, odometry=odometry_of(drive.odometry.trajectory.t_ns, T, segment))
+    assert np.linalg.norm(position_errors(broken, georeference(broken.log, broken.odometry)), axis=1).max() < 0.6
+
+
+def test_without_gnss_the_map_is_in_the_drives_own_frame_and_says_so():
+    drive = made_drive()
+    geo = georeference(dataclasses.replace(drive.log, gnss=None), drive.odometry)
+    assert geo.frame is None
+    assert np.array_equal(geo.T_enu_cam, drive.odometry.trajectory.T_world_cam)
+    assert np.isnan(geo.covariance).all()
+    assert geo.report["messages"] == ["no GNSS: map in the drive's own frame"]
+
+
+def test_fixes_none_of_which_can_be_used_are_as_no_gnss_and_the_reasons_are_counted():
+    drive = made_drive()
+    drive = with_fixes(drive, fix_type=np.zeros(200, np.uint8))
+    geo = georeference(drive.log, drive.odometry)
+    assert geo.frame is None
+    assert geo.report["fixes"] == {"used": 0, "unusable": {"no fix": 200}}
+
+
+def test_fixes_with_impossible_covariances_or_outside_the_drive_are_left_out():
+    drive = made_drive(sigma_m=0.1)
+    covariance, t_ns = drive.log.gnss.covariance_enu.copy(), drive.log.gnss.t_ns.copy()
+    covariance[5], covariance[6] = np.nan, -np.eye(3)
+    t_ns[190:] += 10_000_000_000
+    geo = georeference(with_fixes(drive, covariance_enu=covariance, t_ns=t_ns).log, drive.odometry)
+    assert geo.report["fixes"]["unusable"] == {"no usable covariance": 2, "outside the drive's time": 10}
+
+
+def test_a_standing_vehicle_has_a_place_but_no_heading():
+    drive = made_drive(frames=50, step_m=0.001, sigma_m=0.05)
+    geo = georeference(drive.log, drive.odometry)
+    assert "heading is hardly observed" in geo.report["messages"][0]
+    assert np.degrees(heading_sigma_rad(geo.covariance)).min() > 10.0
+    antenna = geo.T_enu_cam[:, :3, :3] @ LEVER + geo.T_enu_cam[:, :3, 3]
+    truth = drive.truth_in(FRAME)
+    assert np.linalg.norm(antenna - (truth[:, :3, :3] @ LEVER + truth[:, :3, 3]), axis=1).max() < 0.3
+
+
+def test_a_straight_road_leaves_the_roll_to_gravity():
+    drive = made_drive(seed=6, turn_rad=0.0, sigma_m=0.02, hills=0.0)
+    geo = georeference(drive.log, drive.odometry)
+    truth = drive.truth_in(FRAME)
+    roll = se3.inverse(truth) @ geo.T_enu_cam
+    assert np.abs(np.degrees(np.arctan2(roll[:, 1, 0], roll[:, 0, 0]))).max() < 5.0
+    along = truth[100, :3, 2]
+    sigma = np.degrees(np.sqrt(along @ geo.covariance[100, 3:, 3:] @ along))
+    assert 1.0 < sigma < 4.0
+
+
+def test_the_given_frame_is_used_and_changes_no_place_on_earth():
+    drive = made_drive(seed=7)
+    one = georeference(drive.log, drive.odometry)
+    other = georeference(drive.log, drive.odometry, map_frame_for(7.5, 48.5))
+    places = [geodesy.lonlatheight_from_enu(g.T_enu_cam[:, :3, 3], g.frame) for g in (one, other)]
+    assert np.abs(places[0] - places[1])[:, :2].max() < 1e-12
+    sigmas = [np.trace(position_covariance(g.T_enu_cam, g.covariance), axis1=1, axis2=2) for g in (one, other)]
+    assert np.allclose(*sigmas, rtol=1e-4)
+
+
+def test_equal_input_gives_equal_bits():
+    drive = made_drive(seed=8)
+    one, two = georeference(drive.log, drive.odometry), georeference(drive.log, drive.odometry)
+    assert np.array_equal(one.T_enu_cam, two.T_enu_cam)
+    assert np.array_equal(one.covariance, two.covariance)
+
+
+@pytest.mark.parametrize(("sigma_m", "fix_every"), [(0.03, 1), (0.5, 1), (2.0, 5)])
+def test_the_covariance_is_honest_under_correlated_noise(sigma_m, fix_every):
+    """Normalised estimation error squared of the position over many drives: 3 for a perfect filter, many times that where
+    correlated fixes are taken as independent."""
+    nees = []
+    for seed in range(25):
+        drive = made_drive(seed=100 + seed, frames=120, sigma_m=sigma_m, fix_every=fix_every)
+        geo = georeference(drive.log, drive.odometry)
+        error = position_errors(drive, geo)[60]
+        nees.append(error @ np.linalg.solve(position_covariance(geo.T_enu_cam, geo.covariance)[60], error))
+    assert 1.2 < np.mean(nees) < 5.0
+
+
+def test_nothing_tracked_is_an_error_that_says_what_to_look_at():
+    drive = made_drive(frames=20)
+    drive.odometry.trajectory.tracked[:] = False
+    with pytest.raises(StageError, match="tracked no frame"):
+        georeference(drive.log, drive.odometry)
+
+
+def test_faster_fixes_than_needed_are_thinned():
+    drive = made_drive()
+    geo = georeference(drive.log, drive.odometry, settings=GeoReferenceSettings(max_fix_rate_hz=2.0))
+    assert geo.report["fixes"]["used"] == 40
