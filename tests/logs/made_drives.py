@@ -26,10 +26,10 @@ WRITERS: dict[str, tuple[type[DriveWriter], str]] = {
 
 
 def made_frames(count: int, colour: bool) -> list[StereoFrame]:
-    """Random pictures at about 10 Hz, with one frame late."""
+    """Random pictures at about 10 Hz, with a hole of 0.2 s before frame FRAMES - 1."""
     rng = np.random.default_rng(7)
     shape = (40, 64, 3) if colour else (40, 64)
-    times = START_NS + 100_000_001 * np.arange(count) + (np.arange(count) == count - 1) * 200_000_000
+    times = START_NS + 100_000_001 * np.arange(count) + (np.arange(count) >= FRAMES - 1) * 200_000_000
     pictures = rng.integers(0, 256, (count, 2, *shape), dtype=np.uint8)
     return [StereoFrame(i, int(times[i]), pictures[i, 0], pictures[i, 1]) for i in range(count)]
 

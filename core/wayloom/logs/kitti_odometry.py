@@ -77,10 +77,9 @@ def open_kitti_odometry(path: Path, gnss: Path | None = None) -> ImageFolderLog:
 
 def find_truth(path: Path) -> Path | None:
     """`poses.txt` in the folder, or KITTI's `../../poses/NN.txt` where the folder is `sequences/NN`."""
-    place = path.resolve()
     candidates = [path / "poses.txt"]
-    if place.parent.name == "sequences":
-        candidates.append(place.parent.parent / "poses" / f"{place.name}.txt")
+    if path.parent.name == "sequences":
+        candidates.append(path.parent.parent / "poses" / f"{path.name}.txt")
     return next((file for file in candidates if file.is_file()), None)
 
 

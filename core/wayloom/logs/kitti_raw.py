@@ -37,7 +37,7 @@ def recognise(path: Path) -> bool:
     """Whether a folder looks like this layout: it has one of the image folders, or a name and an oxts folder as KITTI's drives."""
     if any((path / f"image_{camera}").is_dir() for pair in PAIRS for camera in pair):
         return True
-    return path.resolve().name.endswith(("_sync", DISTORTED_ENDING)) and (path / "oxts").is_dir()
+    return path.name.endswith(("_sync", DISTORTED_ENDING)) and (path / "oxts").is_dir()
 
 
 def choose_pair(path: Path) -> tuple[str, str]:
@@ -89,12 +89,11 @@ def open_kitti_raw(path: Path, gnss: Path | None = None) -> ImageFolderLog:
 
 def find_calibration(path: Path) -> Path:
     """calib_cam_to_cam.txt inside the drive's folder or beside it. Raises CalibrationError."""
-    parent = path.parent if path.name not in ("", "..") else path.resolve().parent
-    for folder in (path, parent):
+    for folder in (path, path.parent):
         if (folder / CAM_TO_CAM).exists():
             return folder / CAM_TO_CAM
-    remedy = f"copy KITTI's calibration of that day into {parent}"
-    raise CalibrationError(f"no such file, nor in {path}", file=parent / CAM_TO_CAM, remedy=remedy)
+    remedy = f"copy KITTI's calibration of that day into {path.parent}"
+    raise CalibrationError(f"no such file, nor in {path}", file=path.parent / CAM_TO_CAM, remedy=remedy)
 
 
 def is_distorted(path: Path, header: ImageHeader, calibration: CalibrationFile, camera: str) -> bool:
@@ -102,7 +101,7 @@ def is_distorted(path: Path, header: ImageHeader, calibration: CalibrationFile, 
 
     Raises CalibrationError where the images have neither the rectified nor the distorted size.
     """
-    named = path.resolve().name.endswith(DISTORTED_ENDING)
+    named = path.name.endswith(DISTORTED_ENDING)
     if f"S_rect_{camera}" not in calibration and not named:
         return False
     size = (header.width, header.height)

@@ -17,6 +17,7 @@ FloatArray = NDArray[np.float64]
 LEAST_IMU_RATE_HZ = 50.0
 CLOCK_SLACK_NS = 2 * NS
 CSV_NAME = "gnss.csv"
+LARGEST_PACE_RATIO = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +90,8 @@ def locate(gnss: Path) -> Path:
     if gnss.is_file() and gnss.suffix == ".csv":
         return gnss
     for folder in (gnss / "oxts", gnss):
-        if (folder / "data").is_dir() and not (folder / "data" / "0000000000.png").exists():
-            return folder.resolve() if folder.name == "" else folder
+        if (folder / "data").is_dir():
+            return folder
     what = "no GNSS log: looked for oxts/data, data and a .csv file"
     raise UnknownFormatError(what, file=gnss, remedy="give a KITTI …_sync folder, its oxts folder or a gnss.csv")
 
@@ -116,25 +117,37 @@ def read_oxts(
         what = f"no packet has the number of a frame ({clock.numbers[0]} to {clock.numbers[-1]})"
         raise LogError(what, file=folder, remedy="give the GNSS log of the same drive")
     t_ns = clock.t_ns[[place[packets.numbers[i]] for i in keep]]
+    if packets.t_ns is not None:
+        check_same_pace(packets.t_ns[keep], t_ns, folder)
     short = () if len(keep) == len(place) else (f"GNSS for {len(place) - len(keep)} of {len(place)} frames",)
     return oxts.gnss_track(packets.values[keep], t_ns), None, files, ("IMU", *short)
+
+
+def check_same_pace(packets_ns: NDArray[np.int64], frames_ns: NDArray[np.int64], folder: Path) -> None:
+    """Raises LogError where packets and the frames of their numbers (M,) int64 ns span very different times: no packet a frame."""
+    packets_s, frames_s = (int(t_ns[-1] - t_ns[0]) / NS for t_ns in (packets_ns, frames_ns))
+    if len(packets_ns) > 1 and not 1 / LARGEST_PACE_RATIO < packets_s / frames_s < LARGEST_PACE_RATIO:
+        what = f"{len(packets_ns)} packets span {packets_s:.2f} s, the frames of their numbers {frames_s:.2f} s"
+        raise LogError(what, file=folder, remedy="give a log with one packet a frame (KITTI's …_sync), or one on the frames' clock")
 
 
 def find_T_cam_imu(
     drive: Path, log_folder: Path, P_left: FloatArray
 ) -> tuple[FloatArray | None, tuple[Path, ...], tuple[str, ...]]:
     """T_cam_imu from the calibration files inside or beside the GNSS drive or the log; None where they are nowhere."""
-    places = (drive, drive.resolve().parent, log_folder, log_folder.resolve().parent)
-    found = {
-        name: next((place / name for place in places if (place / name).is_file()), None)
-        for name in (IMU_TO_VELO, VELO_TO_CAM, CAM_TO_CAM)
-    }
-    imu_to_velo, velo_to_cam, cam_to_cam = found.values()
+    places = (drive, drive.parent, log_folder, log_folder.parent)
+    imu_to_velo, velo_to_cam = (first_file(name, places) for name in (IMU_TO_VELO, VELO_TO_CAM))
+    cam_to_cam = first_file(CAM_TO_CAM, (*places[2:], *places[:2]))  # the log's own rectification, where it has one
     if imu_to_velo is None or velo_to_cam is None:
         return None, (), ()
     T = T_cam_imu_from_files(imu_to_velo, velo_to_cam, cam_to_cam, P_left)
     lacking = () if cam_to_cam else (f"{CAM_TO_CAM} (its R_rect_00 is taken as identity: the lever arm is good to about 1 cm)",)
-    return T, tuple(file for file in found.values() if file), lacking
+    return T, tuple(file for file in (imu_to_velo, velo_to_cam, cam_to_cam) if file), lacking
+
+
+def first_file(name: str, places: tuple[Path, ...]) -> Path | None:
+    """The first file of this name in these folders."""
+    return next((place / name for place in places if (place / name).is_file()), None)
 
 
 def read_csv(file: Path, clock: FrameClock) -> GnssTrack:

@@ -1,5 +1,6 @@
 """The drive log formats that wayloom reads, and how one is recognised: by looking at the folder."""
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,9 +43,14 @@ def open_log(path: Path, *, gnss: Path | None = None) -> DriveLog:
 
 def open_log_unchecked(path: Path, *, gnss: Path | None = None) -> ImageFolderLog:
     """`open_log`, but only the first image is looked at."""
-    folder = find_log(Path(path))
+    folder = find_log(absolute(path))
     key = next(key for key, log_format in LOG_FORMATS.items() if log_format.recognise(folder))
-    return LOG_FORMATS[key].open(folder, None if gnss is None else Path(gnss))
+    return LOG_FORMATS[key].open(folder, None if gnss is None else absolute(gnss))
+
+
+def absolute(path: Path) -> Path:
+    """The path from the root, without `..`; links stay, because what lies beside a link counts."""
+    return Path(os.path.abspath(path))
 
 
 def find_log(path: Path) -> Path:
