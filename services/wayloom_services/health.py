@@ -6,7 +6,7 @@ from redis import Redis
 from redis.exceptions import RedisError
 
 from wayloom import __version__
-from wayloom.config.classes import CLASS_NAMES, PALETTE
+from wayloom.config.classes import CLASS_NAMES, MOVING_CLASSES, PALETTE, SKY
 from wayloom.store import counts, migrate
 from wayloom.store.database import DatabaseError, Session
 from wayloom_services.context import Service, ServiceDep, require_key
@@ -43,7 +43,10 @@ async def metrics(service: ServiceDep) -> Response:
 @router.get("/v1/info")
 async def info(service: ServiceDep) -> Info:
     """The map, the stages and the classes; needs no key."""
-    classes = [ClassOut(id=i, name=name, colour=f"#{PALETTE[i].tobytes().hex()}") for i, name in enumerate(CLASS_NAMES)]
+    classes = [
+        ClassOut(id=i, name=name, colour=f"#{PALETTE[i].tobytes().hex()}", in_map=i not in (*MOVING_CLASSES, SKY))
+        for i, name in enumerate(CLASS_NAMES)
+    ]
     settings = service.settings
     return Info(
         version=__version__,

@@ -159,6 +159,7 @@ class ClassOut(BaseModel):
     id: int
     name: str
     colour: str
+    in_map: bool = Field(description="False for what moves and for the sky, which the map leaves out")
 
 
 class Info(BaseModel):

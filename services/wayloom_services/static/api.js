@@ -1,0 +1,71 @@
+// Requests to the service, with its key where it wants one, and its stream of events with polling where that breaks.
+
+const KEY = "wayloom-key";
+
+export const headers = () => {
+  const key = sessionStorage.getItem(KEY);
+  return key ? { Authorization: `Bearer ${key}` } : {};
+};
+
+export const keepKey = (key) => sessionStorage.setItem(KEY, key);
+
+export class Refused extends Error {
+  constructor(status, detail) {
+    super(detail);
+    this.status = status;
+  }
+}
+
+export async function ask(path, options = {}) {
+  const answer = await fetch(path, { ...options, headers: headers() });
+  if (!answer.ok) {
+    const body = await answer.json().catch(() => ({}));
+    throw new Refused(answer.status, body.detail ?? answer.statusText);
+  }
+  return answer.status === 204 ? null : answer.json();
+}
+
+// Calls hear(event, data) for every change. Events come over one long answer; when it breaks, the lists are asked for until it is back.
+export async function listen(hear, live) {
+  for (let pause = 1000; ; pause = Math.min(2 * pause, 15000)) {
+    try {
+      const answer = await fetch("/v1/events", { headers: headers() });
+      if (!answer.ok || !answer.body) throw new Refused(answer.status, answer.statusText);
+      live("live");
+      pause = 1000;
+      await readEvents(answer.body.getReader(), hear);
+    } catch (error) {
+      live(error instanceof Refused ? `refused: ${error.status}` : "offline");
+    }
+    await poll(hear, live);
+    await new Promise((resolve) => setTimeout(resolve, pause));
+  }
+}
+
+async function readEvents(reader, hear) {
+  const decoder = new TextDecoder();
+  for (let rest = ""; ; ) {
+    const { value, done } = await reader.read();
+    if (done) return;
+    rest = (rest + decoder.decode(value, { stream: true })).replaceAll("\r\n", "\n");
+    const blocks = rest.split("\n\n");
+    rest = blocks.pop();
+    for (const block of blocks) {
+      const lines = block.split("\n").map((line) => [line.slice(0, line.indexOf(":")), line.slice(line.indexOf(":") + 1).trimStart()]);
+      const event = lines.find(([name]) => name === "event")?.[1];
+      const data = lines.filter(([name]) => name === "data").map(([, text]) => text).join("\n");
+      if (event && data) hear(event, JSON.parse(data));
+    }
+  }
+}
+
+async function poll(hear, live) {
+  try {
+    const [{ drives }, { maps }] = await Promise.all([ask("/v1/drives?limit=200"), ask("/v1/maps")]);
+    drives.reverse().forEach((drive) => hear("drive", drive));
+    maps.forEach((map) => hear("map", map));
+    live("polling");
+  } catch {
+    live("offline");
+  }
+}

@@ -1,0 +1,103 @@
+// The dashboard: what the service knows of drives and map, kept current by its events.
+
+import { ask, keepKey, listen } from "/static/api.js";
+import { fillCard } from "/static/drives.js";
+import { CityMap } from "/static/map.js";
+
+const at = (id) => document.getElementById(id);
+const cards = new Map();
+const drives = new Map();
+let chosen = null;
+let shownVersion = 0;
+
+const info = await ask("/v1/info");
+const city = new CityMap(at("map"));
+globalThis.wayloomMap = city.map;
+
+at("hint").textContent = `wayloom upload LOG --to ${location.origin}`;
+at("legend").querySelector("ul").append(
+  ...info.classes.filter((one) => one.in_map).map(({ name, colour }) => {
+    const item = document.createElement("li");
+    const square = document.createElement("i");
+    square.style.background = colour;
+    item.append(square, name);
+    return item;
+  }),
+);
+if (matchMedia("(max-width: 800px)").matches) at("legend").open = false;
+at("fit").addEventListener("click", () => city.fit());
+for (const name of ["semantic", "tracks", "coverage"]) {
+  at(`show-${name}`).addEventListener("change", (event) => city.visible(name, event.target.checked));
+}
+
+function choose(id) {
+  cards.get(chosen)?.classList.remove("chosen");
+  cards.get(id)?.classList.add("chosen");
+  city.choose(id, chosen);
+  chosen = id;
+}
+
+function card(id) {
+  if (!cards.has(id)) {
+    const made = document.createElement("li");
+    made.className = "drive";
+    made.tabIndex = 0;
+    made.addEventListener("click", () => choose(id));
+    made.addEventListener("keydown", (event) => event.key === "Enter" && choose(id));
+    cards.set(id, made);
+    at("drives").prepend(made);
+  }
+  return cards.get(id);
+}
+
+function count() {
+  const working = [...drives.values()].filter(({ state }) => ["queued", "running", "stitching"].includes(state)).length;
+  at("count").textContent = drives.size ? `${drives.size}${working ? `, ${working} in work` : ""}` : "";
+  at("empty").hidden = drives.size > 0;
+}
+
+async function showMap({ id, version }) {
+  if (id !== info.map_id || version === 0 || version === shownVersion) return;
+  shownVersion = version;
+  const found = await ask(`/v1/maps/${id}/versions/${version}`);
+  if (version !== shownVersion) return;
+  at("version").textContent = `${id} · version ${version}`;
+  const many = (number, word) => `${number.toLocaleString("en")} ${word}${number === 1 ? "" : "s"}`;
+  at("facts").textContent = [many(found.drives.length, "drive"), many(found.submaps, "submap"), many(found.tiles, "tile")].join(" · ");
+  await city.show(found);
+  for (const name of ["tracks", "coverage", "semantic"]) await city.visible(name, at(`show-${name}`).checked);
+}
+
+function hear(event, data) {
+  if (event === "drive") {
+    drives.set(data.id, data);
+    fillCard(card(data.id), data, () => ask(`/v1/drives/${data.id}/retry`, { method: "POST" }));
+    city.track(data);
+  } else if (event === "removed") {
+    drives.delete(data.id);
+    cards.get(data.id)?.remove();
+    cards.delete(data.id);
+    city.forget(data.id);
+  } else if (event === "map") {
+    showMap(data);
+  }
+  count();
+}
+
+function live(state) {
+  at("live").textContent = state;
+  at("live").className = `pill ${state === "live" ? "good" : state === "polling" ? "" : "bad"}`;
+}
+
+async function withKey() {
+  if (!info.needs_key) return;
+  while (!(await ask("/v1/maps").then(() => true, (error) => error.status !== 401))) {
+    at("ask-key").showModal();
+    await new Promise((resolve) => at("ask-key").addEventListener("close", resolve, { once: true }));
+    keepKey(at("key").value);
+  }
+}
+
+await withKey();
+count();
+listen(hear, live);

@@ -1,0 +1,148 @@
+// The map: a plain grid below, the classes as picture tiles of the published version, coverage and the drives' tracks.
+
+import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
+import { ask, headers } from "/static/api.js";
+
+const EMPTY = { type: "FeatureCollection", features: [] };
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+// Squares of the tile grid, drawn here: the page works without any map service.
+maplibregl.addProtocol("grid", async () => {
+  const canvas = new OffscreenCanvas(256, 256);
+  const pen = canvas.getContext("2d");
+  pen.fillStyle = colour("--map");
+  pen.fillRect(0, 0, 256, 256);
+  pen.strokeStyle = colour("--grid");
+  for (const [at, width] of [[0, 1.5], [64, 0.5], [128, 0.5], [192, 0.5]]) {
+    pen.lineWidth = width;
+    pen.beginPath();
+    pen.moveTo(at, 0);
+    pen.lineTo(at, 256);
+    pen.moveTo(0, at);
+    pen.lineTo(256, at);
+    pen.stroke();
+  }
+  return { data: await (await canvas.convertToBlob({ type: "image/png" })).arrayBuffer() };
+});
+
+const grid = () => ({ type: "raster", tiles: ["grid://{z}/{x}/{y}"], tileSize: 256, maxzoom: 22 });
+
+export class CityMap {
+  constructor(container) {
+    this.tracks = new Map();
+    this.bounds = null;
+    this.map = new maplibregl.Map({
+      container,
+      attributionControl: false,
+      fadeDuration: 0,
+      maxPitch: 0,
+      dragRotate: false,
+      center: [10, 48],
+      zoom: 3,
+      transformRequest: (url) => ({ url, headers: url.startsWith(location.origin) ? headers() : {} }),
+      style: { version: 8, sources: { grid: grid() }, layers: [{ id: "grid", type: "raster", source: "grid" }] },
+    });
+    this.map.touchZoomRotate.disableRotation();
+    this.map.addControl(new maplibregl.NavigationControl({ showCompass: false }), "top-right");
+    this.map.addControl(new maplibregl.ScaleControl({ maxWidth: 140 }), "bottom-right");
+    this.ready = new Promise((resolve) => this.map.once("load", resolve)).then(() => this.#addLayers());
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#recolour());
+  }
+
+  #addLayers() {
+    this.map.addSource("coverage", { type: "geojson", data: EMPTY });
+    this.map.addSource("tracks", { type: "geojson", data: EMPTY, promoteId: "id" });
+    this.map.addLayer({
+      id: "coverage", type: "fill", source: "coverage", layout: { visibility: "none" },
+      paint: { "fill-color": colour("--accent"), "fill-opacity": 0.18, "fill-outline-color": colour("--accent") },
+    });
+    const line = { "line-cap": "round", "line-join": "round" };
+    const chosen = (yes, no) => ["case", ["boolean", ["feature-state", "chosen"], false], yes, no];
+    this.map.addLayer({
+      id: "tracks-edge", type: "line", source: "tracks", layout: line,
+      paint: { "line-color": "#ffffff", "line-width": chosen(6, 4), "line-opacity": 0.75 },
+    });
+    this.map.addLayer({
+      id: "tracks", type: "line", source: "tracks", layout: line,
+      paint: { "line-color": chosen("#e0662a", colour("--accent")), "line-width": chosen(3.5, 2) },
+    });
+  }
+
+  #recolour() {
+    this.map.removeLayer("grid");
+    this.map.removeSource("grid");
+    this.map.addSource("grid", grid());
+    this.map.addLayer({ id: "grid", type: "raster", source: "grid" }, this.map.getStyle().layers[0]?.id);
+  }
+
+  // Shows a published version; the first one also moves the view there.
+  async show(version) {
+    await this.ready;
+    const first = this.bounds === null;
+    this.bounds = version.bounds;
+    const layer = version.layers.semantic;
+    const visibility = this.map.getLayer("semantic") ? this.map.getLayoutProperty("semantic", "visibility") : "visible";
+    if (this.map.getLayer("semantic")) {
+      this.map.removeLayer("semantic");
+      this.map.removeSource("semantic");
+    }
+    if (layer) {
+      const tiles = [`${location.origin}/v1/maps/${version.map_id}/versions/${version.version}/tiles/semantic/{z}/{x}/{y}.png`];
+      this.map.addSource("semantic", {
+        type: "raster", tiles, tileSize: 256, minzoom: layer.min_zoom, maxzoom: layer.max_zoom, bounds: version.bounds,
+      });
+      this.map.addLayer(
+        { id: "semantic", type: "raster", source: "semantic", layout: { visibility }, paint: { "raster-resampling": "nearest" } },
+        "coverage",
+      );
+    }
+    this.map.getSource("coverage").setData(await ask(`/v1/maps/${version.map_id}/coverage`));
+    if (first) this.fit();
+  }
+
+  async track(drive) {
+    if (!drive.placed || this.tracks.has(drive.id)) return;
+    this.tracks.set(drive.id, null);
+    const feature = await ask(`/v1/drives/${drive.id}/track`).catch(() => null);
+    if (!feature?.geometry) return void this.tracks.delete(drive.id);
+    this.tracks.set(drive.id, feature);
+    await this.#drawTracks();
+    if (this.bounds === null) this.fit();
+  }
+
+  async forget(id) {
+    if (this.tracks.delete(id)) await this.#drawTracks();
+  }
+
+  async #drawTracks() {
+    await this.ready;
+    this.map.getSource("tracks").setData({ type: "FeatureCollection", features: [...this.tracks.values()].filter(Boolean) });
+  }
+
+  async choose(id, before) {
+    await this.ready;
+    if (before) this.map.setFeatureState({ source: "tracks", id: before }, { chosen: false });
+    const feature = this.tracks.get(id);
+    if (!feature) return;
+    this.map.setFeatureState({ source: "tracks", id }, { chosen: true });
+    this.#fitTo(feature.geometry.coordinates);
+  }
+
+  fit() {
+    const [west, south, east, north] = this.bounds ?? [];
+    const corners = this.bounds ? [[west, south], [east, north]] : [...this.tracks.values()].flatMap((one) => one?.geometry.coordinates ?? []);
+    this.#fitTo(corners);
+  }
+
+  #fitTo(places) {
+    if (!places.length) return;
+    const box = places.reduce((found, [lon, lat]) => found.extend([lon, lat]), new maplibregl.LngLatBounds());
+    this.map.fitBounds(box, { padding: 60, maxZoom: 20, duration: 600 });
+  }
+
+  async visible(name, on) {
+    await this.ready;
+    const layers = name === "tracks" ? ["tracks-edge", "tracks"] : [name];
+    for (const id of layers) if (this.map.getLayer(id)) this.map.setLayoutProperty(id, "visibility", on ? "visible" : "none");
+  }
+}

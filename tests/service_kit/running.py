@@ -1,0 +1,119 @@
+"""A real `wayloom up` in processes of its own."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from service_kit.little_steps import RUNS
+
+from wayloom.client.api import Api
+
+TESTS = Path(__file__).resolve().parents[1]
+ROOT = TESTS.parent
+QUICK = {
+    "WAYLOOM_STEPS": "service_kit.little_steps:STEPS",
+    "WAYLOOM_HEARTBEAT_S": "0.2",
+    "WAYLOOM_LEASE_S": "4",
+    "WAYLOOM_SWEEP_S": "0.2",
+    "WAYLOOM_RESEND_S": "1",
+    "WAYLOOM_MIN_FREE_BYTES": "0",
+}
+
+
+def environment(**more: str) -> dict[str, str]:
+    """The variables of a service with small stages and little patience."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("WAYLOOM_")}
+    paths = os.pathsep.join(str(ROOT / name) for name in ("core", "services", "workers", "tests"))
+    return kept | QUICK | {"PYTHONPATH": paths} | more
+
+
+class Up:
+    """`wayloom up` and its children."""
+
+    def __init__(self, data: Path, *arguments: str, **variables: str) -> None:
+        self.data = data
+        self.ready = data.parent / f"{data.name}.ready"
+        command = [sys.executable, "-m", "wayloom.cli.main", "up", "--data", str(data), "--ready-file", str(self.ready), *arguments]
+        if "--port" not in arguments:
+            command += ["--port", "0"]
+        self.process = subprocess.Popen(command, env=environment(**variables), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def wait(self) -> "Up":
+        """Until it answers."""
+        until(lambda: self.ready.is_file() or self.process.poll() is not None, 60)
+        if self.process.poll() is not None:
+            raise AssertionError(f"wayloom up ended: {self.process.stderr.read() if self.process.stderr else ''}")
+        return self
+
+    @property
+    def url(self) -> str:
+        return self.ready.read_text().strip()
+
+    def api(self) -> Api:
+        return Api(self.url, pauses_s=(0.2, 0.5, 1.0, 2.0))
+
+    def children(self, what: str) -> list[int]:
+        """Process ids of the children whose command line has these words."""
+        return [pid for pid in descendants(self.process.pid) if what in command_line(pid)]
+
+    def kill(self, what: str) -> int:
+        """kill -9 of one child. Returns its process id."""
+        pid = until(lambda: self.children(what))[0]
+        os.kill(pid, signal.SIGKILL)
+        return int(pid)
+
+    def runs(self) -> list[list[str]]:
+        """What the stages wrote down: what, stage, attempt, process, drive."""
+        path = self.data / RUNS
+        return [line.split() for line in path.read_text().splitlines()] if path.exists() else []
+
+    def stop(self) -> None:
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+        try:
+            self.process.communicate(timeout=20)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.communicate()
+
+
+@contextmanager
+def service(data: Path, *arguments: str, **variables: str) -> Any:
+    """A service for the length of a block."""
+    up = Up(data, *arguments, **variables)
+    try:
+        yield up.wait()
+    finally:
+        up.stop()
+
+
+def until(found: Callable[[], Any], seconds: float = 30.0) -> Any:
+    """Ask until the answer is true, and return it."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        if answer := found():
+            return answer
+        time.sleep(0.05)
+    raise AssertionError(f"did not come true within {seconds} s")
+
+
+def descendants(pid: int) -> list[int]:
+    """Process ids of the children and theirs."""
+    try:
+        children = [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except OSError:
+        return []
+    return children + [deeper for child in children for deeper in descendants(child)]
+
+
+def command_line(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
+    except OSError:
+        return ""
