@@ -21,6 +21,7 @@ from wayloom.tiles.settings import TileSettings
 
 FloatArray = NDArray[np.float64]
 FINE_CELLS, COARSE_CELLS = 128, 64
+TOUCHING_M = 15.0  # the last keyframe of a submap and the first of the next
 COARSEST = 3  # the vector tiles of the lowest zoom need the pixels two zooms below
 
 
@@ -61,9 +62,17 @@ class Track:
 
 
 def tracks_of(placed: Iterable[PlacedSubmap]) -> list[Track]:
-    """The tracks of submaps, sorted, whatever order they come in."""
-    tracks = {(item.drive_id, int(item.submap.keyframe_t_ns[0]), item.submap.digest): item for item in placed}
-    return [Track(key[0], tracks[key].track_enu()) for key in sorted(tracks)]
+    """The tracks of submaps, sorted, whatever order they come in. Pieces of one drive that nearly touch are one track."""
+    pieces = {(item.drive_id, int(item.submap.keyframe_t_ns[0]), item.submap.digest): item for item in placed}
+    tracks: list[Track] = []
+    for key in sorted(pieces):
+        drive_id, points = key[0], pieces[key].track_enu()
+        last = tracks[-1] if tracks and tracks[-1].drive_id == drive_id else None
+        if last is not None and np.linalg.norm(points[0] - last.points_enu[-1]) < TOUCHING_M:
+            tracks[-1] = Track(drive_id, np.vstack([last.points_enu, points]))
+        else:
+            tracks.append(Track(drive_id, points))
+    return tracks
 
 
 def build_tiles(

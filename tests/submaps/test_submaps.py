@@ -1,0 +1,190 @@
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from submaps.made_submaps import FRAME, NamedLog, made_geo, made_labels, made_odometry, random_submap
+from wayloom.config.classes import SKY
+from wayloom.errors import InputError, StageError
+from wayloom.geometry import se3
+from wayloom.submaps.files import load_submaps, save_submaps
+from wayloom.submaps.settings import SubmapSettings
+from wayloom.submaps.split import make_submaps, split_road
+from wayloom.submaps.submap import decode_submap
+
+
+@pytest.fixture
+def odometry():
+    return made_odometry()
+
+
+@pytest.fixture
+def labels(odometry):
+    return made_labels(len(odometry.points))
+
+
+@pytest.fixture
+def placed(odometry, labels):
+    return make_submaps(NamedLog(), odometry, labels, made_geo(odometry))
+
+
+@pytest.mark.parametrize("road_m", [30, 60, 99, 101, 149, 151, 200, 524])
+def test_submaps_are_50_to_100_metres_long_where_the_drive_is(road_m):
+    odometry = made_odometry(road_m, points_a_keyframe=1)
+    lengths = [stretch.length_m for stretch in split_road(odometry, SubmapSettings())]
+    assert sum(lengths) == pytest.approx(odometry.keyframes.T_world_cam[-1, 2, 3])
+    assert max(lengths) <= 100.0
+    assert min(lengths) >= min(50.0, road_m - 1)
+
+
+def test_a_loss_of_track_always_ends_a_submap():
+    odometry = made_odometry(200, 1, segments=3)
+    stretches = split_road(odometry, SubmapSettings())
+    for stretch in stretches:
+        assert len(set(odometry.keyframes.segment[stretch.keyframes])) == 1
+    assert sorted(np.concatenate([s.keyframes for s in stretches])) == list(range(len(odometry.keyframes)))
+
+
+def test_points_lie_where_odometry_and_place_put_them(odometry, labels, placed):
+    in_map = np.concatenate([item.points_enu() for item in placed])
+    T_enu_world = made_geo(odometry).T_enu_cam[0]
+    expected = se3.transform(T_enu_world, odometry.points_world())
+    distance = np.linalg.norm(in_map[:, None] - expected[None], axis=2)
+    assert distance.min(axis=1).max() < 1e-4
+
+
+def test_every_point_is_kept_once_or_left_out_for_a_reason(odometry, labels, placed):
+    kept = sum(len(item.submap) for item in placed)
+    left_out = sum(sum(item.submap.points_left_out.values()) for item in placed)
+    assert kept + left_out == len(odometry.points)
+    assert sum(item.submap.points_left_out["sky"] for item in placed) == (labels.stereo == SKY).sum()
+    assert all(SKY not in item.submap.label for item in placed)
+
+
+def test_points_without_depth_too_far_or_too_uncertain_are_left_out(odometry, labels):
+    p = odometry.points
+    p.inverse_depth[:5] = [0.0, -0.1, np.nan, np.inf, 1.0 / 61.0]
+    p.inverse_depth[5], p.variance[5] = 0.05, (0.06 * 0.05) ** 2  # 6 % of 20 m: 1.2 m
+    p.inverse_depth[6], p.variance[6] = 0.2, (0.06 * 0.2) ** 2  # 6 % of 5 m is 0.3 m: kept
+    labels.stereo[:7] = 0
+    first = make_submaps(NamedLog(), odometry, labels, made_geo(odometry))[0].submap
+    assert first.points_left_out["without depth"] == 4
+    assert first.points_left_out["too far"] == 1
+    assert first.points_left_out["depth too uncertain"] == 1
+
+
+def test_votes_stay_with_their_points(odometry, labels, placed):
+    item = placed[1].submap
+    at = {(round(float(x), 3), round(float(y), 3)): i for i, (x, y) in enumerate(odometry.points.uv_host)}
+    K = odometry.rig.camera.K
+    for row in range(0, len(item), 37):
+        in_cam = se3.transform(se3.inverse(item.T_submap_cam[item.keyframe[row]]), item.xyz[row : row + 1].astype(float))[0]
+        uv = K @ in_cam / in_cam[2]
+        nearest = min(at, key=lambda key: abs(key[0] - uv[0]) + abs(key[1] - uv[1]))
+        old = at[nearest]
+        a, b = item.vote_start[row], item.vote_start[row + 1]
+        c, d = labels.vote_start[old], labels.vote_start[old + 1]
+        assert item.label[row] == labels.stereo[old]
+        assert item.vote_class[a:b].tolist() == labels.vote_class[c:d].tolist()
+        assert item.vote_weight[a:b].tolist() == labels.vote_weight[c:d].tolist()
+
+
+def test_moving_the_drive_moves_the_place_and_not_the_content(odometry, labels, placed):
+    geo = made_geo(odometry)
+    moved = dataclasses.replace(geo, T_enu_cam=se3.exp(np.array([5.0, 1.0, 0.3, 0.0, 0.0, 1e-5])) @ geo.T_enu_cam)
+    again = make_submaps(NamedLog(), odometry, labels, moved)
+    assert [item.submap.digest for item in again] == [item.submap.digest for item in placed]
+    assert not np.allclose(again[0].T_enu_submap, placed[0].T_enu_submap)
+
+
+def test_a_changed_point_is_another_submap(placed):
+    submap = placed[0].submap
+    label = submap.label.copy()
+    label[0] ^= 1
+    assert dataclasses.replace(submap, label=label).digest != submap.digest
+
+
+def test_a_submap_survives_its_bytes_bit_for_bit(placed):
+    for item in placed:
+        back = decode_submap(item.submap.encoded)
+        assert back.digest == item.submap.digest
+        assert np.array_equal(back.xyz, item.submap.xyz)
+        assert back.points_left_out == item.submap.points_left_out
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda d: d[:100], lambda d: d[:-1], lambda d: d + b"x", lambda d: b"", lambda d: b"PK" + d[2:]]
+)
+def test_damaged_bytes_are_refused_in_one_line(placed, damage):
+    with pytest.raises(InputError, match="is no submap") as caught:
+        decode_submap(damage(placed[0].submap.encoded), "x.submap")
+    assert "\n" not in str(caught.value)
+
+
+def test_another_version_is_refused_by_number(placed):
+    data = bytearray(placed[0].submap.encoded)
+    data[8] = 9
+    with pytest.raises(InputError, match="version 9, this program reads 1"):
+        decode_submap(bytes(data))
+
+
+def test_a_folder_of_submaps_comes_back_as_it_was(placed, tmp_path):
+    save_submaps(placed, tmp_path / "submaps")
+    back = load_submaps(tmp_path / "submaps")
+    for one, other in zip(placed, back, strict=True):
+        assert one.submap.digest == other.submap.digest
+        assert np.array_equal(one.T_enu_submap, other.T_enu_submap)
+        assert np.array_equal(one.covariance, other.covariance)
+        assert (one.drive_id, one.frame) == (other.drive_id, other.frame) == ("made", FRAME)
+
+
+def test_saving_twice_gives_the_same_bytes(placed, tmp_path):
+    save_submaps(placed, tmp_path / "a")
+    save_submaps(placed, tmp_path / "b")
+    names = sorted(p.name for p in (tmp_path / "a").iterdir())
+    assert names == sorted(p.name for p in (tmp_path / "b").iterdir())
+    assert all((tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes() for name in names)
+
+
+def test_a_drive_without_gnss_keeps_no_frame_and_no_covariance(odometry, labels, tmp_path):
+    save_submaps(make_submaps(NamedLog(), odometry, labels, made_geo(odometry, None)), tmp_path)
+    back = load_submaps(tmp_path)
+    assert back[0].frame is None
+    assert np.isnan(back[0].covariance).all()
+
+
+def test_missing_and_swapped_blobs_are_named(placed, tmp_path):
+    save_submaps(placed, tmp_path)
+    blobs = sorted(tmp_path.glob("*.submap"))
+    blobs[0].write_bytes(blobs[1].read_bytes())
+    with pytest.raises(InputError, match="does not hold what its name says"):
+        load_submaps(tmp_path)
+    blobs[0].unlink()
+    with pytest.raises(InputError, match=blobs[0].name):
+        load_submaps(tmp_path)
+
+
+def test_a_folder_without_index_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"index\.json"):
+        load_submaps(tmp_path)
+    (tmp_path / "index.json").write_text(json.dumps({"format": "other"}))
+    with pytest.raises(InputError, match="no wayloom-submaps of version 1"):
+        load_submaps(tmp_path)
+
+
+def test_labels_of_another_run_are_refused(odometry):
+    with pytest.raises(StageError, match="different runs"):
+        make_submaps(NamedLog(), odometry, made_labels(3), made_geo(odometry))
+
+
+def test_the_track_of_a_submap_is_its_keyframes_in_the_map(odometry, placed):
+    geo = made_geo(odometry)
+    track = np.concatenate([item.track_enu() for item in placed])
+    assert np.allclose(track, geo.T_enu_cam[odometry.keyframes.frame, :3, 3], atol=1e-9)
+
+
+def test_random_submaps_survive_their_bytes():
+    for seed in range(5):
+        submap = random_submap(seed, points=50 * seed + 1).submap
+        assert decode_submap(submap.encoded).digest == submap.digest

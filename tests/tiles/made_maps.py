@@ -1,0 +1,41 @@
+"""Made voxel maps that span several tiles."""
+
+import numpy as np
+
+from wayloom.georeference import geodesy
+from wayloom.georeference.frames import map_frame_for
+from wayloom.stitching.merge import STATIC_CLASSES
+from wayloom.stitching.voxel_map import VoxelMap
+from wayloom.tiles.pyramid import Track
+
+
+def made_map(voxels: int = 3000, lon: float = 8.39, lat: float = 48.98, extent_m: float = 150.0, seed: int = 0) -> VoxelMap:
+    rng = np.random.default_rng(seed)
+    frame = map_frame_for(lon, lat)
+    centre = geodesy.enu_from_lonlatheight(np.array([[lon, lat, 115.0]]), frame)[0]
+    points = centre + rng.uniform([-extent_m, -extent_m, -2.0], [extent_m, extent_m, 12.0], (voxels, 3))
+    keys = np.floor(points / 0.1).astype(np.int32)
+    _, rows = np.unique(keys, axis=0, return_index=True)
+    n = len(rows)
+    label = rng.choice(STATIC_CLASSES, n).astype(np.uint8)
+    votes = rng.uniform(0.0, 1.0, (n, 19)).astype(np.float32)
+    votes[np.arange(n), label] = 2.0
+    return VoxelMap(
+        frame,
+        0.1,
+        keys[rows],
+        points[rows],
+        votes,
+        label,
+        rng.integers(1, 50, n).astype(np.uint32),
+        rng.integers(1, 400, n).astype(np.uint16),
+        rng.integers(10**18, 2 * 10**18, n),
+    )
+
+
+def made_tracks(voxel_map: VoxelMap) -> list[Track]:
+    middle = voxel_map.points_enu.mean(axis=0)
+    along = np.linspace(-180.0, 180.0, 100)
+    one = np.column_stack([middle[0] + along, middle[1] + 0.3 * along, np.full(100, middle[2])])
+    other = np.column_stack([middle[0] + 0 * along, middle[1] + along, np.full(100, middle[2])])
+    return [Track("drive-a", one), Track("drive-b", other)]
