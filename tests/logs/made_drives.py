@@ -50,7 +50,7 @@ def made_packets(count: int) -> list[OxtsPacket]:
         OxtsPacket(
             t_ns=frame.t_ns + 4_000_000,
             lon_lat_height=(8.39 + 1.1e-5 * i, 48.98 + 0.3e-5 * i, 116.25 + 0.01 * i),
-            sigma_m=0.02 * (1 + i),
+            sigma_m=0.02 * (1 + i) if i % 4 < 3 else 50.0,
             fix=fixes[i % 4],
             roll_pitch_yaw=(0.01, -0.02, 0.3),
             velocity_enu=(8.0, 3.0, 0.1),

@@ -67,7 +67,7 @@ def damage(draw: st.DrawFn, data: bytes) -> bytes:
 
 
 @pytest.mark.parametrize(("kind", "name"), CASES)
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(st.data())
 def test_random_damage_never_ends_in_a_traceback(drives: dict[str, Path], kind: str, name: str, data: st.DataObject) -> None:
     file = drives[kind] / name
@@ -83,7 +83,7 @@ def test_random_damage_never_ends_in_a_traceback(drives: dict[str, Path], kind: 
         file.write_bytes(whole)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.data())
 def test_damaged_clouds_and_trajectories_never_end_in_a_traceback(data: st.DataObject) -> None:
     folder = Path(tempfile.mkdtemp())

@@ -24,7 +24,7 @@ def test_a_made_drive_is_described_as_it_was_made(tmp_path: Path, log_format: st
     assert report.start == "2011-09-26 13:04:32.345808896"
     assert report.gnss is not None
     assert report.gnss.share == pytest.approx({"none": 1 / 6, "single": 1 / 6, "float": 1 / 3, "fixed": 1 / 3})
-    assert report.gnss.sigma_worst_m == pytest.approx(0.12)
+    assert report.gnss.sigma_worst_m == pytest.approx(50.0)
     assert report.gnss.frames_covered == FRAMES - 1
     assert (report.distance_from, report.distance_m) == ("truth", pytest.approx(5.0, rel=1e-3))
     assert report.camera.baseline_m == 0.5

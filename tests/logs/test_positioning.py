@@ -10,6 +10,7 @@ from logs.made_drives import FRAMES, START_NS, T_CAM_IMU, made_frames, write_dri
 from wayloom.errors import LogError, UnknownFormatError
 from wayloom.logs.gnss_csv import write_gnss_csv
 from wayloom.logs.image_folder_log import ImageFolderLog
+from wayloom.logs.oxts import Field, fix_types
 from wayloom.logs.registry import open_log
 from wayloom.logs.timestamps import wall_clock_from_ns
 from wayloom.logs.types import FixType, GnssTrack
@@ -222,6 +223,15 @@ def test_a_log_is_the_same_from_inside_its_folder(tmp_path: Path, log_format: st
     for path in (Path(), Path("..") / drive.name):
         log = open_log(path)
         assert (log.files, log.root, log.name) == (expected.files, expected.root, expected.name)
+
+
+def test_a_place_that_the_unit_bridged_by_inertia_counts_as_a_single_fix() -> None:
+    packets = np.zeros((5, len(Field)))
+    packets[:, Field.POS_ACCURACY] = [0.7, 10.0, 11.0, 0.0, 0.7]
+    packets[:, Field.NAVSTAT] = [4, 4, 4, 4, 3]
+    assert fix_types(packets).tolist() == [FixType.SINGLE, FixType.SINGLE, FixType.NONE, FixType.NONE, FixType.NONE]
+    packets[:, Field.POSMODE] = [-1, 5, 6, 3, 99]
+    assert fix_types(packets).tolist() == [FixType.SINGLE, FixType.FLOAT, FixType.FIXED, FixType.SINGLE, FixType.SINGLE]
 
 
 @pytest.mark.real_data

@@ -25,6 +25,8 @@ from wayloom.logs.types import FixType, GnssTrack, ImuTrack
 FloatArray = NDArray[np.float64]
 UP_FACTOR: Final = 2.0
 SMALLEST_SIGMA_M: Final = 0.005
+LOCKED: Final = 4
+WORST_BRIDGED_SIGMA_M: Final = 10.0
 SIGMA_WHERE_UNSAID_M: Final = {FixType.NONE: 50.0, FixType.SINGLE: 3.0, FixType.FLOAT: 0.5, FixType.FIXED: 0.05}
 RESTORE = "copy the packet again, or leave it out"
 
@@ -129,9 +131,17 @@ def read_packet(file: Path) -> FloatArray:
 
 
 def fix_types(values: FloatArray) -> NDArray[np.uint8]:
-    """(M,) FixType of packets (M, 30)."""
+    """(M,) FixType of packets (M, 30).
+
+    Where the receiver had no position but the locked unit still says how well it knows its place, it has bridged the gap by
+    inertia (all of KITTI's 2011_09_26_drive_0106 is so, at 0.4 to 1.4 m): that place is as good as its covariance, hence SINGLE.
+    """
     modes = values[:, Field.POSMODE].round().astype(np.int64)
-    return np.array([FIX_OF_POSMODE.get(int(mode), FixType.SINGLE) for mode in modes], dtype=np.uint8)
+    fix = np.array([FIX_OF_POSMODE.get(int(mode), FixType.SINGLE) for mode in modes], dtype=np.uint8)
+    sigma = values[:, Field.POS_ACCURACY]
+    bridged = (fix == FixType.NONE) & (values[:, Field.NAVSTAT].round() == LOCKED) & (sigma > 0) & (sigma <= WORST_BRIDGED_SIGMA_M)
+    fix[bridged] = FixType.SINGLE
+    return fix
 
 
 def gnss_track(values: FloatArray, t_ns: NDArray[np.int64]) -> GnssTrack:

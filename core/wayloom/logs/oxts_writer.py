@@ -21,7 +21,8 @@ class OxtsPacket:
 
     t_ns                 int64 ns, on the clock of the frames
     lon_lat_height       degrees, degrees, ellipsoidal m
-    sigma_m              of east and of north; the reader takes twice that for up
+    sigma_m              of east and of north; the reader takes twice that for up. A packet without a fix says over 10 m: under
+                         that the reader takes it for a place that the unit bridged by inertia
     roll_pitch_yaw       rad, KITTI's angles: yaw 0 is east, counter-clockwise; x forward, y left, z up
     velocity_enu         m/s
     specific_force       m/s^2, in the unit's axes
