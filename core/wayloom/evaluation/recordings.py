@@ -2,12 +2,14 @@
 
 import time
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.config.progress import Progress, silent
 from wayloom.evaluation.georeference import TrackDistance, distance_to_ins
 from wayloom.evaluation.trajectory import TrajectoryErrors, evaluate, path_length
 from wayloom.geometry import se3
@@ -21,7 +23,6 @@ from wayloom.odometry.types import OdometryResult
 
 FloatArray = NDArray[np.float64]
 SPARSE_FIXES = 20
-WARM_UP_FRAMES = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +31,7 @@ class RecordingRow:
 
     frames, tracked, segments   how much of it was tracked in one piece
     cpu_ms_per_frame            processor time of all threads, image decoding included, compiled kernels loaded before
+    same_twice                  whether two runs gave the same trajectory, bit by bit
     points_per_m                points of the odometry per metre of road
     errors                      name of the truth to the errors against it
     to_ins                      distance of the mapped antenna to the INS track, all fixes given; None without GNSS
@@ -45,6 +47,7 @@ class RecordingRow:
     cpu_ms_per_frame: float
     points_per_m: float
     disparity_bias_px: float
+    same_twice: bool
     errors: dict[str, TrajectoryErrors]
     to_ins: TrackDistance | None
     to_ins_sparse: TrackDistance | None
@@ -54,15 +57,24 @@ class RecordingRow:
         return asdict(self)
 
 
-def measure(name: str, log: DriveLog, truths: Mapping[str, FloatArray], settings: OdometrySettings = OdometrySettings()) -> RecordingRow:
-    """Track and place a recording on one thread. truths : name to T_world_cam (N, 4, 4), NaN where unknown."""
-    warm_up(log, settings)
+def measure(
+    name: str,
+    log: DriveLog,
+    truths: Mapping[str, FloatArray],
+    settings: OdometrySettings = OdometrySettings(),
+    progress: Progress = silent,
+) -> RecordingRow:
+    """Track a recording twice on one thread (the second run is the one that is timed) and place it on Earth.
+
+    truths : name to T_world_cam (N, 4, 4), NaN where unknown
+    """
+    first = track(log, settings, lambda share, what: progress(0.45 * share, what))
     start = time.process_time()
-    odometry = track(log, settings)
+    odometry = track(log, settings, lambda share, what: progress(0.45 + 0.45 * share, what))
     cpu_s = time.process_time() - start
     T = odometry.trajectory.T_world_cam
     distance = path_length(T[:, :3, 3])
-    return RecordingRow(
+    row = RecordingRow(
         name=name,
         frames=len(odometry.trajectory),
         tracked=int(odometry.trajectory.tracked.sum()),
@@ -72,46 +84,23 @@ def measure(name: str, log: DriveLog, truths: Mapping[str, FloatArray], settings
         cpu_ms_per_frame=1000.0 * cpu_s / len(odometry.trajectory),
         points_per_m=len(odometry.points) / max(distance, 1.0),
         disparity_bias_px=odometry.disparity_bias_px,
+        same_twice=bool(np.array_equal(first.trajectory.T_world_cam, T)),
         errors={truth_name: evaluate(T, truth) for truth_name, truth in truths.items()},
-        to_ins=placed_distance(log, odometry, None),
+        to_ins=placed_distance(log, odometry, 1),
         to_ins_sparse=placed_distance(log, odometry, SPARSE_FIXES),
     )
+    progress(1.0, "measured")
+    return row
 
 
-def warm_up(log: DriveLog, settings: OdometrySettings) -> None:
-    """Track the first frames once, so that loading compiled kernels is not counted."""
-    track(FirstFrames(log, WARM_UP_FRAMES), settings)  # type: ignore[arg-type]
-
-
-class FirstFrames:
-    """The first `count` frames of a log, as a log."""
-
-    def __init__(self, log: DriveLog, count: int) -> None:
-        self._log, self._count = log, min(count, len(log))
-        self.t_ns = log.t_ns[: self._count]
-
-    def __len__(self) -> int:
-        return self._count
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._log, name)
-
-    def frames(self, start: int = 0, stop: int | None = None) -> object:
-        """As `DriveLog.frames`, but never beyond the count."""
-        return self._log.frames(start, self._count if stop is None else min(stop, self._count))
-
-
-def placed_distance(log: DriveLog, odometry: OdometryResult, one_in: int | None) -> TrackDistance | None:
-    """Distance of the mapped antenna to all fixes of the log, placed with all of them or with one in `one_in`; None without GNSS."""
+def placed_distance(log: DriveLog, odometry: OdometryResult, one_in: int) -> TrackDistance | None:
+    """Distance of the mapped antenna to all fixes of the log, placed with one in `one_in` of them; None without GNSS."""
     gnss = log.gnss
     if gnss is None:
         return None
-    given = gnss if one_in is None else every(gnss, one_in)
-    log.gnss = given
-    try:
-        geo = georeference(log, odometry)
-    finally:
-        log.gnss = gnss
+    sparse = copy(log)
+    sparse.gnss = every(gnss, one_in)
+    geo = georeference(sparse, odometry)
     if geo.frame is None:
         return None
     return distance_to_ins(geo.T_enu_cam, geo.frame, log.p_cam_gnss, log.t_ns, gnss.t_ns, gnss.lon_lat_height)
@@ -147,18 +136,18 @@ def from_frame(truth: FloatArray, first: int) -> FloatArray:
     return later
 
 
-def measure_kitti_odometry(folder: Path, gnss: Path, name: str, fault_until: int = 0) -> RecordingRow:
+def measure_kitti_odometry(
+    folder: Path, gnss: Path | None, name: str, fault_until: int = 0, progress: Progress = silent
+) -> RecordingRow:
     """A KITTI odometry sequence against its own poses, whole and, where these are known to be wrong, from `fault_until` on."""
     log = open_log(folder, gnss=gnss)
     truths = {} if log.truth is None else {"poses": log.truth}
     if log.truth is not None and fault_until:
         truths[f"poses from frame {fault_until}"] = from_frame(log.truth, fault_until)
-    return measure(name, log, truths)
+    return measure(name, log, truths, progress=progress)
 
 
-def measure_kitti_raw(folder: Path, name: str) -> RecordingRow:
+def measure_kitti_raw(folder: Path, name: str, progress: Progress = silent) -> RecordingRow:
     """A KITTI raw drive against its INS's integrated velocities."""
     log = open_log(folder)
-    return measure(name, log, {"INS velocities": ins_truth(folder, log)})
-
-
+    return measure(name, log, {"INS velocities": ins_truth(folder, log)}, progress=progress)

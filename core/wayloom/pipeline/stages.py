@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError, TooFewKeyframesError
 from wayloom.georeference.alignment import georeference
@@ -174,6 +176,8 @@ def _ingest(call: StageCall, out_dir: Path, progress: Progress) -> None:
 
 def _odometry(call: StageCall, out_dir: Path, progress: Progress) -> None:
     result = track(call.log(), call.settings.odometry, progress, call.settings.threads)
+    if not np.isfinite(result.trajectory.T_world_cam).all():
+        raise StageError("the odometry gave poses that are not finite: please report this drive as a fault of wayloom")
     save_odometry(result, out_dir / ODOMETRY_FILE)
     _write_report(out_dir, result.report)
 
