@@ -9,7 +9,7 @@ import laspy
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.config.classes import CLASS_ID, PALETTE_WITH_VOID
+from wayloom.config.classes import CLASS_ID, CLASS_NAMES, PALETTE_WITH_VOID
 from wayloom.georeference import geodesy
 from wayloom.georeference.types import MapFrame
 from wayloom.logs.atomic import write_atomically
@@ -17,12 +17,13 @@ from wayloom.logs.ply import write_ply
 
 FloatArray = NDArray[np.float64]
 
-ASPRS_OF_CLASS: Final = {
-    "road": 11, "sidewalk": 2, "building": 6, "wall": 6, "fence": 26, "pole": 20, "traffic light": 21, "traffic sign": 22,
-    "vegetation": 5, "terrain": 2, "sky": 7, "person": 64, "rider": 65, "car": 66, "truck": 67, "bus": 68, "train": 69,
-    "motorcycle": 70, "bicycle": 71,
-}  # fmt: skip
-"""docs/formats.md: ASPRS LAS 1.4 class of each of ours. 1 (unclassified) is void; 64 and above are free for users."""
+USER_DEFINED: Final = 64
+ASPRS_OF_CLASS: Final = {"road": 11, "sidewalk": 2, "terrain": 2, "building": 6, "vegetation": 5} | {
+    name: USER_DEFINED + CLASS_ID[name]
+    for name in CLASS_NAMES
+    if name not in ("road", "sidewalk", "terrain", "building", "vegetation")
+}
+"""The LAS 1.4 class of each of ours (docs/formats.md): the standard's own where it has one, else 64 (its first free number) + train id."""
 UNCLASSIFIED: Final = 1
 ASPRS: Final = np.full(256, UNCLASSIFIED, np.uint8)
 ASPRS[[CLASS_ID[name] for name in ASPRS_OF_CLASS]] = list(ASPRS_OF_CLASS.values())
