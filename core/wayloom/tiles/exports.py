@@ -1,10 +1,12 @@
-"""Clouds and tracks for other programs: PLY, LAZ, GeoJSON."""
+"""The map for other programs: PLY, LAZ, GeoJSON, a picture, a folder of tiles."""
 
 import io
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+import cv2
 import laspy
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,9 @@ from wayloom.georeference import geodesy
 from wayloom.georeference.types import MapFrame
 from wayloom.logs.atomic import write_atomically
 from wayloom.logs.ply import write_ply
+from wayloom.stitching.voxel_map import VoxelMap
+from wayloom.tiles.preview import top_down
+from wayloom.tiles.pyramid import TILE_FORMATS, Track, build_tiles
 
 FloatArray = NDArray[np.float64]
 
@@ -23,7 +28,7 @@ ASPRS_OF_CLASS: Final = {"road": 11, "sidewalk": 2, "terrain": 2, "building": 6,
     for name in CLASS_NAMES
     if name not in ("road", "sidewalk", "terrain", "building", "vegetation")
 }
-"""The LAS 1.4 class of each of ours (docs/formats.md): the standard's own where it has one, else 64 (its first free number) + train id."""
+"""The LAS 1.4 class of each of ours (docs/formats.md): the standard's own, or 64, its first free number, + train id."""
 UNCLASSIFIED: Final = 1
 ASPRS: Final = np.full(256, UNCLASSIFIED, np.uint8)
 ASPRS[[CLASS_ID[name] for name in ASPRS_OF_CLASS]] = list(ASPRS_OF_CLASS.values())
@@ -74,3 +79,26 @@ def export_geojson_track(path: Path, T_enu_cam: FloatArray, frame: MapFrame, nam
     line = [[round(lon, 9), round(lat, 9), round(height, 3)] for lon, lat, height in lon_lat_height.tolist()]
     feature = {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "LineString", "coordinates": line}}
     write_atomically(path, json.dumps({"type": "FeatureCollection", "features": [feature]}).encode())
+
+
+def export_preview(
+    path: Path,
+    points: FloatArray,
+    labels: NDArray[np.uint8],
+    frame: MapFrame | None = None,
+    tracks_enu: tuple[FloatArray, ...] = (),
+) -> None:
+    """`top_down` as a PNG; the arrow to the north only with a frame."""
+    picture = top_down(points, labels, tracks_enu=tracks_enu, north_up=frame is not None)
+    _, data = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    write_atomically(path, data.tobytes())
+
+
+def export_tiles(folder: Path, voxel_map: VoxelMap, tracks: Sequence[Track] = ()) -> int:
+    """All tiles as files <folder>/<layer>/<z>/<x>/<y><suffix>, as any static server can hand them out. How many there are."""
+    suffix = {form.layer: form.suffix for form in TILE_FORMATS.values()}
+    count = 0
+    for tile in build_tiles(voxel_map, voxel_map.frame, tracks=tracks):
+        write_atomically(folder / tile.layer / str(tile.z) / str(tile.x) / f"{tile.y}{suffix[tile.layer]}", tile.data)
+        count += 1
+    return count

@@ -1,0 +1,58 @@
+"""`wayloom export`: submaps of one drive or many, merged into one cloud, picture or folder of tiles."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from wayloom.errors import InputError, UnknownFormatError
+
+if TYPE_CHECKING:
+    from wayloom.stitching.voxel_map import VoxelMap
+    from wayloom.submaps.submap import PlacedSubmap
+
+SUBMAP_FOLDERS = (".", "submaps", "stages/submaps")
+KNOWN = ".laz, .ply, .png, or a name without suffix for a folder of tiles"
+
+
+def export_command(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of submaps, or folders that `wayloom process` wrote.")],
+    out: Annotated[Path, typer.Option(help=f"File or folder to write: {KNOWN}.")],
+    voxel: Annotated[float, typer.Option(min=0.01, max=10.0, help="Edge of a voxel of the merged map, m.")] = 0.1,
+) -> None:
+    """Merge submaps into the static map, and write it as LAZ, PLY, a picture from above, or XYZ tiles."""
+    if out.suffix not in ("", ".laz", ".ply", ".png"):
+        raise UnknownFormatError(f"{out.suffix} is no format that is written", file=out, remedy=f"known are {KNOWN}")
+    from wayloom.stitching.merge import merge
+    from wayloom.stitching.settings import MergeSettings
+    from wayloom.submaps.files import load_submaps
+
+    placed = [item for folder in folders for item in load_submaps(submap_folder(folder))]
+    voxel_map = merge(placed, MergeSettings(voxel_m=voxel))
+    written = _write(voxel_map, placed, out)
+    typer.echo(f"{len(voxel_map)} voxels of {len(placed)} submaps and {len({p.drive_id for p in placed})} drives: {written}")
+
+
+def submap_folder(folder: Path) -> Path:
+    """The folder with `index.json` in or under a folder. Raises InputError when there is none."""
+    for name in SUBMAP_FOLDERS:
+        if (folder / name / "index.json").is_file():
+            return folder / name
+    raise InputError("holds no submaps", file=folder, remedy="give the folder that `wayloom process` wrote")
+
+
+def _write(voxel_map: "VoxelMap", placed: list["PlacedSubmap"], out: Path) -> str:
+    """Write in the format that the suffix names; what was written, in words."""
+    from wayloom.tiles import exports
+    from wayloom.tiles.pyramid import tracks_of
+
+    points, labels, frame = voxel_map.points_enu, voxel_map.label, voxel_map.frame
+    if out.suffix == ".laz":
+        exports.export_laz(out, points, labels, frame)
+    elif out.suffix == ".ply":
+        exports.export_ply(out, points, labels, frame)
+    elif out.suffix == ".png":
+        exports.export_preview(out, points, labels, frame, tuple(track.points_enu for track in tracks_of(placed)))
+    else:
+        return f"{exports.export_tiles(out, voxel_map, tracks_of(placed))} tiles in {out}"
+    return str(out)
