@@ -10,6 +10,7 @@ from wayloom.geometry.rectification import (
     DistortedCamera,
     distort,
     distortion_jacobian,
+    fold_radius,
     project_distorted,
     rectifying_maps,
     undistort,
@@ -47,6 +48,15 @@ def test_where_the_lens_reaches_no_point_undistort_is_nan() -> None:
 
 def test_a_ray_that_does_not_point_forward_is_nan() -> None:
     assert np.isnan(project_distorted(np.array([[0.1, 0.1, -1.0], [0.0, 0.0, 0.0]]), LENS)).all()
+
+
+def test_nothing_is_seen_beyond_the_fold_of_a_lens() -> None:
+    barrel = DistortedCamera(LENS.camera, (-0.3, 0.0, 0.0, 0.0, 0.0))
+    fold = fold_radius(barrel.distortion)
+    assert fold == pytest.approx(1 / np.sqrt(0.9))
+    uv = project_distorted(np.array([[0.0, 0.99 * fold, 1.0], [0.0, 1.01 * fold, 1.0]]), barrel)
+    assert np.isfinite(uv).all(axis=1).tolist() == [True, False]
+    assert fold_radius((0.0, 0.0, 0.0, 0.0, 0.0)) == fold_radius((0.1, 0.1, 0.0, 0.0, 0.0)) == float("inf")
 
 
 def test_the_maps_are_those_of_opencv() -> None:

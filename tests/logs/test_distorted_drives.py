@@ -127,6 +127,17 @@ def test_a_lens_that_is_not_whole_is_named(tmp_path: Path, key: str) -> None:
         open_log(drive)
 
 
+@pytest.mark.parametrize(
+    ("key", "old", "new"), [("D_02", "-0.3691", "-1000"), ("K_03", "451.9", "0"), ("R_rect_03", "0.99", "9.99")]
+)
+def test_a_lens_that_cannot_be_is_named(tmp_path: Path, key: str, old: str, new: str) -> None:
+    drive = write_extract(tmp_path)
+    file = tmp_path / "calib_cam_to_cam.txt"
+    file.write_text(file.read_text().replace(f"{key}: {old}", f"{key}: {new}"))
+    with pytest.raises(CalibrationError, match=f"calib_cam_to_cam.txt, {key}: "):
+        open_log(drive)
+
+
 def test_a_lens_type_is_what_the_reader_makes_of_kitti_s_lines() -> None:
     lens = DistortedCamera(PinholeCamera(*K["02"], *RAW_SIZE), D["02"])
     assert lens.camera.K[0].tolist() == [479.9, 0.0, 347.8]

@@ -9,6 +9,7 @@ from wayloom.geometry.camera import PinholeCamera
 
 Array = NDArray[np.float64]
 Coefficients = tuple[float, float, float, float, float]
+NO_COEFFICIENT = 1e-12
 NEWTON_STEPS, LARGEST_STEP, SMALLEST_DETERMINANT, UNDISTORTED_TO = 25, 0.3, 1e-6, 1e-10
 
 
@@ -70,10 +71,25 @@ def undistort(xy_distorted: Array, distortion: Coefficients) -> Array:
     return np.where(found[:, None], xy, np.nan)
 
 
+def fold_radius(distortion: Coefficients) -> float:
+    """The ideal radius from which on the polynomial runs backwards, so that no real lens is like it: infinite where it never does.
+
+    The smallest positive root of d/dr (r + k1 r^3 + k2 r^5 + k3 r^7) = 1 + 3 k1 q + 5 k2 q^2 + 7 k3 q^3, q = r^2.
+    """
+    k1, k2, _, _, k3 = distortion
+    coefficients = np.array([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+    roots = np.roots(np.where(np.abs(coefficients) < NO_COEFFICIENT, 0.0, coefficients))
+    real = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)]
+    return float(np.sqrt(real.min())) if len(real) else float("inf")
+
+
 def project_distorted(rays: Array, lens: DistortedCamera) -> Array:
-    """rays (N, 3) in the distorted camera's frame to uv (N, 2) pixels of its image; NaN for rays that do not point forward."""
+    """rays (N, 3) in the distorted camera's frame to uv (N, 2) pixels of its image; NaN for rays that do not point forward or
+    that lie beyond the lens's fold."""
     z = np.where(rays[:, 2] > 0, rays[:, 2], np.nan)
-    xy = distort(rays[:, :2] / z[:, None], lens.distortion)
+    ideal = rays[:, :2] / z[:, None]
+    ideal[np.hypot(ideal[:, 0], ideal[:, 1]) >= fold_radius(lens.distortion)] = np.nan
+    xy = distort(ideal, lens.distortion)
     c = lens.camera
     return np.column_stack([c.fx * xy[:, 0] + c.cx, c.fy * xy[:, 1] + c.cy])
 

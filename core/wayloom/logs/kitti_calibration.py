@@ -14,6 +14,7 @@ from wayloom.logs.text_files import parse_numbers, read_text
 
 FloatArray = NDArray[np.float64]
 RESTORE = "copy the calibration that KITTI gives for the drive beside the log"
+LARGEST_DISTORTION = 100.0
 CAM_TO_CAM, IMU_TO_VELO, VELO_TO_CAM = "calib_cam_to_cam.txt", "calib_imu_to_velo.txt", "calib_velo_to_cam.txt"
 
 
@@ -86,6 +87,11 @@ def distorted_camera(calibration: CalibrationFile, camera: str) -> DistortedCame
     """The lens of an unrectified camera such as "02" from its S, K and D. Raises CalibrationError."""
     K, D = calibration.numbers(f"K_{camera}", 3, 3), calibration.numbers(f"D_{camera}", 5)
     width, height = image_size(calibration, f"S_{camera}")
+    if not (1.0 <= K[0, 0] <= 1e6 and 1.0 <= K[1, 1] <= 1e6) or np.abs(K[:2, 2]).max() > 1e6:
+        raise CalibrationError("is no calibration matrix", file=calibration.file, record=f"K_{camera}", remedy=RESTORE)
+    if np.abs(D).max() > LARGEST_DISTORTION:
+        what = f"a distortion of {np.abs(D).max():g} is impossible"
+        raise CalibrationError(what, file=calibration.file, record=f"D_{camera}", remedy=RESTORE)
     pinhole = PinholeCamera(float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]), width, height)
     return DistortedCamera(pinhole, (float(D[0]), float(D[1]), float(D[2]), float(D[3]), float(D[4])))
 
