@@ -1,1 +1,4 @@
-"""Compiled kernels of the odometry: arrays in, arrays out; NaN or a status array where the input is bad, never an exception."""
+"""Compiled kernels of the odometry: arrays in, arrays out. They import numpy, numba and each other only and never raise.
+
+Strict IEEE arithmetic everywhere (no fastmath): the same input gives the same bits, and a NaN stays a NaN that can be found.
+"""

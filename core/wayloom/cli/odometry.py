@@ -1,0 +1,93 @@
+"""`wayloom odometry`: the trajectory of a drive, and its cloud of points."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from wayloom.config.progress import Progress
+    from wayloom.odometry.types import OdometryResult
+
+VOID = 255
+
+
+class TrajectoryFormat(StrEnum):
+    """Trajectory files that can be written."""
+
+    TUM = "tum"
+    KITTI = "kitti"
+
+
+def odometry_command(
+    log: Annotated[Path, typer.Argument(help="The log: a KITTI odometry or KITTI raw folder.")],
+    out: Annotated[Path, typer.Option(help="Where the trajectory goes: one line for every frame.")],
+    format: Annotated[TrajectoryFormat, typer.Option(help="Of the trajectory.")] = TrajectoryFormat.TUM,
+    points: Annotated[
+        Path | None, typer.Option(help="Also write the cloud, in the first camera's frame, to this PLY file.")
+    ] = None,
+    json: Annotated[Path | None, typer.Option(help="Also write segments, losses, counts and times to this file.")] = None,
+    threads: Annotated[int, typer.Option(min=1, help="More than one: decode ahead. The result is the same.")] = 1,
+    gnss: Annotated[Path | None, typer.Option(help="A GNSS log kept elsewhere; the odometry does not use it.")] = None,
+) -> None:
+    """Track a drive from its stereo pairs alone. Exit status 0 with a warning where parts of it were lost."""
+    from wayloom.logs.registry import open_log
+    from wayloom.odometry.odometry import track
+
+    drive = open_log(log, gnss=gnss)
+    with shown_progress() as progress:
+        progress(0.0, "compiling kernels (first run only)")
+        result = track(drive, progress=progress, threads=threads)
+    write_results(result, out, format, points, json)
+    warn_of_losses(result)
+
+
+@contextmanager
+def shown_progress() -> "Iterator[Progress]":
+    """A bar on stderr while it is a terminal, silence otherwise."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bars
+
+    console = Console(stderr=True)
+    columns = (TextColumn("odometry"), BarColumn(), MofNCompleteColumn(), TextColumn("%"), TimeRemainingColumn())
+    with Bars(*columns, TextColumn("{task.description}"), console=console, disable=not console.is_terminal) as bars:
+        task = bars.add_task("", total=100)
+        yield lambda share, what: bars.update(task, completed=int(100 * share), description=what)
+
+
+def write_results(
+    result: "OdometryResult", out: Path, trajectory_format: TrajectoryFormat, points: Path | None, json: Path | None
+) -> None:
+    """Trajectory, cloud and report, each whole or not at all."""
+    import json as json_text
+
+    import numpy as np
+
+    from wayloom.logs.atomic import write_atomically
+    from wayloom.logs.ply import write_ply
+    from wayloom.logs.trajectory_files import write_kitti, write_tum
+
+    trajectory = result.trajectory
+    if trajectory_format is TrajectoryFormat.TUM:
+        write_tum(out, trajectory.t_ns, trajectory.T_world_cam)
+    else:
+        write_kitti(out, trajectory.T_world_cam)
+    if points is not None:
+        grey = np.repeat(result.points.grey[:, None], 3, axis=1)
+        write_ply(points, result.points_world(), grey, np.full(len(grey), VOID, np.uint8), ("frame world: the first left camera",))
+    if json is not None:
+        write_atomically(json, (json_text.dumps(result.report, indent=2) + "\n").encode())
+
+
+def warn_of_losses(result: "OdometryResult") -> None:
+    """One line on stderr where frames were not tracked or the drive fell into segments."""
+    report = result.report
+    lost, segments = report["frames"] - report["tracked"], len(report["segments"])
+    if lost or segments != 1:
+        first = f", the first: frame {report['losses'][0]['frame']}, {report['losses'][0]['reason']}" if report["losses"] else ""
+        sys.stderr.write(f"wayloom: warning: {lost} of {report['frames']} frames not tracked, {segments} segments{first}\n")

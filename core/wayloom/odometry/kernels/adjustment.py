@@ -1,0 +1,184 @@
+"""Levenberg-Marquardt over a window, whole in one kernel: poses, brightness, inverse depths and the disparity bias, with the prior."""
+
+import numpy as np
+
+from wayloom.odometry.kernels.arrays import LOCAL, PATCH, Terms
+from wayloom.odometry.kernels.compiler import jit
+from wayloom.odometry.kernels.equations import (
+    add_pairs_to_state,
+    couplings_of_state,
+    eliminate_points,
+    host_maps,
+    linearise,
+    mirror,
+    relative_poses,
+    right_of,
+)
+from wayloom.odometry.kernels.linear import exp_se3, log_se3, multiply, orthonormalise, relative, solve_spd
+from wayloom.odometry.kernels.patch import gain_between, patch_residual
+
+GAUGE = 1e12
+
+
+@jit
+def make_terms(N, F):  # type: ignore[no-untyped-def]
+    """Empty Terms for N points and F frames."""
+    return Terms(
+        np.zeros((F, F, LOCAL, LOCAL)), np.zeros((F, F, LOCAL)), np.zeros((N, F, LOCAL)), np.zeros((N, 2)), np.zeros((N, F + 1), np.int64)
+    )  # fmt: skip
+
+
+@jit
+def deviation(frames, delta, z):  # type: ignore[no-untyped-def]
+    """Fills z (1 + 8F): delta, then each keyframe's left perturbation and a, b since its first estimate; 0 where it has none."""
+    z[:] = 0.0
+    z[0] = delta
+    for f in range(frames.slot.shape[0]):
+        if frames.has_first[f]:
+            z[1 + 8 * f : 7 + 8 * f] = log_se3(relative(frames.T_cam_world[f], frames.T_first[f]))
+            z[7 + 8 * f] = frames.affine[f, 0] - frames.affine_first[f, 0]
+            z[8 + 8 * f] = frames.affine[f, 1] - frames.affine_first[f, 1]
+
+
+@jit
+def prior_energy(z, prior_H, prior_g, affine, affine_prior):  # type: ignore[no-untyped-def]
+    """z^T H z - 2 g^T z of the marginalisation prior, plus the weak pull of a and b (F, 2) towards zero."""
+    total = 0.0
+    for i in range(z.shape[0]):
+        s = 0.0
+        for j in range(z.shape[0]):
+            s += prior_H[i, j] * z[j]
+        total += z[i] * (s - 2.0 * prior_g[i])
+    for f in range(affine.shape[0]):
+        total += affine_prior[0] * affine[f, 0] ** 2 + affine_prior[1] * affine[f, 1] ** 2
+    return total
+
+
+@jit
+def add_prior(z, prior_H, prior_g, affine, affine_prior, H, g):  # type: ignore[no-untyped-def]
+    """Add the prior's and the affine prior's normal equations at the deviation z to H and g."""
+    for i in range(z.shape[0]):
+        g[i] += prior_g[i]
+        for j in range(z.shape[0]):
+            H[i, j] += prior_H[i, j]
+            g[i] -= prior_H[i, j] * z[j]
+    for f in range(affine.shape[0]):
+        for k in range(2):
+            H[7 + 8 * f + k, 7 + 8 * f + k] += affine_prior[k]
+            g[7 + 8 * f + k] -= affine_prior[k] * affine[f, k]
+
+
+@jit
+def normal_equations(frames, points, terms, V, damping, H, g, inverse):  # type: ignore[no-untyped-def]
+    """H (1 + 8F, 1 + 8F) and g of delta and keyframes, all points eliminated; fills V and inverse for the step back to the points."""
+    H[:] = 0.0
+    g[:] = 0.0
+    A = host_maps(frames)
+    add_pairs_to_state(terms, A, H, g)
+    couplings_of_state(terms, A, points, V)
+    eliminate_points(terms, V, points, damping, H, g, inverse)
+    mirror(H)
+
+
+@jit
+def take_step(frames, points, terms, V, inverse, x, min_rho):  # type: ignore[no-untyped-def]
+    """Apply the state's step x (1 + 8F) but delta, and the inverse depths' own step that follows from it, each limited."""
+    for i in range(points.host.shape[0]):
+        s = terms.own[i, 1]
+        for k in range(x.shape[0]):
+            s -= V[i, k] * x[k]
+        limit = 0.3 * points.rho[i] + 0.01
+        points.rho[i] = max(points.rho[i] + max(-limit, min(limit, inverse[i] * s)), min_rho)
+    for f in range(frames.slot.shape[0]):
+        frames.T_cam_world[f] = multiply(exp_se3(x[1 + 8 * f : 7 + 8 * f]), frames.T_cam_world[f])
+        orthonormalise(frames.T_cam_world[f])
+        frames.affine[f, 0] += x[7 + 8 * f]
+        frames.affine[f, 1] += x[8 + 8 * f]
+
+
+@jit
+def largest_step(x):  # type: ignore[no-untyped-def]
+    """Largest translation (m) and rotation (rad) component of the keyframes in a step x (1 + 8F)."""
+    way, turn = 0.0, 0.0
+    for f in range((x.shape[0] - 1) // 8):
+        for k in range(3):
+            way = max(way, abs(x[1 + 8 * f + k]))
+            turn = max(turn, abs(x[4 + 8 * f + k]))
+    return way, turn
+
+
+@jit
+def adjust_window(images, rig, frames, points, delta, prior_H, prior_g, affine_prior, hold_first, robust, iterations, min_rho):  # type: ignore[no-untyped-def]
+    """Minimise the window's energy in place: frames.T_cam_world, frames.affine, points.rho and delta (1,).
+
+    prior_H, prior_g (1 + 8F): z^T H z - 2 g^T z left by marginalisation; affine_prior (2,) information of a and b about zero;
+    hold_first 1 fixes keyframe 0, for windows without a prior. Returns Terms at the final state and the energy there.
+    """
+    N, F = points.host.shape[0], frames.slot.shape[0]
+    n = 1 + 8 * F
+    current, new = make_terms(N, F), make_terms(N, F)
+    V, inverse, H, g, x, z = np.zeros((N, n)), np.zeros(N), np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n)
+    deviation(frames, delta[0], z)
+    best = linearise(images, rig, frames, points, delta[0], robust, current)
+    best += prior_energy(z, prior_H, prior_g, frames.affine, affine_prior)
+    damping = 1e-2
+    for _ in range(iterations):
+        normal_equations(frames, points, current, V, damping, H, g, inverse)
+        deviation(frames, delta[0], z)
+        add_prior(z, prior_H, prior_g, frames.affine, affine_prior, H, g)
+        for k in range(1, n):  # delta is not damped: it is known by all points together
+            H[k, k] *= 1.0 + damping
+        for k in range(1, 7):
+            H[k, k] += GAUGE * hold_first
+        if not solve_spd(H, g, x):
+            damping *= 10.0
+            continue
+        T_before, affine_before, rho_before = frames.T_cam_world.copy(), frames.affine.copy(), points.rho.copy()
+        delta[0] += x[0]
+        take_step(frames, points, current, V, inverse, x, min_rho)
+        deviation(frames, delta[0], z)
+        energy = linearise(images, rig, frames, points, delta[0], robust, new)
+        energy += prior_energy(z, prior_H, prior_g, frames.affine, affine_prior)
+        way, turn = largest_step(x)
+        small = way < 2e-4 and turn < 2e-5
+        if energy < best:
+            small = small or best - energy < 1e-4 * abs(best)
+            best, damping = energy, damping * 0.25
+            current, new = new, current
+        else:
+            delta[0] -= x[0]
+            frames.T_cam_world[:], frames.affine[:], points.rho[:] = T_before, affine_before, rho_before
+            damping *= 10.0
+        if small or damping > 10.0:
+            break
+    return current, best
+
+
+@jit
+def reduced_equations(images, rig, frames, points, delta, robust):  # type: ignore[no-untyped-def]
+    """H, g (1 + 8F) of delta and keyframes from the given points alone, eliminated without damping, and their Terms: what
+    marginalisation adds to the prior."""
+    N, n = points.host.shape[0], 1 + 8 * frames.slot.shape[0]
+    terms = make_terms(N, frames.slot.shape[0])
+    V, inverse, H, g = np.zeros((N, n)), np.zeros(N), np.zeros((n, n)), np.zeros(n)
+    linearise(images, rig, frames, points, delta, robust, terms)
+    normal_equations(frames, points, terms, V, 0.0, H, g, inverse)
+    return H, g, terms
+
+
+@jit
+def right_consistency(images, rig, frames, points, t, delta, robust):  # type: ignore[no-untyped-def]
+    """(N,) 1 where a point's patch is a photometric inlier in the right image of frame t, at rows and bias corrected."""
+    T = relative_poses(frames, 0)
+    M, e, out = np.zeros((4, 4)), np.zeros(4), np.zeros(points.host.shape[0], np.int64)
+    for i in range(points.host.shape[0]):
+        h = points.host[i]
+        x, y = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
+        gain, gain_right = gain_between(frames.affine[h], frames.affine[t]), frames.gain_right[t, 0]
+        offset = gain_right * (frames.affine[t, 1] - gain * frames.affine[h, 1]) + frames.gain_right[t, 1]
+        energy, inside = patch_residual(
+            images.right[frames.slot[t]], right_of(T[h, t], rig), x, y, points.rho[i], rig, delta, points.colour[i], points.weight[i],
+            gain * gain_right, offset, robust, M, e,
+        )  # fmt: skip
+        out[i] = inside and energy <= robust.max_energy * PATCH
+    return out

@@ -1,0 +1,267 @@
+"""The normal equations of a window: every residual linearised, gathered a pair, then mapped to the state with the points eliminated.
+
+State: z = (delta, then for each keyframe its left perturbation (v, omega), a, b), 1 + 8F unknowns.
+"""
+
+import numpy as np
+
+from wayloom.odometry.kernels.arrays import LOCAL, PATCH
+from wayloom.odometry.kernels.compiler import jit
+from wayloom.odometry.kernels.linear import local_from_host, relative
+from wayloom.odometry.kernels.patch import gain_between, patch_residual, projection_jacobian
+
+IDENTITY = np.eye(4)
+
+
+@jit
+def add_pair(J, M, e, scale, gain, H, g, coupling, own):  # type: ignore[no-untyped-def]
+    """Chain patch_residual's M (4, 4), e (4,) with J (2, 8) of projection_jacobian and add, times scale, to the pair's H (9, 9, lower)
+    and g (9,), the point's coupling (9,) and own (2,). gain: d(predicted)/d(a, b) is that times the colour and one."""
+    ru, rv = J[0, 7], J[1, 7]
+    for k in range(7):
+        row = k if k < 6 else 8
+        p0 = scale * (M[0, 0] * J[0, k] + M[0, 1] * J[1, k])
+        p1 = scale * (M[0, 1] * J[0, k] + M[1, 1] * J[1, k])
+        for m in range(k + 1):
+            H[row, m if m < 6 else 8] += p0 * J[0, m] + p1 * J[1, m]
+        g[row] -= scale * (e[0] * J[0, k] + e[1] * J[1, k])
+        coupling[row] += p0 * ru + p1 * rv
+        a = scale * (M[0, 2] * J[0, k] + M[1, 2] * J[1, k])
+        b = scale * gain * (M[0, 3] * J[0, k] + M[1, 3] * J[1, k])
+        if row == 8:
+            H[8, 6] += a
+            H[8, 7] += b
+        else:
+            H[6, row] += a
+            H[7, row] += b
+    H[6, 6] += scale * M[2, 2]
+    H[7, 6] += scale * gain * M[2, 3]
+    H[7, 7] += scale * gain * gain * M[3, 3]
+    g[6] -= scale * e[2]
+    g[7] -= scale * gain * e[3]
+    coupling[6] += scale * (M[0, 2] * ru + M[1, 2] * rv)
+    coupling[7] += scale * gain * (M[0, 3] * ru + M[1, 3] * rv)
+    own[0] += scale * (M[0, 0] * ru * ru + 2.0 * M[0, 1] * ru * rv + M[1, 1] * rv * rv)
+    own[1] -= scale * (e[0] * ru + e[1] * rv)
+
+
+@jit
+def remove_host_offset(M, e, shift):  # type: ignore[no-untyped-def]
+    """patch_residual takes d/da as -gain colour; it is -gain (colour - b_host). shift = gain b_host corrects the sums M and e."""
+    M[2, 2] += shift * (shift * M[3, 3] - 2.0 * M[2, 3])
+    M[0, 2] -= shift * M[0, 3]
+    M[1, 2] -= shift * M[1, 3]
+    M[2, 3] -= shift * M[3, 3]
+    e[2] -= shift * e[3]
+
+
+@jit
+def right_of(T, rig):  # type: ignore[no-untyped-def]
+    """T_right_host (4, 4) of T_left_host (4, 4): the same rotation, the translation moved by t_right_left."""
+    out = T.copy()
+    out[0, 3] += rig.tx
+    out[1, 3] += rig.ty
+    out[2, 3] += rig.tz
+    return out
+
+
+@jit
+def add_static(i, images, rig, frames, points, delta, robust, M, e, J, terms):  # type: ignore[no-untyped-def]
+    """The patch of point i in its host's right image: knows rho and delta only. Returns its energy."""
+    h = points.host[i]
+    x, y = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
+    energy, inside = patch_residual(
+        images.right[frames.slot[h]], right_of(IDENTITY, rig), x, y, points.rho[i], rig, delta, points.colour[i], points.weight[i],
+        frames.gain_right[h, 0], frames.gain_right[h, 1], robust, M, e,
+    )  # fmt: skip
+    limit = robust.max_energy * PATCH
+    if inside and energy <= limit and projection_jacobian(IDENTITY, x, y, points.rho[i], rig, 1.0, J):
+        scale, ru, rv = robust.static_weight, J[0, 7], J[1, 7]
+        terms.inlier[i, frames.slot.shape[0]] = 1
+        terms.own[i, 0] += scale * (M[0, 0] * ru * ru + 2.0 * M[0, 1] * ru * rv + M[1, 1] * rv * rv)
+        terms.own[i, 1] -= scale * (e[0] * ru + e[1] * rv)
+        terms.coupling[i, h, 8] -= scale * (M[0, 0] * ru + M[0, 1] * rv)
+        terms.H_pair[h, h, 8, 8] += scale * M[0, 0]
+        terms.g_pair[h, h, 8] += scale * e[0]
+    return robust.static_weight * min(energy, limit)
+
+
+@jit
+def add_temporal(i, t, T, S, right, images, rig, frames, points, delta, robust, M, e, J, terms):  # type: ignore[no-untyped-def]
+    """The patch of point i in frame t's left (right = 0) or right image (1); T, S (4, 4) T_t_host now and at the first estimates.
+    Returns the energy and whether the patch is an inlier there."""
+    h, rho = points.host[i], points.rho[i]
+    x, y = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
+    gain = gain_between(frames.affine[h], frames.affine[t])
+    offset = frames.affine[t, 1] - gain * frames.affine[h, 1]
+    if right == 0:
+        energy, inside = patch_residual(
+            images.left[frames.slot[t]], T, x, y, rho, rig, 0.0, points.colour[i], points.weight[i], gain, offset, robust, M, e
+        )
+        scale, gain_image = 1.0, 1.0
+    else:
+        gain_image = frames.gain_right[t, 0]
+        energy, inside = patch_residual(
+            images.right[frames.slot[t]], right_of(T, rig), x, y, rho, rig, delta, points.colour[i], points.weight[i],
+            gain * gain_image, gain_image * offset + frames.gain_right[t, 1], robust, M, e,
+        )  # fmt: skip
+        scale = robust.observer_right_weight
+    limit = robust.max_energy * PATCH
+    good = inside and energy <= limit and projection_jacobian(S, x, y, rho, rig, float(right), J)
+    if good:
+        remove_host_offset(M, e, gain * gain_image * frames.affine[h, 1])
+        add_pair(J, M, e, scale, gain_image, terms.H_pair[h, t], terms.g_pair[h, t], terms.coupling[i, t], terms.own[i])
+    return scale * min(energy, limit), good
+
+
+@jit
+def relative_poses(frames, first):  # type: ignore[no-untyped-def]
+    """T_target_host (F, F, 4, 4) by [host, target]: current (first = 0), or at the first estimates of the frames that have them (1)."""
+    F = frames.slot.shape[0]
+    out = np.empty((F, F, 4, 4))
+    for h in range(F):
+        T_host = frames.T_first[h] if first and frames.has_first[h] else frames.T_cam_world[h]
+        for t in range(F):
+            T_target = frames.T_first[t] if first and frames.has_first[t] else frames.T_cam_world[t]
+            out[h, t] = relative(T_target, T_host)
+    return out
+
+
+@jit
+def linearise(images, rig, frames, points, delta, robust, terms):  # type: ignore[no-untyped-def]
+    """All residuals of the window at its current state into zeroed terms; returns the energy, a patch's at most max_energy a pixel.
+
+    Image gradients are taken at the current state, the geometry at the first estimates (first-estimate Jacobians, Engel et al. 2018,
+    sec. 2.3), so that frames of the prior keep its null space.
+    """
+    F, total = frames.slot.shape[0], 0.0
+    T, S = relative_poses(frames, 0), relative_poses(frames, 1)
+    M, e, J = np.zeros((4, 4)), np.zeros(4), np.zeros((2, 8))
+    terms.H_pair[:] = 0.0
+    terms.g_pair[:] = 0.0
+    terms.coupling[:] = 0.0
+    terms.own[:] = 0.0
+    terms.inlier[:] = 0
+    for i in range(points.host.shape[0]):
+        h = points.host[i]
+        if points.has_static[i]:
+            total += add_static(i, images, rig, frames, points, delta, robust, M, e, J, terms)
+        for t in range(F):
+            if t == h or points.closed[i, t]:
+                continue
+            energy, good = add_temporal(i, t, T[h, t], S[h, t], 0, images, rig, frames, points, delta, robust, M, e, J, terms)
+            total += energy
+            if good:
+                terms.inlier[i, t] = 1
+                if robust.observer_right_weight > 0.0:
+                    total += add_temporal(i, t, T[h, t], S[h, t], 1, images, rig, frames, points, delta, robust, M, e, J, terms)[0]
+    return total
+
+
+@jit
+def host_maps(frames):  # type: ignore[no-untyped-def]
+    """(F, F, 8, 8) local_from_host by [host, target], at the first estimates."""
+    F = frames.slot.shape[0]
+    S, A = relative_poses(frames, 1), np.zeros((F, F, 8, 8))
+    for h in range(F):
+        for t in range(F):
+            if t != h:
+                local_from_host(S[h, t], gain_between(frames.affine[h], frames.affine[t]), A[h, t])
+    return A
+
+
+@jit
+def add_pairs_to_state(terms, A, H, g):  # type: ignore[no-untyped-def]
+    """Map every pair's 9x9 block to the state: local = x_target + A x_host, delta as it is. Adds to H, g (1 + 8F), H lower only."""
+    F = A.shape[0]
+    B, BA = np.empty((LOCAL, LOCAL)), np.empty((LOCAL, 8))
+    for h in range(F):
+        for t in range(F):
+            for k in range(LOCAL):
+                for m in range(k + 1):
+                    B[k, m] = B[m, k] = terms.H_pair[h, t, k, m]
+            H[0, 0] += B[8, 8]
+            g[0] += terms.g_pair[h, t, 8]
+            if t == h:
+                continue
+            for k in range(LOCAL):
+                for m in range(8):
+                    s = 0.0
+                    for n in range(8):
+                        s += B[k, n] * A[h, t, n, m]
+                    BA[k, m] = s
+            oh, ot = 1 + 8 * h, 1 + 8 * t
+            for k in range(8):
+                H[ot + k, 0] += B[8, k]
+                H[oh + k, 0] += BA[8, k]
+                g[ot + k] += terms.g_pair[h, t, k]
+                for m in range(8):
+                    s = 0.0
+                    for n in range(8):
+                        s += A[h, t, n, k] * BA[n, m]
+                    H[oh + k, oh + m] += s
+                    H[ot + k, ot + m] += B[k, m]
+                    if t > h:
+                        H[ot + k, oh + m] += BA[k, m]
+                    else:
+                        H[oh + m, ot + k] += BA[k, m]
+                    g[oh + k] += A[h, t, m, k] * terms.g_pair[h, t, m]
+
+
+@jit
+def couplings_of_state(terms, A, points, V):  # type: ignore[no-untyped-def]
+    """Fills V (N, 1 + 8F): each point's coupling to the state."""
+    F = A.shape[0]
+    for i in range(points.host.shape[0]):
+        h, row = points.host[i], V[i]
+        row[:] = 0.0
+        for t in range(F):
+            c = terms.coupling[i, t]
+            row[0] += c[8]
+            if t == h or not terms.inlier[i, t]:
+                continue
+            for k in range(8):
+                row[1 + 8 * t + k] += c[k]
+                s = 0.0
+                for n in range(8):
+                    s += A[h, t, n, k] * c[n]
+                row[1 + 8 * h + k] += s
+
+
+@jit
+def eliminate_points(terms, V, points, damping, H, g, inverse):  # type: ignore[no-untyped-def]
+    """Schur complement: subtracts v v^T / h and v (own gradient) / h of every point from H (lower) and g; fills inverse (N,) = 1/h."""
+    F, blocks = (V.shape[1] - 1) // 8, np.empty(V.shape[1], np.int64)
+    for i in range(points.host.shape[0]):
+        information = terms.own[i, 0]
+        inverse[i] = 0.0
+        if information < 1e-9:
+            continue
+        inverse[i] = 1.0 / (information * (1.0 + damping) + 1e-3)
+        used = 0
+        for t in range(F):
+            if t == points.host[i] or terms.inlier[i, t]:
+                blocks[used] = 1 + 8 * t
+                used += 1
+        step = inverse[i] * terms.own[i, 1]
+        row = V[i]
+        H[0, 0] -= inverse[i] * row[0] * row[0]
+        g[0] -= step * row[0]
+        for p in range(used):
+            o = blocks[p]
+            for k in range(8):
+                c = inverse[i] * row[o + k]
+                g[o + k] -= step * row[o + k]
+                H[o + k, 0] -= c * row[0]
+                for q in range(p + 1):
+                    n = blocks[q]
+                    for m in range(8):
+                        H[o + k, n + m] -= c * row[n + m]
+
+
+@jit
+def mirror(H):  # type: ignore[no-untyped-def]
+    """Copy the lower triangle of H to the upper."""
+    for i in range(H.shape[0]):
+        for j in range(i):
+            H[j, i] = H[i, j]

@@ -1,0 +1,62 @@
+"""Which pixels become points: those of high gradient, spread over the image, none where a point already is."""
+
+import numpy as np
+
+from wayloom.odometry.kernels.compiler import jit
+
+TAKEN_CELL = 8
+"""px, of the mask of places that already hold a point."""
+
+
+@jit
+def scan_cell(size, thresholds, block, x0, x1, y0, y1, best):  # type: ignore[no-untyped-def]
+    """Strongest pixels of a cell: best (3, 3) has rows x, y, gradient of those above 1, 3/4 and 1/2 of the threshold, updated."""
+    for y in range(y0, y1):
+        for x in range(x0, x1):
+            g = size[y, x]
+            threshold = thresholds[y // block, x // block]
+            if g <= 0.5 * threshold:
+                continue
+            for k in range(3):
+                if g > (1.0 - 0.25 * k) * threshold and g > best[k, 2]:
+                    best[k, 0], best[k, 1], best[k, 2] = x, y, g
+
+
+@jit
+def append(u, v, taken, points, n):  # type: ignore[no-untyped-def]
+    """Put (u, v) at points[n] unless the place is taken or points is full; returns the new n."""
+    if n < points.shape[0] and not taken[v // TAKEN_CELL, u // TAKEN_CELL]:
+        points[n, 0], points[n, 1] = u, v
+        return n + 1
+    return n
+
+
+@jit
+def select_pixels(size, thresholds, block, cell, border, taken, points):  # type: ignore[no-untyped-def]
+    """The strongest pixel of each cell of `cell` px above its block's threshold; where a 2x2 group of cells has none, one at 3/4 of
+    the threshold; where a 4x4 group has none, one at 1/2 (after Engel et al. 2018, sec. 3.2).
+
+    size (h, w) float32 gradient; thresholds (h/block, w/block); taken (h/8 + 1, w/8 + 1) bool; fills points (capacity, 2) int64 with
+    (u, v) and returns their number.
+    """
+    h, w = size.shape[0] - border, size.shape[1] - border
+    best, n = np.zeros((3, 3)), 0
+    for y4 in range(border, h, 4 * cell):
+        for x4 in range(border, w, 4 * cell):
+            best[2, 2], found4 = 0.0, False
+            for y2 in range(y4, min(y4 + 4 * cell, h), 2 * cell):
+                for x2 in range(x4, min(x4 + 4 * cell, w), 2 * cell):
+                    best[1, 2], found2 = 0.0, False
+                    for y1 in range(y2, min(y2 + 2 * cell, h), cell):
+                        for x1 in range(x2, min(x2 + 2 * cell, w), cell):
+                            best[0, 2] = 0.0
+                            scan_cell(size, thresholds, block, x1, min(x1 + cell, w), y1, min(y1 + cell, h), best)
+                            if best[0, 2] > 0.0:
+                                found2 = found4 = True
+                                n = append(int(best[0, 0]), int(best[0, 1]), taken, points, n)
+                    if not found2 and best[1, 2] > 0.0:
+                        found4 = True
+                        n = append(int(best[1, 0]), int(best[1, 1]), taken, points, n)
+            if not found4 and best[2, 2] > 0.0:
+                n = append(int(best[2, 0]), int(best[2, 1]), taken, points, n)
+    return n

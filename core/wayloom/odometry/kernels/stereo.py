@@ -1,0 +1,169 @@
+"""Static stereo: a pixel of the left image found in the same row of the right one, to a fraction of a pixel."""
+
+import math
+
+import numpy as np
+
+from wayloom.odometry.kernels.compiler import jit
+
+f32 = np.float32
+NO_MATCH = 1e9
+"""The sigma of a pixel without a match, px."""
+BEHIND_INFINITY = 2
+"""px: the search starts a little behind infinity, because of the disparity bias."""
+HALF_W, HALF_H = 3, 2
+PATCH_PIXELS = (2 * HALF_W + 1) * (2 * HALF_H + 1)
+
+
+@jit
+def best_column(template, image, u, v, x_low, x_high, costs):  # type: ignore[no-untyped-def]
+    """Sum of absolute differences of template's patch at (u, v) against image's at (x, v), x_low <= x <= x_high, both int16.
+
+    Returns the best x (-1: range too short), its cost a pixel and the least cost a pixel more than 2 px away from it. The innermost
+    loop runs over x, so that it vectorises.
+    """
+    x_low, x_high = max(HALF_W, x_low), min(image.shape[1] - 1 - HALF_W, x_high)
+    n = x_high - x_low + 1
+    if n < 3:
+        return -1, NO_MATCH, NO_MATCH
+    for k in range(n):
+        costs[k] = 0
+    for dy in range(-HALF_H, HALF_H + 1):
+        for dx in range(-HALF_W, HALF_W + 1):
+            value = template[v + dy, u + dx]
+            row = image[v + dy, x_low + dx : x_low + dx + n]
+            for k in range(n):
+                costs[k] += abs(value - row[k])
+    best, second, at = 32767, 32767, 0
+    for k in range(n):
+        if costs[k] < best:
+            best, at = costs[k], k
+    for k in range(n):
+        if costs[k] < second and abs(k - at) > 2:
+            second = costs[k]
+    return x_low + at, best / PATCH_PIXELS, second / PATCH_PIXELS
+
+
+@jit
+def refine_column(left, right, u, v, x_start):  # type: ignore[no-untyped-def]
+    """Sub-pixel column of left's patch at (u, v) in right, both (h, w) uint8.
+
+    Gauss-Newton on sum (R(x) - L - offset)^2 with the offset eliminated and the gradient averaged over both images. Returns x and its
+    sigma = sqrt(residual variance / information), NO_MATCH where it does not converge.
+    """
+    x, information, variance = float(x_start), 0.0, 0.0
+    for _ in range(6):
+        if not (x - HALF_W >= 1.0 and x + HALF_W < right.shape[1] - 3):
+            return x, NO_MATCH
+        ix = int(x)
+        a = f32(x - ix)
+        sr, sj, srj, sjj, srr = 0.0, 0.0, 0.0, 0.0, 0.0
+        for y in range(v - HALF_H, v + HALF_H + 1):
+            for dx in range(-HALF_W, HALF_W + 1):
+                before, r0 = f32(right[y, ix + dx - 1]), f32(right[y, ix + dx])
+                r1, after = f32(right[y, ix + dx + 1]), f32(right[y, ix + dx + 2])
+                r = (f32(1) - a) * r0 + a * r1 - f32(left[y, u + dx])
+                slope = f32(left[y, u + dx + 1]) - f32(left[y, u + dx - 1])
+                j = f32(0.25) * ((f32(1) - a) * (r1 - before) + a * (after - r0) + slope)
+                sr += r
+                sj += j
+                srj += r * j
+                sjj += j * j
+                srr += r * r
+        information, variance = sjj - sj * sj / PATCH_PIXELS, (srr - sr * sr / PATCH_PIXELS) / PATCH_PIXELS
+        if information < 1.0:
+            return x, NO_MATCH
+        step = max(-0.7, min(0.7, -(srj - sr * sj / PATCH_PIXELS) / information))
+        x += step
+        if abs(x - x_start) > 1.5:
+            return x, NO_MATCH
+        if abs(step) < 0.01:
+            break
+    return x, math.sqrt(max(variance, 4.0) / information)
+
+
+@jit
+def match_rows(slope_left, slope_right, left, right, pixels, max_disparity, uniqueness, max_cost, out):  # type: ignore[no-untyped-def]
+    """Disparity u_left - u_right of pixels (n, 2) int64 along rows.
+
+    Search on capped horizontal slopes (h, w) int16, tests of cost, uniqueness (best < uniqueness * second) and left-right agreement
+    within 1 px, then sub-pixel on the images (h, w) uint8. Fills out (n, 2): disparity and its sigma, px; sigma is NO_MATCH for a
+    pixel that fails a test.
+    """
+    h, w = left.shape
+    costs = np.empty(max(max_disparity, 80) + 8, np.int16)
+    for i in range(pixels.shape[0]):
+        u, v = pixels[i, 0], pixels[i, 1]
+        out[i, 0], out[i, 1] = 0.0, NO_MATCH
+        if u - HALF_W < 1 or u + HALF_W >= w - 1 or v - HALF_H < 1 or v + HALF_H >= h - 1:
+            continue
+        x, cost, second = best_column(slope_left, slope_right, u, v, u - max_disparity, u + BEHIND_INFINITY, costs)
+        if x - HALF_W < 1 or x + HALF_W > w - 3 or cost > max_cost or uniqueness * second < cost:
+            continue
+        low, high = x + max(-BEHIND_INFINITY, u - x - 40), x + min(max_disparity, u - x + 40)
+        back = best_column(slope_right, slope_left, x, v, low, high, costs)[0]
+        if abs(back - u) > 1:
+            continue
+        x_fine, sigma = refine_column(left, right, u, v, x)
+        out[i, 0], out[i, 1] = u - x_fine, sigma
+
+
+@jit
+def refine_both_axes(left, right, pixels, disparity, half, min_eigenvalue, out):  # type: ignore[no-untyped-def]
+    """2D Lucas-Kanade of (2 half + 1)^2 patches with the intensity offset eliminated, for the rows' misalignment.
+
+    left, right (h, w) uint8, pixels (n, 2) int64, disparity (n,) px to start from; min_eigenvalue of the structure tensor, a pixel.
+    Fills out (n, 3): disparity, row offset v_right - v_left, 1 if converged else 0.
+    """
+    h, w = left.shape
+    n, border = (2 * half + 1) ** 2, half + 3
+    for i in range(pixels.shape[0]):
+        u, v = pixels[i, 0], pixels[i, 1]
+        out[i, 2] = 0.0
+        x_start = u - disparity[i]
+        x, y = x_start, float(v)
+        if not (border < u < w - border - 1 and border < v < h - border - 1):
+            continue
+        for _ in range(10):
+            if not (border < x < w - border - 1 and border < y < h - border - 1):
+                break
+            s = patch_sums(left, right, u, v, x, y, half)
+            a00, a01, a11 = s[0] - s[5] * s[5] / n, s[1] - s[5] * s[6] / n, s[2] - s[6] * s[6] / n
+            b0, b1 = s[3] - s[5] * s[7] / n, s[4] - s[6] * s[7] / n
+            det, trace = a00 * a11 - a01 * a01, a00 + a11
+            if 0.5 * (trace - math.sqrt(max(trace * trace - 4.0 * det, 0.0))) < n * min_eigenvalue:
+                break
+            step_x = max(-1.0, min(1.0, -(a11 * b0 - a01 * b1) / det))
+            step_y = max(-1.0, min(1.0, -(a00 * b1 - a01 * b0) / det))
+            x += step_x
+            y += step_y
+            if abs(x - x_start) > 2.0 or abs(y - v) > 2.5:
+                break
+            if abs(step_x) + abs(step_y) < 0.01:
+                out[i, 0], out[i, 1], out[i, 2] = u - x, y - v, 1.0
+                break
+
+
+@jit
+def patch_sums(left, right, u, v, x, y, half):  # type: ignore[no-untyped-def]
+    """Sums over a patch of gx gx, gx gy, gy gy, gx r, gy r, gx, gy, r: left's gradient, r = right(x, y) - left(u, v)."""
+    s = np.zeros(8)
+    ix, iy = int(x), int(y)
+    a, b = x - ix, y - iy
+    for dy in range(-half, half + 1):
+        for dx in range(-half, half + 1):
+            row, c = iy + dy, ix + dx
+            value = (1.0 - b) * ((1.0 - a) * right[row, c] + a * right[row, c + 1])
+            value += b * ((1.0 - a) * right[row + 1, c] + a * right[row + 1, c + 1])
+            r = value - left[v + dy, u + dx]
+            gx = 0.5 * (float(left[v + dy, u + dx + 1]) - float(left[v + dy, u + dx - 1]))
+            gy = 0.5 * (float(left[v + dy + 1, u + dx]) - float(left[v + dy - 1, u + dx]))
+            s[0] += gx * gx
+            s[1] += gx * gy
+            s[2] += gy * gy
+            s[3] += gx * r
+            s[4] += gy * r
+            s[5] += gx
+            s[6] += gy
+            s[7] += r
+    return s

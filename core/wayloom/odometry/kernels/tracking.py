@@ -1,0 +1,182 @@
+"""Alignment of a new image with a keyframe's reference points on one pyramid level, and the reference points themselves."""
+
+import math
+
+import numpy as np
+
+from wayloom.odometry.kernels.compiler import jit
+from wayloom.odometry.kernels.linear import exp_se3, multiply, orthonormalise, solve_spd
+
+f32 = np.float32
+MIN_DEPTH_RATIO = 1e-3
+BORDER = 2
+
+
+@jit
+def splat(uv, rho, level, h, w):  # type: ignore[no-untyped-def]
+    """Sums (h, w) float32 and counts (h, w) float32 of inverse depths rho (n,) on the pixels of a level, uv (n, 2) px of level 0."""
+    total, count = np.zeros((h, w), np.float32), np.zeros((h, w), np.float32)
+    for i in range(rho.shape[0]):
+        x, y = int(uv[i, 0] + 0.5) >> level, int(uv[i, 1] + 0.5) >> level
+        if x < w and y < h:
+            total[y, x] += f32(rho[i])
+            count[y, x] += f32(1)
+    return total, count
+
+
+@jit
+def gather(image, total, count, spread, camera, out):  # type: ignore[no-untyped-def]
+    """Reference points of a level: every pixel with an inverse depth, and with spread 1 also those with a neighbour that has one.
+
+    image (h, w, 3), camera (4,) fx fy cx cy of the level. Fills out (capacity, 4) with x, y of the ray, mean inverse depth 1/m and
+    grey value; returns their number.
+    """
+    h, w = count.shape
+    n = 0
+    for y in range(2, h - 3):
+        for x in range(2, w - 3):
+            number, s = count[y, x], total[y, x]
+            if number == 0 and spread:
+                number = count[y, x - 1] + count[y, x + 1] + count[y - 1, x] + count[y + 1, x]
+                s = total[y, x - 1] + total[y, x + 1] + total[y - 1, x] + total[y + 1, x]
+            if number > 0 and n < out.shape[0]:
+                out[n, 0], out[n, 1] = (x - camera[2]) / camera[0], (y - camera[3]) / camera[1]
+                out[n, 2], out[n, 3] = s / number, image[y, x, 0]
+                n += 1
+    return n
+
+
+@jit
+def tracking_equations(image, reference, T, gain, offset, camera, huber, cutoff, H, g):  # type: ignore[no-untyped-def]
+    """Normal equations of r = I(project(T p)) - (gain I_ref + offset) with Huber weight, constant energy beyond cutoff.
+
+    image (h, w, 3) float32; reference (n, 4) x, y, rho, grey; T (4, 4) T_frame_keyframe; camera (4,) px. Fills H (8, 8) = J^T W J and
+    g (8,) = -J^T W r for (v, omega, gain, offset); returns energy, points in view, points beyond cutoff.
+    """
+    fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
+    h, w = image.shape[0], image.shape[1]
+    energy, count, saturated, J = 0.0, 0, 0, np.empty(8)
+    H[:] = 0.0
+    g[:] = 0.0
+    for i in range(reference.shape[0]):
+        x, y, rho = reference[i, 0], reference[i, 1], reference[i, 2]
+        Z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] * rho
+        if not Z > MIN_DEPTH_RATIO:
+            continue
+        iz = 1.0 / Z
+        xn = (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * rho) * iz
+        yn = (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * rho) * iz
+        u, v = fx * xn + cx, fy * yn + cy
+        if not (u > BORDER and v > BORDER and u < w - BORDER - 1 and v < h - BORDER - 1):
+            continue
+        ix, iy = int(u), int(v)
+        a, b = u - ix, v - iy
+        w11 = a * b
+        w01, w10, w00 = b - w11, a - w11, 1.0 - a - b + w11
+        r = (
+            w00 * image[iy, ix, 0]
+            + w10 * image[iy, ix + 1, 0]
+            + w01 * image[iy + 1, ix, 0]
+            + w11 * image[iy + 1, ix + 1, 0]
+            - (gain * reference[i, 3] + offset)
+        )
+        count += 1
+        size = abs(r)
+        if not size <= cutoff:
+            energy += huber * (2.0 * cutoff - huber)
+            saturated += 1
+            continue
+        weight = 1.0 if size < huber else huber / size
+        energy += weight * r * r * (2.0 - weight)
+        gx = fx * (
+            w00 * image[iy, ix, 1] + w10 * image[iy, ix + 1, 1] + w01 * image[iy + 1, ix, 1] + w11 * image[iy + 1, ix + 1, 1]
+        )
+        gy = fy * (
+            w00 * image[iy, ix, 2] + w10 * image[iy, ix + 1, 2] + w01 * image[iy + 1, ix, 2] + w11 * image[iy + 1, ix + 1, 2]
+        )
+        q = rho * iz
+        J[0], J[1], J[2] = q * gx, q * gy, -q * (xn * gx + yn * gy)
+        J[3], J[4], J[5] = -(xn * yn * gx + gy * (1.0 + yn * yn)), xn * yn * gy + gx * (1.0 + xn * xn), xn * gy - yn * gx
+        J[6], J[7] = -reference[i, 3], -1.0
+        for k in range(8):
+            c = weight * J[k]
+            g[k] -= c * r
+            for m in range(k + 1):
+                H[k, m] += c * J[m]
+    for k in range(8):
+        for m in range(k):
+            H[m, k] = H[k, m]
+    return energy, count, saturated
+
+
+@jit
+def align_level(image, reference, T, brightness, camera, huber, cutoff, iterations, out):  # type: ignore[no-untyped-def]
+    """Levenberg-Marquardt on one level; updates T (4, 4) T_frame_keyframe and brightness (2,) gain, offset in place.
+
+    The cutoff is doubled while over 60 % of the points are beyond it. Fills out (3,) with energy, points in view, points beyond.
+    """
+    H, g, H_new, g_new, x = np.zeros((8, 8)), np.zeros(8), np.zeros((8, 8)), np.zeros(8), np.zeros(8)
+    damping = 0.01
+    energy, count, beyond = tracking_equations(image, reference, T, brightness[0], brightness[1], camera, huber, cutoff, H, g)
+    for _ in range(5):
+        if beyond <= 0.6 * count:
+            break
+        cutoff *= 2.0
+        energy, count, beyond = tracking_equations(image, reference, T, brightness[0], brightness[1], camera, huber, cutoff, H, g)
+    for _ in range(iterations):
+        H_new[:] = H
+        for k in range(8):
+            H_new[k, k] *= 1.0 + damping
+        if not solve_spd(H_new, g, x):
+            break
+        T_new = multiply(exp_se3(x[:6]), T)
+        gain, offset = brightness[0] + x[6], brightness[1] + x[7]
+        e, c, s = tracking_equations(image, reference, T_new, gain, offset, camera, huber, cutoff, H_new, g_new)
+        if c > 0.5 * count and e / c < energy / count:
+            T[:] = T_new
+            H, H_new = H_new, H
+            g, g_new = g_new, g
+            brightness[0], brightness[1], energy, count, beyond, damping = gain, offset, e, c, s, damping * 0.3
+        else:
+            damping = max(damping * 6.0, 1e-3)
+        step2 = 0.0
+        for k in range(6):
+            step2 += x[k] * x[k]
+        if damping > 1e3 or step2 < 1e-9:
+            break
+    orthonormalise(T)
+    out[0], out[1], out[2] = energy, count, beyond
+
+
+@jit
+def mean_flow(reference, T, camera):  # type: ignore[no-untyped-def]
+    """Root mean square flow in px of reference points (n, 4) under T (4, 4), and under T's translation alone."""
+    full, shifted, n = 0.0, 0.0, 0
+    for i in range(reference.shape[0]):
+        x, y, rho = reference[i, 0], reference[i, 1], reference[i, 2]
+        Z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] * rho
+        Zt = 1.0 + T[2, 3] * rho
+        if Z > MIN_DEPTH_RATIO and Zt > MIN_DEPTH_RATIO:
+            du = (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * rho) / Z - x
+            dv = (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * rho) / Z - y
+            full += (camera[0] * du) ** 2 + (camera[1] * dv) ** 2
+            du, dv = (x + T[0, 3] * rho) / Zt - x, (y + T[1, 3] * rho) / Zt - y
+            shifted += (camera[0] * du) ** 2 + (camera[1] * dv) ** 2
+            n += 1
+    return math.sqrt(full / max(n, 1)), math.sqrt(shifted / max(n, 1))
+
+
+@jit
+def project_points(host, uv, rho, T_target_host, rig, h, w, border, out):  # type: ignore[no-untyped-def]
+    """Points (N) into a target: T_target_host (F, 4, 4) by host. Fills out (N, 3) with u, v px and inverse depth 1/m in the target,
+    u = NaN where the point is behind it or less than border px inside (h, w)."""
+    for i in range(host.shape[0]):
+        T = T_target_host[host[i]]
+        x, y = (uv[i, 0] - rig.cx) / rig.fx, (uv[i, 1] - rig.cy) / rig.fy
+        Z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] * rho[i]
+        out[i, 0] = math.nan
+        if Z > MIN_DEPTH_RATIO:
+            u = rig.fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * rho[i]) / Z + rig.cx
+            v = rig.fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * rho[i]) / Z + rig.cy
+            if border < u < w - 1 - border and border < v < h - 1 - border:
+                out[i, 0], out[i, 1], out[i, 2] = u, v, rho[i] / Z

@@ -1,0 +1,295 @@
+"""Stereo direct sparse odometry on one page: every frame is aligned with the newest keyframe; where the view has changed enough it
+becomes a keyframe itself, gets points by static stereo, and the window of keyframes is adjusted; what leaves the window stays as a
+prior and as points of the result. After Engel, Koltun, Cremers, Direct Sparse Odometry, PAMI 2018, and Wang, Schwoerer, Cremers,
+Stereo DSO, ICCV 2017. docs/odometry.md tells the energy, the unknowns and the reasons.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.progress import Progress, silent
+from wayloom.geometry import se3
+from wayloom.geometry.camera import StereoRig
+from wayloom.logs.types import DriveLog, StereoFrame
+from wayloom.odometry import adjust, feed, keyframing, marginalise, pyramid, recovery, rows, select, stereo, window
+from wayloom.odometry import track as tracking
+from wayloom.odometry.harvest import FrameRow, Harvest, KeyframeRow
+from wayloom.odometry.kernels.arrays import Robust
+from wayloom.odometry.kernels.linear import orthonormalise
+from wayloom.odometry.settings import OdometrySettings
+from wayloom.odometry.stopwatch import Stopwatch
+from wayloom.odometry.types import OdometryResult
+
+FloatArray = NDArray[np.float64]
+Image = NDArray[np.uint8]
+RESTART_BIAS_INFORMATION = 10.0
+"""times the first prior's: how firmly a new segment believes the disparity bias of the one before."""
+
+
+def track(
+    log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1
+) -> OdometryResult:
+    """Track a whole drive. One pose for every frame; the result is the same, bit for bit, for any number of threads.
+
+    With threads > 1 the next pair is decoded while this one is tracked. Raises LogError for frames that cannot be read or that do not
+    have the rig's size.
+    """
+    with feed.one_opencv_thread():
+        progress(0.0, "aligning the rows of left and right")
+        odometry = Odometry(log.rig, feed.fit_rows(log, settings.row_frames), settings)
+        for frame in feed.frames(log, threads, odometry.stopwatch):
+            odometry.process(frame)
+            progress((frame.index + 1) / len(log), f"tracking, {len(odometry.harvest.keyframes)} keyframes")
+        return odometry.finish()
+
+
+class Odometry:
+    """Feed the pairs of a drive in order to `process`; `finish` gives the result."""
+
+    def __init__(self, rig: StereoRig, row_coefficients: FloatArray, settings: OdometrySettings) -> None:
+        self.settings, self.stereo_rig, self.row_coefficients = settings, rig, row_coefficients
+        self.rig = pyramid.rig_numbers(rig.camera, rig.t_right_left)
+        self.levels = pyramid.level_count(rig.camera, settings.levels)
+        self.cameras = pyramid.level_cameras(rig.camera, self.levels)
+        self.row_maps = rows.maps(row_coefficients, rig) if row_coefficients.any() else None
+        self.robust = Robust(settings.huber, settings.max_energy, settings.static_weight, settings.observer_right_weight)
+        self.harvest, self.stopwatch = Harvest(), Stopwatch()
+        self.t_ns: list[int] = []
+        self.losses: list[dict[str, Any]] = []
+        self.segment_frames: list[int] = []
+        self.cell = select.first_cell((rig.camera.height, rig.camera.width), settings.candidates)
+        self.failed, self.last_tracked = 0, 0
+        self._reset(0.0, settings.bias_prior)
+
+    def _reset(self, delta: float, bias_information: float) -> None:
+        """An empty window; delta px."""
+        shape = (self.stereo_rig.camera.height, self.stereo_rig.camera.width)
+        self.window = window.empty_window(shape, self.settings.window + 1, delta, bias_information)
+        self.references: list[tracking.Reference] = []  # of the newest keyframes, newest last
+        self.brightness, self.first_rms, self.smoothed_rms = np.array([1.0, 0.0]), math.inf, math.inf
+
+    def process(self, frame: StereoFrame) -> None:
+        """One pair; the right image is used at keyframes only."""
+        left = pyramid.grey(frame.left)
+        self.t_ns.append(frame.t_ns)
+        with self.stopwatch("pyramid"):
+            images = pyramid.build(left, self.levels)
+        T_expected = self._expected_pose()
+        if recovery.is_blank(left, self.settings.min_contrast):
+            self._hold(frame, T_expected, "the image is blank")
+        elif not len(self.window):
+            self._start_segment(frame, left, images, T_expected)
+        else:
+            self._follow(frame, left, images, T_expected)
+
+    def _follow(self, frame: StereoFrame, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
+        """Align a frame with the window; make it a keyframe if it is due, or start anew after too many failures."""
+        with self.stopwatch("track"):
+            fit, keyframe, failure = self._align(images, T_expected)
+        if failure is not None:
+            self.failed += 1
+            gap_s = 1e-9 * (frame.t_ns - self.t_ns[self.last_tracked])
+            if self.failed > self.settings.patience or gap_s > self.settings.max_gap_s:
+                self.losses.append({"frame": frame.index, "reason": failure})
+                self._end_segment()
+                self._start_segment(frame, left, images, T_expected)
+            else:
+                self._hold(frame, T_expected, failure)
+            return
+        self._accept(fit)
+        newest = self.references[-1]
+        extent = left.shape[0] + left.shape[1]
+        if keyframe == newest.keyframe and not keyframing.is_due(
+            fit, newest, self.cameras[0], self.first_rms, extent, self.settings
+        ):
+            self.harvest.frames.append(FrameRow(keyframe, fit.T_frame_keyframe, True, self._segment()))
+            return
+        base = int(np.flatnonzero(self.window.keyframe == keyframe)[0])
+        T_cam_world = fit.T_frame_keyframe @ self.window.frames.T_cam_world[base]
+        orthonormalise(T_cam_world)
+        self._add_keyframe(frame, left, images, T_cam_world, _affine_after(self.window.frames.affine[base], fit.brightness))
+
+    # ------------------------------------------------------------------ motion
+    def _segment(self) -> int:
+        return max(len(self.segment_frames) - 1, 0)
+
+    def _expected_pose(self) -> FloatArray:
+        """(4, 4) T_cam_world of the new frame by constant motion of the last two, in their real time; identity at the start."""
+        n = len(self.harvest.frames)
+        if n < 2:
+            return self.harvest.T_cam_world(0) if n else np.eye(4)
+        dt_before, dt = (1e-9 * (self.t_ns[i] - self.t_ns[i - 1]) for i in (-2, -1))
+        return tracking.constant_motion(self.harvest.T_cam_world(n - 1), self.harvest.T_cam_world(n - 2), dt_before, dt)
+
+    def _align(self, images: pyramid.Pyramid, T_expected: FloatArray) -> tuple[tracking.Alignment, int, str | None]:
+        """The frame's alignment, the row of the keyframe that it refers to, and why it is lost if it is."""
+        s, reference, n = self.settings, self.references[-1], len(self.harvest.frames)
+        T_world_keyframe = se3.inverse(self.harvest.keyframes[reference.keyframe].T_cam_world)
+        fit = tracking.align(
+            images, reference, T_expected @ T_world_keyframe, self.brightness, self.cameras, self.levels - 1, 0, s
+        )  # fmt: skip
+        starting = n - self.segment_frames[-1] <= 1
+        dt = 1e-9 * (self.t_ns[-1] - self.t_ns[-2])
+        T_last = self.harvest.T_cam_world(n - 1)
+        guesses = tracking.further_guesses(T_expected, T_last, se3.inverse(T_world_keyframe), dt, starting)
+        if starting or fit.rms > 1.5 * self.smoothed_rms or fit.visible < s.min_visible or fit.saturated > 0.15:
+            fit = tracking.best_alignment(images, reference, guesses, self.brightness, fit, T_world_keyframe, self.cameras, s)
+        failure = self._failure(fit, reference.keyframe, T_last, T_expected, dt, starting)
+        if failure is None:
+            return fit, reference.keyframe, None
+        for older in self.references[-2::-1]:
+            T_world_older = se3.inverse(self.harvest.keyframes[older.keyframe].T_cam_world)
+            start = tracking.align(
+                images, older, T_expected @ T_world_older, self.brightness, self.cameras, self.levels - 1, 0, s
+            )  # fmt: skip
+            other = tracking.best_alignment(images, older, guesses, self.brightness, start, T_world_older, self.cameras, s)
+            if self._failure(other, older.keyframe, T_last, T_expected, dt, starting) is None:
+                return other, older.keyframe, None
+        return fit, reference.keyframe, failure
+
+    def _failure(
+        self, fit: tracking.Alignment, keyframe: int, T_last: FloatArray, T_expected: FloatArray, dt: float, starting: bool
+    ) -> str | None:
+        """Why the alignment cannot be believed, or None."""
+        failure = recovery.fit_failure(fit, self.settings)
+        if failure is not None:
+            return failure
+        since = 1e-9 * (self.t_ns[-1] - self.t_ns[self.last_tracked])
+        T_cam_world = fit.T_frame_keyframe @ self.harvest.keyframes[keyframe].T_cam_world
+        return recovery.motion_failure(T_cam_world, T_last, T_expected, max(since, dt), starting, self.settings)
+
+    def _accept(self, fit: tracking.Alignment) -> None:
+        """The frame is tracked: keep what the next frame is judged by."""
+        self.first_rms = fit.rms if math.isinf(self.first_rms) else self.first_rms
+        self.smoothed_rms = max(fit.rms, 1.0) if math.isinf(self.smoothed_rms) else 0.7 * self.smoothed_rms + 0.3 * fit.rms
+        self.brightness, self.failed, self.last_tracked = fit.brightness, 0, len(self.harvest.frames)
+
+    # ------------------------------------------------------------------ losses and segments
+    def _hold(self, frame: StereoFrame, T_expected: FloatArray, reason: str) -> None:
+        """Keep a frame that could not be tracked at its expected pose."""
+        self.losses.append({"frame": frame.index, "reason": reason})
+        row = len(self.harvest.keyframes) - 1
+        T = T_expected if row < 0 else T_expected @ se3.inverse(self.harvest.keyframes[row].T_cam_world)
+        self.harvest.frames.append(FrameRow(row, T, False, self._segment()))
+
+    def _start_segment(self, frame: StereoFrame, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
+        """Begin anew from static stereo at the expected pose; where stereo finds too little the frame is lost."""
+        right = self._aligned_right(frame)
+        pixels, _ = self._stereo_points(left, right, np.zeros((0, 2)))
+        if len(pixels) < self.settings.min_points:
+            self._hold(frame, T_expected, f"stereo finds depth at {len(pixels)} points only")
+            return
+        self.segment_frames.append(frame.index)
+        self.failed, self.last_tracked = 0, len(self.harvest.frames)
+        self._add_keyframe(frame, left, images, T_expected, np.zeros(2))
+
+    def _end_segment(self) -> None:
+        """Every live point leaves into the result; the window is emptied, the disparity bias stays known."""
+        self._harvest_points(np.ones(len(self.window.point_id), bool))
+        self._reset(float(self.window.delta[0]), RESTART_BIAS_INFORMATION * self.settings.bias_prior)
+
+    # ------------------------------------------------------------------ keyframes
+    def _add_keyframe(
+        self, frame: StereoFrame, left: Image, images: pyramid.Pyramid, T_cam_world: FloatArray, affine: FloatArray
+    ) -> None:
+        """Make the frame a keyframe: points by static stereo, adjustment of the window, and what is too much for it leaves."""
+        s, row = self.settings, len(self.harvest.keyframes)
+        right = self._aligned_right(frame)
+        self.harvest.keyframes.append(KeyframeRow(frame.index, self._segment(), T_cam_world, np.zeros(4)))
+        self.harvest.frames.append(FrameRow(row, np.eye(4), True, self._segment()))
+        window.add_keyframe(self.window, left, right, T_cam_world, affine, row)
+        self._activate_points(left, right)
+        if len(self.window) > 1:
+            with self.stopwatch("adjust"):
+                adjust.adjust(self.window, self.rig, self.robust, s.affine_prior, s.adjust_iterations)
+                adjust.cull(self.window)
+        self.harvest.update_keyframes(self.window)
+        with self.stopwatch("marginalise"):
+            while len(self.window) > s.window:
+                self._marginalise_one()
+        with self.stopwatch("reference"):
+            newest = tracking.make_reference(self.window, len(self.window) - 1, images, self.cameras, self.rig, s.border)
+        self.references = [r for r in self.references[-2:] if r.keyframe in self.window.keyframe] + [newest]
+        self.brightness, self.first_rms = np.array([1.0, 0.0]), math.inf
+
+    def _aligned_right(self, frame: StereoFrame) -> Image:
+        """The right image (h, w), its rows on the left's."""
+        with self.stopwatch("rows"):
+            right = pyramid.grey(frame.right)
+            return right if self.row_maps is None else rows.align(right, self.row_maps)
+
+    def _stereo_points(self, left: Image, right: Image, uv_taken: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+        """Pixels (n, 2) of the left image where no point is yet, and their disparities (n,) px."""
+        s = self.settings
+        with self.stopwatch("select"):
+            pixels = select.select(left, uv_taken, round(self.cell), s.block, s.gradient_margin, s.border)
+        with self.stopwatch("stereo"):
+            found = stereo.match(left, right, pixels, s.max_disparity, s.uniqueness, s.max_cost, s.slope_cap)
+        good = (found[:, 0] > s.min_disparity) & (found[:, 1] < s.max_sigma)
+        return pixels[good], found[good, 0]
+
+    def _activate_points(self, left: Image, right: Image) -> None:
+        """New points in the newest keyframe, as many as the view wants."""
+        s, newest = self.settings, len(self.window) - 1
+        projected = window.project_into(self.window, newest, self.rig, s.border)
+        uv_taken = projected[~np.isnan(projected[:, 0]), :2]
+        pixels, disparity = self._stereo_points(left, right, uv_taken)
+        self.window.frames.gain_right[newest] = stereo.right_gain(left, right, pixels, disparity)
+        room = s.points if newest == 0 else max(min(s.new_points, s.points - len(uv_taken)), s.min_new_points)
+        self.cell = select.next_cell(self.cell, len(pixels), room)
+        chosen = select.spread_sample(pixels, room)
+        rho = np.maximum(disparity[chosen] - self.window.delta[0], 0.1) / self.stereo_rig.bf
+        window.add_points(self.window, pixels[chosen], rho, s.gradient_scale, self.harvest.next_point)
+        self.harvest.next_point += len(chosen)
+
+    def _marginalise_one(self) -> None:
+        """One keyframe leaves the window, with its points and those out of sight."""
+        j = marginalise.leaving_keyframe(self.window.frames, self.window.points.host)
+        gone = marginalise.leaving_points(self.window, j)
+        self.harvest.add_observations(self.window, ~gone, self.rig, self.robust, [j])
+        self._harvest_points(gone)
+        marginalise.marginalise(self.window, j, gone, self.rig, self.robust, self.settings.affine_prior)
+
+    def _harvest_points(self, gone: NDArray[np.bool_]) -> None:
+        """Keep the points in gone (N,) in the result."""
+        s = self.settings
+        self.harvest.add_observations(self.window, gone, self.rig, self.robust, list(range(len(self.window))))
+        self.harvest.add_points(self.window, gone, self.stereo_rig.bf, s.grey_sigma, s.disparity_sigma)
+
+    # ------------------------------------------------------------------ result
+    def finish(self) -> OdometryResult:
+        """The tracked drive; every point that is still alive leaves into it."""
+        delta = float(self.window.delta[0])
+        self._end_segment()
+        trajectory = self.harvest.trajectory(np.array(self.t_ns, np.int64))
+        points = self.harvest.final_points(self.settings.min_observations, self.settings.max_relative_sigma)
+        return OdometryResult(
+            self.stereo_rig, trajectory, self.harvest.final_keyframes(), points, delta, self.row_coefficients,
+            self._report(len(points), delta),
+        )  # fmt: skip
+
+    def _report(self, points: int, delta: float) -> dict[str, Any]:
+        """JSON-ready facts of the drive."""
+        frames = self.harvest.frames
+        ends = [*self.segment_frames[1:], len(frames)]
+        return {
+            "frames": len(frames),
+            "tracked": sum(row.tracked for row in frames),
+            "keyframes": len(self.harvest.keyframes),
+            "points": points,
+            "activated_points": self.harvest.next_point,
+            "segments": [{"first_frame": a, "last_frame": b - 1} for a, b in zip(self.segment_frames, ends, strict=False)],
+            "losses": self.losses,
+            "disparity_bias_px": delta,
+            "row_coefficients_px": [float(c) for c in self.row_coefficients],
+            "seconds": {part: round(seconds, 4) for part, seconds in sorted(self.stopwatch.seconds.items())},
+        }
+
+
+def _affine_after(affine: FloatArray, brightness: FloatArray) -> FloatArray:
+    """(2,) a, b of a frame that is gain times brighter than one with (2,) a, b, plus offset: I = exp(a) I_scene + b."""
+    gain, offset = brightness
+    return np.array([affine[0] + math.log(max(gain, 1e-3)), offset + gain * affine[1]])

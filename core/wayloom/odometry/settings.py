@@ -1,0 +1,56 @@
+"""The odometry's settings. docs/odometry.md says why the defaults are what they are."""
+
+from pydantic import Field
+
+from wayloom.config.settings import Settings
+
+
+class OdometrySettings(Settings):
+    """Everything that can be chosen. Grey levels are 0 to 255; shares of the image refer to width + height."""
+
+    window: int = Field(7, ge=3, le=12, description="keyframes in the window")
+    points: int = Field(1000, ge=50, le=5000, description="points wanted in view of a keyframe")
+    new_points: int = Field(600, ge=20, le=5000, description="at most activated at a keyframe")
+    min_new_points: int = Field(150, ge=10, le=5000, description="activated even where enough are in view")
+    candidates: int = Field(1600, ge=50, le=20000, description="pixels tried by stereo at the first keyframe; sets the cell size")
+    levels: int = Field(5, ge=1, le=8, description="pyramid levels; fewer in small images")
+    track_iterations: tuple[int, ...] = Field((50, 50, 50, 20, 10, 10, 10, 10), description="at most, finest level first")
+    adjust_iterations: int = Field(4, ge=1, le=50)
+    huber: float = Field(9.0, gt=0, description="grey levels")
+    cutoff: float = Field(20.0, gt=0, description="grey levels, in tracking")
+    gradient_scale: float = Field(50.0, gt=0, description="c, grey levels: a pixel weighs c^2 / (c^2 + |gradient|^2)")
+    max_energy: float = Field(70.0, gt=0, description="grey^2 a pixel of a patch; above it is an outlier")
+    static_weight: float = Field(1.0, ge=0, description="lambda, the weight of a host's own right image")
+    observer_right_weight: float = Field(0.0, ge=0, description="the same for the right images of the other keyframes")
+    bias_prior: float = Field(300.0, ge=0, description="information of the disparity bias about zero, grey^2/px^2")
+    affine_prior: tuple[float, float] = Field((1e3, 1.0), description="information of a and b about zero")
+    keyframe_flow: float = Field(0.0594, gt=0, description="rms flow that alone makes a keyframe, share of the image")
+    keyframe_shift: float = Field(
+        0.0445, gt=0, description="rms flow without rotation that alone makes a keyframe, share of the image"
+    )
+    keyframe_brightness: float = Field(0.35, gt=0, description="|log gain| that alone makes a keyframe")
+    block: int = Field(32, ge=8, description="px, of the gradient thresholds")
+    gradient_margin: float = Field(7.0, ge=0, description="grey levels above the block's median")
+    border: int = Field(6, ge=6, description="px without points at the image's edge")
+    max_disparity: int = Field(180, ge=8, description="px")
+    min_disparity: float = Field(0.5, gt=0, description="px")
+    max_sigma: float = Field(0.5, gt=0, description="px, of a disparity")
+    uniqueness: float = Field(0.85, gt=0, le=1, description="best cost over second best")
+    max_cost: float = Field(12.0, gt=0, description="of the capped slope, a pixel")
+    slope_cap: int = Field(60, ge=10, le=255)
+    row_frames: tuple[int, ...] = Field((0, 3, 6, 9), description="frames whose stereo matches fit the rows' misalignment")
+    min_visible: float = Field(0.25, ge=0, le=1, description="share of the reference in view, below which a frame is lost")
+    max_saturated: float = Field(
+        0.5, ge=0, le=1, description="share of the reference beyond the cut-off, above which a frame is lost"
+    )
+    max_gain: float = Field(4.0, gt=1, description="between a frame and its keyframe, up or down")
+    max_acceleration: float = Field(25.0, gt=0, description="m/s^2, of a believable motion")
+    max_turn_rate: float = Field(3.0, gt=0, description="rad/s, of a believable motion")
+    min_contrast: float = Field(2.0, ge=0, description="grey levels, standard deviation of an image that is not blank")
+    min_points: int = Field(30, ge=8, description="stereo points without which no segment starts, inliers without which one ends")
+    patience: int = Field(3, ge=1, description="frames that may fail in a row before a new segment starts")
+    max_gap_s: float = Field(2.0, gt=0, description="seconds without a tracked frame before a new segment starts")
+    min_observations: int = Field(2, ge=1, description="keyframes beside the host that must have seen a point for it to be kept")
+    grey_sigma: float = Field(8.0, gt=0, description="grey levels, for a point's variance")
+    disparity_sigma: float = Field(0.15, ge=0, description="px, the part of a point's sigma that more views do not lower")
+    max_relative_sigma: float = Field(0.2, gt=0, description="sigma of a kept point's inverse depth over the inverse depth")

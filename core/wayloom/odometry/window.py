@@ -1,0 +1,125 @@
+"""The window: the keyframes, their images, the live points and the prior that marginalisation left."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.odometry.kernels.arrays import PATTERN, Frames, Images, PointColumns, Rig
+from wayloom.odometry.kernels.equations import relative_poses
+from wayloom.odometry.kernels.tracking import project_points
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+def _no_frames() -> Frames:
+    return Frames(
+        np.zeros(0, np.int64), np.zeros((0, 4, 4)), np.zeros((0, 4, 4)), np.zeros(0, np.int64), np.zeros((0, 2)),
+        np.zeros((0, 2)), np.zeros((0, 2)),
+    )  # fmt: skip
+
+
+def _no_points(capacity: int) -> PointColumns:
+    return PointColumns(
+        np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 8), np.float32), np.zeros((0, 8), np.float32),
+        np.zeros(0, np.int64), np.zeros((0, capacity), np.int64),
+    )  # fmt: skip
+
+
+@dataclass(slots=True)
+class Window:
+    """The state that outlives a frame.
+
+    images, frames, points  as the kernels take them (kernels/arrays.py)
+    keyframe     (F,) row of each frame in the result's keyframes
+    point_id     (N,) number of each live point, counted through the drive
+    delta        (1,) px, the disparity bias
+    prior_H, prior_g  (1 + 8F): energy z^T H z - 2 g^T z of the state's deviation z from the first estimates
+    inlier, information  (N, F + 1) and (N,), of the last adjustment
+    """
+
+    images: Images
+    frames: Frames
+    points: PointColumns
+    keyframe: IntArray
+    point_id: IntArray
+    delta: FloatArray
+    prior_H: FloatArray
+    prior_g: FloatArray
+    inlier: IntArray = field(default_factory=lambda: np.zeros((0, 1), np.int64))
+    information: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    def __len__(self) -> int:
+        return len(self.keyframe)
+
+    @property
+    def has_prior(self) -> bool:
+        """Whether marginalisation has tied a keyframe to its first estimate."""
+        return bool(self.frames.has_first.any())
+
+
+def empty_window(shape: tuple[int, ...], capacity: int, delta: float, bias_information: float) -> Window:
+    """A window for images (h, w) and at most `capacity` keyframes, its bias held to delta (px) with the given information."""
+    return Window(
+        Images(np.zeros((capacity, *shape), np.uint8), np.zeros((capacity, *shape), np.uint8)),
+        _no_frames(), _no_points(capacity), np.zeros(0, np.int64), np.zeros(0, np.int64), np.array([delta]),
+        np.array([[bias_information]]), np.array([bias_information * delta]),
+    )  # fmt: skip
+
+
+def add_keyframe(
+    window: Window, left: NDArray[np.uint8], right: NDArray[np.uint8], T_cam_world: FloatArray, affine: FloatArray, keyframe: int
+) -> None:
+    """Append a keyframe: its images (h, w), the right one with aligned rows, pose (4, 4), (2,) a and b, and its row in the result."""
+    frames = window.frames
+    slot = min(set(range(len(window.images.left))) - set(frames.slot.tolist()))
+    window.images.left[slot], window.images.right[slot] = left, right
+    new = (slot, T_cam_world, T_cam_world, 0, affine, affine, np.array([1.0, 0.0]))
+    window.frames = Frames(*(np.concatenate([old, np.asarray(n)[None]]) for old, n in zip(frames, new, strict=True)))
+    window.keyframe = np.append(window.keyframe, keyframe)
+    window.prior_H, window.prior_g = np.pad(window.prior_H, (0, 8)), np.pad(window.prior_g, (0, 8))
+
+
+def add_points(window: Window, pixels: IntArray, rho: FloatArray, gradient_scale: float, first_id: int) -> None:
+    """Points at pixels (n, 2) of the newest keyframe with inverse depths rho (n,) 1/m, numbered from first_id.
+    What the last adjustment knew of the points is void until the next."""
+    n, newest = len(pixels), len(window) - 1
+    left = window.images.left[window.frames.slot[newest]].astype(np.float32)
+    x, y = pixels[:, :1] + PATTERN[:, 0], pixels[:, 1:] + PATTERN[:, 1]
+    gradient2 = 0.25 * ((left[y, x + 1] - left[y, x - 1]) ** 2 + (left[y + 1, x] - left[y - 1, x]) ** 2)
+    scale2 = np.float32(gradient_scale**2)
+    new = PointColumns(
+        np.full(n, newest, np.int64), pixels.astype(np.float64), rho, left[y, x], scale2 / (scale2 + gradient2),
+        np.ones(n, np.int64), np.zeros((n, window.points.closed.shape[1]), np.int64),
+    )  # fmt: skip
+    window.points = PointColumns(*(np.concatenate([a, b]) for a, b in zip(window.points, new, strict=True)))
+    window.point_id = np.append(window.point_id, np.arange(first_id, first_id + n))
+    window.inlier, window.information = np.zeros((len(window.point_id), newest + 2), np.int64), np.zeros(len(window.point_id))
+
+
+def keep_points(window: Window, mask: BoolArray) -> None:
+    """Forget the points that are not in mask (N,)."""
+    window.points = PointColumns(*(column[mask] for column in window.points))
+    window.point_id = window.point_id[mask]
+    window.inlier, window.information = window.inlier[mask], window.information[mask]
+
+
+def remove_keyframe(window: Window, j: int) -> None:
+    """Take frame j out; no live point may be hosted in it. The prior's rows are the caller's."""
+    window.frames = Frames(*(np.delete(column, j, axis=0) for column in window.frames))
+    window.keyframe = np.delete(window.keyframe, j)
+    p = window.points
+    closed = np.column_stack([np.delete(p.closed, j, axis=1), np.zeros(len(p.rho), np.int64)])
+    window.points = p._replace(host=p.host - (p.host > j), closed=closed)
+    window.inlier = np.delete(window.inlier, j, axis=1)
+
+
+def project_into(window: Window, target: int, rig: Rig, border: float) -> FloatArray:
+    """(N, 3): u, v px and inverse depth of the live points in keyframe `target`; u is NaN where out of view."""
+    out = np.zeros((len(window.points.rho), 3))
+    T = np.ascontiguousarray(relative_poses(window.frames, 0)[:, target])
+    h, w = window.images.left.shape[1:]
+    project_points(window.points.host, window.points.uv, window.points.rho, T, rig, h, w, border, out)
+    return out
