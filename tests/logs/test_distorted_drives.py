@@ -1,5 +1,6 @@
 """Drives as the lens made them (`…_extract`) are rectified on load: a made world, seen through KITTI's lenses."""
 
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -38,6 +39,7 @@ def wall(rays_rect: np.ndarray, camera: str) -> np.ndarray:
     return texture(points_left[:, 0], points_left[:, 1])
 
 
+@lru_cache
 def through_lens(camera: str) -> np.ndarray:
     """The distorted picture, by undoing the lens at each of its pixels."""
     fx, fy, cx, cy = K[camera]
