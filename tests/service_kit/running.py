@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -11,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from service_kit.little_steps import RUNS
-
 from wayloom.client.api import Api
 
 TESTS = Path(__file__).resolve().parents[1]
@@ -42,7 +42,9 @@ class Up:
         command = [sys.executable, "-m", "wayloom.cli.main", "up", "--data", str(data), "--ready-file", str(self.ready), *arguments]
         if "--port" not in arguments:
             command += ["--port", "0"]
-        self.process = subprocess.Popen(command, env=environment(**variables), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.process = subprocess.Popen(
+            command, env=environment(**variables), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
 
     def wait(self) -> "Up":
         """Until it answers."""
@@ -117,3 +119,28 @@ def command_line(pid: int) -> str:
         return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
     except OSError:
         return ""
+
+
+class ApiAlone:
+    """The API as one process on a port of the system's choice, on the same port again after it was killed. No broker, no worker."""
+
+    def __init__(self, data: Path, **variables: str) -> None:
+        self.data, self._variables = data, environment(WAYLOOM_DATA_DIR=str(data), **variables)
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        subprocess.run([sys.executable, "-m", "wayloom.store"], env=self._variables, check=True)
+        self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
+        self.start()
+
+    def start(self) -> None:
+        fd = self._listener.fileno()
+        command = [sys.executable, "-m", "wayloom_services", "--fd", str(fd)]
+        self.process = subprocess.Popen(command, env=self._variables, pass_fds=(fd,))
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+    def close(self) -> None:
+        self.process.terminate()
+        self.process.wait(20)
+        self._listener.close()

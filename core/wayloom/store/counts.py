@@ -10,14 +10,14 @@ from wayloom.store.tables import Drive, Job, Map
 
 def jobs(session: Session) -> Sequence[tuple[str, str, int]]:
     """(stage, state, how many)."""
-    return session.execute(select(Job.stage, Job.state, func.count()).group_by(Job.stage, Job.state)).tuples().all()
+    return session.execute(select(Job.stage, Job.state, func.count()).group_by(Job.stage, Job.state)).all()
 
 
 def drives(session: Session) -> Sequence[tuple[str, int]]:
     """(state, how many)."""
-    return session.execute(select(Drive.state, func.count()).group_by(Drive.state)).tuples().all()
+    return session.execute(select(Drive.state, func.count()).group_by(Drive.state)).all()
 
 
 def maps(session: Session) -> Sequence[tuple[str, int]]:
     """(map, its published version)."""
-    return session.execute(select(Map.id, Map.version)).tuples().all()
+    return session.execute(select(Map.id, Map.version)).all()

@@ -102,9 +102,10 @@ def _check_collisions(paths: list[str]) -> None:
     """Refuse two files that one file system would take for one, and a file that is another's folder."""
     seen: dict[str, str] = {}
     for path in paths:
-        other = seen.setdefault(_folded(path), path)
-        if other is not path:
-            raise ValueError(f"{path!r} and {other!r} are the same file on some file systems")
+        folded = _folded(path)
+        if folded in seen:
+            raise ValueError(f"{path!r} and {seen[folded]!r} are the same file on some file systems")
+        seen[folded] = path
     for path in paths:
         for parent in list(PurePosixPath(path).parents)[:-1]:
             if _folded(str(parent)) in seen:

@@ -4,6 +4,9 @@ import os
 import socket
 from functools import cache
 from pathlib import Path
+from typing import Final
+
+GONE: Final = "gone"
 
 
 def identity(pid: int | None = None) -> str:
@@ -16,7 +19,10 @@ def is_dead(worker: str) -> bool:
     """Whether the process certainly no longer runs. False where that cannot be known, as on another machine."""
     machine, _, process = worker.partition("|")
     pid, _, started = process.partition("|")
-    return machine == _machine() and started != "" and _start_time(int(pid)) != started
+    if machine != _machine():
+        return False
+    now = _start_time(int(pid))
+    return now == GONE or (now != "" and now != started)
 
 
 @cache
@@ -33,5 +39,5 @@ def _start_time(pid: int) -> str:
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
-        return "gone" if Path("/proc/self/stat").exists() else ""
-    return "gone" if fields[0] in "ZX" else fields[19]
+        return GONE if Path("/proc/self/stat").exists() else ""
+    return GONE if fields[0] in "ZX" else fields[19]

@@ -28,7 +28,7 @@ def unsent(database: Database, resend_s: float, limit: int = 500) -> list[Wake]:
     with database.read() as session:
         long_ago = now_s(session) - resend_s
         queued = select(Job.id, Job.queue).where(Job.state == "queued", or_(Job.sent_at.is_(None), Job.sent_at < long_ago))
-        return [Wake(*row) for row in session.execute(queued.order_by(Job.id).limit(limit)).tuples()]
+        return [Wake(job_id, queue) for job_id, queue in session.execute(queued.order_by(Job.id).limit(limit))]
 
 
 def _lost(session: Session) -> list[tuple[Claim, str]]:

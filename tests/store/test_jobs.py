@@ -1,0 +1,247 @@
+"""Job rows: one holder at a time, whatever is delivered twice, late, or never."""
+
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+from wayloom.errors import ConflictError, LeaseLostError
+from wayloom.store import drives, jobs, maps, sweep
+from wayloom.store.database import Database
+from wayloom.store.jobs import Claim
+from wayloom.store.manifest import Manifest, ManifestFile
+from wayloom.store.processes import identity
+from wayloom.store.queues import DRIVE_STAGES
+from wayloom.store.tables import Drive, Job
+
+LEASE_S = 60.0
+
+
+def new_drive(database: Database, name: str = "a") -> tuple[str, int]:
+    """A drive whose file has arrived, and its first job."""
+    with database.write() as session:
+        manifest = Manifest(name=name, files=(ManifestFile(path="log/a", size=1, sha256="0" * 64),))
+        drive, _ = drives.register(session, manifest, "city")
+        wake = drives.mark_complete(session, drive.id, "log/a")
+        assert wake is not None
+        return drive.id, wake.job_id
+
+
+def take(database: Database, job_id: int, worker: str = "elsewhere|1|1") -> Claim:
+    held = jobs.claim(database, job_id, worker, LEASE_S)
+    assert held is not None
+    return held
+
+
+def done(database: Database, held: Claim) -> jobs.Wake | None:
+    with database.write() as session:
+        return jobs.finish(session, held, "key")
+
+
+def job(database: Database, job_id: int) -> Job:
+    with database.read() as session:
+        return session.get_one(Job, job_id)
+
+
+def drive(database: Database, drive_id: str) -> Drive:
+    with database.read() as session:
+        return session.get_one(Drive, drive_id)
+
+
+def at_once(work: Callable[[], object], times: int) -> list[object]:
+    """The results of running it in several threads that start together."""
+    results: list[object] = []
+    barrier = threading.Barrier(times)
+
+    def run() -> None:
+        barrier.wait()
+        results.append(work())
+
+    threads = [threading.Thread(target=run) for _ in range(times)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return results
+
+
+def test_of_many_workers_that_reach_for_a_job_one_gets_it(database: Database) -> None:
+    _, job_id = new_drive(database)
+    claims = at_once(lambda: jobs.claim(database, job_id, "w", LEASE_S), 8)
+    assert sum(claim is not None for claim in claims) == 1
+
+
+def test_a_message_that_comes_twice_finds_nothing_to_do(database: Database) -> None:
+    _, job_id = new_drive(database)
+    done(database, take(database, job_id))
+    assert jobs.claim(database, job_id, "w", LEASE_S) is None
+    assert jobs.claim(database, 10**6, "w", LEASE_S) is None
+
+
+def test_the_stages_are_queued_one_after_the_other(database: Database) -> None:
+    drive_id, job_id = new_drive(database)
+    seen = []
+    while job_id:
+        held = take(database, job_id)
+        seen.append(held.stage)
+        assert drive(database, drive_id).state == "running"
+        following = done(database, held)
+        job_id = following.job_id if following else 0
+    assert tuple(seen) == DRIVE_STAGES
+
+
+def test_a_worker_whose_token_is_old_can_neither_beat_nor_finish_nor_fail(database: Database) -> None:
+    _, job_id = new_drive(database)
+    old = take(database, job_id)
+    with database.write() as session:
+        jobs.fail(session, old, "lost", final=False)
+    new = take(database, job_id)
+    assert new.token > old.token
+    with pytest.raises(LeaseLostError):
+        jobs.heartbeat(database, old, LEASE_S, 0.5, "")
+    with pytest.raises(LeaseLostError), database.write() as session:
+        jobs.finish(session, old, "key")
+    with pytest.raises(LeaseLostError), database.write() as session:
+        jobs.fail(session, old, "", final=True)
+    done(database, new)
+    assert job(database, job_id).state == "done"
+
+
+def test_a_heartbeat_prolongs_the_lease_and_tells_the_progress(database: Database) -> None:
+    _, job_id = new_drive(database)
+    held = take(database, job_id)
+    before = job(database, job_id).lease_until or 0.0
+    time.sleep(0.02)
+    jobs.heartbeat(database, held, LEASE_S, 0.25, "frame 5 of 20")
+    row = job(database, job_id)
+    assert (row.progress, row.message) == (0.25, "frame 5 of 20")
+    assert (row.lease_until or 0.0) > before
+
+
+def test_a_job_whose_lease_ran_out_is_queued_again(database: Database) -> None:
+    _, job_id = new_drive(database)
+    jobs.claim(database, job_id, "elsewhere|1|1", 0.01)
+    time.sleep(0.05)
+    assert sweep.requeue_lost(database, 3) == 1
+    assert job(database, job_id).state == "queued"
+    assert [wake.job_id for wake in sweep.unsent(database, 10.0)] == [job_id]
+
+
+def test_a_job_whose_process_died_is_queued_again_at_once(database: Database) -> None:
+    _, job_id = new_drive(database)
+    take(database, job_id, identity(999_999_999))
+    assert sweep.requeue_lost(database, 3) == 1
+    assert job(database, job_id).state == "queued"
+
+
+def test_a_job_of_a_living_process_is_left_alone(database: Database) -> None:
+    _, job_id = new_drive(database)
+    take(database, job_id, identity())
+    assert sweep.requeue_lost(database, 3) == 0
+    assert job(database, job_id).state == "running"
+
+
+def test_many_sweepers_at_once_count_a_lost_job_once(database: Database) -> None:
+    _, job_id = new_drive(database)
+    jobs.claim(database, job_id, "elsewhere|1|1", 0.01)
+    time.sleep(0.05)
+    at_once(lambda: sweep.requeue_lost(database, 3), 4)
+    row = job(database, job_id)
+    assert (row.state, row.attempt) == ("queued", 1)
+
+
+def test_after_the_last_attempt_the_drive_fails_and_says_why(database: Database) -> None:
+    drive_id, job_id = new_drive(database)
+    for _ in range(3):
+        jobs.claim(database, job_id, "elsewhere|1|1", 0.01)
+        time.sleep(0.03)
+        sweep.requeue_lost(database, 3)
+    assert job(database, job_id).state == "failed"
+    row = drive(database, drive_id)
+    assert row.state == "failed"
+    assert "ingest" in str(row.error)
+    assert "attempt 3 of 3" in str(row.error)
+
+
+def test_a_job_given_back_has_lost_no_attempt(database: Database) -> None:
+    _, job_id = new_drive(database)
+    held = take(database, job_id)
+    with database.write() as session:
+        jobs.release(session, held)
+    row = job(database, job_id)
+    assert (row.state, row.attempt) == ("queued", 0)
+
+
+def test_a_retried_drive_goes_on_with_the_stage_that_failed(database: Database) -> None:
+    drive_id, job_id = new_drive(database)
+    following = done(database, take(database, job_id))
+    assert following is not None
+    held = take(database, following.job_id)
+    with database.write() as session:
+        jobs.fail(session, held, "bad luck", final=True)
+    with database.write() as session:
+        woken = jobs.retry(session, drive_id)
+    assert [wake.job_id for wake in woken] == [following.job_id]
+    assert job(database, job_id).state == "done"
+    assert job(database, following.job_id).attempt == 0
+    assert drive(database, drive_id).state == "queued"
+    with pytest.raises(ConflictError), database.write() as session:
+        jobs.retry(session, drive_id)
+
+
+def test_one_job_of_a_map_runs_at_a_time_and_publishing_comes_first(database: Database) -> None:
+    with database.write() as session:
+        maps.ensure_map(session, "city")
+        maps.ensure_map(session, "other")
+        first = jobs.request_stitch(session, "city").id
+        assert jobs.request_stitch(session, "city").id == first
+        elsewhere = jobs.request_stitch(session, "other").id
+    held = take(database, first)
+    with database.write() as session:
+        second = jobs.request_stitch(session, "city").id
+    assert second != first
+    assert jobs.claim(database, second, "w", LEASE_S) is None
+    take(database, elsewhere)
+    done(database, held)
+    with database.write() as session:
+        publish = jobs.create_map_job(session, "publish", "city", {"stitch": "key"}, first).id
+    assert jobs.claim(database, second, "w", LEASE_S) is None
+    done(database, take(database, publish))
+    take(database, second)
+
+
+def test_a_failed_map_job_fails_the_drives_that_wait_for_it_and_a_retry_brings_them_back(database: Database) -> None:
+    drive_id, _ = new_drive(database)
+    with database.write() as session:
+        stitch = jobs.request_stitch(session, "city")
+        row = drives.get(session, drive_id)
+        row.state, row.stitch_job_id = "stitching", stitch.id
+        job_id = stitch.id
+    held = take(database, job_id)
+    with database.write() as session:
+        jobs.fail(session, held, "no room", final=True)
+    assert drive(database, drive_id).error == "stitch: no room"
+    with database.write() as session:
+        assert [wake.job_id for wake in jobs.retry(session, drive_id)] == [job_id]
+    assert drive(database, drive_id).state == "stitching"
+
+
+def test_a_job_is_sent_again_only_when_nobody_took_it_for_a_while(database: Database) -> None:
+    _, job_id = new_drive(database)
+    (wake,) = sweep.unsent(database, 10.0)
+    jobs.mark_sent(database, [wake])
+    assert sweep.unsent(database, 10.0) == []
+    time.sleep(0.02)
+    assert [found.job_id for found in sweep.unsent(database, 0.01)] == [job_id]
+
+
+def test_removing_a_drive_takes_its_jobs_from_whoever_runs_them(database: Database) -> None:
+    drive_id, job_id = new_drive(database)
+    held = take(database, job_id)
+    with database.write() as session:
+        drives.request_removal(session, drive_id)
+    with pytest.raises(LeaseLostError):
+        jobs.heartbeat(database, held, LEASE_S, 0.5, "")
+    with pytest.raises(ConflictError), database.write() as session:
+        drives.request_removal(session, drive_id)

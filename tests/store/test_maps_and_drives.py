@@ -1,0 +1,151 @@
+"""Drives, their files, and the versions of the map."""
+
+import numpy as np
+import pytest
+
+from wayloom.errors import ConflictError, NotFoundError
+from wayloom.store import drives, maps
+from wayloom.store.database import Database
+from wayloom.store.manifest import Manifest, ManifestFile
+from wayloom.store.maps import NewVersion, TileEntry
+from wayloom.store.tables import SubmapRow
+
+TILE = TileEntry("semantic", 18, 1, 2, "a" * 64, "image/png", 100)
+
+
+def manifest(name: str, count: int = 3) -> Manifest:
+    return Manifest(
+        name=name, vehicle_id="car 7", files=tuple(ManifestFile(path=f"log/{i}", size=i, sha256="0" * 64) for i in range(count))
+    )
+
+
+def register(database: Database, name: str) -> str:
+    with database.write() as session:
+        return drives.register(session, manifest(name), "city")[0].id
+
+
+def version(*tiles: TileEntry, drives: tuple[str, ...] = ()) -> NewVersion:
+    return NewVersion((8.5, 49.5, 0.0), drives, 1, (8.0, 49.0, 8.1, 49.1), tiles, {})
+
+
+def publish_and_fail(database: Database) -> None:
+    with database.write() as session:
+        maps.publish(session, "city", version(TILE), kept=2)
+        raise ConflictError("the power fails here")
+
+
+def test_the_same_manifest_again_is_the_same_drive(database: Database) -> None:
+    with database.write() as session:
+        first, new = drives.register(session, manifest("a"), "city")
+        again, new_again = drives.register(session, manifest("a"), "city")
+    assert (new, new_again) == (True, False)
+    assert first.id == again.id == manifest("a").drive_id
+
+
+def test_the_drive_is_queued_when_its_last_file_has_arrived_and_only_then(database: Database) -> None:
+    drive_id = register(database, "a")
+    with database.write() as session:
+        assert drives.mark_complete(session, drive_id, "log/0") is None
+        assert drives.mark_complete(session, drive_id, "log/1") is None
+        assert [file.path for file in drives.missing_files(session, drive_id)] == ["log/2"]
+        assert drives.received(session, [drive_id])[drive_id] == drives.Received(2, 1)
+        assert drives.mark_complete(session, drive_id, "log/2") is not None
+        assert drives.mark_complete(session, drive_id, "log/2") is None
+        assert drives.get(session, drive_id).state == "queued"
+
+
+def test_an_unknown_drive_is_said_to_be_unknown(database: Database) -> None:
+    with pytest.raises(NotFoundError), database.read() as session:
+        drives.get(session, "f" * 64)
+
+
+def test_publishing_flips_the_pointer_and_finishes_the_drives_that_wait(database: Database) -> None:
+    drive_id, other = register(database, "a"), register(database, "b")
+    with database.write() as session:
+        drives.get(session, drive_id).state = "stitching"
+        drives.get(session, other).state = "stitching"
+        assert maps.publish(session, "city", version(TILE, drives=(drive_id,)), kept=5) == 1
+    with database.read() as session:
+        assert maps.get(session, "city").version == 1
+        found = maps.version(session, "city")
+        assert found.layers == {"semantic": {"min_zoom": 18, "max_zoom": 18, "media_type": "image/png", "tiles": 1}}
+        assert drives.get(session, drive_id).state == "done"
+        assert drives.get(session, other).state == "stitching"
+        tile = maps.tile(session, "city", 1, "semantic", 18, 1, 2)
+        assert tile is not None
+        assert tile.digest == TILE.digest
+        assert maps.tile(session, "city", 1, "semantic", 18, 2, 1) is None
+
+
+def test_nothing_published_and_no_map_are_told_apart(database: Database) -> None:
+    with database.write() as session:
+        maps.ensure_map(session, "city")
+    with database.read() as session:
+        with pytest.raises(NotFoundError, match="nothing has been published"):
+            maps.version(session, "city")
+        with pytest.raises(NotFoundError, match="there is no map"):
+            maps.version(session, "elsewhere")
+        with pytest.raises(NotFoundError, match="no version 7"):
+            maps.version(session, "city", 7)
+
+
+def test_old_versions_are_forgotten_with_their_tiles(database: Database) -> None:
+    with database.write() as session:
+        maps.ensure_map(session, "city")
+        for _ in range(4):
+            maps.publish(session, "city", version(TILE), kept=2)
+        assert [row.version for row in maps.versions(session, "city")] == [4, 3]
+        assert maps.tile(session, "city", 2, "semantic", 18, 1, 2) is None
+        assert maps.tile(session, "city", 3, "semantic", 18, 1, 2) is not None
+
+
+def test_a_version_that_fails_to_be_written_leaves_the_old_one(database: Database) -> None:
+    with database.write() as session:
+        maps.ensure_map(session, "city")
+        maps.publish(session, "city", version(TILE), kept=2)
+    with pytest.raises(ConflictError):
+        publish_and_fail(database)
+    with database.read() as session:
+        assert maps.get(session, "city").version == 1
+        assert len(maps.tiles(session, "city", 2)) == 0
+
+
+def test_submaps_of_a_box_are_those_that_a_look_at_each_one_finds(database: Database) -> None:
+    drive_id = register(database, "a")
+    rng = np.random.default_rng(7)
+    corners = rng.uniform(8.0, 9.0, (60, 2))
+    boxes = np.hstack([corners, corners + rng.uniform(0.0, 0.2, (60, 2))])
+    rows = [
+        SubmapRow(
+            drive_id=drive_id, map_id="city", position=i, digest=f"{i:064}", point_count=1, frame=[8.5, 49.5, 0.0],
+            T_enu_submap=np.eye(4).tolist(), covariance=np.eye(6).tolist(),
+            min_lon=box[0], min_lat=box[1], max_lon=box[2], max_lat=box[3],
+        )
+        for i, box in enumerate(boxes.tolist())
+    ]  # fmt: skip
+    with database.write() as session:
+        maps.place_submaps(session, drive_id, rows)
+    for _ in range(20):
+        west, south, width, height = rng.uniform(8.0, 9.0, 2).tolist() + rng.uniform(0.0, 0.3, 2).tolist()
+        east, north = west + width, south + height
+        expected = {i for i, box in enumerate(boxes) if box[0] <= east and box[2] >= west and box[1] <= north and box[3] >= south}
+        with database.read() as session:
+            assert {row.position for row in maps.submaps(session, "city", (west, south, east, north))} == expected
+
+
+def test_placing_submaps_again_replaces_them(database: Database) -> None:
+    drive_id = register(database, "a")
+    for count in (3, 2):
+        rows = [
+            SubmapRow(
+                drive_id=drive_id, map_id="city", position=i, digest=f"{i:064}", point_count=1, frame=[8.5, 49.5, 0.0],
+                T_enu_submap=[], covariance=[], min_lon=8.0, min_lat=49.0, max_lon=8.1, max_lat=49.1,
+            )
+            for i in range(count)
+        ]  # fmt: skip
+        with database.write() as session:
+            maps.place_submaps(session, drive_id, rows)
+    with database.write() as session:
+        assert len(maps.submaps(session, "city")) == 2
+        drives.delete_rows(session, drive_id)
+        assert len(maps.submaps(session, "city")) == 0
