@@ -9,7 +9,6 @@ import pytest
 from logs.made_drives import FRAMES, START_NS, T_CAM_IMU, made_frames, write_drive
 from wayloom.errors import LogError, UnknownFormatError
 from wayloom.logs.gnss_csv import write_gnss_csv
-from wayloom.logs.image_folder_log import ImageFolderLog
 from wayloom.logs.oxts import Field, fix_types
 from wayloom.logs.registry import open_log
 from wayloom.logs.timestamps import wall_clock_from_ns
@@ -172,29 +171,6 @@ def test_a_lent_log_of_other_numbers_is_refused(tmp_path: Path) -> None:
         file.rename(file.with_name(f"{int(file.stem) + 500:010d}.txt"))
     with pytest.raises(LogError, match=r"no packet has the number of a frame \(0 to 5\)"):
         open_log(log_folder, gnss=lender)
-
-
-@pytest.mark.parametrize("log_format", ["kitti-odometry", "kitti-raw"])
-@pytest.mark.parametrize("kind", ["oxts", "csv"])
-def test_a_copy_of_a_log_with_what_it_was_lent_opens_to_the_same(tmp_path: Path, log_format: str, kind: str) -> None:
-    lender = write_drive(tmp_path / "lender", "kitti-raw", count=FRAMES + 4)
-    write_gnss_csv(tmp_path / "fixes.csv", track())
-    drive = write_drive(tmp_path / "log", log_format, gnss=False)
-    (drive / "wayloom.json").unlink()
-    for file in drive.glob("calib_*velo*"):
-        file.unlink()
-    log = open_log(drive, gnss=lender if kind == "oxts" else tmp_path / "fixes.csv")
-    assert isinstance(log, ImageFolderLog)
-    assert not set(log.lent) & set(log.files)
-    for name, file in [*((name, log.root / name) for name in log.files), *log.lent.items()]:
-        (tmp_path / "copy" / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(file, tmp_path / "copy" / name)
-    copy = open_log(tmp_path / "copy")
-    assert copy.gnss is not None
-    assert log.gnss is not None
-    np.testing.assert_array_equal(copy.gnss.lon_lat_height[:FRAMES], log.gnss.lon_lat_height)
-    np.testing.assert_array_equal(copy.p_cam_gnss, log.p_cam_gnss)
-    assert ("lever arm" in copy.missing) == (kind == "csv")
 
 
 def test_packets_of_another_pace_are_not_taken_for_one_a_frame(tmp_path: Path) -> None:

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from wayloom.errors import LogError
 from wayloom.geometry.camera import StereoRig
 from wayloom.logs.images import ImageHeader, ImagePairs, read_header, read_image
-from wayloom.logs.positioning import CSV_NAME, Positioning
+from wayloom.logs.positioning import Positioning
 from wayloom.logs.sidecar import Sidecar
 from wayloom.logs.types import GnssTrack, Image, ImuTrack, StereoFrame
 
 FloatArray = NDArray[np.float64]
-PACKETS = Path("oxts", "data")
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
@@ -34,12 +33,7 @@ class Rectifier:
 
 @dataclass(slots=True)
 class ImageFolderLog:
-    """A `DriveLog` of image files.
-
-    stored_sizes   (width, height) of left and right images as they lie on disk
-    lent           GNSS files and their calibration from outside `root`, by the name, relative to `root`, under which a copy of
-                   the log finds them by itself: files and lent together are the whole log, to be uploaded or archived
-    """
+    """A `DriveLog` of image files. `stored_sizes` are (width, height) of left and right images as they lie on disk."""
 
     path: Path
     format: str
@@ -60,7 +54,6 @@ class ImageFolderLog:
     pairs: ImagePairs
     stored_sizes: tuple[tuple[int, int], tuple[int, int]]
     rectifier: Rectifier | None
-    lent: dict[str, Path]
 
     def __len__(self) -> int:
         return len(self.t_ns)
@@ -154,20 +147,4 @@ def assemble(
         pairs=pairs,
         stored_sizes=stored_sizes,
         rectifier=rectifier,
-        lent=lent_names(positioning.files, path, root),
     )
-
-
-def lent_names(files: tuple[Path, ...], path: Path, root: Path) -> dict[str, Path]:
-    """Files outside `root` by the names that they would have in the log at `path`: `oxts/…`, `gnss.csv`, calibration files."""
-    names: dict[str, Path] = {}
-    for file in files:
-        if file.is_relative_to(root):
-            continue
-        place = PACKETS / file.name if file.parent.name == "data" else Path(file.name)
-        if file.suffix == ".csv":
-            place = Path(CSV_NAME)
-        elif file.name in ("timestamps.txt", "dataformat.txt"):
-            place = PACKETS.parent / file.name
-        names[(path / place).relative_to(root).as_posix()] = file
-    return names
