@@ -25,4 +25,4 @@ def cull(window: Window) -> None:
     seen = window.inlier[:, :F] > 0
     points.closed[:, :F] |= ~seen & (points.host[:, None] != np.arange(F))
     points.has_static[:] = points.has_static & window.inlier[:, F]
-    keep_points(window, seen.any(axis=1))
+    keep_points(window, np.asarray(seen.any(axis=1)))

@@ -20,7 +20,7 @@ FORMAT = "wayloom-odometry"
 VERSION = 1
 META = "meta.json"
 EPOCH = (1980, 1, 1, 0, 0, 0)
-GROUPS = {"trajectory": Trajectory, "keyframes": Keyframes, "points": Points}
+GROUPS: dict[str, Any] = {"trajectory": Trajectory, "keyframes": Keyframes, "points": Points}
 NOT_OF_THE_DRIVE = ("seconds",)
 """Keys of the report that differ from run to run; they are not stored."""
 
@@ -29,7 +29,7 @@ def save_odometry(result: OdometryResult, path: Path) -> None:
     """Write the result to `path`, whole or not at all. The report's times are left out: they are of the run, not of the drive."""
     arrays = {f"{name}.{field}": getattr(getattr(result, name), field) for name, cls in GROUPS.items() for field in cls.__slots__}
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=3) as archive:
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
         _add(archive, META, json.dumps(_meta(result), sort_keys=True, indent=1).encode())
         for name, array in sorted(arrays.items()):
             stream = io.BytesIO()
@@ -82,7 +82,6 @@ def _meta(result: OdometryResult) -> dict[str, Any]:
 def _add(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
     """One member with a fixed time and mode, so that equal content gives equal bytes."""
     info = zipfile.ZipInfo(name, EPOCH)
-    info.compress_type = zipfile.ZIP_DEFLATED
     info.external_attr = 0o644 << 16
     archive.writestr(info, data)
 

@@ -65,7 +65,7 @@ class Harvest:
             self.keyframes[k].affine = np.array([a, b, a + math.log(gain), gain * b + offset])
 
     def add_observations(self, window: Window, mask: BoolArray, rig: Rig, robust: Robust, targets: list[int]) -> None:
-        """Note in which of the window's frames `targets` the points in mask (N,) are inliers, and whether the right image agrees."""
+        """Note in which frames `targets` of the window the points in mask (N,) are inliers, and whether the right image agrees."""
         for t in targets:
             seen = np.flatnonzero(mask & (window.inlier[:, t] > 0))
             points = PointColumns(*(column[seen] for column in window.points))

@@ -15,8 +15,8 @@ GAUGE = 1e10
 
 
 def leaving_keyframe(frames: Frames, host: NDArray[np.int64]) -> int:
-    """Index of the keyframe to marginalise, never one of the newest two: the first that hosts fewer than 10 live points, else the one
-    with the largest distance score sqrt(d(i, newest)) sum_j 1/d(i, j) (Engel et al. 2018, eq. 20)."""
+    """Index of the keyframe to marginalise, never one of the newest two: the first that hosts fewer than 10 live points, else the
+    one with the largest distance score sqrt(d(i, newest)) sum_j 1/d(i, j) (Engel et al. 2018, eq. 20)."""
     older = len(frames.slot) - 2
     few = np.flatnonzero(np.bincount(host, minlength=older)[:older] < FEW_POINTS)
     if len(few):
@@ -67,8 +67,8 @@ def fold_points(window: Window, fold: BoolArray, rig: Rig, robust: Robust) -> No
 
 
 def marginalise(window: Window, j: int, gone: BoolArray, rig: Rig, robust: Robust, affine_prior: tuple[float, float]) -> None:
-    """Keyframe j and the points in gone (N,) leave the window for the prior. Residuals of other points in j are dropped, which keeps
-    the prior small (Engel et al. 2018, sec. 2.3)."""
+    """Keyframe j and the points in gone (N,) leave the window for the prior. Residuals of other points in j are dropped, which
+    keeps the prior small (Engel et al. 2018, sec. 2.3)."""
     F = len(window)
     fold_points(window, gone & (window.inlier[:, :F] > 0).any(axis=1) & (window.information > 1.0), rig, robust)
     a, b = 7 + 8 * j, 8 + 8 * j

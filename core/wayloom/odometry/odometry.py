@@ -14,7 +14,7 @@ from wayloom.config.progress import Progress, silent
 from wayloom.geometry import se3
 from wayloom.geometry.camera import StereoRig
 from wayloom.logs.types import DriveLog, StereoFrame
-from wayloom.odometry import adjust, feed, keyframing, marginalise, pyramid, recovery, rows, select, stereo, window
+from wayloom.odometry import adjust, feed, keyframing, marginalise, pyramid, recovery, rows, selection, stereo, window
 from wayloom.odometry import track as tracking
 from wayloom.odometry.harvest import FrameRow, Harvest, KeyframeRow
 from wayloom.odometry.kernels.arrays import Robust
@@ -34,8 +34,8 @@ def track(
 ) -> OdometryResult:
     """Track a whole drive. One pose for every frame; the result is the same, bit for bit, for any number of threads.
 
-    With threads > 1 the next pair is decoded while this one is tracked. Raises LogError for frames that cannot be read or that do not
-    have the rig's size.
+    With threads > 1 the next pair is decoded while this one is tracked. Raises LogError for frames that cannot be read or that
+    do not have the rig's size.
     """
     with feed.one_opencv_thread():
         progress(0.0, "aligning the rows of left and right")
@@ -60,7 +60,7 @@ class Odometry:
         self.t_ns: list[int] = []
         self.losses: list[dict[str, Any]] = []
         self.segment_frames: list[int] = []
-        self.cell = select.first_cell((rig.camera.height, rig.camera.width), settings.candidates)
+        self.cell = selection.first_cell((rig.camera.height, rig.camera.width), settings.candidates)
         self.failed, self.last_tracked = 0, 0
         self._reset(0.0, settings.bias_prior)
 
@@ -225,7 +225,7 @@ class Odometry:
         """Pixels (n, 2) of the left image where no point is yet, and their disparities (n,) px."""
         s = self.settings
         with self.stopwatch("select"):
-            pixels = select.select(left, uv_taken, round(self.cell), s.block, s.gradient_margin, s.border)
+            pixels = selection.select_candidates(left, uv_taken, round(self.cell), s.block, s.gradient_margin, s.border)
         with self.stopwatch("stereo"):
             found = stereo.match(left, right, pixels, s.max_disparity, s.uniqueness, s.max_cost, s.slope_cap)
         good = (found[:, 0] > s.min_disparity) & (found[:, 1] < s.max_sigma)
@@ -239,8 +239,8 @@ class Odometry:
         pixels, disparity = self._stereo_points(left, right, uv_taken)
         self.window.frames.gain_right[newest] = stereo.right_gain(left, right, pixels, disparity)
         room = s.points if newest == 0 else max(min(s.new_points, s.points - len(uv_taken)), s.min_new_points)
-        self.cell = select.next_cell(self.cell, len(pixels), room)
-        chosen = select.spread_sample(pixels, room)
+        self.cell = selection.next_cell(self.cell, len(pixels), room)
+        chosen = selection.spread_sample(pixels, room)
         rho = np.maximum(disparity[chosen] - self.window.delta[0], 0.1) / self.stereo_rig.bf
         window.add_points(self.window, pixels[chosen], rho, s.gradient_scale, self.harvest.next_point)
         self.harvest.next_point += len(chosen)

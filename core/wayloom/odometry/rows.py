@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geometry.camera import StereoRig
-from wayloom.odometry import select, stereo
+from wayloom.odometry import selection, stereo
 from wayloom.odometry.kernels.stereo import NO_MATCH, refine_both_axes
 
 HALF = 5
@@ -26,7 +26,7 @@ Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
 
 def row_matches(left: Image, right: Image, max_disparity: int = 180) -> FloatArray:
     """Stereo matches of one pair (h, w) with their row offsets: (n, 4) of left u, v, disparity, dv in px."""
-    pixels = select.select(left, np.zeros((0, 2)), 8, 32, 7.0, HALF + 4)
+    pixels = selection.select_candidates(left, np.zeros((0, 2)), 8, 32, 7.0, HALF + 4)
     found = stereo.match(left, right, pixels, max_disparity, 0.85, 12.0, 60)
     good = (found[:, 1] < NO_MATCH) & (found[:, 0] > 0.5)
     pixels, disparity = pixels[good], found[good, 0]
@@ -73,7 +73,7 @@ def maps(coefficients: FloatArray, rig: StereoRig) -> Maps:
     x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
     dv = (design(x.ravel(), y.ravel()) @ coefficients).reshape(u.shape)
     first, second = cv2.convertMaps(u.astype(np.float32), (v + dv).astype(np.float32), cv2.CV_16SC2)
-    return first, second
+    return np.asarray(first, np.int16), np.asarray(second, np.uint16)
 
 
 def align(right: Image, row_maps: Maps) -> Image:

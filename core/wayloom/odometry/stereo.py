@@ -11,8 +11,9 @@ FloatArray = NDArray[np.float64]
 
 
 def capped_slope(image: Image, cap: int) -> NDArray[np.int16]:
-    """(h, w) uint8 to (h, w) int16: horizontal Sobel / 4 capped to +-cap, 0 at the border. Stereo on it needs no left-right gain."""
-    sobel = np.clip(cv2.Sobel(image, cv2.CV_16S, 1, 0), -4 * cap, 4 * cap) >> 2
+    """(h, w) uint8 to int16: horizontal Sobel / 4 capped to +-cap, 0 at the border. Stereo on it needs no left-right gain."""
+    sobel = np.asarray(cv2.Sobel(image, cv2.CV_16S, 1, 0), np.int16)
+    sobel = np.clip(sobel, -4 * cap, 4 * cap) >> 2
     sobel[[0, -1]] = 0
     sobel[:, [0, -1]] = 0
     return np.ascontiguousarray(sobel, np.int16)

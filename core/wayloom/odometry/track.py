@@ -25,7 +25,8 @@ WAYS_M = (-0.6, -0.3, 0.3, 0.6)
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What frames are aligned with: keyframe is its row in the result; levels (n, 4) x, y, inverse depth 1/m, grey; finest first."""
+    """What frames are aligned with: keyframe is its row in the result; levels (n, 4) x, y, inverse depth 1/m, grey; finest
+    first."""
 
     keyframe: int
     levels: list[FloatArray]
@@ -86,8 +87,8 @@ def constant_motion(T_last: FloatArray, T_before: FloatArray, dt_before_s: float
 def further_guesses(
     T_constant: FloatArray, T_last: FloatArray, T_keyframe: FloatArray, dt_s: float, starting: bool
 ) -> list[FloatArray]:
-    """T_cam_world (4, 4) to try where constant motion fails: double, half, no motion, the keyframe's place; at a start several speeds;
-    constant motion with some yaw, pitch or way added."""
+    """T_cam_world (4, 4) to try where constant motion fails: double, half, no motion, the keyframe's place; at a start several
+    speeds; constant motion with some yaw, pitch or way added."""
     twist = se3.log(T_constant @ se3.inverse(T_last))
     guesses = [se3.exp(twist * share) @ T_last for share in (2.0, 0.5, 0.0)] + [T_keyframe]
     if starting:
@@ -98,15 +99,16 @@ def further_guesses(
 
 
 def best_alignment(
-    pyramid: Pyramid, reference: Reference, guesses: Iterable[FloatArray], brightness: FloatArray, best: Alignment | None,
+    pyramid: Pyramid, reference: Reference, guesses: Iterable[FloatArray], brightness: FloatArray, best: Alignment,
     T_world_keyframe: FloatArray, cameras: list[FloatArray], settings: OdometrySettings,
-) -> Alignment | None:  # fmt: skip
-    """The best of `best` and the alignments from guesses (T_cam_world of the frame): coarse levels first, the finest only from where they lead."""
+) -> Alignment:  # fmt: skip
+    """The best of `best` and the alignments from guesses (T_cam_world of the frame): coarse levels first, the finest only
+    from where they lead."""
     top = len(pyramid) - 1
     for T_guess in guesses:
         coarse = align(pyramid, reference, T_guess @ T_world_keyframe, brightness, cameras, top, min(2, top), settings)
         fine = align(pyramid, reference, coarse.T_frame_keyframe, coarse.brightness, cameras, min(1, top), 0, settings)
-        if best is None or better(fine, best, settings.min_visible):
+        if better(fine, best, settings.min_visible):
             best = fine
     return best
 

@@ -72,7 +72,7 @@ def empty_window(shape: tuple[int, ...], capacity: int, delta: float, bias_infor
 def add_keyframe(
     window: Window, left: NDArray[np.uint8], right: NDArray[np.uint8], T_cam_world: FloatArray, affine: FloatArray, keyframe: int
 ) -> None:
-    """Append a keyframe: its images (h, w), the right one with aligned rows, pose (4, 4), (2,) a and b, and its row in the result."""
+    """Append a keyframe: its images (h, w), the right one with aligned rows, pose (4, 4), (2,) a and b, its row in the result."""
     frames = window.frames
     slot = min(set(range(len(window.images.left))) - set(frames.slot.tolist()))
     window.images.left[slot], window.images.right[slot] = left, right

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt over a window, whole in one kernel: poses, brightness, inverse depths and the disparity bias, with the prior."""
+"""Levenberg-Marquardt over a window, whole in one kernel: poses, brightness, inverse depths, disparity bias, and the prior."""
 
 import numpy as np
 
@@ -24,7 +24,8 @@ GAUGE = 1e12
 def make_terms(N, F):  # type: ignore[no-untyped-def]
     """Empty Terms for N points and F frames."""
     return Terms(
-        np.zeros((F, F, LOCAL, LOCAL)), np.zeros((F, F, LOCAL)), np.zeros((N, F, LOCAL)), np.zeros((N, 2)), np.zeros((N, F + 1), np.int64)
+        np.zeros((F, F, LOCAL, LOCAL)), np.zeros((F, F, LOCAL)), np.zeros((N, F, LOCAL)), np.zeros((N, 2)),
+        np.zeros((N, F + 1), np.int64),
     )  # fmt: skip
 
 
@@ -70,7 +71,7 @@ def add_prior(z, prior_H, prior_g, affine, affine_prior, H, g):  # type: ignore[
 
 @jit
 def normal_equations(frames, points, terms, V, damping, H, g, inverse):  # type: ignore[no-untyped-def]
-    """H (1 + 8F, 1 + 8F) and g of delta and keyframes, all points eliminated; fills V and inverse for the step back to the points."""
+    """H (1 + 8F, 1 + 8F) and g of delta and keyframes, all points eliminated; V and inverse serve the step back to the points."""
     H[:] = 0.0
     g[:] = 0.0
     A = host_maps(frames)
@@ -177,8 +178,8 @@ def right_consistency(images, rig, frames, points, t, delta, robust):  # type: i
         gain, gain_right = gain_between(frames.affine[h], frames.affine[t]), frames.gain_right[t, 0]
         offset = gain_right * (frames.affine[t, 1] - gain * frames.affine[h, 1]) + frames.gain_right[t, 1]
         energy, inside = patch_residual(
-            images.right[frames.slot[t]], right_of(T[h, t], rig), x, y, points.rho[i], rig, delta, points.colour[i], points.weight[i],
-            gain * gain_right, offset, robust, M, e,
+            images.right[frames.slot[t]], right_of(T[h, t], rig), x, y, points.rho[i], rig, delta, points.colour[i],
+            points.weight[i], gain * gain_right, offset, robust, M, e,
         )  # fmt: skip
         out[i] = inside and energy <= robust.max_energy * PATCH
     return out

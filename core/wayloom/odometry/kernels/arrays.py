@@ -1,4 +1,4 @@
-"""The bundles of arrays that kernels pass to each other. Frames of the window are numbered 0 to F-1, oldest first; N live points."""
+"""The bundles of arrays that kernels pass to each other. Frames of the window count from 0 to F-1, oldest first; N live points."""
 
 from typing import NamedTuple
 
@@ -65,8 +65,8 @@ class PointColumns(NamedTuple):
 
 
 class Robust(NamedTuple):
-    """huber: grey levels; max_energy: grey^2 a pixel, of a patch, above which it is an outlier; static_weight: the coupling lambda of
-    the host's right image; observer_right_weight: the same for the observers' right images, 0 switches them off."""
+    """huber: grey levels; max_energy: grey^2 a pixel, of a patch, above which it is an outlier; static_weight: the coupling lambda
+    of the host's right image; observer_right_weight: the same for the observers' right images, 0 switches them off."""
 
     huber: float
     max_energy: float

@@ -1,4 +1,4 @@
-"""The normal equations of a window: every residual linearised, gathered a pair, then mapped to the state with the points eliminated.
+"""The normal equations of a window: every residual linearised, gathered a pair, mapped to the state, the points eliminated.
 
 State: z = (delta, then for each keyframe its left perturbation (v, omega), a, b), 1 + 8F unknowns.
 """
@@ -15,8 +15,8 @@ IDENTITY = np.eye(4)
 
 @jit
 def add_pair(J, M, e, scale, gain, H, g, coupling, own):  # type: ignore[no-untyped-def]
-    """Chain patch_residual's M (4, 4), e (4,) with J (2, 8) of projection_jacobian and add, times scale, to the pair's H (9, 9, lower)
-    and g (9,), the point's coupling (9,) and own (2,). gain: d(predicted)/d(a, b) is that times the colour and one."""
+    """Chain patch_residual's M (4, 4), e (4,) with J (2, 8) of projection_jacobian and add, times scale, to the pair's H (9, 9,
+    lower) and g (9,), the point's coupling (9,) and own (2,). gain: d(predicted)/d(a, b) is that times the colour and one."""
     ru, rv = J[0, 7], J[1, 7]
     for k in range(7):
         row = k if k < 6 else 8
@@ -116,7 +116,7 @@ def add_temporal(i, t, T, S, right, images, rig, frames, points, delta, robust, 
 
 @jit
 def relative_poses(frames, first):  # type: ignore[no-untyped-def]
-    """T_target_host (F, F, 4, 4) by [host, target]: current (first = 0), or at the first estimates of the frames that have them (1)."""
+    """T_target_host (F, F, 4, 4) by [host, target]: current (first = 0), or at the first estimates of frames that have one (1)."""
     F = frames.slot.shape[0]
     out = np.empty((F, F, 4, 4))
     for h in range(F):
@@ -131,8 +131,8 @@ def relative_poses(frames, first):  # type: ignore[no-untyped-def]
 def linearise(images, rig, frames, points, delta, robust, terms):  # type: ignore[no-untyped-def]
     """All residuals of the window at its current state into zeroed terms; returns the energy, a patch's at most max_energy a pixel.
 
-    Image gradients are taken at the current state, the geometry at the first estimates (first-estimate Jacobians, Engel et al. 2018,
-    sec. 2.3), so that frames of the prior keep its null space.
+    Image gradients are taken at the current state, the geometry at the first estimates (first-estimate Jacobians, Engel et al.
+    2018, sec. 2.3), so that frames of the prior keep its null space.
     """
     F, total = frames.slot.shape[0], 0.0
     T, S = relative_poses(frames, 0), relative_poses(frames, 1)
@@ -230,7 +230,7 @@ def couplings_of_state(terms, A, points, V):  # type: ignore[no-untyped-def]
 
 @jit
 def eliminate_points(terms, V, points, damping, H, g, inverse):  # type: ignore[no-untyped-def]
-    """Schur complement: subtracts v v^T / h and v (own gradient) / h of every point from H (lower) and g; fills inverse (N,) = 1/h."""
+    """Schur complement: subtracts v v^T / h and v (own gradient) / h of every point from H (lower) and g; inverse (N,) = 1/h."""
     F, blocks = (V.shape[1] - 1) // 8, np.empty(V.shape[1], np.int64)
     for i in range(points.host.shape[0]):
         information = terms.own[i, 0]

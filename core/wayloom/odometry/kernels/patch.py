@@ -23,8 +23,8 @@ def patch_residual(image, T, x, y, rho, rig, shift, colours, weights, gain, offs
 
     image (h, w) uint8; T (4, 4) T_target_host, with the right camera's translation for a right image; x, y ray; shift px.
     Fills M (4, 4, upper) = sum W d d^T and e (4,) = sum W d r for d = (dI/du, dI/dv, -gain colour, -1), W = gradient weight times
-    Huber weight (Engel et al. 2018, eq. 4). Returns the energy and whether the patch is inside the image and in front. The energy of
-    an outlier (above max_energy a pixel) is returned as it was when it passed the limit; then M and e are not filled.
+    Huber weight (Engel et al. 2018, eq. 4). Returns the energy and whether the patch is inside the image and in front. The energy
+    of an outlier (above max_energy a pixel) is returned as it was when it passed the limit; then M and e are not filled.
     """
     h, w = image.shape
     X = T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * rho
@@ -82,7 +82,7 @@ def patch_residual(image, T, x, y, rho, rig, shift, colours, weights, gain, offs
 
 @jit
 def projection_jacobian(S, x, y, rho, rig, right, J):  # type: ignore[no-untyped-def]
-    """Fills J (2, 8) = d(u, v)/d(v, omega, delta, rho) of a point's projection into the target's left (right = 0) or right image (1).
+    """Fills J (2, 8) = d(u, v)/d(v, omega, delta, rho) of a point's projection into the target's left (right = 0) or right image.
 
     S (4, 4) T_target_host at the first estimates. The target moves as exp(xi) S: dP = rho v + omega x P, with P in the left camera
     whichever image is looked at. Returns whether the point is in front.

@@ -36,8 +36,8 @@ def select_pixels(size, thresholds, block, cell, border, taken, points):  # type
     """The strongest pixel of each cell of `cell` px above its block's threshold; where a 2x2 group of cells has none, one at 3/4 of
     the threshold; where a 4x4 group has none, one at 1/2 (after Engel et al. 2018, sec. 3.2).
 
-    size (h, w) float32 gradient; thresholds (h/block, w/block); taken (h/8 + 1, w/8 + 1) bool; fills points (capacity, 2) int64 with
-    (u, v) and returns their number.
+    size (h, w) float32 gradient; thresholds (h/block, w/block); taken (h/8 + 1, w/8 + 1) bool; fills points (capacity, 2) int64
+    with (u, v) and returns their number.
     """
     h, w = size.shape[0] - border, size.shape[1] - border
     best, n = np.zeros((3, 3)), 0

@@ -48,8 +48,8 @@ def best_column(template, image, u, v, x_low, x_high, costs):  # type: ignore[no
 def refine_column(left, right, u, v, x_start):  # type: ignore[no-untyped-def]
     """Sub-pixel column of left's patch at (u, v) in right, both (h, w) uint8.
 
-    Gauss-Newton on sum (R(x) - L - offset)^2 with the offset eliminated and the gradient averaged over both images. Returns x and its
-    sigma = sqrt(residual variance / information), NO_MATCH where it does not converge.
+    Gauss-Newton on sum (R(x) - L - offset)^2 with the offset eliminated and the gradient averaged over both images. Returns x and
+    its sigma = sqrt(residual variance / information), NO_MATCH where it does not converge.
     """
     x, information, variance = float(x_start), 0.0, 0.0
     for _ in range(6):
@@ -62,9 +62,9 @@ def refine_column(left, right, u, v, x_start):  # type: ignore[no-untyped-def]
             for dx in range(-HALF_W, HALF_W + 1):
                 before, r0 = f32(right[y, ix + dx - 1]), f32(right[y, ix + dx])
                 r1, after = f32(right[y, ix + dx + 1]), f32(right[y, ix + dx + 2])
-                r = (f32(1) - a) * r0 + a * r1 - f32(left[y, u + dx])
+                r = float((f32(1) - a) * r0 + a * r1 - f32(left[y, u + dx]))
                 slope = f32(left[y, u + dx + 1]) - f32(left[y, u + dx - 1])
-                j = f32(0.25) * ((f32(1) - a) * (r1 - before) + a * (after - r0) + slope)
+                j = float(f32(0.25) * ((f32(1) - a) * (r1 - before) + a * (after - r0) + slope))
                 sr += r
                 sj += j
                 srj += r * j

@@ -14,7 +14,7 @@ BORDER = 2
 
 @jit
 def splat(uv, rho, level, h, w):  # type: ignore[no-untyped-def]
-    """Sums (h, w) float32 and counts (h, w) float32 of inverse depths rho (n,) on the pixels of a level, uv (n, 2) px of level 0."""
+    """Sums and counts (h, w) float32 of inverse depths rho (n,) on the pixels of a level; uv (n, 2) px of level 0."""
     total, count = np.zeros((h, w), np.float32), np.zeros((h, w), np.float32)
     for i in range(rho.shape[0]):
         x, y = int(uv[i, 0] + 0.5) >> level, int(uv[i, 1] + 0.5) >> level
@@ -50,8 +50,8 @@ def gather(image, total, count, spread, camera, out):  # type: ignore[no-untyped
 def tracking_equations(image, reference, T, gain, offset, camera, huber, cutoff, H, g):  # type: ignore[no-untyped-def]
     """Normal equations of r = I(project(T p)) - (gain I_ref + offset) with Huber weight, constant energy beyond cutoff.
 
-    image (h, w, 3) float32; reference (n, 4) x, y, rho, grey; T (4, 4) T_frame_keyframe; camera (4,) px. Fills H (8, 8) = J^T W J and
-    g (8,) = -J^T W r for (v, omega, gain, offset); returns energy, points in view, points beyond cutoff.
+    image (h, w, 3) float32; reference (n, 4) x, y, rho, grey; T (4, 4) T_frame_keyframe; camera (4,) px. Fills H (8, 8) = J^T W J
+    and g (8,) = -J^T W r for (v, omega, gain, offset); returns energy, points in view, points beyond cutoff.
     """
     fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
     h, w = image.shape[0], image.shape[1]

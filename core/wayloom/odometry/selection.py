@@ -32,7 +32,7 @@ def first_cell(shape: tuple[int, ...], candidates: int) -> float:
     return math.sqrt(shape[0] * shape[1] / candidates)
 
 
-def select(
+def select_candidates(
     image: NDArray[np.uint8], uv_taken: NDArray[np.float64], cell: int, block: int, margin: float, border: int
 ) -> NDArray[np.int64]:
     """Candidate pixels (n, 2) of an image (h, w), in row order of cells; none where uv_taken (N, 2) px already are."""
