@@ -100,6 +100,40 @@ def test_segments_after_a_loss_are_joined_by_gnss():
     assert np.linalg.norm(position_errors(broken, georeference(broken.log, broken.odometry)), axis=1).max() < 0.6
 
 
+def test_a_drive_in_ten_pieces_is_put_together_again():
+    drive = made_drive(seed=9, frames=300, sigma_m=0.3)
+    rng = np.random.default_rng(9)
+    segment = (np.arange(300) // 30).astype(np.int32)
+    T = drive.odometry.trajectory.T_world_cam.copy()
+    for start in range(30, 300, 30):
+        jump = se3.exp(np.concatenate([rng.normal(size=3) * 3.0, rng.normal(size=3) * 0.2]))
+        T[start:] = T[start] @ jump @ se3.inverse(T[start]) @ T[start:]
+    broken = dataclasses.replace(drive, odometry=odometry_of(drive.odometry.trajectory.t_ns, T, segment))
+    assert np.linalg.norm(position_errors(broken, georeference(broken.log, broken.odometry)), axis=1).max() < 1.5
+
+
+def test_a_piece_without_any_fix_stays_near_its_neighbours_and_is_uncertain():
+    drive = made_drive(seed=10, frames=150, sigma_m=0.1)
+    types = drive.log.gnss.fix_type.copy()
+    types[50:100] = FixType.NONE
+    drive = with_fixes(drive, fix_type=types)
+    segment = (np.arange(150) // 50).astype(np.int32)
+    broken = dataclasses.replace(
+        drive, odometry=odometry_of(drive.odometry.trajectory.t_ns, drive.odometry.trajectory.T_world_cam, segment)
+    )
+    geo = georeference(broken.log, broken.odometry)
+    sigma = np.sqrt(np.trace(position_covariance(geo.T_enu_cam, geo.covariance), axis1=1, axis2=2))
+    assert sigma[75] > 5.0
+    assert np.linalg.norm(position_errors(broken, geo), axis=1)[75] < sigma[75]
+
+
+def test_poses_that_are_not_finite_are_refused_by_frame():
+    drive = made_drive(frames=20)
+    drive.odometry.trajectory.T_world_cam[7, 0, 3] = np.inf
+    with pytest.raises(StageError, match="frame 7 is not finite"):
+        georeference(drive.log, drive.odometry)
+
+
 def test_without_gnss_the_map_is_in_the_drives_own_frame_and_says_so():
     drive = made_drive()
     geo = georeference(dataclasses.replace(drive.log, gnss=None), drive.odometry)

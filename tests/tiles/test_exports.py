@@ -4,8 +4,8 @@ import laspy
 import numpy as np
 import pyproj
 import pytest
+from made_maps import made_map
 
-from tiles.made_maps import made_map
 from wayloom.config.classes import CLASS_ID, PALETTE, VOID
 from wayloom.geometry import se3
 from wayloom.georeference import geodesy

@@ -6,8 +6,8 @@ import cv2
 import mapbox_vector_tile
 import numpy as np
 import pytest
+from made_maps import made_map, made_tracks
 
-from tiles.made_maps import made_map, made_tracks
 from wayloom.config.classes import CLASS_COUNT, CLASS_NAMES, PALETTE
 from wayloom.errors import InputError, StageError
 from wayloom.georeference import geodesy

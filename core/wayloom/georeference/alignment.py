@@ -39,11 +39,14 @@ def georeference(
 
     frame : the map's frame; None takes the one of the place (`map_frame_for`). Without a usable fix the result has no frame, and
             its poses are the odometry's own.
-    Raises StageError when nothing was tracked.
+    Raises StageError when nothing was tracked, or a pose is not finite.
     """
     trajectory = odometry.trajectory
     if not trajectory.tracked.any():
         raise StageError("the odometry tracked no frame: there is nothing to geo-reference; look at the odometry's report")
+    finite = np.isfinite(trajectory.T_world_cam).all(axis=(1, 2))
+    if not finite.all():
+        raise StageError(f"the odometry's pose of frame {int(np.argmin(finite))} is not finite: track the drive again")
     if log.gnss is None or len(log.gnss) == 0:
         return _in_own_frame(trajectory, NO_GNSS, {})
     progress(0.0, "choosing fixes")

@@ -8,7 +8,7 @@ An int64 holds the offsets of 10^10 points in one voxel at the greatest weight. 
 1/8192 of the voxel's edge.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,12 +32,13 @@ VOTE_STEPS = 65_536.0
 KEY_BITS = 21
 KEY_LIMIT = 1 << (KEY_BITS - 1)
 STATIC_CLASSES = np.array([c for c in range(CLASS_COUNT) if c not in MOVING_CLASSES and c != SKY])
+ADD_AFTER = 16  # submaps; so memory stays near that of the voxels, not of the points
 NEVER_NS = np.iinfo(np.int64).min
 
 
 @dataclass(frozen=True, slots=True)
 class _Sums:
-    """Sums of V voxels with sorted packed keys, and the distinct pairs (voxel key, drive number) that were seen."""
+    """Sums of V voxels with sorted packed keys."""
 
     key: IntArray
     weight: IntArray
@@ -45,10 +46,9 @@ class _Sums:
     votes: IntArray
     count: IntArray
     last_seen_ns: IntArray
-    pairs: IntArray
 
     @staticmethod
-    def zeros(key: IntArray, pairs: IntArray) -> "_Sums":
+    def zeros(key: IntArray) -> "_Sums":
         n = len(key)
         return _Sums(
             key,
@@ -57,7 +57,6 @@ class _Sums:
             np.zeros((n, CLASS_COUNT), np.int64),
             np.zeros(n, np.int64),
             np.full(n, NEVER_NS),
-            pairs,
         )
 
 
@@ -70,27 +69,27 @@ def merge(placed: Iterable[PlacedSubmap], settings: MergeSettings = MergeSetting
     Raises StageError when the submaps are of different frames, or lie more than 2^20 voxels from the frame's origin.
     """
     frame: MapFrame | None = None
-    drives: dict[str, int] = {}
+    keys_of_drive: dict[str, list[IntArray]] = {}
     met: set[tuple[str, str]] = set()
     sums: list[_Sums] = []
     left_out = {"moving": 0, "sky": 0, "void": 0}
     for item in placed:
         if not met:
             frame = item.frame
-        _check_frame(item, frame, drives)
+        _check_frame(item, frame, keys_of_drive)
         name = (item.drive_id, item.submap.digest)
         if name in met:
             continue
         met.add(name)
-        drive = drives.setdefault(item.drive_id, len(drives))
-        sums.append(_sum_submap(item, drive, settings.voxel_m, bounds, left_out))
-        if len(sums) == 16:  # memory stays near that of the voxels, not of the points
+        sums.append(_sum_submap(item, settings.voxel_m, bounds, left_out))
+        keys_of_drive.setdefault(item.drive_id, []).append(sums[-1].key)
+        if len(sums) == ADD_AFTER:
             sums = [_add(sums)]
-    total = _add(sums) if sums else _Sums.zeros(np.zeros(0, np.int64), np.zeros((0, 2), np.int64))
-    return _voxel_map(total, frame, settings.voxel_m, {k: v for k, v in left_out.items() if v})
+    drives = _drives_of_voxels(keys_of_drive)
+    return _voxel_map(_add(sums), drives, frame, settings.voxel_m, {k: v for k, v in left_out.items() if v})
 
 
-def _check_frame(item: PlacedSubmap, frame: MapFrame | None, drives: dict[str, int]) -> None:
+def _check_frame(item: PlacedSubmap, frame: MapFrame | None, drives: Collection[str]) -> None:
     if item.frame != frame:
         raise StageError(
             f"drive {item.drive_id} lies in the frame {item.frame}, the others in {frame}: geo-reference them in one frame"
@@ -111,7 +110,7 @@ def unpack(packed: IntArray) -> IntArray:
     return np.column_stack([packed >> (2 * KEY_BITS), (packed >> KEY_BITS) & mask, packed & mask]) - KEY_LIMIT
 
 
-def _sum_submap(item: PlacedSubmap, drive: int, voxel_m: float, bounds: Bounds | None, left_out: dict[str, int]) -> _Sums:
+def _sum_submap(item: PlacedSubmap, voxel_m: float, bounds: Bounds | None, left_out: dict[str, int]) -> _Sums:
     submap = item.submap
     in_voxels = item.points_enu() / voxel_m
     keys = np.floor(in_voxels).astype(np.int64)
@@ -124,7 +123,7 @@ def _sum_submap(item: PlacedSubmap, drive: int, voxel_m: float, bounds: Bounds |
     rows = np.flatnonzero(inside & _static(submap.label, inside, left_out))
     packed = pack(keys[rows])
     key, voxel = np.unique(packed, return_inverse=True)
-    sums = _Sums.zeros(key, np.column_stack([key, np.full(len(key), drive, np.int64)]))
+    sums = _Sums.zeros(key)
     offset = np.floor((in_voxels[rows] - keys[rows]) * OFFSET_STEPS).astype(np.int64)
     weight = np.clip(np.rint(WEIGHT_STEPS / submap.variance[rows].astype(np.float64)), 1, MAX_WEIGHT).astype(np.int64)
     start, vote_class, vote_weight = _votes(item, rows)
@@ -178,9 +177,8 @@ def _votes(item: PlacedSubmap, rows: IntArray) -> tuple[IntArray, NDArray[np.uin
 
 def _add(parts: list[_Sums]) -> _Sums:
     """One table of sums from several."""
-    key = np.unique(np.concatenate([part.key for part in parts]))
-    pairs = np.unique(np.concatenate([part.pairs for part in parts]), axis=0)
-    out = _Sums.zeros(key, pairs)
+    key = np.unique(np.concatenate([np.zeros(0, np.int64), *(part.key for part in parts)]))
+    out = _Sums.zeros(key)
     for part in parts:
         add_voxels(
             np.searchsorted(key, part.key),
@@ -198,11 +196,17 @@ def _add(parts: list[_Sums]) -> _Sums:
     return out
 
 
-def _voxel_map(total: _Sums, frame: MapFrame | None, voxel_m: float, left_out: dict[str, int]) -> VoxelMap:
+def _drives_of_voxels(keys_of_drive: dict[str, list[IntArray]]) -> IntArray:
+    """(V,) how many drives saw each voxel, in the order of the keys."""
+    keys = [np.unique(np.concatenate(parts)) for parts in keys_of_drive.values()]
+    _, drives = np.unique(np.concatenate([np.zeros(0, np.int64), *keys]), return_counts=True)
+    return drives
+
+
+def _voxel_map(total: _Sums, drives: IntArray, frame: MapFrame | None, voxel_m: float, left_out: dict[str, int]) -> VoxelMap:
     keys = unpack(total.key)
     # The middle of the step that the offset was floored to.
     within = (total.offset / np.maximum(total.weight, 1)[:, None] + 0.5) / OFFSET_STEPS
-    _, drives = np.unique(total.pairs[:, 0], return_counts=True)
     return VoxelMap(
         frame,
         voxel_m,

@@ -3,13 +3,12 @@
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-import mapbox_vector_tile
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT, CLASS_NAMES
+from wayloom.tiles import protobuf
 from wayloom.tiles.grid import TileAddress, unit_from_lonlat
 from wayloom.tiles.levels import Level
 
@@ -39,30 +38,30 @@ def encode_mvt(cells: Level | None, cells_per_edge: int, lines: Sequence[tuple[s
     cells : the counts whose pixels are this tile's cells, cells_per_edge of them along each edge
     lines : (drive id, points in tile units, y down), clipped already
     """
-    layers = []
+    out = b""
     if cells is not None:
-        layers.append({"name": CELLS_LAYER, "features": list(_cell_features(cells, cells_per_edge))})
+        out += protobuf.layer(CELLS_LAYER, EXTENT, protobuf.POLYGON, _cell_features(cells, cells_per_edge))
     if lines:
-        features = [
-            {"geometry": {"type": "LineString", "coordinates": line}, "properties": {"drive": drive}} for drive, line in lines
-        ]
-        layers.append({"name": TRACKS_LAYER, "features": features})
-    return bytes(mapbox_vector_tile.encode(layers, default_options={"y_coord_down": True, "extents": EXTENT}))
+        features = [(protobuf.line(line), {"drive": drive}) for drive, line in lines]
+        out += protobuf.layer(TRACKS_LAYER, EXTENT, protobuf.LINE, features)
+    return out
 
 
-def _cell_features(cells: Level, cells_per_edge: int) -> Iterator[dict[str, Any]]:
+def _cell_features(cells: Level, cells_per_edge: int) -> Iterator[tuple[bytes, dict[str, protobuf.Value]]]:
+    """Outline and properties of each cell, in the order of rows."""
     size = EXTENT // cells_per_edge
     classes = np.flatnonzero(cells.code < CLASS_COUNT)
     row, column = cells.row[classes] % cells_per_edge, cells.column[classes] % cells_per_edge
-    code, count = cells.code[classes], cells.count[classes]
-    place = row * cells_per_edge + column
-    for rows in np.split(np.arange(len(classes)), np.flatnonzero(np.diff(place)) + 1):
-        x, y = int(column[rows[0]]) * size, int(row[rows[0]]) * size
-        top = int(code[rows][np.argmax(count[rows])])
-        properties: dict[str, Any] = {"class": CLASS_NAMES[top], "label": top, "count": int(count[rows].sum())}
-        properties |= {count_property(int(c)): int(n) for c, n in zip(code[rows], count[rows], strict=True)}
-        ring = [(x, y), (x + size, y), (x + size, y + size), (x, y + size), (x, y)]
-        yield {"geometry": {"type": "Polygon", "coordinates": [ring]}, "properties": properties}
+    codes, counts = cells.code[classes].tolist(), cells.count[classes].tolist()
+    edges = np.flatnonzero(np.diff(row * cells_per_edge + column)) + 1
+    starts = [0, *edges.tolist(), len(codes)] if codes else []
+    rows, columns = row.tolist(), column.tolist()
+    for start, stop in itertools.pairwise(starts):
+        counted = dict(zip(codes[start:stop], counts[start:stop], strict=True))
+        top = max(counted, key=lambda label: (counted[label], -label))
+        properties: dict[str, protobuf.Value] = {"class": CLASS_NAMES[top], "label": top, "count": sum(counted.values())}
+        properties |= {count_property(label): count for label, count in counted.items()}
+        yield protobuf.square(columns[start] * size, rows[start] * size, size), properties
 
 
 def tiles_of_track(track: LonLatTrack, zoom: int) -> dict[TileAddress, list[list[tuple[int, int]]]]:
