@@ -1,0 +1,35 @@
+import mapbox_vector_tile
+import pytest
+
+from wayloom.tiles import protobuf
+
+
+@pytest.mark.parametrize(("value", "data"), [(0, b"\x00"), (127, b"\x7f"), (128, b"\x80\x01"), (300, b"\xac\x02")])
+def test_numbers_are_written_as_the_wire_format_says(value, data):
+    assert protobuf.varint(value) == data
+
+
+def test_small_numbers_with_sign_stay_short():
+    assert [protobuf.zigzag(n) for n in (0, -1, 1, -2)] == [b"\x00", b"\x01", b"\x02", b"\x03"]
+    assert protobuf.zigzag(2147483647) == protobuf.varint(4294967294)
+
+
+def test_the_specifications_own_example_of_a_polygon_is_met():
+    """Section 4.3.5.5's ring is drawn with MoveTo 1 (9), LineTo (26 for three points), ClosePath (15)."""
+    assert list(protobuf.square(3, 6, 5)) == [9, 6, 12, 26, 10, 0, 0, 10, 9, 0, 15]
+
+
+def test_a_reader_of_others_gets_back_what_was_written():
+    squares = [(protobuf.square(32 * i, 64 * i, 32), {"class": f"é {i % 3}", "count": 10**i}) for i in range(12)]
+    tracks = [(protobuf.line([(-64, 5), (4096, 5), (0, 4160)]), {"drive": "a"})]
+    data = protobuf.layer("cells", 4096, protobuf.POLYGON, squares) + protobuf.layer("tracks", 4096, protobuf.LINE, tracks)
+    read = mapbox_vector_tile.decode(data, default_options={"y_coord_down": True})
+    assert read["cells"]["version"] == 2
+    assert read["cells"]["extent"] == 4096
+    for i, feature in enumerate(read["cells"]["features"]):
+        assert feature["properties"] == {"class": f"é {i % 3}", "count": 10**i}
+        x, y = 32 * i, 64 * i
+        ring = feature["geometry"]["coordinates"][0]
+        assert {tuple(p) for p in ring} == {(x, y), (x + 32, y), (x + 32, y + 32), (x, y + 32)}
+        assert ring[0] == ring[-1]
+    assert [tuple(p) for p in read["tracks"]["features"][0]["geometry"]["coordinates"]] == [(-64, 5), (4096, 5), (0, 4160)]
