@@ -45,7 +45,7 @@ def reused(result):
 def test_everything_promised_is_there(done):
     out, result = done
     assert {path.name for path in out.iterdir()} == PRODUCTS
-    assert {path.name for path in (out / "stages").iterdir()} == {*STAGES, ".lock"}
+    assert {path.name for path in (out / "stages").iterdir()} == {*STAGES, ".lock", "products.json"}
     assert len((out / "trajectory.tum").read_text().splitlines()) == FRAMES
     assert reused(result) == []
     assert result.odometry.trajectory.tracked.all()

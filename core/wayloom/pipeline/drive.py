@@ -10,12 +10,13 @@ from wayloom.georeference.files import load_georeference
 from wayloom.georeference.types import GeoReference
 from wayloom.labelling.files import load_labels
 from wayloom.labelling.types import PointLabels
+from wayloom.logs.atomic import write_atomically
 from wayloom.logs.registry import open_log
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.files import load_odometry
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.exports import write_exports
-from wayloom.pipeline.folders import new_folders, put_in_place, sole_writer, sweep, whole_folder, writing_to
+from wayloom.pipeline.folders import discard, new_folders, put_in_place, sole_writer, sweep, whole_folder, writing_to
 from wayloom.pipeline.ingest import read_log_file
 from wayloom.pipeline.keys import read_stage_file
 from wayloom.pipeline.settings import ProcessSettings
@@ -26,6 +27,7 @@ from wayloom.submaps.files import load_submaps
 from wayloom.submaps.submap import PlacedSubmap
 
 STAGES_DIR: Final = "stages"
+PRODUCTS_FILE: Final = "products.json"
 
 
 class DriveProgress(Protocol):
@@ -93,11 +95,23 @@ def process_drive(
             write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder)
             progress("exports", 0.6, "writing the report")
             write_more(result, folder)
-        for product in sorted((stages_dir / "exports").iterdir(), key=lambda path: (path.name == "report.json", path.name)):
-            put_in_place(product, out_dir / product.name)
-        (stages_dir / "exports").rmdir()
+        _publish(stages_dir / "exports", out_dir)
         progress("exports", 1.0, f"written to {out_dir}")
     return result
+
+
+def _publish(gathered: Path, out_dir: Path) -> None:
+    """Move each product into out_dir, report.json last, and remove those of an earlier run that this one does not have."""
+    names = sorted((path.name for path in gathered.iterdir()), key=lambda name: (name == "report.json", name))
+    listing = gathered.parent / PRODUCTS_FILE
+    earlier = json.loads(listing.read_text()) if listing.exists() else []
+    write_atomically(listing, json.dumps(sorted({*earlier, *names})).encode())
+    for name in set(earlier) - set(names):
+        discard(out_dir / Path(name).name)
+    for name in names:
+        put_in_place(gathered / name, out_dir / name)
+    gathered.rmdir()
+    write_atomically(listing, json.dumps(names).encode())
 
 
 def _stage(

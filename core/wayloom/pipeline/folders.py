@@ -85,6 +85,14 @@ def put_in_place(source: Path, target: Path) -> None:
         os.replace(source, target)
 
 
+def discard(path: Path) -> None:
+    """Remove a file or folder, if it is there."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
 def sweep(folder: Path) -> None:
     """Remove what killed processes left. Only for the holder of the folder's lock."""
     for leftover in folder.glob(f"{UNFINISHED}*"):

@@ -93,7 +93,7 @@ def _draw_fixes(axes: Axes, picture: TrackPicture) -> None:
     for fix in FixType:
         chosen = picture.fix_type == fix
         if chosen.any():
-            label = f"GNSS, {fix.name.lower()} ({int(chosen.sum())})"
+            label = f"GNSS antenna, {fix.name.lower()} ({int(chosen.sum())})"
             axes.scatter(
                 picture.fixes[chosen, 0],
                 picture.fixes[chosen, 1],
