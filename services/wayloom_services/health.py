@@ -1,6 +1,7 @@
 """Whether the server lives, whether it can work, and what it counts."""
 
 from fastapi import APIRouter, Depends, Response
+from fastapi.responses import PlainTextResponse
 from prometheus_client import CONTENT_TYPE_LATEST
 from redis import Redis
 from redis.exceptions import RedisError
@@ -33,7 +34,7 @@ async def ready(response: Response, service: ServiceDep) -> Health:
     return Health(status="ok" if set(checks.values()) == {"ok"} else "degraded", version=__version__, checks=checks)
 
 
-@router.get("/metrics", response_class=Response, dependencies=[Depends(require_key)])
+@router.get("/metrics", response_class=PlainTextResponse, dependencies=[Depends(require_key)])
 async def metrics(service: ServiceDep) -> Response:
     """In Prometheus' text format."""
     await service.read(lambda session: _count(service, session))

@@ -38,6 +38,7 @@ class Up:
 
     def __init__(self, data: Path, *arguments: str, **variables: str) -> None:
         self.data = data
+        self._api: Api | None = None
         self.ready = data.parent / f"{data.name}.ready"
         command = [sys.executable, "-m", "wayloom.cli.main", "up", "--data", str(data), "--ready-file", str(self.ready), *arguments]
         if "--port" not in arguments:
@@ -55,10 +56,14 @@ class Up:
 
     @property
     def url(self) -> str:
+        """Where it listens."""
         return self.ready.read_text().strip()
 
     def api(self) -> Api:
-        return Api(self.url, pauses_s=(0.2, 0.5, 1.0, 2.0))
+        """A client that is closed with the service."""
+        if self._api is None:
+            self._api = Api(self.url, pauses_s=(0.2, 0.5, 1.0, 2.0))
+        return self._api
 
     def children(self, what: str) -> list[int]:
         """Process ids of the children whose command line has these words."""
@@ -76,6 +81,9 @@ class Up:
         return [line.split() for line in path.read_text().splitlines()] if path.exists() else []
 
     def stop(self) -> None:
+        """As by Ctrl-C."""
+        if self._api is not None:
+            self._api.close()
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
         try:
@@ -115,6 +123,7 @@ def descendants(pid: int) -> list[int]:
 
 
 def command_line(pid: int) -> str:
+    """The words that the process was started with."""
     try:
         return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
     except OSError:
@@ -132,15 +141,18 @@ class ApiAlone:
         self.start()
 
     def start(self) -> None:
+        """Listen again on the same port."""
         fd = self._listener.fileno()
         command = [sys.executable, "-m", "wayloom_services", "--fd", str(fd)]
         self.process = subprocess.Popen(command, env=self._variables, pass_fds=(fd,))
 
     def kill(self) -> None:
+        """kill -9."""
         self.process.kill()
         self.process.wait()
 
     def close(self) -> None:
+        """Stop it and give the port back."""
         self.process.terminate()
         self.process.wait(20)
         self._listener.close()

@@ -228,7 +228,9 @@ def broken_link(url: str, address: str, at: int, promised: int, sent: bytes) -> 
 
 
 def test_what_came_before_the_link_broke_is_kept(http: httpx2.Client, address: str, api_process: ApiAlone) -> None:
-    broken_link(api_process.url, address, 0, len(DATA), DATA[:1000]).close()
+    link = broken_link(api_process.url, address, 0, len(DATA), DATA[:1000])
+    time.sleep(1.0)  # what the server's HTTP layer has not handed on when it hears of the end is lost
+    link.close()
     assert until(lambda: offset(http, address)) == 1000
     assert patch(http, address, 1000, DATA[1000:]).status_code == 204
 

@@ -31,8 +31,7 @@ def upload_command(
 
     if gnss is not None and len(logs) > 1:
         raise ConfigError("--gnss belongs to one drive, several were given", remedy="send the drives one by one")
-    api = Api(to, connections=connections)
-    with progress_bars() as bars:
+    with Api(to, connections=connections) as api, progress_bars() as bars:
         parcels = []
         for path in logs:
             bar = bars.add_task(f"{path.name}: reading", total=None)

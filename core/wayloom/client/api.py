@@ -3,7 +3,8 @@
 import os
 import time
 from collections.abc import Iterable
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 import httpx2
 
@@ -35,6 +36,12 @@ class Api:
         except httpx2.InvalidURL as error:
             raise ServiceError(f"{url} is no address of a server: {error}") from None
         self.url = url.rstrip("/")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
 
     def close(self) -> None:
         """Close every connection."""
