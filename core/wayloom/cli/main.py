@@ -10,7 +10,7 @@ import typer
 from wayloom import __version__
 from wayloom.errors import InputError, WayloomError
 
-COMMANDS = ("inspect", "odometry", "process", "simulate", "models", "up", "upload", "export", "benchmark", "doctor")
+COMMANDS = ("inspect", "odometry", "process", "simulate", "models", "up", "upload", "export", "benchmark", "doctor", "demo")
 
 app = typer.Typer(
     add_completion=False,

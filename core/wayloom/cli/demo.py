@@ -1,0 +1,192 @@
+"""`wayloom demo`: the main job from beginning to end on this machine. `make demo` calls it."""
+
+import contextlib
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from wayloom.errors import ConfigError, ServiceError, StageError
+
+if TYPE_CHECKING:
+    from wayloom.client.api import Api
+
+PRESET, SIZE = "demo", "half"
+PORT = 8088
+START_TIMEOUT_S = 90.0
+
+
+@dataclass(frozen=True, slots=True)
+class Fleet:
+    """What the demo uploads: the logs, the GNSS log kept beside them, and the settings that their map asks for."""
+
+    logs: list[Path]
+    gnss: Path | None
+    environment: dict[str, str]
+
+
+def demo_command(
+    log: Annotated[Path | None, typer.Option(help="A drive log of your own instead of two simulated drives.")] = None,
+    gnss: Annotated[Path | None, typer.Option(help="A GNSS log kept beside it.")] = None,
+    model: Annotated[str | None, typer.Option(help="Network for the labels: a name of `wayloom models`, or a file.")] = None,
+    once: Annotated[bool, typer.Option("--once", help="End when the map is there.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder for the drives, the service's data and map.png.")] = Path("demo-out"),
+    port: Annotated[int | None, typer.Option(help="Port of the service. [default: 8088, or a free one]")] = None,
+) -> None:
+    """Simulate two drives (or take a log), upload them to a service, map them, and show the map."""
+    from wayloom.cli.upload import follow, progress_bars, send, summary
+    from wayloom.client.api import Api
+    from wayloom.client.manifests import pack
+    from wayloom.logs.registry import open_log
+
+    started = time.monotonic()
+    if gnss is not None and log is None:
+        raise ConfigError("a GNSS log belongs to a drive log", record="--gnss", remedy="give --log too")
+    if log is None:
+        fleet = simulated(out)
+    else:
+        open_log(log, gnss=gnss)  # a bad log is told before anything is started
+        out = out / f"log-{log.resolve().name}"
+        fleet = Fleet([log], gnss, {})
+    environment = fleet.environment | ({"WAYLOOM_MODEL": model} if model else {})
+    with service(out / "service", free_port(port), environment) as url:
+        say(f"the service runs at {url}")
+        api = Api(url)
+        with progress_bars() as bars:
+            parcels = [pack(path, fleet.gnss, None, lambda _done, _of: None) for path in fleet.logs]
+            ids = [send(api, parcel, bars, 4) for parcel in parcels]
+            drives = [follow(api, drive_id, bars) for drive_id in ids]
+        for drive in drives:
+            say(summary(drive))
+        failed = [drive for drive in drives if drive["state"] == "failed"]
+        if failed:
+            raise StageError(f"{failed[0]['name']} was not mapped: {failed[0]['error']}")
+        write_map(api, drives, out / "map.png")
+        say(f"the map: {out / 'map.png'} ({time.monotonic() - started:.0f} s from the start)")
+        if not once:
+            say(f"the dashboard: {url}   (Ctrl-C ends it)")
+            wait_for_the_end()
+
+
+def say(text: str) -> None:
+    """One line on standard output, now."""
+    print(text, flush=True)
+
+
+def simulated(out: Path) -> Fleet:
+    """Two drives of the simulated city; drawn once, found again by later demos of this version."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from wayloom import __version__
+    from wayloom.simulation.presets import CITY_ORIGIN, PRESETS
+    from wayloom.simulation.simulate import simulate
+
+    origin = ",".join(str(part) for part in (CITY_ORIGIN.lon_deg, CITY_ORIGIN.lat_deg, CITY_ORIGIN.height_m))
+    folder = out / "drives"
+    made_by = f"wayloom {__version__} {SIZE} {PRESETS[PRESET].model_dump_json()}\n"
+    stamp = folder / "made-by.txt"
+    if stamp.is_file() and stamp.read_text() == made_by:
+        say(f"the simulated drives are in {folder}")
+    else:
+        say("simulating two drives of the same streets (the first run compiles its kernels)")
+        shutil.rmtree(folder, ignore_errors=True)
+        columns = (TextColumn("{task.description}"), BarColumn(28), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())
+        console = Console(file=sys.stderr)
+        with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
+            bar = bars.add_task("starting", total=1.0)
+            threads = min(4, os.cpu_count() or 1)
+            simulate(
+                PRESET, folder, SIZE, threads=threads,
+                progress=lambda share, what: bars.update(bar, completed=share, description=what),
+            )  # fmt: skip
+        stamp.write_text(made_by)
+    logs = [folder / plan.vehicle_id for plan in PRESETS[PRESET].drives]
+    return Fleet(logs, None, {"WAYLOOM_MAP_ORIGIN": origin})
+
+
+def free_port(wanted: int | None) -> int:
+    """The wanted port; without a wish the usual one, or 0 (any) where that is taken."""
+    if wanted is not None:
+        return wanted
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", PORT))
+        except OSError:
+            return 0
+        return PORT
+
+
+@contextlib.contextmanager
+def service(data: Path, port: int, environment: dict[str, str]) -> Iterator[str]:
+    """`wayloom up` as a child; its URL while it runs. Raises ServiceError, with what it said, when it does not start."""
+    data.mkdir(parents=True, exist_ok=True)
+    ready = data / "ready"
+    ready.unlink(missing_ok=True)
+    command = [sys.executable, "-m", "wayloom.cli.main", "up", "--data", str(data), "--port", str(port), "--ready-file", str(ready)]
+    said = data / "up.log"
+    with said.open("w") as log:
+        child = subprocess.Popen(command, env=os.environ | environment, stdout=log, stderr=log)
+    try:
+        deadline = time.monotonic() + START_TIMEOUT_S
+        while not ready.is_file():
+            if child.poll() is not None or time.monotonic() > deadline:
+                raise ServiceError(f"the service did not start: {said.read_text().strip()}")
+            time.sleep(0.1)
+        yield ready.read_text().strip()
+    finally:
+        child.send_signal(signal.SIGTERM)
+        child.wait()
+
+
+def wait_for_the_end() -> None:
+    """Until Ctrl-C or a request to end."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with contextlib.suppress(KeyboardInterrupt):
+        signal.pause()
+
+
+def write_map(api: "Api", drives: list[dict[str, Any]], path: Path) -> None:
+    """The newest version of the map, from its tiles, with the drives' tracks."""
+    import cv2
+    import numpy as np
+
+    from wayloom.reports.map_picture import map_picture
+
+    placed = [drive for drive in drives if drive["placed"]]
+    if not placed:
+        say("no drive has GNSS: each is mapped in its own frame, and none has a place on the map")
+        picture_png = api.once("GET", f"/v1/drives/{drives[0]['id']}/preview.png").content
+        write_whole(path, picture_png)
+        return
+    version = api.json("GET", f"/v1/maps/{placed[0]['map_id']}")
+    tiles = f"/v1/maps/{version['map_id']}/versions/{version['version']}/tiles/semantic"
+
+    def tile(z: int, x: int, y: int) -> bytes | None:
+        answer = api.once("GET", f"{tiles}/{z}/{x}/{y}.png")
+        return answer.content if answer.status_code == 200 else None
+
+    tracks = []
+    for drive in placed:
+        way = api.json("GET", f"/v1/drives/{drive['id']}/track")["geometry"]["coordinates"]
+        tracks.append((drive["name"], np.array(way, np.float64)))
+    deepest = int(version["layers"]["semantic"]["max_zoom"])
+    picture = map_picture(tile, tuple(version["bounds"]), tracks, max_zoom=deepest)
+    write_whole(path, cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write beside, then rename."""
+    beside = path.with_name(f".{path.name}.part")
+    beside.write_bytes(content)
+    beside.replace(path)
