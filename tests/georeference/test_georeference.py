@@ -222,3 +222,22 @@ def test_faster_fixes_than_needed_are_thinned():
     drive = made_drive()
     geo = georeference(drive.log, drive.odometry, settings=GeoReferenceSettings(max_fix_rate_hz=2.0))
     assert geo.report["fixes"]["used"] == 40
+
+
+@pytest.mark.parametrize("fixes", [1, 2, 3, 5])
+def test_a_handful_of_fixes_is_enough_for_a_place(fixes):
+    drive = made_drive(seed=11, frames=60, sigma_m=0.1)
+    types = np.zeros(60, np.uint8)
+    types[np.linspace(0, 59, fixes).astype(int)] = FixType.FIXED
+    drive = with_fixes(drive, fix_type=types)
+    geo = georeference(drive.log, drive.odometry)
+    assert geo.report["fixes"]["used"] == fixes
+    sigma = np.sqrt(np.trace(position_covariance(geo.T_enu_cam, geo.covariance), axis1=1, axis2=2))
+    assert (np.linalg.norm(position_errors(drive, geo), axis=1) < 3.0 * sigma + 0.1).all()
+
+
+def test_a_single_frame_has_a_place():
+    drive = made_drive(frames=1)
+    geo = georeference(drive.log, drive.odometry)
+    assert geo.T_enu_cam.shape == (1, 4, 4)
+    assert np.isfinite(geo.covariance).all()
