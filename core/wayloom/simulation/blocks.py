@@ -58,7 +58,7 @@ class Site:
 
 
 def build_block(site: Site, kind: Kind, clear: list[tuple[float, float]]) -> None:
-    """Ground, buildings or park, and everything along the kerbs. clear: for each edge, where its crossings begin at both ends, m."""
+    """Ground, buildings or park, and what is along the kerbs. clear: for each edge, where its crossings begin, m."""
     count = len(site.shape.nodes)
     for k in range(count):
         ground.half_street(site.m, site.shape, k, clear[k])
@@ -162,7 +162,7 @@ def _square(site: Site) -> None:
             a, b = loop[k], loop[(k + 1) % len(loop)]
             for s in np.arange(0.08, 1.0, 0.16):
                 _tree(site, a + (b - a) * s, site.rng.uniform(0.9, 1.3))
-    p, q = centre - (9, 5), centre + (9, -5)
+    p, q = centre + np.array([-9, -5]), centre + np.array([9, -5])
     buildings.town_house(site.m, Footprint(p, q, HOUSE_DEPTH_M), 2, site.numbers.next(), site.rng)
 
 
@@ -198,7 +198,8 @@ def _sidewalk_furniture(site: Site, k: int, clear: tuple[float, float]) -> None:
             model = site.models.any_bicycle if kind == BIKES else site.models.any_motorcycle
             for step in range(int(rng.integers(1, 4))):
                 turn = yaw + np.pi / 2 + rng.normal(0, 0.15)
-                site.m.add(placed(model(rng), *(at + d * 0.7 * step), turn, KERB_M, site.numbers.next()))
+                x, y = at + d * 0.7 * step
+                site.m.add(placed(model(rng), float(x), float(y), turn, KERB_M, site.numbers.next()))
         else:
             furniture.cabinet(site.m, at, yaw, site.numbers.next(), rng)
     if shape.half_m[k] == AVENUE_HALF_M:

@@ -135,10 +135,20 @@ def _balconies(m: MeshBuilder, foot: Footprint, first_z: float, floors: int, num
             continue
         for b in chosen:
             at = foot.p + foot.along * (pitch * b + pitch / 2 - 1.15)
-            place = {"at": (float(at[0]), float(at[1])), "yaw": foot.yaw}
-            box(m, (0, -1.1, z), (2.3, 0, z + 0.16), Material.CONCRETE, BUILDING, number, bottom=True, **place)
+            place = (float(at[0]), float(at[1]))
+            box(m, (0, -1.1, z), (2.3, 0, z + 0.16), Material.CONCRETE, BUILDING, number, bottom=True, at=place, yaw=foot.yaw)
             if solid:
-                box(m, (0, -1.1, z + 0.16), (2.3, -1.04, z + 1.0), Material.CONCRETE, BUILDING, number, (1.3, 1.3, 1.25), **place)
+                box(
+                    m,
+                    (0, -1.1, z + 0.16),
+                    (2.3, -1.04, z + 1.0),
+                    Material.CONCRETE,
+                    BUILDING,
+                    number,
+                    (1.3, 1.3, 1.25),
+                    at=place,
+                    yaw=foot.yaw,
+                )
                 continue
             c, s = np.cos(foot.yaw), np.sin(foot.yaw)
             a, d = at + 1.08 * np.array([s, -c]), foot.along * 2.3
@@ -169,7 +179,8 @@ def town_house(m: MeshBuilder, foot: Footprint, floors: int, number: int, rng: n
             _awning(m, foot, number, rng)
     else:
         _door(m, foot, foot.width_m * rng.uniform(0.2, 0.7), number)
-    _balconies(m, foot, base + 0.15, floors, number, rng) if rng.random() < 0.55 else None
+    if rng.random() < 0.55:
+        _balconies(m, foot, base + 0.15, floors, number, rng)
     box(
         m,
         (-0.02, -0.28, top - 0.32),

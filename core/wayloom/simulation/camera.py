@@ -10,7 +10,7 @@ from wayloom.geometry.camera import PinholeCamera
 
 Radiance = NDArray[np.float32]
 BLUR_PX = 0.5
-VIGNETTE_POWER = 0.6
+VIGNETTE_POWER = 0.35
 SHOT_NOISE, READ_NOISE2 = 2.2e-4, 2.5e-6
 SHOULDER_FROM, SHOULDER_WIDTH = 0.75, 0.25
 TOE_LOW, TOE_RISE, TOE_TOP = 0.55, 1.1, 1.18

@@ -15,9 +15,9 @@ class Canvas:
     def __init__(self, rng: np.random.Generator, size: int) -> None:
         self.rng = rng
         self.size = size
-        centres = (np.arange(size, dtype=np.float32) + 0.5) / size
-        self.x: Field = np.broadcast_to(centres[None], (size, size))
-        self.y: Field = np.broadcast_to(centres[:, None], (size, size))
+        centres = (np.arange(size) + 0.5) / size
+        self.x: Field = np.broadcast_to(centres[None], (size, size)).astype(np.float32)
+        self.y: Field = np.broadcast_to(centres[:, None], (size, size)).astype(np.float32)
 
     def noise(self, exponent: float, lowest: float = 0.5) -> Field:
         """Fresh `spectral_noise` of the canvas's size."""
@@ -43,8 +43,8 @@ def finished(rgb: Image, fourth: ArrayLike) -> Image:
 
 def courses(c: Canvas, columns: int, rows: int, joint_x: float, joint_y: float) -> tuple[Mask, Field]:
     """Bricks in running bond: where the joints are, and a random tone for each brick, unit spread."""
-    u, v = c.x * columns, c.y * rows
-    u = u + 0.5 * (np.floor(v) % 2)
+    v = c.y * rows
+    u = c.x * columns + np.float32(0.5) * (np.floor(v) % 2)
     joints = np.asarray((u % 1 < joint_x) | (v % 1 < joint_y))
     which = (np.floor(u) % columns + columns * np.floor(v)).astype(np.int64)
     return joints, c.rng.normal(0, 1, columns * rows + columns).astype(np.float32)[which]

@@ -54,7 +54,7 @@ def render_views(
 def _random_place(world: World, rng: np.random.Generator) -> tuple[float, float, float]:
     """x, y m and yaw rad of a vehicle in a random lane, or, one time in eight, turning at a crossing."""
     graph = world.city.graph
-    streets = list(graph.streets.values())
+    streets = graph.inner_streets()
     street = streets[rng.integers(len(streets))]
     a, b = (street.a, street.b) if rng.random() < 0.5 else (street.b, street.a)
     d = graph.nodes[b] - graph.nodes[a]

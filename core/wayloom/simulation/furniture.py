@@ -104,13 +104,13 @@ def cabinet(m: MeshBuilder, at: F64, yaw: float, number: int, rng: np.random.Gen
 def shelter(m: MeshBuilder, at: F64, along: F64, to_street: F64, number: int) -> None:
     """A glass bus shelter, 4 m long."""
     yaw = float(np.arctan2(along[1], along[0]))
-    place = {"at": (float(at[0]), float(at[1])), "yaw": yaw}
+    place = (float(at[0]), float(at[1]))
     side = -1.0 if along[0] * to_street[1] - along[1] * to_street[0] < 0 else 1.0
     low, high = sorted((0.0, side * 1.4))
-    box(m, (-2, low, 2.4), (2, high, 2.52), Material.METAL, BUILDING, number, bottom=True, **place)
-    box(m, (-1.9, -0.03, 0.4), (1.9, 0.03, 2.3), Material.GLASS, BUILDING, number, (3.0, 3.2, 3.2), **place)
+    box(m, (-2, low, 2.4), (2, high, 2.52), Material.METAL, BUILDING, number, bottom=True, at=place, yaw=yaw)
+    box(m, (-1.9, -0.03, 0.4), (1.9, 0.03, 2.3), Material.GLASS, BUILDING, number, (3.0, 3.2, 3.2), at=place, yaw=yaw)
     for x in (-1.95, 0.0, 1.95):
-        box(m, (x - 0.04, -0.04, KERB_M), (x + 0.04, 0.04, 2.4), Material.METAL, BUILDING, number, **place)
+        box(m, (x - 0.04, -0.04, KERB_M), (x + 0.04, 0.04, 2.4), Material.METAL, BUILDING, number, at=place, yaw=yaw)
 
 
 def fence(m: MeshBuilder, a: F64, b: F64, number: int, rng: np.random.Generator) -> None:

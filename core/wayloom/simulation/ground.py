@@ -78,7 +78,7 @@ def _kerb(m: MeshBuilder, line: F64) -> None:
 
 def yard(m: MeshBuilder, shape: BlockShape, material: Material, class_id: int) -> None:
     """The ground behind the sidewalks."""
-    quads = grid_between(*shape.inner, 5.0)
+    quads = grid_between(shape.inner[0], shape.inner[1], shape.inner[2], shape.inner[3], 5.0)
     m.quads(at_height(quads, KERB_M - 0.02), quads / LAWN_TILE_M, material, class_id)
 
 

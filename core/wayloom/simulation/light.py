@@ -23,7 +23,7 @@ OPEN_REACH_M, OPEN_TEXELS_PER_M, OPEN_STEP_M = 84.0, 4.0, 24.0
 MOVER_REACH_M, MOVER_TEXELS_PER_M = 45.0, 11.0
 CASTER_MARGIN_M = 45.0
 """How far outside a map things may stand that throw a shadow into it."""
-NOISE_SIZE = 512
+NOISE_SIZE = 256
 KEPT_MAPS = 4
 VERTICAL = np.eye(3, dtype=np.float32)
 
@@ -108,7 +108,7 @@ class CityLight:
         surface = _depth_map(solid.triangles(), self._textures, VERTICAL, (x, y), OPEN_REACH_M, OPEN_TEXELS_PER_M)
         column = surface.x0 + (np.arange(surface.values.shape[1]) + 0.5) / OPEN_TEXELS_PER_M
         row = surface.y0 + (np.arange(surface.values.shape[0]) + 0.5) / OPEN_TEXELS_PER_M
-        ground = terrain.height(column[None, :], row[:, None]).astype(np.float32)
+        ground = terrain.height(column[None, :].astype(float), row[:, None].astype(float)).astype(np.float32)
         openness = np.empty_like(ground)
         shadow.measure_openness(np.maximum(surface.values, ground), ground, OPEN_TEXELS_PER_M, openness)
         return DepthMap(openness, surface.x0, surface.y0, OPEN_TEXELS_PER_M), ground

@@ -1,6 +1,8 @@
 """House fronts, roofs and masonry. A repeat of a front is 4 bays of 3 m by 4 floors of 3.1 m."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -102,7 +104,9 @@ def shop(c: Canvas) -> Image:
     unit, within = np.floor(c.x * 3).astype(np.int64), c.x * 3 % 1
     pane = (np.abs(within - 0.5) < 0.42) & (c.y > 0.30) & (c.y < 0.88)
     entrance = (np.abs(within - 0.72) < 0.12) & (c.y > 0.30)
-    goods = np.stack([np.clip(0.09 + 0.07 * c.noise(1.4, lowest=6), 0.01, 1) for _ in range(3)], -1)
+    shelves = np.clip(0.08 + 0.05 * c.noise(1.6, lowest=5), 0.012, 1)
+    hue = [1 + 0.25 * c.noise(2.2, lowest=3) for _ in range(3)]
+    goods = np.stack([np.clip(shelves * h, 0.01, 1) for h in hue], -1)
     rgb = over(np.asarray(pane), goods, rgb)
     rgb = over(np.asarray(entrance), c.filled((0.06, 0.07, 0.08), 1 + 0.2 * c.noise(2.0)), rgb)
     mullion = (pane | entrance) & (
@@ -157,8 +161,8 @@ def concrete(c: Canvas) -> Image:
     return finished(c.filled((0.38, 0.37, 0.35), 1 + 0.09 * c.noise(0.9) + 0.13 * c.noise(2.4)), 0.02)
 
 
-PAINTERS: Final = {
-    **{material: (lambda c, s=style: front(s, c)) for material, style in STYLES.items()},
+PAINTERS: Final[dict[Material, Callable[[Canvas], Image]]] = {
+    **{material: partial(front, style) for material, style in STYLES.items()},
     Material.SHOP: shop,
     Material.DOOR: door,
     Material.ROOF_TILES: roof_tiles,

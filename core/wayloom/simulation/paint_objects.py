@@ -3,6 +3,7 @@
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wayloom.simulation.canvas import Canvas, Image, finished, over
 from wayloom.simulation.materials import Material
@@ -117,16 +118,16 @@ def signs(c: Canvas) -> Image:
     x, y = (c.x * SIGN_COLUMNS % 1 - 0.5) * 2.1, (c.y * SIGN_ROWS % 1 - 0.5) * 2.1
     r = np.hypot(x, y)
     disc, square, diamond = r < 1, (np.abs(x) < 0.97) & (np.abs(y) < 0.97), np.abs(x) + np.abs(y) < 1.02
-    triangle = (y < 0.85 - 1.0 * 0) & (y > -0.85) & (np.abs(x) < (0.85 - y) / 1.7 + 0.02)  # point down
+    triangle = (y < 0.85) & (y > -0.85) & (np.abs(x) < (0.85 - y) / 1.7 + 0.02)  # point down
     zebra_man = (np.abs(x) < 0.5 - 0.5 * np.abs(y)) & (y > -0.5)
     letter_p = ((np.abs(x + 0.25) < 0.14) & (np.abs(y) < 0.62)) | (
         (np.abs(np.hypot(x + 0.02, y + 0.25) - 0.30) < 0.10) & (x > -0.25)
     )
     ring = disc & (r > 0.74)
     digits = (np.abs(np.abs(x) - 0.3) < 0.2) & (np.abs(y) < 0.38) & ~((np.abs(np.abs(x) - 0.3) < 0.08) & (np.abs(y) < 0.25))
-    arrow = ((np.abs(y + 0.05 + 0 * x) < 0.1) & (np.abs(x) < 0.55)) | ((np.abs(y + 0.05) < 0.62 - x * 1.1) & (x > 0.15) & (x < 0.6))
+    arrow = ((np.abs(y + 0.05) < 0.1) & (np.abs(x) < 0.55)) | ((np.abs(y + 0.05) < 0.62 - x * 1.1) & (x > 0.15) & (x < 0.6))
     inner_triangle = (y > -0.62) & (np.abs(x) < (0.85 - y) / 1.7 - 0.26)
-    plates: list[tuple[Field, list[tuple[object, object]]]] = [
+    plates: list[tuple[NDArray[np.bool_], list[tuple[NDArray[np.bool_], float | tuple[float, ...]]]]] = [
         (disc, [(disc, RED), ((np.abs(x) < 0.72) & (np.abs(y) < 0.17), WHITE)]),
         (disc, [(disc, BLUE), (ring | (np.abs(x - y) < 0.18) & disc, RED)]),
         (disc, [(disc, WHITE), (ring, RED), (digits, BLACK)]),
@@ -139,8 +140,8 @@ def signs(c: Canvas) -> Image:
     for k, (shape, inks) in enumerate(plates):
         here = (column == k % SIGN_COLUMNS) & (row == k // SIGN_COLUMNS)
         for mask, ink in inks:
-            out[here & np.asarray(mask, bool), :3] = ink
-        out[here & np.asarray(shape, bool), 3] = 1.0
+            out[here & mask, :3] = ink
+        out[here & shape, 3] = 1.0
     out[..., :3] = np.clip(out[..., :3] * (1 + 0.05 * c.noise(2.0)[..., None]), 0, 0.95)
     return out
 

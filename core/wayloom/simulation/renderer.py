@@ -11,8 +11,8 @@ from wayloom.geometry.camera import PinholeCamera
 from wayloom.simulation.city import City
 from wayloom.simulation.kernels import raster, shade
 from wayloom.simulation.kernels.arrays import Light, TextureStack, View
-from wayloom.simulation.light import CityLight
-from wayloom.simulation.mesh import Mesh, join
+from wayloom.simulation.light import MOVER_REACH_M, CityLight
+from wayloom.simulation.mesh import Mesh, empty, join
 from wayloom.simulation.traffic import Traffic
 
 F64 = NDArray[np.float64]
@@ -81,20 +81,29 @@ class World:
     def scene(self, camera: PinholeCamera, T_world_cam: F64, t_s: float, left_out: frozenset[int] = frozenset()) -> Scene:
         """What may be seen from about T_world_cam (a stereo pair's right camera included) at time t_s, without some movers."""
         x, y = float(T_world_cam[0, 3]), float(T_world_cam[1, 3])
+        planes, reach = view_planes(camera, T_world_cam)
         movers = self.traffic.around(x, y, t_s, left_out)
-        standing = self.city.chunks(visible_chunks(self.city, camera, T_world_cam))
-        return Scene(join([movers, standing]), self.light.at(x, y, movers), self.textures)
+        seen = [m.mesh for m in movers if np.all(planes @ (m.centre - T_world_cam[:3, 3]) > -(reach + m.radius_m))]
+        chunks = visible_chunks(self.city, planes, reach, T_world_cam[:3, 3])
+        casters = [m.mesh for m in movers if np.hypot(m.centre[0] - x, m.centre[1] - y) < MOVER_REACH_M + m.radius_m]
+        light = self.light.at(x, y, join(casters) if casters else empty())
+        return Scene(join([*seen, self.city.chunks(chunks)]), light, self.textures)
 
 
-def visible_chunks(city: City, camera: PinholeCamera, T_world_cam: F64) -> NDArray[np.int64]:
-    """Chunks whose box is not wholly outside one of the planes of the view, nearest first."""
+def view_planes(camera: PinholeCamera, T_world_cam: F64) -> tuple[F64, F64]:
+    """Inward unit normals (6, 3) of the view's four sides, of its front and its far end, in the world, and how far outside of
+    each, seen from the camera, a stereo pair still sees, m (6,)."""
     left, right = (-0.5 - camera.cx) / camera.fx, (camera.width - 0.5 - camera.cx) / camera.fx
     top, bottom = (-0.5 - camera.cy) / camera.fy, (camera.height - 0.5 - camera.cy) / camera.fy
     planes_cam = np.array([(1, 0, -left), (-1, 0, right), (0, 1, -top), (0, -1, bottom), (0, 0, 1), (0, 0, -1)])
     planes_cam /= np.linalg.norm(planes_cam, axis=1, keepdims=True)
     reach = np.full(6, STEREO_MARGIN_M)
     reach[5] = FAR_M
-    planes, origin = planes_cam @ T_world_cam[:3, :3].T, T_world_cam[:3, 3]
+    return planes_cam @ T_world_cam[:3, :3].T, reach
+
+
+def visible_chunks(city: City, planes: F64, reach: F64, origin: F64) -> NDArray[np.int64]:
+    """Chunks whose box is not wholly outside one of the planes of the view from `origin` (3,) m, nearest first."""
     kept = np.ones(len(city.low), bool)
     for plane, beyond in zip(planes, reach, strict=True):
         farthest = np.where(plane > 0, city.high, city.low)  # the corner of each box that lies farthest inside

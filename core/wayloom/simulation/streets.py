@@ -1,5 +1,6 @@
 """The street graph, and the blocks between its streets."""
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +41,11 @@ class StreetGraph:
     def street(self, a: int, b: int) -> Street:
         """The street between two neighbouring nodes."""
         return self.streets[min(a, b), max(a, b)]
+
+    def inner_streets(self) -> list[Street]:
+        """Streets with a block on either side, in a fixed order."""
+        sides = Counter(tuple(sorted((loop[k - 1], loop[k]))) for loop in self.blocks for k in range(len(loop)))
+        return [street for ends, street in self.streets.items() if sides[ends] == 2]
 
 
 def grid_graph(rng: np.random.Generator, columns: int, rows: int) -> StreetGraph:

@@ -23,10 +23,10 @@ STORED_GAMMA = 2.0
 def paint_textures(seed: int, size: int) -> TextureStack:
     """All materials at `size` texels (a power of two), each from its own random stream."""
     layers = np.stack([PAINTERS[m](Canvas(np.random.default_rng([seed, m]), size)) for m in Material])
-    levels = [layers]
+    levels: list[Image] = [layers]
     while levels[-1].shape[1] > 1:
         a = levels[-1]
-        levels.append((a[:, ::2, ::2] + a[:, 1::2, ::2] + a[:, ::2, 1::2] + a[:, 1::2, 1::2]) / 4)
+        levels.append((a[:, ::2, ::2] + a[:, 1::2, ::2] + a[:, ::2, 1::2] + a[:, 1::2, 1::2]) * np.float32(0.25))
     for m in CUTOUTS:
         _keep_coverage([level[m] for level in levels])
     offsets = np.cumsum([0, *(level.shape[0] * level.shape[1] * level.shape[2] for level in levels)]).astype(np.int64)

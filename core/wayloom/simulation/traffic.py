@@ -8,7 +8,7 @@ from wayloom.simulation import terrain
 from wayloom.simulation.blocks import SIDEWALK_MIDDLE_M
 from wayloom.simulation.city import City
 from wayloom.simulation.ground import KERB_M
-from wayloom.simulation.mesh import Mesh, empty, join, posed
+from wayloom.simulation.mesh import Mesh, posed
 from wayloom.simulation.models import WALKERS, Models
 from wayloom.simulation.paths import AVENUE_LANE_M, CYCLE_LANE_M, LANE_M, TRAM_LANE_M, Path, lane_path
 from wayloom.simulation.people import STEP_PHASES
@@ -16,7 +16,8 @@ from wayloom.simulation.streets import F64, block_shape, inset
 
 FIRST_MOVER = 60000
 """Instance number of the first moving thing; standing things stay below."""
-SEEN_FROM_M = 160.0
+SEEN_FROM_M, PERSON_SEEN_FROM_M = 200.0, 100.0
+TALLEST_M = 3.8
 STRIDE_M = 1.45
 GAP_M = {"car": (28.0, 60.0), "cycle": (70.0, 140.0), "tram": (180.0, 260.0), "walk": (14.0, 40.0)}
 SPEED_M_S = {"car": (8.0, 11.0), "cycle": (4.0, 5.5), "tram": (7.0, 9.0), "walk": (1.0, 1.6)}
@@ -45,6 +46,15 @@ class Mover:
         return (self.start_m + self.speed_m_s * t_s) % self.path.length_m
 
 
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """A mover at one moment: its mesh, and a ball of radius_m around centre (3,) m that holds it."""
+
+    mesh: Mesh
+    centre: F64
+    radius_m: float
+
+
 class Traffic:
     """All movers of a city."""
 
@@ -60,18 +70,17 @@ class Traffic:
                 out.add(index)
         return frozenset(out)
 
-    def around(self, x: float, y: float, t_s: float, left_out: frozenset[int] = frozenset()) -> Mesh:
+    def around(self, x: float, y: float, t_s: float, left_out: frozenset[int] = frozenset()) -> list[Placed]:
         """The movers near x, y (m) at a time, except those left out."""
-        parts = []
+        out = []
         for index, mover in enumerate(self.movers):
-            if index in left_out:
-                continue
             mx, my, yaw = mover.at(t_s)
-            if abs(mx - x) < SEEN_FROM_M and abs(my - y) < SEEN_FROM_M:
+            seen_from = SEEN_FROM_M if mover.reach_m > 0.5 else PERSON_SEEN_FROM_M
+            if index not in left_out and np.hypot(mx - x, my - y) < seen_from:
                 pose = terrain.pose_on_ground(mx, my, yaw)
                 pose[2, 3] += mover.lift_m
-                parts.append(posed(mover.mesh(t_s), pose, FIRST_MOVER + index))
-        return join(parts) if parts else empty()
+                out.append(Placed(posed(mover.mesh(t_s), pose, FIRST_MOVER + index), pose[:3, 3], mover.reach_m + TALLEST_M))
+        return out
 
 
 def build_traffic(city: City, columns: int, rows: int, models: Models, density: float = 1.0) -> Traffic:
@@ -95,10 +104,9 @@ def build_traffic(city: City, columns: int, rows: int, models: Models, density: 
 
 
 def _lines(columns: int, rows: int) -> list[list[int]]:
-    """Node chains of all rows and columns."""
-    return [[r * columns + c for c in range(columns)] for r in range(rows)] + [
-        [r * columns + c for r in range(rows)] for c in range(columns)
-    ]
+    """Node chains of the rows and columns within the city; the outermost streets, half of them meadow, stay empty."""
+    across = [[r * columns + c for c in range(columns)] for r in range(1, rows - 1)]
+    return across + [[r * columns + c for r in range(rows)] for c in range(1, columns - 1)]
 
 
 def _fill(movers: list[Mover], rng: np.random.Generator, path: Path, kind: str, density: float, models: Models) -> None:

@@ -61,7 +61,7 @@ def bush(m: MeshBuilder, rng: np.random.Generator, x: float, y: float, number: i
     facing = way / np.linalg.norm(way, axis=1, keepdims=True) * 0.7 + (0, 0, 0.5)
     tints = np.array([rng.uniform(0.8, 1.3), 1.0, 0.9]) * rng.uniform(0.7, 1.2, count)[:, None]
     sizes = rng.uniform(0.3, 0.5, count) * big**0.5
-    cards(m, rng, way + (x, y, 0.5 * big), sizes, facing, Material.LEAVES, VEGETATION, number, tints)
+    cards(m, rng, way + np.array([x, y, 0.5 * big]), sizes, facing, Material.LEAVES, VEGETATION, number, tints)
 
 
 def hedge(m: MeshBuilder, rng: np.random.Generator, a: np.ndarray, b: np.ndarray, number: int, height: float) -> None:

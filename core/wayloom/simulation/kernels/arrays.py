@@ -3,10 +3,19 @@
 World axes: x east, y north, z up, metres. Camera axes: x right, y down, z forward.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+UInt8 = NDArray[np.uint8]
+Number = Any
+"""A float32 or a float64: kernels mix them."""
+Rgb = tuple[Number, Number, Number]
+Rgba = tuple[Number, Number, Number, Number]
 
 
 class Triangles(NamedTuple):
@@ -19,11 +28,11 @@ class Triangles(NamedTuple):
     tint      (T, 3) float32 linear factor on the texture's colour
     """
 
-    corners: NDArray[np.float32]
-    uv: NDArray[np.float32]
-    normals: NDArray[np.float32]
-    material: NDArray[np.uint8]
-    tint: NDArray[np.float32]
+    corners: Float32
+    uv: Float32
+    normals: Float32
+    material: UInt8
+    tint: Float32
 
 
 class TextureStack(NamedTuple):
@@ -36,17 +45,17 @@ class TextureStack(NamedTuple):
     smooth   (L,) uint8: 1 where no large-scale stain is laid over the texture
     """
 
-    texels: NDArray[np.uint8]
+    texels: UInt8
     offsets: NDArray[np.int64]
     size: int
-    cutout: NDArray[np.uint8]
-    smooth: NDArray[np.uint8]
+    cutout: UInt8
+    smooth: UInt8
 
 
 class DepthMap(NamedTuple):
     """Largest coordinate along an axis seen from infinity: values (H, W) float32 m; texel (0, 0)'s edge lies at (x0, y0) m."""
 
-    values: NDArray[np.float32]
+    values: Float32
     x0: float
     y0: float
     texels_per_m: float
@@ -67,17 +76,17 @@ class Light(NamedTuple):
     haze_per_m   extinction, 1/m
     """
 
-    axes: NDArray[np.float32]
+    axes: Float32
     near: DepthMap
     far: DepthMap
     movers: DepthMap
     openness: DepthMap
-    ground: NDArray[np.float32]
-    clouds: NDArray[np.float32]
-    stains: NDArray[np.float32]
-    sun_rgb: NDArray[np.float32]
-    sky_rgb: NDArray[np.float32]
-    horizon_rgb: NDArray[np.float32]
+    ground: Float32
+    clouds: Float32
+    stains: Float32
+    sun_rgb: Float32
+    sky_rgb: Float32
+    horizon_rgb: Float32
     cloud_cover: float
     haze_per_m: float
 
@@ -89,4 +98,4 @@ class View(NamedTuple):
     fy: float
     cx: float
     cy: float
-    T_world_cam: NDArray[np.float64]
+    T_world_cam: Float64

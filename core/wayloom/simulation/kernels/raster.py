@@ -1,7 +1,8 @@
 """Which triangle each pixel sees: homogeneous half-space rasterisation with a 1/z buffer (Olano & Greer 1997).
 
-For a triangle with homogeneous image corners M = [X Y z] (columns), the rows of M^-1 give three functions of the pixel
-(a x + b y + c) that are the barycentric weights divided by z; inside all three are >= 0, and their sum is 1/z. No clipping is needed.
+For a triangle with homogeneous image corners M = [X Y z] (columns), the rows of M^-1 give three functions
+a x + b y + c of the pixel that are the barycentric weights divided
+by z; inside all three are >= 0, and their sum is 1/z. No clipping is needed.
 """
 
 import math
@@ -9,6 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
+from wayloom.simulation.kernels.arrays import Float32, Float64, Int32, TextureStack, Triangles, View
 from wayloom.simulation.kernels.sampling import texel_row
 
 NEAR_M = 0.05
@@ -19,7 +21,7 @@ COARSEST_CUTOUT_LEVELS = 4
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def image_box(X, Y, z, width, height, box):
+def image_box(X: Float64, Y: Float64, z: Float64, width: int, height: int, box: Int32) -> None:
     """Pixel box of a triangle cut at the near plane; box is x0, x1, y0, y1, empty when x1 < x0."""
     x0, x1, y0, y1 = 1e9, -1e9, 1e9, -1e9
     for k in range(3):
@@ -33,12 +35,14 @@ def image_box(X, Y, z, width, height, box):
             x0, x1, y0, y1 = min(x0, u), max(x1, u), min(y0, v), max(y1, v)
     box[0], box[1] = 0, -1
     if x1 >= 0 and y1 >= 0 and x0 <= width - 1 and y0 <= height - 1:
-        box[0], box[1] = int(math.ceil(max(x0, 0.0))), int(math.floor(min(x1, width - 1.0)))
-        box[2], box[3] = int(math.ceil(max(y0, 0.0))), int(math.floor(min(y1, height - 1.0)))
+        box[0], box[1] = math.ceil(max(x0, 0.0)), math.floor(min(x1, width - 1.0))
+        box[2], box[3] = math.ceil(max(y0, 0.0)), math.floor(min(y1, height - 1.0))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def project_triangles(corners, view, T_cam_world, width, height, edges, boxes):
+def project_triangles(
+    corners: Float32, view: View, T_cam_world: Float64, width: int, height: int, edges: Float64, boxes: Int32
+) -> None:
     """Fill edges (T, 9) float64 (rows of M^-1) and boxes (T, 4) int32 for corners (T, 3, 3)."""
     X, Y, z = np.empty(3), np.empty(3), np.empty(3)
     R = T_cam_world
@@ -67,17 +71,17 @@ def project_triangles(corners, view, T_cam_world, width, height, edges, boxes):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def is_hole(tex, layer, uv, e, x, y, inv_z, level):
+def is_hole(tex: TextureStack, layer: int, uv: Float32, e: Float64, x: int, y: int, inv_z: float, level: int) -> bool:
     """Whether the texture's coverage is under one half where pixel (x, y) meets the triangle with edge functions e."""
     l1, l2 = (e[3] * x + e[4] * y + e[5]) / inv_z, (e[6] * x + e[7] * y + e[8]) / inv_z
     u = uv[0, 0] + l1 * (uv[1, 0] - uv[0, 0]) + l2 * (uv[2, 0] - uv[0, 0])
     v = uv[0, 1] + l1 * (uv[1, 1] - uv[0, 1]) + l2 * (uv[2, 1] - uv[0, 1])
     size = tex.size >> level
-    return tex.texels[texel_row(tex, layer, level, int(math.floor(u * size)), int(math.floor(v * size))), 3] < 128
+    return tex.texels[texel_row(tex, layer, level, math.floor(u * size), math.floor(v * size)), 3] < 128
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def cutout_level(tex, uv, e, box):
+def cutout_level(tex: TextureStack, uv: Float32, e: Float64, box: Int32) -> int:
     """Mip level at which a triangle's holes are cut: from the texels that a pixel step spans in the middle of its box."""
     x, y = 0.5 * (box[0] + box[1]), 0.5 * (box[2] + box[3])
     w = (e[0] + e[3] + e[6]) * x + (e[1] + e[4] + e[7]) * y + (e[2] + e[5] + e[8])
@@ -87,12 +91,12 @@ def cutout_level(tex, uv, e, box):
     # d(l1, l2)/d(x, y) is det of the normalised edge functions: det(M^-1) / w^3.
     det = e[0] * (e[4] * e[8] - e[5] * e[7]) - e[1] * (e[3] * e[8] - e[5] * e[6]) + e[2] * (e[3] * e[7] - e[4] * e[6])
     texels_per_pixel = math.sqrt(area_uv * abs(det) / (w * w * w)) * tex.size
-    level = int(math.floor(math.log2(max(texels_per_pixel, 1.0)) + 0.5))
+    level = math.floor(math.log2(max(texels_per_pixel, 1.0)) + 0.5)
     return min(level, len(tex.offsets) - 1 - COARSEST_CUTOUT_LEVELS)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def rasterise(edges, boxes, tri, tex, inv_z, ids):
+def rasterise(edges: Float64, boxes: Int32, tri: Triangles, tex: TextureStack, inv_z: Float32, ids: Int32) -> None:
     """Fill inv_z (H, W) float32 1/m (0 where nothing is seen) and ids (H, W) int32 (NO_TRIANGLE there)."""
     inv_z[:] = 0.0
     ids[:] = NO_TRIANGLE
@@ -109,10 +113,10 @@ def rasterise(edges, boxes, tri, tex, inv_z, ids):
                 a, c = e[3 * k], e[3 * k + 1] * y + e[3 * k + 2]
                 if a > 0.0:
                     q = -c / a
-                    lo = hi + 1 if q > hi else max(lo, int(math.ceil(q)))
+                    lo = hi + 1 if q > hi else max(lo, math.ceil(q))
                 elif a < 0.0:
                     q = -c / a
-                    hi = lo - 1 if q < lo else min(hi, int(math.floor(q)))
+                    hi = lo - 1 if q < lo else min(hi, math.floor(q))
                 elif c < 0.0:
                     hi = lo - 1
             base = (e[1] + e[4] + e[7]) * y + e[2] + e[5] + e[8]
@@ -124,7 +128,7 @@ def rasterise(edges, boxes, tri, tex, inv_z, ids):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def depth_of(ids, view, corners, depth):
+def depth_of(ids: Int32, view: View, corners: Float32, depth: Float32) -> None:
     """Fill depth (H, W) float32 m along z: the exact meeting of each pixel's ray with its triangle's plane; 0 where none."""
     T = view.T_world_cam
     for y in range(ids.shape[0]):

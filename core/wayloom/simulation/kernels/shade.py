@@ -5,11 +5,13 @@ import math
 import numpy as np
 from numba import njit
 
+from wayloom.simulation.kernels.arrays import Float32, Float64, Int32, Light, Number, Rgb, TextureStack, Triangles, View
 from wayloom.simulation.kernels.raster import NO_TRIANGLE
 from wayloom.simulation.kernels.sampling import anisotropic, noise
 from wayloom.simulation.kernels.shadow import lit_share
 from wayloom.simulation.kernels.sky import sky_radiance
 
+Meeting = tuple[Number, Number, Number, Number, Number, Number, Number]
 STEEPEST_FOOTPRINT = 0.2
 """A neighbouring pixel's ray may run at most this many times more grazing than the pixel's own."""
 STAIN_LARGE, STAIN_MIDDLE, STAIN_SMALL = 0.16, 0.10, 0.11
@@ -17,16 +19,19 @@ STAIN_SMALL_TO_M = 25.0
 SHADOW_OFFSET_M, SHADOW_OFFSET_PER_M = 0.05, 0.0015
 SHADOW_BIAS_M, FAR_BIAS_M, MOVER_BIAS_M = 0.06, 0.45, 0.04
 LEAF_LEAST_LIGHT = 0.15
+OPEN_OFFSET_M = 0.6
+"""The open sky over a wall is that over the ground before it, not that inside the house."""
 OCCLUSION_FADE_M = 9.0
 """Height above the ground at which the ground's occlusion no longer counts."""
 BOUNCE = 0.14
 REFLECTANCE_AT_NORMAL = 0.04
-STREET_REFLECTION = np.float32(0.15)
+ROOFLINE, ROOFLINE_BLUR = 0.34, 0.10
+"""Upward share of a mirrored ray over which it meets the sky rather than house fronts."""
 HIGHLIGHT, HIGHLIGHT_POWER = 5.0, 200
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def meet(tri, t, view, dx, dy, dz):
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def meet(tri: Triangles, t: int, view: View, dx: float, dy: float, dz: float) -> Meeting:
     """Where the ray (dx, dy, dz) of camera depth 1 meets triangle t: depth m, barycentric l1, l2, and their pixel steps.
 
     With s = o - p0: depth = s.n / den, l1 = d.(e2 x s) / den, l2 = d.(s x e1) / den, den = -d.n, n = e1 x e2 (Cramer).
@@ -55,8 +60,8 @@ def meet(tri, t, view, dx, dy, dz):
     return (sx * nx + sy * ny + sz * nz) / den, l1, l2, l1x, l2x, l1y, l2y
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def stain(light, px, py, pz, nx, ny, nz, depth):
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def stain(light: Light, px: float, py: float, pz: float, nx: float, ny: float, nz: float, depth: float) -> float:
     """Factor near 1 that breaks the repeats of a texture, from the place in the world, on the plane the surface faces most."""
     ax, ay, az = abs(nx), abs(ny), abs(nz)
     if az >= ax and az >= ay:
@@ -75,8 +80,8 @@ def stain(light, px, py, pz, nx, ny, nz, depth):
     return max(f, 0.25)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def sunlit(light, px, py, pz):
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def sunlit(light: Light, px: float, py: float, pz: float) -> float:
     """Share of the sun's light that reaches a point."""
     share = lit_share(light.near, light.axes, px, py, pz, SHADOW_BIAS_M)
     if share < 0.0:
@@ -86,8 +91,8 @@ def sunlit(light, px, py, pz):
     return share
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def sky_share(light, px, py, pz):
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def sky_share(light: Light, px: float, py: float, pz: float) -> float:
     """Share of the sky that a point sees: the ground's, growing to 1 with height."""
     x = int((px - light.openness.x0) * light.openness.texels_per_m)
     y = int((py - light.openness.y0) * light.openness.texels_per_m)
@@ -97,8 +102,24 @@ def sky_share(light, px, py, pz):
     return share + (1.0 - share) * min(max(above / OCCLUSION_FADE_M, 0.0), 1.0)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def reflect(light, r, g, b, gloss, share, px, py, dx, dy, dz, qx, qy, qz, facing):
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def reflect(
+    light: Light,
+    r: Number,
+    g: Number,
+    b: Number,
+    gloss: float,
+    share: float,
+    px: float,
+    py: float,
+    dx: float,
+    dy: float,
+    dz: float,
+    qx: float,
+    qy: float,
+    qz: float,
+    facing: float,
+) -> Rgb:
     """Mix what a glossy surface mirrors (sky, house fronts, street, sun) into its colour. facing is d.q <= 0."""
     rx, ry, rz = dx - 2 * facing * qx, dy - 2 * facing * qy, dz - 2 * facing * qz
     grazing = 1.0 + facing
@@ -106,14 +127,13 @@ def reflect(light, r, g, b, gloss, share, px, py, dx, dy, dz, qx, qy, qz, facing
         weight = gloss * (REFLECTANCE_AT_NORMAL + (1 - REFLECTANCE_AT_NORMAL) * grazing**5)
     else:  # window panes and windscreens mirror more than paint
         weight = gloss * (0.22 + 0.78 * grazing**4)
-    roofs = 0.34 + 0.08 * noise(light.stains, (rx + 2 * ry) * 0.35, px * 0.003)
-    if rz > roofs:
-        s0, s1, s2 = sky_radiance(light, rx, ry, rz)
-    elif rz > 0.0:
-        front = np.float32(0.13 + 0.05 * noise(light.stains, (rx - ry) * 0.3 + px * 0.004, rz * 0.5 + py * 0.004))
-        s0, s1, s2 = front * np.float32(1.1), front, front * np.float32(0.9)
-    else:
-        s0, s1, s2 = STREET_REFLECTION, STREET_REFLECTION, STREET_REFLECTION
+    front = np.float32(0.13 + 0.03 * noise(light.stains, (rx - ry) * 0.08 + px * 0.004, py * 0.004))
+    s0, s1, s2 = front * np.float32(1.1), front, front * np.float32(0.9)
+    roofs = ROOFLINE + 0.06 * noise(light.stains, (rx + 2 * ry) * 0.04, px * 0.003)
+    above = min(max((rz - roofs) / ROOFLINE_BLUR, 0.0), 1.0)
+    if above > 0.0:
+        k0, k1, k2 = sky_radiance(light, rx, ry, rz)
+        s0, s1, s2 = s0 + (k0 - s0) * above, s1 + (k1 - s1) * above, s2 + (k2 - s2) * above
     r, g, b = r + (s0 - r) * weight, g + (s1 - g) * weight, b + (s2 - b) * weight
     toward_sun = rx * light.axes[2, 0] + ry * light.axes[2, 1] + rz * light.axes[2, 2]
     if gloss > 0.2 and share > 0.0 and toward_sun > 0.0:
@@ -122,8 +142,10 @@ def reflect(light, r, g, b, gloss, share, px, py, dx, dy, dz, qx, qy, qz, facing
     return r, g, b
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def surface_colour(tri, t, tex, light, view, dx, dy, dz, inv_len):
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def surface_colour(
+    tri: Triangles, t: int, tex: TextureStack, light: Light, view: View, dx: float, dy: float, dz: float, inv_len: float
+) -> Rgb:
     """Linear RGB of triangle t along the ray (dx, dy, dz), whose length is 1 / inv_len."""
     depth, l1, l2, l1x, l2x, l1y, l2y = meet(tri, t, view, dx, dy, dz)
     uv, n, layer = tri.uv[t], tri.normals[t], tri.material[t]
@@ -152,7 +174,7 @@ def surface_colour(tri, t, tex, light, view, dx, dy, dz, inv_len):
         share = sunlit(light, px + qx * off, py + qy * off, pz + qz * off)
         if leafy:
             share = max(share, LEAF_LEAST_LIGHT)
-    open_sky = sky_share(light, px, py, pz)
+    open_sky = sky_share(light, px + qx * OPEN_OFFSET_M, py + qy * OPEN_OFFSET_M, pz)
     ambient, bounce = (0.55 + 0.45 * qz) * open_sky, BOUNCE * (0.5 - 0.5 * qz) * (0.4 + 0.6 * open_sky)
     direct = share * max(sun_cos, 0.0)
     f = 1.0 if tex.smooth[layer] == 1 else stain(light, px, py, pz, qx, qy, qz, depth)
@@ -166,8 +188,8 @@ def surface_colour(tri, t, tex, light, view, dx, dy, dz, inv_len):
     return np.float32(r), np.float32(g), np.float32(b)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def pixel_colour(t, x, y, tri, tex, light, view):
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def pixel_colour(t: int, x: float, y: float, tri: Triangles, tex: TextureStack, light: Light, view: View) -> Rgb:
     """Linear RGB seen from pixel position (x, y) of triangle t, or of the sky for NO_TRIANGLE."""
     a, b, T = (x - view.cx) / view.fx, (y - view.cy) / view.fy, view.T_world_cam
     dx, dy = T[0, 0] * a + T[0, 1] * b + T[0, 2], T[1, 0] * a + T[1, 1] * b + T[1, 2]
@@ -179,26 +201,36 @@ def pixel_colour(t, x, y, tri, tex, light, view):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def shade_samples(ids, tri, tex, light, view, out):
+def gather(ids: Int32, x: int, y: int, seen: Int32, count: Int32, mean_x: Float64, mean_y: Float64) -> int:
+    """The triangles among the four samples of pixel (x, y): fill seen, count and the sums of their places; returns how many."""
+    distinct = 0
+    for j in range(2):
+        for i in range(2):
+            t, q = ids[2 * y + j, 2 * x + i], 0
+            while q < distinct and seen[q] != t:
+                q += 1
+            if q == distinct:
+                seen[q], count[q], mean_x[q], mean_y[q] = t, 0, 0.0, 0.0
+                distinct += 1
+            count[q] += 1
+            mean_x[q] += 0.5 * i - 0.25
+            mean_y[q] += 0.5 * j - 0.25
+    return distinct
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def shade_samples(ids: Int32, tri: Triangles, tex: TextureStack, light: Light, view: View, out: Float32) -> None:
     """Fill out (H, W, 3) float32 linear from ids (2H, 2W): each triangle that a pixel sees is shaded once, where it is seen on
     average, and weighs as many quarters as it has samples."""
     seen, count = np.empty(4, np.int32), np.empty(4, np.int32)
     mean_x, mean_y = np.empty(4), np.empty(4)
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
-            distinct = 0
-            for j in range(2):
-                for i in range(2):
-                    t, q = ids[2 * y + j, 2 * x + i], 0
-                    while q < distinct and seen[q] != t:
-                        q += 1
-                    if q == distinct:
-                        seen[q], count[q], mean_x[q], mean_y[q] = t, 0, 0.0, 0.0
-                        distinct += 1
-                    count[q] += 1
-                    mean_x[q] += 0.5 * i - 0.25
-                    mean_y[q] += 0.5 * j - 0.25
-            out[y, x] = 0.0
+            first, distinct = ids[2 * y, 2 * x], 1
+            seen[0], count[0], mean_x[0], mean_y[0] = first, 4, 0.0, 0.0
+            if ids[2 * y, 2 * x + 1] != first or ids[2 * y + 1, 2 * x] != first or ids[2 * y + 1, 2 * x + 1] != first:
+                distinct = gather(ids, x, y, seen, count, mean_x, mean_y)
+            out[y, x, 0] = out[y, x, 1] = out[y, x, 2] = 0.0
             for q in range(distinct):
                 r, g, b = pixel_colour(seen[q], x + mean_x[q] / count[q], y + mean_y[q] / count[q], tri, tex, light, view)
                 weight = np.float32(0.25 * count[q])

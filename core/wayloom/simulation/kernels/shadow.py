@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
+from wayloom.simulation.kernels.arrays import DepthMap, Float32, TextureStack, Triangles
 from wayloom.simulation.kernels.sampling import texel_row
 
 EMPTY_M = -1e9
@@ -19,7 +20,9 @@ OPENNESS_POWER = 1.2
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def draw_depth(tri, tex, axes, x0, y0, texels_per_m, values):
+def draw_depth(
+    tri: Triangles, tex: TextureStack, axes: Float32, x0: float, y0: float, texels_per_m: float, values: Float32
+) -> None:
     """Raise values (H, W) float32 to the largest coordinate along axes[2] of the triangles, seen along -axes[2]."""
     height, width = values.shape
     X, Y, Z = np.empty(3), np.empty(3), np.empty(3)
@@ -30,8 +33,8 @@ def draw_depth(tri, tex, axes, x0, y0, texels_per_m, values):
             Y[k] = (axes[1, 0] * a + axes[1, 1] * b + axes[1, 2] * c - y0) * texels_per_m - 0.5
             Z[k] = axes[2, 0] * a + axes[2, 1] * b + axes[2, 2] * c
         area = (X[1] - X[0]) * (Y[2] - Y[0]) - (X[2] - X[0]) * (Y[1] - Y[0])
-        x_lo, x_hi = max(0, int(math.ceil(min(X[0], X[1], X[2])))), min(width - 1, int(math.floor(max(X[0], X[1], X[2]))))
-        y_lo, y_hi = max(0, int(math.ceil(min(Y[0], Y[1], Y[2])))), min(height - 1, int(math.floor(max(Y[0], Y[1], Y[2]))))
+        x_lo, x_hi = max(0, math.ceil(min(X[0], X[1], X[2]))), min(width - 1, math.floor(max(X[0], X[1], X[2])))
+        y_lo, y_hi = max(0, math.ceil(min(Y[0], Y[1], Y[2]))), min(height - 1, math.floor(max(Y[0], Y[1], Y[2])))
         if abs(area) < 1e-9 or x_lo > x_hi:
             continue
         cut, uv = tex.cutout[tri.material[t]] == 1, tri.uv[t]
@@ -48,19 +51,19 @@ def draw_depth(tri, tex, axes, x0, y0, texels_per_m, values):
                     size = tex.size >> CUTOUT_LEVEL
                     u = uv[0, 0] + l1 * (uv[1, 0] - uv[0, 0]) + l2 * (uv[2, 0] - uv[0, 0])
                     v = uv[0, 1] + l1 * (uv[1, 1] - uv[0, 1]) + l2 * (uv[2, 1] - uv[0, 1])
-                    row = texel_row(tex, tri.material[t], CUTOUT_LEVEL, int(math.floor(u * size)), int(math.floor(v * size)))
+                    row = texel_row(tex, tri.material[t], CUTOUT_LEVEL, math.floor(u * size), math.floor(v * size))
                     if tex.texels[row, 3] < 128:
                         continue
                 values[y, x] = z
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def lit_share(shadow, axes, px, py, pz, bias_m):
+def lit_share(shadow: DepthMap, axes: Float32, px: float, py: float, pz: float, bias_m: float) -> float:
     """Share of light at a point, from the four nearest texels of a depth map; -1 where the map does not reach."""
     x = (axes[0, 0] * px + axes[0, 1] * py + axes[0, 2] * pz - shadow.x0) * shadow.texels_per_m - 0.5
     y = (axes[1, 0] * px + axes[1, 1] * py + axes[1, 2] * pz - shadow.y0) * shadow.texels_per_m - 0.5
     z = axes[2, 0] * px + axes[2, 1] * py + axes[2, 2] * pz + bias_m
-    xi, yi = int(math.floor(x)), int(math.floor(y))
+    xi, yi = math.floor(x), math.floor(y)
     height, width = shadow.values.shape
     if xi < 0 or yi < 0 or xi >= width - 1 or yi >= height - 1:
         return -1.0
@@ -73,7 +76,7 @@ def lit_share(shadow, axes, px, py, pz, bias_m):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def measure_openness(surface, ground, texels_per_m, openness):
+def measure_openness(surface: Float32, ground: Float32, texels_per_m: float, openness: Float32) -> None:
     """Fill openness (H, W) float32 with the share of the sky above the ground that surface (H, W) m leaves free."""
     height, width = surface.shape
     for y in range(height):
