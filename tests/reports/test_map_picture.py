@@ -45,7 +45,7 @@ def test_a_track_is_drawn_where_it_ran():
     picture = map_picture(lambda z, x, y: seen.append(z), BOUNDS, [("car-1", track)], max_size_px=400)
     left, top = pixel_from_lonlat(np.array([[BOUNDS[0], BOUNDS[3]]]), seen[0])[0] - MARGIN_PX
     (column, row), (end, _) = pixel_from_lonlat(track, seen[0]) - (left, top)
-    drawn = np.argwhere((picture[:, : picture.shape[1] - LEGEND_PX] == (255, 92, 72)).all(axis=2))
+    drawn = np.argwhere((picture[:, : picture.shape[1] - LEGEND_PX] == (214, 40, 40)).all(axis=2))
     assert np.abs(drawn[:, 0] - row).max() <= 1
     assert drawn[:, 1].min() == pytest.approx(column, abs=2)
     assert drawn[:, 1].max() == pytest.approx(end, abs=2)

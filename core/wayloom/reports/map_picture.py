@@ -13,8 +13,8 @@ from wayloom.tiles.preview import bar_length_m
 
 Picture = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
-PAPER, INK, FAINT = (24, 27, 33), (232, 234, 238), (150, 156, 166)
-TRACKS = ((255, 92, 72), (80, 200, 255), (255, 205, 70), (160, 235, 130))
+PAPER, INK, FAINT = (240, 241, 238), (35, 38, 44), (120, 124, 130)
+TRACKS = ((214, 40, 40), (0, 119, 182), (230, 126, 0), (106, 76, 147))
 MARGIN_PX, LEGEND_PX, LINE_PX = 24, 190, 22
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 
