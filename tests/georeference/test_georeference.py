@@ -11,7 +11,9 @@ from wayloom.georeference.alignment import georeference
 from wayloom.georeference.frames import map_frame_for
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.uncertainty import heading_sigma_rad, position_covariance
+from wayloom.logs.oxts import UP_FACTOR
 from wayloom.logs.types import FixType, GnssTrack
+from wayloom.simulation.gnss import SIGMA_M, FixPlan, fix_errors
 
 FRAME = map_frame_for(PLACE.lon_deg, PLACE.lat_deg)
 
@@ -209,6 +211,45 @@ def test_the_covariance_is_honest_under_correlated_noise(sigma_m, fix_every):
         error = position_errors(drive, geo)[60]
         nees.append(error @ np.linalg.solve(position_covariance(geo.T_enu_cam, geo.covariance)[60], error))
     assert 1.2 < np.mean(nees) < 5.0
+
+
+def test_every_kind_of_fix_gives_its_own_accuracy_and_an_honest_covariance():
+    """Fixed, float, none, single, fixed again, with the simulator's noise, which is not the noise that the graph assumes."""
+    plan = FixPlan(((0.0, FixType.FIXED), (0.25, FixType.FLOAT), (0.4, FixType.NONE), (0.6, FixType.SINGLE), (0.8, FixType.FIXED)))
+    kinds = plan.fixes(400)
+    errors, nees = [], []
+    for seed in range(8):
+        rng = np.random.default_rng(900 + seed)
+        drive = made_drive(seed=900 + seed, frames=400)
+        antenna = drive.T_place_cam[:, :3, :3] @ LEVER + drive.T_place_cam[:, :3, 3]
+        sigma = np.array([SIGMA_M[FixType(kind)] for kind in kinds])[:, None] * [1.0, 1.0, UP_FACTOR]
+        drive = with_fixes(
+            drive,
+            lon_lat_height=geodesy.lonlatheight_from_enu(antenna + fix_errors(kinds, 0.1, rng), PLACE),
+            covariance_enu=np.einsum("ni,ij->nij", sigma**2, np.eye(3)),
+            fix_type=kinds,
+        )
+        geo = georeference(drive.log, drive.odometry)
+        error = position_errors(drive, geo)
+        errors.append((error**2).sum(axis=1))
+        covariance = position_covariance(geo.T_enu_cam, geo.covariance)
+        nees.append(np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[:, :, None])[:, :, 0]))
+    rms = {part: np.sqrt(np.mean([e[rows] for e in errors])) for part, rows in PARTS.items()}
+    assert rms["fixed"] < 0.08
+    assert rms["fixed again"] < 0.08
+    assert rms["float"] < 0.7
+    assert rms["none"] < 1.6
+    assert rms["single"] < 1.6
+    assert 1.5 < np.mean(nees) < 6.0
+
+
+PARTS = {
+    "fixed": slice(0, 100),
+    "float": slice(100, 160),
+    "none": slice(160, 240),
+    "single": slice(240, 320),
+    "fixed again": slice(320, 400),
+}
 
 
 def test_nothing_tracked_is_an_error_that_says_what_to_look_at():
