@@ -71,9 +71,14 @@ class Up:
 
     def kill(self, what: str) -> int:
         """kill -9 of one child. Returns its process id."""
-        pid = until(lambda: self.children(what))[0]
+        pid = int(until(lambda: self.children(what))[0])
+        self.kill_process(pid)
+        return pid
+
+    @staticmethod
+    def kill_process(pid: int) -> None:
+        """kill -9."""
         os.kill(pid, signal.SIGKILL)
-        return int(pid)
 
     def runs(self) -> list[list[str]]:
         """What the stages wrote down: what, stage, attempt, process, drive."""

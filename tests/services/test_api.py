@@ -151,7 +151,10 @@ def test_where_nothing_is_mapped_there_is_no_content(http: httpx2.Client) -> Non
 @pytest.mark.usefixtures("published")
 @pytest.mark.parametrize(
     ("address", "status"),
-    [("3/8/0", 404), ("3/0/8", 404), ("0/1/0", 404), ("99/0/0", 422), ("-1/0/0", 422), ("3/-1/0", 422), ("18/999999999999/0", 422), ("a/0/0", 422)],
+    [
+        ("3/8/0", 404), ("3/0/8", 404), ("0/1/0", 404), ("99/0/0", 422), ("-1/0/0", 422), ("3/-1/0", 422), ("a/0/0", 422),
+        ("18/999999999999/0", 422),
+    ],
 )  # fmt: skip
 def test_a_tile_that_cannot_be_is_refused(http: httpx2.Client, address: str, status: int) -> None:
     assert http.get(f"/v1/maps/city/tiles/semantic/{address}.png").status_code == status

@@ -52,7 +52,7 @@ def _record_log(session: Session, work: Work) -> list[Wake]:
     """What the log is, for the drive's page."""
     said = json.loads((work.out_dir / "log.json").read_text(encoding="utf-8"))
     drive = drives.get(session, str(work.claim.drive_id))
-    drive.facts = {**drive.facts, "log": said["log"]}
+    drive.facts = {**drive.facts, "log": {name: value for name, value in said["log"].items() if name not in ("path", "name")}}
     return []
 
 

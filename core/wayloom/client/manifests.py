@@ -60,18 +60,21 @@ def _gnss_files(log: DriveLog, gnss: Path | None) -> tuple[str | None, dict[str,
     gnss = gnss.parent if gnss.name == "oxts" else gnss
     if gnss.is_file():
         return f"gnss/{gnss.name}", {f"gnss/{gnss.name}": gnss}
-    found = {f"gnss/{gnss.name}/{path.relative_to(gnss).as_posix()}": path for path in _gnss_folder_files(gnss)}
+    found = {f"gnss/{gnss.name}/{path.relative_to(gnss).as_posix()}": path for path in _gnss_folder_files(log, gnss)}
     if not found:
         raise LogError("has no files", file=gnss, remedy="give the folder of a GNSS log")
     beside = {f"gnss/{path.name}": path for path in sorted(gnss.parent.glob("calib*.txt"))}
     return f"gnss/{gnss.name}", found | beside
 
 
-def _gnss_folder_files(gnss: Path) -> Iterator[Path]:
-    """Everything in the folder, or, where it is a whole recording, its `oxts` part alone: images are not sent twice."""
+def _gnss_folder_files(log: DriveLog, gnss: Path) -> Iterator[Path]:
+    """The folder's `oxts` part, or all of it: of packets numbered like frames only those of this log's frames."""
     part = gnss / "oxts" if (gnss / "oxts").is_dir() else gnss
+    packets = {path for path in (part / "data").glob("*.txt") if path.stem.isdigit()}
+    frames = {int(stem) for stem in (PurePosixPath(name).stem for name in log.files) if stem.isdigit()}
+    wanted = {path for path in packets if int(path.stem) in frames} or packets
     for folder, _, names in os.walk(part):
-        yield from sorted(Path(folder) / name for name in names)
+        yield from sorted(path for path in (Path(folder) / name for name in names) if path not in packets or path in wanted)
 
 
 def _hashed(sources: dict[str, Path], told: Callable[[int, int], None]) -> tuple[ManifestFile, ...]:

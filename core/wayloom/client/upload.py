@@ -119,9 +119,9 @@ def _send_file(
             raise last
         time.sleep(pause_s)
         if address is not None:
-            known = _offset(api, address)
-            counter.add((known or 0) - offset)
-            address, offset = (address, known) if known is not None else (None, 0)
+            address, known = _continue_at(api, address, offset)
+            counter.add(known - offset)
+            offset = known
 
 
 def _pauses(over: threading.Event) -> Iterator[float | None]:
@@ -145,12 +145,14 @@ def _send_chunk(api: Api, drive_id: str, file: dict[str, Any], address: str | No
     return address, int(response.headers["Upload-Offset"])
 
 
-def _offset(api: Api, address: str) -> int | None:
-    """Where the server's stored bytes end; None where it knows nothing of the upload."""
+def _continue_at(api: Api, address: str, offset: int) -> tuple[str | None, int]:
+    """The address and where its stored bytes end; (None, 0) where the server knows it no more; as before while it is away."""
     try:
-        return int(api.once("HEAD", address, headers=TUS).headers["Upload-Offset"])
+        return address, int(api.once("HEAD", address, headers=TUS).headers["Upload-Offset"])
+    except AnswerError as error:
+        return (None, 0) if error.status in (404, 410) else (address, offset)
     except ServiceError:
-        return None
+        return address, offset
 
 
 def _read(source: Path, offset: int, count: int, size: int) -> bytes:

@@ -1,0 +1,188 @@
+"""The client: what it packs, and that it ends with every byte on the server whatever happens on the way."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from service_kit.parcels import parcel, parcel_of
+from service_kit.running import ApiAlone, Up, environment, service, until
+from wayloom.client.api import AnswerError, Api
+from wayloom.client.manifests import pack
+from wayloom.client.upload import upload
+from wayloom.errors import LogError, ServiceError
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ApiAlone]:
+    server = ApiAlone(tmp_path_factory.mktemp("server") / "data")
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def api(alone: ApiAlone) -> Iterator[Api]:
+    with Api(alone.url) as found:
+        yield found
+
+
+def arrived(server: ApiAlone, drive_id: str) -> dict[str, bytes]:
+    folder = server.data / "drives" / drive_id
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_every_byte_of_a_drive_arrives(alone: ApiAlone, api: Api, tmp_path: Path) -> None:
+    sent = parcel(tmp_path, "whole", sizes=(0, 1, 1000, 70_000, 3 << 20))
+    told: list[int] = []
+    registration = upload(api, sent, lambda done, _of: told.append(done), chunk=1 << 20)
+    assert registration["missing"] == []
+    assert arrived(alone, registration["id"]) == {name: path.read_bytes() for name, path in sent.sources.items()}
+    assert told[-1] == sent.manifest.byte_count
+    assert told == sorted(told)
+
+
+def test_a_drive_that_is_there_is_not_sent_again(api: Api, tmp_path: Path) -> None:
+    sent = parcel(tmp_path, "again", sizes=(5000,))
+    first = upload(api, sent)
+    for path in sent.sources.values():
+        path.unlink()
+    again = upload(api, sent)
+    assert (first["id"], again["created"], again["missing"]) == (again["id"], False, [])
+
+
+def test_an_upload_goes_on_while_the_server_is_killed_and_comes_back(tmp_path: Path) -> None:
+    server = ApiAlone(tmp_path / "data")
+    sent = parcel(tmp_path / "files", "killed", sizes=(4 << 20,) * 10)
+    reached = threading.Event()
+    results: list[dict[str, object]] = []
+
+    def told(done: int, of: int) -> None:
+        if done > of // 4:
+            reached.set()
+
+    def send() -> None:
+        with Api(server.url) as api:
+            try:
+                results.append(upload(api, sent, told, chunk=1 << 20))
+            except Exception as error:
+                results.append({"error": repr(error)})
+
+    sender = threading.Thread(target=send)
+    try:
+        sender.start()
+        assert reached.wait(30)
+        server.kill()
+        time.sleep(0.3)
+        server.start()
+        sender.join(60)
+        assert len(results) == 1
+        assert "error" not in results[0], results[0]
+        assert arrived(server, str(results[0]["id"])) == {name: path.read_bytes() for name, path in sent.sources.items()}
+    finally:
+        server.close()
+
+
+def test_a_client_that_was_killed_goes_on_where_it_was(alone: ApiAlone, tmp_path: Path) -> None:
+    sent = parcel(tmp_path, "client killed", sizes=(2 << 20,) * 12)
+    script = "import sys, pickle; from wayloom.client.api import Api; from wayloom.client.upload import upload\n"
+    script += "import time; slow = lambda done, of: time.sleep(0.1)\n"
+    script += "upload(Api(sys.argv[1]), pickle.load(open(sys.argv[2], 'rb')), slow, chunk=1 << 19)"
+    import pickle
+
+    (tmp_path / "parcel").write_bytes(pickle.dumps(sent))
+    process = subprocess.Popen([sys.executable, "-c", script, alone.url, str(tmp_path / "parcel")], env=environment())
+    drive_id = sent.manifest.drive_id
+    with Api(alone.url) as api:
+        until(lambda: (alone.data / "drives" / drive_id).exists() and any((alone.data / "drives" / drive_id).rglob("*.png")))
+        process.kill()
+        process.wait()
+        told: list[int] = []
+        upload(api, sent, lambda done, _of: told.append(done))
+    assert 0 < told[0] < sent.manifest.byte_count
+    assert arrived(alone, drive_id) == {name: path.read_bytes() for name, path in sent.sources.items()}
+
+
+def test_a_file_that_changes_on_the_way_is_said(api: Api, tmp_path: Path) -> None:
+    sent = parcel_of(tmp_path, "changed", {"log/a": os.urandom(5000)})
+    sent.sources["log/a"].write_bytes(b"short")
+    with pytest.raises(LogError, match="shorter"):
+        upload(api, sent)
+    sent.sources["log/a"].unlink()
+    with pytest.raises(LogError, match="cannot be read"):
+        upload(api, sent)
+
+
+def test_a_server_that_is_not_there_is_said() -> None:
+    with Api("http://127.0.0.1:9", pauses_s=(0.01,)) as api, pytest.raises(ServiceError, match="does not answer"):
+        api.json("GET", "/v1/drives")
+
+
+def test_a_refusal_carries_its_status_and_code(api: Api) -> None:
+    with pytest.raises(AnswerError, match="there is no drive") as caught:
+        api.json("GET", f"/v1/drives/{'a' * 64}")
+    assert (caught.value.status, caught.value.code) == (404, "not-found")
+
+
+@pytest.mark.real_data
+def test_a_log_and_the_gnss_log_beside_it_are_packed_so_that_the_server_can_open_them(
+    alone: ApiAlone, api: Api, clip_a: Path, clip_a_gnss: Path, tmp_path: Path
+) -> None:
+    from wayloom.logs.registry import open_log
+
+    few = tmp_path / "few"
+    for side in ("image_0", "image_1"):
+        (few / side).mkdir(parents=True)
+        for name in sorted(os.listdir(clip_a / side))[:4]:
+            (few / side / name).write_bytes((clip_a / side / name).read_bytes())
+    (few / "calib.txt").write_bytes((clip_a / "calib.txt").read_bytes())
+    (few / "times.txt").write_text("".join((clip_a / "times.txt").read_text().splitlines(keepends=True)[:4]))
+    packed = pack(few, clip_a_gnss, "car 7")
+    registration = upload(api, packed)
+    folder = alone.data / "drives" / registration["id"]
+    here = open_log(few, gnss=clip_a_gnss)
+    there = open_log(folder / packed.manifest.log, gnss=folder / str(packed.manifest.gnss))
+    assert there.files == here.files
+    assert there.gnss is not None
+    assert here.gnss is not None
+    assert (there.gnss.lon_lat_height == here.gnss.lon_lat_height).all()
+    assert (there.p_cam_gnss == here.p_cam_gnss).all()
+    assert packed.manifest.vehicle_id == "car 7"
+
+
+@pytest.mark.real_data
+def test_a_kitti_raw_log_with_its_calibration_beside_it_is_packed_whole(alone: ApiAlone, api: Api, clip_b: Path) -> None:
+    from wayloom.logs.registry import open_log
+
+    packed = pack(clip_b)
+    assert packed.manifest.log == f"log/{clip_b.name}"
+    registration = upload(api, packed)
+    there = open_log(alone.data / "drives" / registration["id"] / packed.manifest.log)
+    assert (len(there), there.gnss is not None) == (154, True)
+    for file in packed.manifest.files[:5]:
+        assert hashlib.sha256((alone.data / "drives" / registration["id"] / file.path).read_bytes()).hexdigest() == file.sha256
+
+
+@pytest.mark.real_data
+def test_the_command_uploads_waits_and_tells(tmp_path: Path, clip_a: Path) -> None:
+    with service(tmp_path / "data", WAYLOOM_STEPS="service_kit.little_steps:EASY_STEPS") as up:
+        done = run_upload(up, clip_a, "--wait", "--json", str(tmp_path / "said.json"))
+        assert done.returncode == 0, done.stderr
+        assert "in the map" in done.stdout
+        (drive,) = json.loads((tmp_path / "said.json").read_text())["drives"]
+        assert (drive["state"], drive["files"]) == ("done", 404)
+        bad = run_upload(up, tmp_path)
+        assert (bad.returncode, len(bad.stderr.splitlines())) == (2, 1)
+        two = run_upload(up, clip_a, str(clip_a), "--gnss", str(clip_a))
+        assert two.returncode == 2
+
+
+def run_upload(up: Up, log: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "wayloom.cli.main", "upload", str(log), *arguments, "--to", up.url]
+    return subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=120)
