@@ -56,7 +56,7 @@ def grid_graph(rng: np.random.Generator, columns: int, rows: int) -> StreetGraph
     x = np.cumsum(rng.uniform(*STREET_SPACING_M, columns))
     y = np.cumsum(rng.uniform(*STREET_SPACING_M, rows))
     grid = np.stack(np.meshgrid(x - x.mean(), y - y.mean()), axis=-1) + rng.uniform(-JITTER_M, JITTER_M, (rows, columns, 2))
-    avenue_column, avenue_row = columns // 2 + 1, rows // 2 + 1
+    avenue_column, avenue_row = min(columns // 2 + 1, columns - 2), min(rows // 2 + 1, rows - 2)
     streets = {}
     for r in range(rows):
         for c in range(columns):
