@@ -61,7 +61,7 @@ def odometry(log: DriveLog) -> OdometryResult:
 def test_left_and_right_of_every_keyframe_are_labelled(
     log: DriveLog, odometry: OdometryResult, network: CountingNetwork, tmp_path: Path
 ) -> None:
-    labels = segment_keyframes(log, odometry, network, tmp_path / "out")
+    labels = segment_keyframes(log, odometry.keyframes.frame, network, tmp_path / "out")
     assert network.images == 6
     assert len(labels) == 3
     frame = log.frame(9)
@@ -80,13 +80,13 @@ def test_a_second_run_labels_only_what_is_missing_or_torn(
     log: DriveLog, odometry: OdometryResult, network: CountingNetwork, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    segment_keyframes(log, odometry, network, out)
+    segment_keyframes(log, odometry.keyframes.frame, network, out)
     before = {path: path.read_bytes() for path in out.rglob("*.png")}
     (out / "left" / "0000000009.png").unlink()
     torn = out / "right" / "0000000021.png"
     torn.write_bytes(torn.read_bytes()[:200])
     network.images = 0
-    segment_keyframes(log, odometry, network, out)
+    segment_keyframes(log, odometry.keyframes.frame, network, out)
     assert network.images == 2
     assert {path: path.read_bytes() for path in out.rglob("*.png")} == before
 
@@ -95,10 +95,10 @@ def test_another_network_labels_everything_anew(
     log: DriveLog, odometry: OdometryResult, network: CountingNetwork, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    segment_keyframes(log, odometry, network, out)
+    segment_keyframes(log, odometry.keyframes.frame, network, out)
     (out / "left" / "0000000077.png").write_bytes(b"of a keyframe that is no more")
     other = CountingNetwork(find_model(put(tmp_path, "other", logits_network(classes=4), THREE.replace("10]", "10, 0]"))))
-    segment_keyframes(log, odometry, other, out)
+    segment_keyframes(log, odometry.keyframes.frame, other, out)
     assert other.images == 6
     assert json.loads((out / "model.json").read_text())["name"] == "other"
     assert len(list((out / "left").iterdir())) == 3
@@ -107,7 +107,7 @@ def test_another_network_labels_everything_anew(
 def test_labels_stay_in_memory_only_within_the_bound(
     log: DriveLog, odometry: OdometryResult, network: CountingNetwork, tmp_path: Path
 ) -> None:
-    segment_keyframes(log, odometry, network, tmp_path / "out")
+    segment_keyframes(log, odometry.keyframes.frame, network, tmp_path / "out")
     labels = KeyframeLabels(tmp_path / "out", KEYFRAMES, held=2)
     first = labels.left(0)
     assert labels.left(0) is first
@@ -121,7 +121,7 @@ def test_labels_stay_in_memory_only_within_the_bound(
 def test_a_missing_or_torn_label_image_names_its_file(
     content: bytes | None, log: DriveLog, odometry: OdometryResult, network: CountingNetwork, tmp_path: Path
 ) -> None:
-    labels = segment_keyframes(log, odometry, network, tmp_path / "out")
+    labels = segment_keyframes(log, odometry.keyframes.frame, network, tmp_path / "out")
     path = tmp_path / "out" / "left" / "0000000009.png"
     path.unlink()
     if content is not None:
@@ -132,7 +132,7 @@ def test_a_missing_or_torn_label_image_names_its_file(
 
 def test_progress_rises_to_one(log: DriveLog, odometry: OdometryResult, network: CountingNetwork, tmp_path: Path) -> None:
     shares: list[float] = []
-    segment_keyframes(log, odometry, network, tmp_path / "out", lambda share, what: shares.append(share))
+    segment_keyframes(log, odometry.keyframes.frame, network, tmp_path / "out", lambda share, what: shares.append(share))
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 

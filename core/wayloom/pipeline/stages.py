@@ -184,7 +184,7 @@ def _odometry(call: StageCall, out_dir: Path, progress: Progress) -> None:
 
 def _segmentation(call: StageCall, out_dir: Path, progress: Progress) -> None:
     network = Network(find_model(call.settings.model or DEFAULT_MODEL), call.settings.threads)
-    segment_keyframes(call.log(), call.odometry(), network, out_dir, progress)
+    segment_keyframes(call.log(), call.odometry().keyframes.frame, network, out_dir, progress)
 
 
 def _labelling(call: StageCall, out_dir: Path, progress: Progress) -> None:

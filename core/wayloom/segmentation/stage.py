@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError
 from wayloom.logs.types import DriveLog
-from wayloom.odometry.types import OdometryResult
 from wayloom.segmentation.network import Network
 
 Labels = NDArray[np.uint8]
@@ -25,18 +24,23 @@ SIDES: Final = ("left", "right")
 
 
 def segment_keyframes(
-    log: DriveLog, odometry: OdometryResult, network: Network, out_dir: Path, progress: Progress = silent
+    log: DriveLog,
+    keyframes: Sequence[int] | NDArray[np.integer[Any]],
+    network: Network,
+    out_dir: Path,
+    progress: Progress = silent,
 ) -> "KeyframeLabels":
     """Write `left/%010d.png` and `right/%010d.png`, named by frame index, and `model.json`, into out_dir.
 
     A run that was cut short goes on where it stopped: a PNG that decodes to the right size is kept as long as `model.json` says
     that the same network labelled the same drive. Every file appears whole or not at all.
+    keyframes : frame indices (`Keyframes.frame` of the odometry)
     Raises LogError from the log's reader.
     """
     out_dir.mkdir(parents=True, exist_ok=True)
     _claim(out_dir, _facts(log, network))
     shape = (log.rig.camera.height, log.rig.camera.width)
-    frames = [int(index) for index in odometry.keyframes.frame]
+    frames = [int(index) for index in keyframes]
     for done, index in enumerate(frames):
         progress(done / len(frames), f"labelling keyframe {done + 1} of {len(frames)}")
         _segment_pair(log, network, out_dir, index, shape)
