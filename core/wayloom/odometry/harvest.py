@@ -111,7 +111,7 @@ class Harvest:
         if not self.points:
             return _points_of({}, np.zeros((0, 3), np.int64))
         column = {name: np.concatenate([part[name] for part in self.points]) for name in self.points[0]}
-        seen = np.concatenate(self.observations)
+        seen = np.concatenate([np.zeros((0, 3), np.int64), *self.observations])
         seen = seen[np.lexsort((seen[:, 1], seen[:, 0]))]
         counts = np.bincount(seen[:, 0], minlength=self.next_point)[column["id"]]
         sure = np.sqrt(column["variance"]) < max_relative_sigma * column["rho"]

@@ -3,6 +3,8 @@
 State: z = (delta, then for each keyframe its left perturbation (v, omega), a, b), 1 + 8F unknowns.
 """
 
+import math
+
 import numpy as np
 
 from wayloom.odometry.kernels.arrays import LOCAL, PATCH
@@ -66,51 +68,62 @@ def right_of(T, rig):  # type: ignore[no-untyped-def]
 
 
 @jit
-def add_static(i, images, rig, frames, points, delta, robust, M, e, J, terms):  # type: ignore[no-untyped-def]
-    """The patch of point i in its host's right image: knows rho and delta only. Returns its energy."""
-    h = points.host[i]
-    x, y = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
+def add_static(image, ray, rho, rig, delta, colour, weight, gain, offset, robust, M, e, J, own, coupling, H, g):  # type: ignore[no-untyped-def]
+    """A patch in its host's right image (h, w): knows rho and delta only. ray (2,), colour and weight (8,) of the patch, gain and
+    offset of right against left. Adds to own (2,), coupling (9,), H (9, 9), g (9,); returns the energy and whether it is an
+    inlier."""
+    x, y = ray[0], ray[1]
     energy, inside = patch_residual(
-        images.right[frames.slot[h]], right_of(IDENTITY, rig), x, y, points.rho[i], rig, delta, points.colour[i], points.weight[i],
-        frames.gain_right[h, 0], frames.gain_right[h, 1], robust, M, e,
-    )  # fmt: skip
+        image, right_of(IDENTITY, rig), x, y, rho, rig, delta, colour, weight, gain, offset, robust, M, e
+    )
     limit = robust.max_energy * PATCH
-    if inside and energy <= limit and projection_jacobian(IDENTITY, x, y, points.rho[i], rig, 1.0, J):
+    good = inside and energy <= limit and projection_jacobian(IDENTITY, x, y, rho, rig, 1.0, J)
+    if good:
         scale, ru, rv = robust.static_weight, J[0, 7], J[1, 7]
-        terms.inlier[i, frames.slot.shape[0]] = 1
-        terms.own[i, 0] += scale * (M[0, 0] * ru * ru + 2.0 * M[0, 1] * ru * rv + M[1, 1] * rv * rv)
-        terms.own[i, 1] -= scale * (e[0] * ru + e[1] * rv)
-        terms.coupling[i, h, 8] -= scale * (M[0, 0] * ru + M[0, 1] * rv)
-        terms.H_pair[h, h, 8, 8] += scale * M[0, 0]
-        terms.g_pair[h, h, 8] += scale * e[0]
-    return robust.static_weight * min(energy, limit)
+        own[0] += scale * (M[0, 0] * ru * ru + 2.0 * M[0, 1] * ru * rv + M[1, 1] * rv * rv)
+        own[1] -= scale * (e[0] * ru + e[1] * rv)
+        coupling[8] -= scale * (M[0, 0] * ru + M[0, 1] * rv)
+        H[8, 8] += scale * M[0, 0]
+        g[8] += scale * e[0]
+    return robust.static_weight * min(energy, limit), good
 
 
 @jit
-def add_temporal(i, t, T, S, right, images, rig, frames, points, delta, robust, M, e, J, terms):  # type: ignore[no-untyped-def]
-    """The patch of point i in frame t's left (right = 0) or right image (1); T, S (4, 4) T_t_host now and at the first estimates.
-    Returns the energy and whether the patch is an inlier there."""
-    h, rho = points.host[i], points.rho[i]
-    x, y = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
-    gain = gain_between(frames.affine[h], frames.affine[t])
-    offset = frames.affine[t, 1] - gain * frames.affine[h, 1]
-    if right == 0:
-        energy, inside = patch_residual(
-            images.left[frames.slot[t]], T, x, y, rho, rig, 0.0, points.colour[i], points.weight[i], gain, offset, robust, M, e
-        )
-        scale, gain_image = 1.0, 1.0
-    else:
-        gain_image = frames.gain_right[t, 0]
-        energy, inside = patch_residual(
-            images.right[frames.slot[t]], right_of(T, rig), x, y, rho, rig, delta, points.colour[i], points.weight[i],
-            gain * gain_image, gain_image * offset + frames.gain_right[t, 1], robust, M, e,
-        )  # fmt: skip
-        scale = robust.observer_right_weight
+def add_temporal(
+    image,
+    T,
+    S,
+    ray,
+    rho,
+    rig,
+    right,
+    shift,
+    colour,
+    weight,
+    gain,
+    gain_image,
+    b_host,
+    offset,
+    scale,
+    robust,
+    M,
+    e,
+    J,
+    own,
+    coupling,
+    H,
+    g,
+):  # type: ignore[no-untyped-def]
+    """A patch in a target's left (right = 0) or right image (1). T, S (4, 4) T_target_host now and at the first estimates; gain =
+    exp(a_target - a_host), gain_image 1 or that of right against left; offset of the image; scale the term's weight.
+    Adds to own (2,), coupling (9,), H (9, 9), g (9,); returns the energy and whether it is an inlier."""
+    x, y = ray[0], ray[1]
+    energy, inside = patch_residual(image, T, x, y, rho, rig, shift, colour, weight, gain * gain_image, offset, robust, M, e)
     limit = robust.max_energy * PATCH
-    good = inside and energy <= limit and projection_jacobian(S, x, y, rho, rig, float(right), J)
+    good = inside and energy <= limit and projection_jacobian(S, x, y, rho, rig, right, J)
     if good:
-        remove_host_offset(M, e, gain * gain_image * frames.affine[h, 1])
-        add_pair(J, M, e, scale, gain_image, terms.H_pair[h, t], terms.g_pair[h, t], terms.coupling[i, t], terms.own[i])
+        remove_host_offset(M, e, gain * gain_image * b_host)
+        add_pair(J, M, e, scale, gain_image, H, g, coupling, own)
     return scale * min(energy, limit), good
 
 
@@ -134,28 +147,53 @@ def linearise(images, rig, frames, points, delta, robust, terms):  # type: ignor
     Image gradients are taken at the current state, the geometry at the first estimates (first-estimate Jacobians, Engel et al.
     2018, sec. 2.3), so that frames of the prior keep its null space.
     """
-    F, total = frames.slot.shape[0], 0.0
-    T, S = relative_poses(frames, 0), relative_poses(frames, 1)
+    F, N, total = frames.slot.shape[0], points.host.shape[0], 0.0
     M, e, J = np.zeros((4, 4)), np.zeros(4), np.zeros((2, 8))
+    T, S, rays = relative_poses(frames, 0), relative_poses(frames, 1), np.empty((N, 2))
+    clear(terms)
+    for i in range(N):
+        rays[i, 0], rays[i, 1] = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
+        h = points.host[i]
+        if points.has_static[i]:
+            energy, good = add_static(
+                images.right[frames.slot[h]], rays[i], points.rho[i], rig, delta, points.colour[i], points.weight[i],
+                frames.gain_right[h, 0], frames.gain_right[h, 1], robust, M, e, J, terms.own[i], terms.coupling[i, h],
+                terms.H_pair[h, h], terms.g_pair[h, h],
+            )  # fmt: skip
+            terms.inlier[i, F] = good
+            total += energy
+    for t in range(F):  # one image at a time, points of one host together: that keeps the caches warm
+        left, right, a, b = images.left[frames.slot[t]], images.right[frames.slot[t]], frames.affine[t, 0], frames.affine[t, 1]
+        gain_right, offset_right = frames.gain_right[t, 0], frames.gain_right[t, 1]
+        for i in range(N):
+            h = points.host[i]
+            if t == h or points.closed[i, t]:
+                continue
+            gain, b_host = math.exp(a - frames.affine[h, 0]), frames.affine[h, 1]
+            offset = b - gain * b_host
+            energy, good = add_temporal(
+                left, T[h, t], S[h, t], rays[i], points.rho[i], rig, 0.0, 0.0, points.colour[i], points.weight[i], gain, 1.0,
+                b_host, offset, 1.0, robust, M, e, J, terms.own[i], terms.coupling[i, t], terms.H_pair[h, t], terms.g_pair[h, t],
+            )  # fmt: skip
+            total += energy
+            terms.inlier[i, t] = good
+            if good and robust.observer_right_weight > 0.0:
+                total += add_temporal(
+                    right, right_of(T[h, t], rig), S[h, t], rays[i], points.rho[i], rig, 1.0, delta, points.colour[i],
+                    points.weight[i], gain, gain_right, b_host, gain_right * offset + offset_right, robust.observer_right_weight,
+                    robust, M, e, J, terms.own[i], terms.coupling[i, t], terms.H_pair[h, t], terms.g_pair[h, t],
+                )[0]  # fmt: skip
+    return total
+
+
+@jit
+def clear(terms):  # type: ignore[no-untyped-def]
+    """Set all of terms to zero."""
     terms.H_pair[:] = 0.0
     terms.g_pair[:] = 0.0
     terms.coupling[:] = 0.0
     terms.own[:] = 0.0
     terms.inlier[:] = 0
-    for i in range(points.host.shape[0]):
-        h = points.host[i]
-        if points.has_static[i]:
-            total += add_static(i, images, rig, frames, points, delta, robust, M, e, J, terms)
-        for t in range(F):
-            if t == h or points.closed[i, t]:
-                continue
-            energy, good = add_temporal(i, t, T[h, t], S[h, t], 0, images, rig, frames, points, delta, robust, M, e, J, terms)
-            total += energy
-            if good:
-                terms.inlier[i, t] = 1
-                if robust.observer_right_weight > 0.0:
-                    total += add_temporal(i, t, T[h, t], S[h, t], 1, images, rig, frames, points, delta, robust, M, e, J, terms)[0]
-    return total
 
 
 @jit

@@ -1,0 +1,65 @@
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from made_street import CAMERA, RIG, MadeLog, curve
+from typer.testing import CliRunner
+
+from wayloom.cli.main import app
+from wayloom.logs.ply import read_ply
+from wayloom.logs.trajectory_files import read_kitti, read_tum
+
+FRAMES = 8
+
+
+def write_log(folder: Path, black: tuple[int, ...] = ()) -> Path:
+    """The made street in KITTI odometry layout."""
+    log = MadeLog(curve(FRAMES))
+    for side in (0, 1):
+        (folder / f"image_{side}").mkdir(parents=True)
+    for frame in log.frames():
+        for side, image in enumerate((frame.left, frame.right)):
+            cv2.imwrite(str(folder / f"image_{side}" / f"{frame.index:06d}.png"), image * (frame.index not in black))
+    P = np.column_stack([CAMERA.K, np.zeros(3)])
+    Q = P.copy()
+    Q[0, 3] = -RIG.bf
+    lines = [f"{name}: {' '.join(str(x) for x in M.ravel())}" for name, M in (("P0", P), ("P1", Q))]
+    (folder / "calib.txt").write_text("\n".join(lines) + "\n")
+    (folder / "times.txt").write_text("\n".join(f"{0.1 * i:.6f}" for i in range(FRAMES)) + "\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_log(tmp_path_factory.mktemp("drive") / "00")
+
+
+def test_trajectory_cloud_and_report_are_written(log: Path, tmp_path: Path) -> None:
+    out, cloud, report = tmp_path / "traj.tum", tmp_path / "cloud.ply", tmp_path / "report.json"
+    done = CliRunner().invoke(app, ["odometry", str(log), "--out", str(out), "--points", str(cloud), "--json", str(report)])
+    assert done.exit_code == 0, done.output
+    t_ns, T = read_tum(out)
+    assert t_ns.tolist() == [i * 100_000_000 for i in range(FRAMES)]
+    assert np.linalg.norm(T[:, :3, 3] - curve(FRAMES)[:, :3, 3], axis=1).max() < 0.03
+    facts = json.loads(report.read_text())
+    assert (facts["frames"], facts["tracked"]) == (FRAMES, FRAMES)
+    assert len(read_ply(cloud).points) == facts["points"] > 50
+    assert "warning" not in done.output
+
+
+def test_kitti_format_has_one_line_a_frame_relative_to_the_first(log: Path, tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["odometry", str(log), "--out", str(tmp_path / "t.txt"), "--format", "kitti", "--threads", "2"])
+    assert done.exit_code == 0, done.output
+    poses = read_kitti(tmp_path / "t.txt")
+    assert len(poses) == FRAMES
+    np.testing.assert_allclose(poses[0], np.eye(4), atol=1e-9)
+
+
+def test_lost_frames_are_a_warning_and_no_failure(tmp_path: Path) -> None:
+    folder = write_log(tmp_path / "00", black=(4,))
+    done = CliRunner().invoke(app, ["odometry", str(folder), "--out", str(tmp_path / "t.tum")])
+    assert done.exit_code == 0, done.output
+    assert "1 of 8 frames not tracked, 1 segments, the first: frame 4, the image is blank" in done.output
+    assert len(read_tum(tmp_path / "t.tum")[0]) == FRAMES

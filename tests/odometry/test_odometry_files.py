@@ -1,0 +1,65 @@
+import hashlib
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_street import MadeLog, curve
+
+from wayloom.errors import InputError
+from wayloom.odometry.files import load_odometry, save_odometry
+from wayloom.odometry.odometry import track
+from wayloom.odometry.types import OdometryResult
+
+
+@pytest.fixture(scope="module")
+def result() -> OdometryResult:
+    return track(MadeLog(curve(8)))
+
+
+def test_a_result_comes_back_as_it_was_stored(result: OdometryResult, tmp_path: Path) -> None:
+    save_odometry(result, tmp_path / "a.npz")
+    again = load_odometry(tmp_path / "a.npz")
+    for group in ("trajectory", "keyframes", "points"):
+        for name in type(getattr(result, group)).__slots__:
+            a, b = getattr(getattr(result, group), name), getattr(getattr(again, group), name)
+            np.testing.assert_array_equal(a, b)
+            assert a.dtype == b.dtype
+    assert again.rig == result.rig
+    assert again.disparity_bias_px == result.disparity_bias_px
+    np.testing.assert_array_equal(again.row_coefficients, result.row_coefficients)
+    assert again.report == {key: value for key, value in result.report.items() if key != "seconds"}
+
+
+def test_equal_results_give_equal_bytes(result: OdometryResult, tmp_path: Path) -> None:
+    digests = set()
+    for name, other in (("a", result), ("b", track(MadeLog(curve(8)), threads=2))):
+        save_odometry(other, tmp_path / name)
+        digests.add(hashlib.sha256((tmp_path / name).read_bytes()).hexdigest())
+    assert len(digests) == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
+
+
+def test_numpy_opens_the_file_too(result: OdometryResult, tmp_path: Path) -> None:
+    save_odometry(result, tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz") as arrays:
+        np.testing.assert_array_equal(arrays["points.host"], result.points.host)
+
+
+@pytest.mark.parametrize("content", [b"", b"no zip", b"PK\x03\x04 cut"])
+def test_what_is_no_result_is_refused_by_name(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "bad.npz").write_bytes(content)
+    with pytest.raises(InputError, match=r"bad\.npz"):
+        load_odometry(tmp_path / "bad.npz")
+
+
+def test_a_missing_file_is_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.npz"):
+        load_odometry(tmp_path / "none.npz")
+
+
+def test_another_version_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "old.npz", "w") as archive:
+        archive.writestr("meta.json", '{"format": "wayloom-odometry", "version": 99}')
+    with pytest.raises(InputError, match="version 99"):
+        load_odometry(tmp_path / "old.npz")

@@ -1,0 +1,109 @@
+import math
+
+import naive
+import numpy as np
+import pytest
+from made_street import CAMERA, RIG, curve, render
+
+from wayloom.geometry import se3
+from wayloom.odometry import pyramid
+from wayloom.odometry.kernels import tracking
+
+LEVEL = np.array([CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy])
+
+
+def made_reference(count: int = 200):
+    truth = curve(2, 0.5)
+    first, rho = render(truth[0], CAMERA)
+    second, _ = render(truth[1], CAMERA)
+    rng = np.random.default_rng(0)
+    u, v = rng.integers(10, 310, count), rng.integers(10, 190, count)
+    reference = np.column_stack([CAMERA.rays(np.column_stack([u, v]).astype(float))[:, :2], rho[v, u], first[v, u]])
+    return reference, second.astype(np.float32), se3.inverse(truth[1])
+
+
+def test_tracking_equations_are_those_of_the_naive_twin() -> None:
+    reference, image, T = made_reference(60)
+    image = pyramid.with_gradient(image)
+    T = se3.exp(np.array([0.02, 0.01, -0.03, 0.002, 0.001, -0.003])) @ T
+    H, g = np.zeros((8, 8)), np.zeros(8)
+    energy, count, beyond = tracking.tracking_equations(image, reference, T, 1.02, -1.0, LEVEL, 9.0, 20.0, H, g)
+    H_slow, g_slow, energy_slow, count_slow, beyond_slow = naive.tracking_equations(
+        image, reference, T, 1.02, -1.0, LEVEL, 9.0, 20.0
+    )
+    assert (count, beyond) == (count_slow, beyond_slow)
+    assert beyond > 0
+    assert energy == pytest.approx(energy_slow, rel=1e-5)
+    np.testing.assert_allclose(H, H_slow, rtol=1e-4, atol=1e-6 * np.abs(H_slow).max())
+    np.testing.assert_allclose(g, g_slow, rtol=1e-4, atol=1e-6 * np.abs(g_slow).max())
+
+
+def test_alignment_finds_motion_and_brightness() -> None:
+    reference, image, T_true = made_reference(800)
+    T, brightness, out = T_true @ se3.exp(np.array([0.05, -0.03, 0.05, 0.004, 0.004, -0.004])), np.array([1.0, 0.0]), np.zeros(3)
+    tracking.align_level(
+        pyramid.with_gradient(image * np.float32(0.9) + np.float32(6)), reference, T, brightness, LEVEL, 9.0, 20.0, 50, out
+    )
+    error = se3.log(T @ se3.inverse(T_true))
+    assert np.linalg.norm(error[:3]) < 0.005
+    assert np.linalg.norm(error[3:]) < 0.0005
+    assert brightness[0] * 125 + brightness[1] == pytest.approx(0.9 * 125 + 6, abs=1.0)
+    assert out[2] < 0.1 * out[1]
+
+
+def test_alignment_without_any_point_in_view_changes_nothing() -> None:
+    T, brightness, out = np.eye(4), np.array([1.0, 0.0]), np.ones(3)
+    tracking.align_level(np.zeros((40, 60, 3), np.float32), np.zeros((0, 4)), T, brightness, LEVEL, 9.0, 20.0, 5, out)
+    np.testing.assert_array_equal(T, np.eye(4))
+    assert out.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_splatted_depths_are_summed_and_counted_a_pixel() -> None:
+    uv, rho = np.array([[3.4, 2.6], [2.6, 3.4], [9.0, 9.0], [200.0, 5.0]]), np.array([0.1, 0.3, 0.5, 0.7])
+    total, count = tracking.splat(uv, rho, 1, 6, 8)
+    assert (total[1, 1], count[1, 1]) == (pytest.approx(0.4), 2)
+    assert (total[4, 4], count[4, 4]) == (pytest.approx(0.5), 1)
+    assert count.sum() == 3
+
+
+@pytest.mark.parametrize("spread", [0, 1])
+def test_gathered_references_are_those_of_a_plain_loop(spread: int) -> None:
+    rng = np.random.default_rng(1)
+    count = (rng.random((12, 15)) < 0.15).astype(np.float32)
+    total, image = count * rng.random((12, 15)).astype(np.float32), rng.random((12, 15, 3)).astype(np.float32)
+    expected = []
+    for y in range(2, 9):
+        for x in range(2, 12):
+            cells = [(y, x)] if count[y, x] or not spread else [(y, x - 1), (y, x + 1), (y - 1, x), (y + 1, x)]
+            n = sum(count[c] for c in cells)
+            if n:
+                expected.append([(x - 7.0) / 10.0, (y - 5.0) / 11.0, sum(total[c] for c in cells) / n, image[y, x, 0]])
+    out = np.zeros((200, 4))
+    n = tracking.gather(image, total, count, spread, np.array([10.0, 11.0, 7.0, 5.0]), out)
+    np.testing.assert_allclose(out[:n], expected, rtol=1e-6)
+
+
+def test_mean_flow_is_the_root_mean_square_of_projected_motion() -> None:
+    reference, _, T = made_reference(50)
+    rays = np.column_stack([reference[:, :2], np.ones(50)])
+    moved, shifted = rays @ T[:3, :3].T + reference[:, 2:3] * T[:3, 3], rays + reference[:, 2:3] * T[:3, 3]
+    expected = [math.sqrt((((p[:, :2] / p[:, 2:] - rays[:, :2]) * 200.0) ** 2).sum(axis=1).mean()) for p in (moved, shifted)]
+    assert tracking.mean_flow(reference, T, LEVEL) == pytest.approx(expected)
+    assert tracking.mean_flow(reference[:0], T, LEVEL) == (0.0, 0.0)
+
+
+def test_projected_points_agree_with_the_camera_and_are_nan_outside() -> None:
+    rng = np.random.default_rng(2)
+    T = np.array([se3.exp(0.1 * rng.normal(size=6)) for _ in range(2)])
+    host, uv, rho = rng.integers(0, 2, 40), rng.uniform((0, 0), (319, 199), (40, 2)), rng.uniform(0.02, 0.5, 40)
+    T[1, 2, 3] -= 6.0
+    out = np.zeros((40, 3))
+    tracking.project_points(host, uv, rho, T, pyramid.rig_numbers(CAMERA, RIG.t_right_left), 200, 320, 6, out)
+    for i in range(40):
+        p = se3.transform(T[host[i]], CAMERA.rays(uv[i : i + 1]) / rho[i])
+        expected = CAMERA.project(p)
+        if CAMERA.contains(expected, 6.0)[0]:
+            np.testing.assert_allclose(out[i], [*expected[0], 1 / p[0, 2]], rtol=1e-9)
+        else:
+            assert math.isnan(out[i, 0])
+    assert 0 < np.isnan(out[:, 0]).sum() < 40
