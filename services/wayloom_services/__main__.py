@@ -1,10 +1,7 @@
 """`python -m wayloom_services`: the API on an address, or on a socket that the parent has opened (--fd)."""
 
 import argparse
-import ctypes
 import logging
-import os
-import signal
 import socket
 import sys
 
@@ -22,12 +19,7 @@ def main() -> int:
     """Serve until told to stop."""
     parser = argparse.ArgumentParser(prog="python -m wayloom_services")
     parser.add_argument("--fd", type=int, help="an open listening socket")
-    parser.add_argument("--die-with-parent", action="store_true", help="end when the process that started this one ends")
     arguments = parser.parse_args()
-    if arguments.die_with_parent and sys.platform == "linux":
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
-        if os.getppid() == 1:
-            return 1
     structlog.configure(
         processors=[
             structlog.processors.add_log_level,

@@ -1,11 +1,14 @@
 """Drives, their files, and the versions of the map."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from wayloom.errors import ConflictError, NotFoundError
-from wayloom.store import drives, maps
+from wayloom.store import drives, maps, uploads
 from wayloom.store.database import Database
+from wayloom.store.folders import Folders
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.maps import NewVersion, TileEntry
 from wayloom.store.tables import SubmapRow
@@ -149,3 +152,22 @@ def test_placing_submaps_again_replaces_them(database: Database) -> None:
         assert len(maps.submaps(session, "city")) == 2
         drives.delete_rows(session, drive_id)
         assert len(maps.submaps(session, "city")) == 0
+
+
+def test_the_bytes_of_an_expired_upload_go_first_and_its_row_an_hour_later(database: Database, tmp_path: Path) -> None:
+    drive_id, folders = register(database, "a"), Folders(tmp_path)
+    with database.write() as session:
+        old = uploads.create(session, drive_id, "log/1", 1, "", expiry_s=-1.0).id
+        fresh = uploads.create(session, drive_id, "log/2", 2, "", expiry_s=60.0).id
+    for upload_id in (old, fresh):
+        folders.uploads.mkdir(exist_ok=True)
+        uploads.part(folders, upload_id).path.write_bytes(b"x")
+    with database.write() as session:
+        assert [upload.id for upload in uploads.unfinished(session, drive_id)] == [fresh]
+        assert uploads.drop_expired(session, folders) == 0
+        assert uploads.find(session, old).path == "log/1"
+        assert uploads.drop_expired(session, folders, grace_s=0.0) == 1
+    assert not uploads.part(folders, old).path.exists()
+    assert uploads.part(folders, fresh).path.exists()
+    with database.read() as session, pytest.raises(NotFoundError):
+        uploads.find(session, old)

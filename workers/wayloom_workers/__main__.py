@@ -1,9 +1,7 @@
 """`python -m wayloom_workers worker|sweep`: one process, settings from the environment."""
 
 import argparse
-import ctypes
 import logging
-import os
 import signal
 import sys
 
@@ -28,10 +26,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m wayloom_workers")
     parser.add_argument("role", choices=("worker", "sweep"))
     parser.add_argument("--queues", default=",".join(QUEUES), help="queues to work on, comma-separated")
-    parser.add_argument("--die-with-parent", action="store_true", help="end when the process that started this one ends")
     arguments = parser.parse_args()
-    if arguments.die_with_parent:
-        die_with_parent()
     configure_log()
     try:
         settings = load_service_settings()
@@ -65,14 +60,6 @@ def configure_log() -> None:
         wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
         logger_factory=structlog.PrintLoggerFactory(sys.stderr),
     )
-
-
-def die_with_parent() -> None:
-    """Ask Linux to kill this process when its parent ends, however it ends. Elsewhere nothing happens."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
-        if os.getppid() == 1:
-            sys.exit(1)
 
 
 def _sweep(bench: Bench) -> None:

@@ -78,7 +78,7 @@ def _record_submaps(session: Session, work: Work) -> list[Wake]:
     """Place the submaps and have the map stitched; a drive without a place ends here."""
     drive = drives.get(session, str(work.claim.drive_id))
     placed = [item for item in load_submaps(work.out_dir) if item.frame is not None]
-    rows = [_submap_row(drive.id, drive.map_id, position, item) for position, item in enumerate(placed)]
+    rows = [submap_row(drive.id, drive.map_id, position, item) for position, item in enumerate(placed)]
     maps.place_submaps(session, drive.id, rows)
     if not rows:
         drive.state, drive.finished_at = "done", now_s(session)
@@ -88,7 +88,7 @@ def _record_submaps(session: Session, work: Work) -> list[Wake]:
     return [Wake(job.id, job.queue)]
 
 
-def _submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) -> SubmapRow:
+def submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) -> SubmapRow:
     """The row of a submap that has a place on Earth."""
     assert placed.frame is not None
     covariance = np.where(np.isfinite(placed.covariance), placed.covariance, 0.0)

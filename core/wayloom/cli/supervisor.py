@@ -2,11 +2,12 @@
 
 import contextlib
 import ctypes
+import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -36,7 +37,7 @@ class Child:
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
                 self.command, env=self.environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
-                pass_fds=self.pass_fds, preexec_fn=_die_with_parent if sys.platform == "linux" else None,
+                pass_fds=self.pass_fds, preexec_fn=_dying_with(os.getpid()) if sys.platform == "linux" else None,
             )  # fmt: skip
         self.started = time.monotonic()
 
@@ -98,6 +99,13 @@ def _signal(child: Child, number: signal.Signals) -> None:
         child.process.send_signal(number)
 
 
-def _die_with_parent() -> None:
-    """Ask Linux to kill this process when its parent ends, even by kill -9. (Elsewhere a clean stop is needed.)"""
-    ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+def _dying_with(parent: int) -> Callable[[], None]:
+    """What a child does first: ask Linux to kill it when its parent ends, even by kill -9. (Elsewhere a clean stop is needed.)"""
+    prctl = ctypes.CDLL(None).prctl
+
+    def ask() -> None:
+        prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+        if os.getppid() != parent:  # it ended before we asked
+            os._exit(1)
+
+    return ask

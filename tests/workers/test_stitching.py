@@ -1,0 +1,130 @@
+"""The map's tiles depend on which drives are in it: not on which came first, nor on what was there before."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wayloom.config.progress import silent
+from wayloom.config.service import ServiceSettings
+from wayloom.georeference import geodesy
+from wayloom.georeference.frames import map_frame_for
+from wayloom.georeference.types import MapFrame
+from wayloom.store import drives, maps
+from wayloom.store.jobs import Claim
+from wayloom.store.manifest import Manifest, ManifestFile
+from wayloom.store.migrate import upgrade
+from wayloom.submaps.submap import PlacedSubmap, Submap
+from wayloom_workers.__main__ import make_bench
+from wayloom_workers.production import submap_row
+from wayloom_workers.publishing import TILES_FILE
+from wayloom_workers.steps import Bench, Work
+from wayloom_workers.stitching import stitch
+
+LON, LAT = 8.4, 48.9995
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    made = make_bench(ServiceSettings(data_dir=tmp_path / "data"))
+    upgrade(made.database)
+    yield made
+    made.database.close()
+
+
+def placed(drive_id: str, seed: int, lat: float = LAT) -> PlacedSubmap:
+    """A street of 60 m with 500 points, in the frame of its own cell."""
+    rng = np.random.default_rng(seed)
+    xyz = (rng.uniform(-1.0, 1.0, (500, 3)) * (30.0, 30.0, 2.0)).astype(np.float32)
+    label = rng.choice([0, 1, 2, 8], 500).astype(np.uint8)
+    submap = Submap(
+        xyz=xyz, label=label, variance=np.full(500, 0.01, np.float32), grey=np.zeros(500, np.uint8), seen_ns=np.arange(500),
+        keyframe=np.zeros(500, np.uint32), vote_start=np.arange(501, dtype=np.uint32), vote_class=label,
+        vote_weight=np.full(500, 0.1, np.float32), keyframe_frame=np.arange(2, dtype=np.uint32),
+        keyframe_t_ns=np.array([0, 10**9]), T_submap_cam=np.stack([np.eye(4), np.eye(4)]), length_m=60.0, points_left_out={},
+    )  # fmt: skip
+    submap.T_submap_cam[1, 0, 3] = 30.0
+    frame = map_frame_for(LON, lat)
+    T_enu_submap = np.eye(4)
+    T_enu_submap[:3, 3] = geodesy.enu_from_lonlatheight(np.array([[LON, lat, 110.0]]), frame)[0]
+    return PlacedSubmap(submap, T_enu_submap, np.eye(6) * 0.01, drive_id, frame)
+
+
+def add(bench: Bench, name: str, seed: int, lat: float = LAT) -> str:
+    """A drive with one placed submap."""
+    with bench.database.write() as session:
+        manifest = Manifest(name=name, files=(ManifestFile(path="log/a", size=1, sha256="0" * 64),))
+        drive_id = drives.register(session, manifest, "city")[0].id
+        item = placed(drive_id, seed, lat)
+        bench.blobs.put(item.submap.encoded)
+        maps.place_submaps(session, drive_id, [submap_row(drive_id, "city", 0, item)])
+    return drive_id
+
+
+def stitched(bench: Bench, out_dir: Path) -> dict[str, object]:
+    """What `stitch` writes for the map as it is."""
+    out_dir.mkdir()
+    stitch(Work(bench, Claim(1, 1, "stitch", 1, None, "city", {}), None, None, out_dir, {}, out_dir, silent))
+    found: dict[str, object] = json.loads((out_dir / TILES_FILE).read_text())
+    return found
+
+
+def test_the_order_in_which_drives_came_changes_no_byte(bench: Bench, tmp_path: Path) -> None:
+    other = make_bench(ServiceSettings(data_dir=tmp_path / "other"))
+    upgrade(other.database)
+    for name, seed in (("a", 1), ("b", 2), ("c", 3)):
+        add(bench, name, seed)
+    for name, seed in (("c", 3), ("a", 1), ("b", 2)):
+        add(other, name, seed)
+    assert stitched(bench, tmp_path / "1") == stitched(other, tmp_path / "2")
+    other.database.close()
+
+
+def test_a_map_from_which_a_drive_was_removed_is_the_map_without_it(bench: Bench, tmp_path: Path) -> None:
+    add(bench, "a", 1)
+    without = stitched(bench, tmp_path / "1")
+    removed = add(bench, "b", 2)
+    assert stitched(bench, tmp_path / "2") != without
+    with bench.database.write() as session:
+        drives.request_removal(session, removed)
+    assert stitched(bench, tmp_path / "3") == without
+
+
+def test_drives_on_both_sides_of_a_degree_lie_side_by_side_in_one_frame(bench: Bench, tmp_path: Path) -> None:
+    south, north = add(bench, "south", 1), add(bench, "north", 2, lat=49.0005)
+    said = stitched(bench, tmp_path / "1")
+    assert said["frame"] == [8.5, 48.5, 0.0]
+    assert said["drives"] == sorted([south, north])
+    finest = {(tile["x"], tile["y"]) for tile in said["tiles"] if tile["layer"] == "points"}  # type: ignore[attr-defined]
+    expected = set()
+    for item in (placed(south, 1), placed(north, 2, lat=49.0005)):
+        assert item.frame is not None
+        expected |= tiles_of(item.points_enu(), item.frame)
+    assert finest == expected
+
+
+def tiles_of(points_enu: np.ndarray, frame: MapFrame, zoom: int = 18) -> set[tuple[int, int]]:
+    """The tiles in which points lie, each point by itself."""
+    found = set()
+    for lon, lat, _ in geodesy.lonlatheight_from_enu(points_enu, frame):
+        x = (lon + 180.0) / 360.0
+        y = 0.5 - np.arcsinh(np.tan(np.radians(lat))) / (2.0 * np.pi)
+        found.add((int(x * (1 << zoom)), int(y * (1 << zoom))))
+    return found
+
+
+def test_the_settings_origin_is_the_frame_where_there_is_one(tmp_path: Path) -> None:
+    bench = make_bench(ServiceSettings(data_dir=tmp_path / "data", map_origin=(8.41, 49.0, 100.0)))
+    upgrade(bench.database)
+    add(bench, "a", 1)
+    assert stitched(bench, tmp_path / "1")["frame"] == [8.41, 49.0, 100.0]
+    bench.database.close()
+
+
+def test_a_map_without_drives_has_no_tiles(bench: Bench, tmp_path: Path) -> None:
+    with bench.database.write() as session:
+        maps.ensure_map(session, "city")
+    said = stitched(bench, tmp_path / "1")
+    assert (said["tiles"], said["bounds"], said["drives"]) == ([], None, [])
