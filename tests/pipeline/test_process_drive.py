@@ -4,12 +4,13 @@ import json
 import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from pipeline.real_log import FRAMES, colour_network, damage, first_frames
 from segmentation.made_network import THREE
-from wayloom.errors import InputError, LogError, ModelError
+from wayloom.errors import InputError, LogError, ModelError, TooFewKeyframesError
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.pipeline.drive import process_drive
 from wayloom.pipeline.settings import ProcessSettings
@@ -157,3 +158,21 @@ def test_an_out_folder_that_is_a_file_is_named(log_path, settings, tmp_path):
 def test_a_folder_where_nothing_can_be_written_is_named(log_path, settings):
     with pytest.raises(InputError, match="/proc/wayloom"):
         process_drive(log_path, Path("/proc/wayloom"), settings)
+
+
+def test_a_blank_stretch_is_bridged_and_warned_of(settings, clip_a, tmp_path):
+    blinded = first_frames(clip_a, tmp_path / "blinded", 30)
+    for i in range(12, 16):
+        for side in ("image_0", "image_1"):
+            cv2.imwrite(str(blinded / side / f"{i:06d}.png"), np.zeros((376, 1241), np.uint8))
+    result = process_drive(blinded, tmp_path / "out", settings, write_more=write_report)
+    assert not result.odometry.trajectory.tracked[12:16].any()
+    said = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert said["warnings"][0].startswith("4 of 30 frames were lost (first frame 12: the image is blank)")
+    assert len((tmp_path / "out" / "trajectory.kitti").read_text().splitlines()) == 30
+
+
+def test_a_drive_of_one_frame_ends_with_a_reason(settings, clip_a, tmp_path):
+    with pytest.raises(TooFewKeyframesError, match="at least 2 keyframes"):
+        process_drive(first_frames(clip_a, tmp_path / "one", 1), tmp_path / "out", settings)
+    assert (tmp_path / "out" / "stages" / "odometry" / "report.json").exists()

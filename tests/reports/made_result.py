@@ -69,7 +69,15 @@ def made_odometry(T: np.ndarray, lost: tuple[int, ...] = ()) -> OdometryResult:
         host_right=np.ones(POINTS, bool),
     )
     keyframes = Keyframes(frames, T[frames], np.zeros((len(frames), 4)), segment[frames])
-    return OdometryResult(RIG, trajectory, keyframes, points, -0.4, np.array([0.1, 0.2, 6.0]), {"losses": []})
+    return OdometryResult(
+        RIG,
+        trajectory,
+        keyframes,
+        points,
+        -0.4,
+        np.array([0.1, 0.2, 6.0]),
+        {"losses": [{"frame": frame, "reason": "the image is blank"} for frame in lost]},
+    )
 
 
 def made_labels() -> PointLabels:

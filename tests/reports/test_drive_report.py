@@ -110,8 +110,15 @@ def test_a_drive_without_gnss_and_truth_says_so(tmp_path):
 
 def test_lost_frames_are_warned_of_first(tmp_path):
     said = drive_facts(made_result(tmp_path, lost=(12,)))
-    assert said["warnings"][0] == "1 of 30 frames were lost: the track has 2 segments, joined by guesses or GNSS"
+    assert said["warnings"][0] == (
+        "1 of 30 frames were lost (first frame 12: the image is blank) and hold a guess of constant motion; "
+        "the track has 2 segments, joined by GNSS or by guesses"
+    )
     assert said["odometry"]["segments"] == 2
+
+
+def test_what_a_log_need_not_have_is_no_warning(result):
+    assert drive_facts(result)["warnings"] == []
 
 
 def test_the_row_offset_is_the_largest_in_a_corner(result):

@@ -66,8 +66,8 @@ class StageCall:
         result = load_odometry(self.inputs_dir / "odometry" / ODOMETRY_FILE)
         if len(result.keyframes) < LEAST_KEYFRAMES:
             raise TooFewKeyframesError(
-                f"the odometry left {len(result.keyframes)} keyframes of {len(result.trajectory)} frames, and at least "
-                f"{LEAST_KEYFRAMES} are needed; its report says what was lost and why"
+                f"a map needs at least {LEAST_KEYFRAMES} keyframes, the odometry found {len(result.keyframes)} (frames in the log: "
+                f"{len(result.trajectory)}); report.json in the odometry's folder says what was lost and why"
             )
         return result
 

@@ -15,8 +15,8 @@ from wayloom.pipeline.drive import DriveResult
 
 FORMAT: Final = "wayloom-drive-report"
 FORMAT_VERSION: Final = 1
-UNNEEDED: Final = ("IMU", "GNSS")
-"""What a log may lack without a warning of its own: no IMU costs little, and the geo-reference tells of missing GNSS."""
+UNNEEDED: Final = ("IMU", "GNSS", "truth poses")
+"""What a log may lack without a warning of its own: the geo-reference tells of missing GNSS, the rest costs little."""
 
 
 def drive_facts(result: DriveResult) -> dict[str, Any]:
@@ -125,10 +125,10 @@ def warnings(result: DriveResult) -> list[str]:
     """What a reader must know before trusting the map, worst first."""
     trajectory, log = result.odometry.trajectory, result.log_facts["log"]
     said = []
-    lost = int((~trajectory.tracked).sum())
-    if lost:
-        segments = len(np.unique(trajectory.segment))
-        said.append(f"{lost} of {len(trajectory)} frames were lost: the track has {segments} segments, joined by guesses or GNSS")
+    if not trajectory.tracked.all():
+        said.append(loss_warning(result.odometry))
+    if not any(len(placed.submap) for placed in result.submaps):
+        said.append("no point was good enough for the cloud")
     said += [str(message) for message in result.geo.report.get("messages", ())]
     lacking = [thing for thing in log["missing"] if thing not in UNNEEDED]
     if lacking:
@@ -145,6 +145,16 @@ def warnings(result: DriveResult) -> list[str]:
     if len(result.labels) and void > 0.2 * len(result.labels):
         said.append(f"{100.0 * void / len(result.labels):.0f} % of the points have no label")
     return said
+
+
+def loss_warning(odometry: OdometryResult) -> str:
+    """How many frames were lost, why the first was, and what became of the track."""
+    trajectory = odometry.trajectory
+    lost, segments = int((~trajectory.tracked).sum()), len(np.unique(trajectory.segment))
+    first = next(iter(odometry.report.get("losses", ())), None)
+    why = f" (first frame {first['frame']}: {first['reason']})" if first else ""
+    joined = f"; the track has {segments} segments, joined by GNSS or by guesses" if segments > 1 else ""
+    return f"{lost} of {len(trajectory)} frames were lost{why} and hold a guess of constant motion{joined}"
 
 
 def finite(value: Any) -> Any:
