@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.errors import ConfigError
 from wayloom.simulation import terrain
 from wayloom.simulation.blocks import KIND_SHARES, Kind, Numbers, Site, build_block
 from wayloom.simulation.ground import underlay
@@ -14,6 +15,8 @@ from wayloom.simulation.streets import StreetGraph, block_shape, clearances, gri
 from wayloom.simulation.vegetation import broadleaf
 
 CHUNK_M = 24.0
+MOST_THINGS = 60_000
+"""Instance numbers fit 16 bits, and those from here on belong to what moves."""
 SURROUNDINGS_M = 90.0
 TREES_PER_M_OF_BORDER = 0.12
 
@@ -43,7 +46,10 @@ class City:
 
 
 def build_city(seed: int, columns: int, rows: int, models: Models) -> City:
-    """A city of columns x rows crossings. Each block has its own random stream, so that blocks do not depend on each other."""
+    """A city of columns x rows crossings. Each block has its own random stream, so that blocks do not depend on each other.
+
+    Raises ConfigError where the city holds more things than there are instance numbers.
+    """
     graph = grid_graph(np.random.default_rng([seed, 0]), columns, rows)
     shapes = [block_shape(graph, nodes) for nodes in graph.blocks]
     clear = clearances(shapes)
@@ -55,6 +61,8 @@ def build_city(seed: int, columns: int, rows: int, models: Models) -> City:
         ends = [(shape.nodes[k], shape.nodes[(k + 1) % count]) for k in range(count)]
         build_block(Site(m, shape, rng, numbers, models), Kind(int(kinds[index])), [(clear[a, b], clear[b, a]) for a, b in ends])
     _surroundings(m, graph, numbers, np.random.default_rng([seed, 3]))
+    if numbers.next() >= MOST_THINGS:
+        raise ConfigError(f"{columns} x {rows} crossings hold more than {MOST_THINGS} things", remedy="build a smaller city")
     mesh, starts, low, high = _chunked(_on_hills(m.build()))
     return City(seed, graph, clear, mesh, starts, low, high)
 

@@ -8,8 +8,18 @@ from wayloom.simulation.mesh import Mesh, MeshBuilder
 from wayloom.simulation.solids import tube
 
 SKIN, HAIR = (0.75, 0.50, 0.38), ((0.05, 0.03, 0.02), (0.18, 0.10, 0.05), (0.35, 0.26, 0.14), (0.4, 0.4, 0.4))
+COATS = (
+    (0.03, 0.03, 0.04), (0.06, 0.08, 0.16), (0.30, 0.05, 0.05), (0.60, 0.58, 0.54), (0.22, 0.23, 0.24), (0.10, 0.16, 0.10),
+    (0.45, 0.33, 0.20), (0.10, 0.22, 0.42), (0.65, 0.45, 0.08), (0.30, 0.16, 0.28), (0.80, 0.78, 0.74),
+)  # fmt: skip
+TROUSERS = ((0.04, 0.06, 0.13), (0.07, 0.10, 0.20), (0.02, 0.02, 0.025), (0.28, 0.23, 0.16), (0.14, 0.14, 0.15), (0.10, 0.08, 0.06))
 STEP_PHASES = 8
 """How many poses a step is cut into."""
+
+
+def _clothes(rng: np.random.Generator, colours: tuple[tuple[float, float, float], ...]) -> np.ndarray:
+    """(3,) one of the colours, a little lighter or darker."""
+    return np.asarray(rng.uniform(0.75, 1.3) * np.array(colours[rng.integers(len(colours))]))
 
 
 def _limb(m: MeshBuilder, joints: list[tuple[float, float, float]], radii: tuple[float, ...], class_id: int, tint: object) -> None:
@@ -42,7 +52,7 @@ def _torso(m: MeshBuilder, hip: tuple[float, float], neck: tuple[float, float], 
 def pedestrian(rng: np.random.Generator, phase: float) -> Mesh:
     """A person in step: phase 0 to 1 of the stride (both legs)."""
     m, cls = MeshBuilder(), CLASS_ID["person"]
-    coat, trousers, hair = rng.uniform(0.03, 0.75, 3) ** 1.5, rng.uniform(0.02, 0.28, 3), HAIR[rng.integers(len(HAIR))]
+    coat, trousers, hair = _clothes(rng, COATS), _clothes(rng, TROUSERS), HAIR[rng.integers(len(HAIR))]
     tall = rng.uniform(0.90, 1.06)
     swing = 0.42 * np.sin(2 * np.pi * phase)
     for side, way in ((1.0, 1.0), (-1.0, -1.0)):
@@ -70,7 +80,7 @@ def pedestrian(rng: np.random.Generator, phase: float) -> Mesh:
 def rider(rng: np.random.Generator, lean: float, seat: float, helmet: bool) -> Mesh:
     """A person on two wheels: lean (m) is how far the shoulders are ahead of the seat, whose height is `seat` m."""
     m, cls = MeshBuilder(), CLASS_ID["rider"]
-    coat, trousers = rng.uniform(0.03, 0.75, 3) ** 1.5, rng.uniform(0.02, 0.25, 3)
+    coat, trousers = _clothes(rng, COATS), _clothes(rng, TROUSERS)
     hip, neck = (-0.22, seat + 0.06), (-0.22 + lean, seat + 0.58)
     for side, low in ((1.0, 0.0), (-1.0, 0.22)):
         knee, foot = (0.18, side * 0.13, seat - 0.16 + 0.5 * low), (0.0, side * 0.12, max(0.14, seat - 0.78 + low))

@@ -6,7 +6,7 @@ import numpy as np
 
 from wayloom.simulation import terrain
 from wayloom.simulation.blocks import SIDEWALK_MIDDLE_M
-from wayloom.simulation.city import City
+from wayloom.simulation.city import MOST_THINGS, City
 from wayloom.simulation.ground import KERB_M
 from wayloom.simulation.mesh import Mesh, posed
 from wayloom.simulation.models import WALKERS, Models
@@ -14,7 +14,7 @@ from wayloom.simulation.paths import AVENUE_LANE_M, CYCLE_LANE_M, LANE_M, TRAM_L
 from wayloom.simulation.people import STEP_PHASES
 from wayloom.simulation.streets import F64, block_shape, inset
 
-FIRST_MOVER = 60000
+FIRST_MOVER = MOST_THINGS
 """Instance number of the first moving thing; standing things stay below."""
 SEEN_FROM_M, PERSON_SEEN_FROM_M = 200.0, 100.0
 TALLEST_M = 3.8
