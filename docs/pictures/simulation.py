@@ -1,6 +1,5 @@
 """Draws docs/pictures/simulation.jpg: `python docs/pictures/simulation.py`."""
 
-import sys
 from pathlib import Path
 
 import cv2
@@ -41,4 +40,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

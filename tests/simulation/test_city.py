@@ -13,7 +13,7 @@ from wayloom.simulation.renderer import World
 from wayloom.simulation.rigs import CAMERA_HEIGHT_M, sized_rig
 from wayloom.simulation.routes import drive, speed_along
 from wayloom.simulation.streets import CORNER_RADIUS_M, block_shape, grid_graph, inset, rounded_corner
-from wayloom.simulation.traffic import Mover
+from wayloom.simulation.traffic import FIRST_MOVER, Mover
 
 
 def test_a_city_is_the_same_from_the_same_seed_and_another_from_another(world: World) -> None:
@@ -113,6 +113,15 @@ def test_movers_of_one_lane_never_run_into_each_other(world: World) -> None:
         for t in (0.0, 17.0, 301.0):
             s = np.sort([(m.start_m + m.speed_m_s * t) % m.path.length_m for m in movers])
             assert len(s) < 2 or np.diff(s).min() > 5.0
+
+
+def test_the_places_of_all_movers_are_those_of_each_and_near_ones_are_met(world: World) -> None:
+    places = world.traffic.places(33.0)
+    np.testing.assert_allclose(places, [m.at(33.0)[:2] for m in world.traffic.movers], atol=1e-9)
+    x, y = places[7] + (2.0, 0.0)
+    met = world.traffic.meeting(np.array([x]), np.array([y]), np.array([33.0]), 2.0)
+    assert 7 in met
+    assert 7 not in {int(p.mesh.instance[0]) - FIRST_MOVER for p in world.traffic.around(x, y, 33.0, met)}
 
 
 def test_people_walk_on_the_sidewalk(world: World) -> None:

@@ -17,7 +17,7 @@ from wayloom.simulation.streets import F64, block_shape, inset
 FIRST_MOVER = MOST_THINGS
 """Instance number of the first moving thing; standing things stay below."""
 SEEN_FROM_M, PERSON_SEEN_FROM_M = 200.0, 100.0
-TALLEST_M = 3.8
+TALLEST_M, PERSON_REACH_M = 3.8, 0.5
 STRIDE_M = 1.45
 GAP_M = {"car": (28.0, 60.0), "cycle": (70.0, 140.0), "tram": (180.0, 260.0), "walk": (14.0, 40.0)}
 SPEED_M_S = {"car": (8.0, 11.0), "cycle": (4.0, 5.5), "tram": (7.0, 9.0), "walk": (1.0, 1.6)}
@@ -60,24 +60,34 @@ class Traffic:
 
     def __init__(self, movers: list[Mover]) -> None:
         self.movers = movers
+        self._reach_m = np.array([m.reach_m for m in movers])
+        self._seen_from_m = np.where(self._reach_m > PERSON_REACH_M, SEEN_FROM_M, PERSON_SEEN_FROM_M)
+        lanes: dict[int, list[int]] = {}
+        for index, mover in enumerate(movers):
+            lanes.setdefault(id(mover.path), []).append(index)
+        self._lanes = [(movers[rows[0]].path, np.array(rows)) for rows in lanes.values()]
+        self._start_m, self._speed_m_s = np.array([m.start_m for m in movers]), np.array([m.speed_m_s for m in movers])
+
+    def places(self, t_s: float) -> F64:
+        """(M, 2) x, y m of all movers at a time, s."""
+        out = np.empty((len(self.movers), 2))
+        for path, rows in self._lanes:
+            s = (self._start_m[rows] + self._speed_m_s[rows] * t_s) % path.length_m
+            out[rows, 0], out[rows, 1] = np.interp(s, path.s, path.xy[:, 0]), np.interp(s, path.s, path.xy[:, 1])
+        return out
 
     def meeting(self, x: F64, y: F64, t_s: F64, clearance_m: float) -> frozenset[int]:
         """Which movers come within clearance_m (and half their length) of a vehicle at x, y (N,) m at times t_s (N,)."""
-        out = set()
-        for index, mover in enumerate(self.movers):
-            where = np.array([mover.at(float(t))[:2] for t in t_s])
-            if np.hypot(where[:, 0] - x, where[:, 1] - y).min() < clearance_m + mover.reach_m:
-                out.add(index)
-        return frozenset(out)
+        gap = np.min([np.hypot(*(self.places(float(t)) - (px, py)).T) for px, py, t in zip(x, y, t_s, strict=True)], axis=0)
+        return frozenset(np.nonzero(gap < clearance_m + self._reach_m)[0].tolist())
 
     def around(self, x: float, y: float, t_s: float, left_out: frozenset[int] = frozenset()) -> list[Placed]:
         """The movers near x, y (m) at a time, except those left out."""
         out = []
-        for index, mover in enumerate(self.movers):
-            mx, my, yaw = mover.at(t_s)
-            seen_from = SEEN_FROM_M if mover.reach_m > 0.5 else PERSON_SEEN_FROM_M
-            if index not in left_out and np.hypot(mx - x, my - y) < seen_from:
-                pose = terrain.pose_on_ground(mx, my, yaw)
+        for index in np.nonzero(np.hypot(*(self.places(t_s) - (x, y)).T) < self._seen_from_m)[0].tolist():
+            if index not in left_out:
+                mover = self.movers[index]
+                pose = terrain.pose_on_ground(*mover.at(t_s))
                 pose[2, 3] += mover.lift_m
                 out.append(Placed(posed(mover.mesh(t_s), pose, FIRST_MOVER + index), pose[:3, 3], mover.reach_m + TALLEST_M))
         return out
