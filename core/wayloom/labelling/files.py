@@ -1,6 +1,6 @@
 """The labels of a drive's points as one npz file whose bytes depend on the labels alone."""
 
-import os
+import io
 import zipfile
 import zlib
 from dataclasses import fields
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from wayloom.errors import StageError
 from wayloom.labelling.types import PointLabels
+from wayloom.logs.atomic import write_atomically
 
 FORMAT_VERSION: Final = 1
 _EPOCH: Final = (1980, 1, 1, 0, 0, 0)
@@ -21,14 +22,12 @@ def save_labels(labels: PointLabels, path: Path) -> None:
     """Write the labels; the file appears whole or not at all."""
     arrays: dict[str, NDArray[Any]] = {"format_version": np.array(FORMAT_VERSION, np.int64)}
     arrays |= {field.name: getattr(labels, field.name) for field in fields(PointLabels)}
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    with zipfile.ZipFile(temporary, "w") as archive:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():
-            entry = zipfile.ZipInfo(f"{name}.npy", date_time=_EPOCH)
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            with archive.open(entry, "w", force_zip64=True) as file:
-                np.lib.format.write_array(file, np.asarray(array, order="C"), allow_pickle=False)
-    os.replace(temporary, path)
+            with archive.open(zipfile.ZipInfo(f"{name}.npy", _EPOCH), "w") as file:
+                np.lib.format.write_array(file, np.asarray(array, order="C"), version=(1, 0), allow_pickle=False)
+    write_atomically(path, buffer.getvalue())
 
 
 def load_labels(path: Path) -> PointLabels:

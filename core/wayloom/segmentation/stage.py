@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 from collections import OrderedDict
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError
+from wayloom.logs.atomic import write_atomically
 from wayloom.logs.types import DriveLog
 from wayloom.segmentation.network import Network
 
@@ -125,7 +125,7 @@ def _claim(out_dir: Path, facts: dict[str, Any]) -> None:
                 old.unlink()
     for side in SIDES:
         (out_dir / side).mkdir(exist_ok=True)
-    _write(path, text.encode())
+    write_atomically(path, text.encode())
 
 
 def _read(path: Path) -> Labels | None:
@@ -145,10 +145,4 @@ def _write_png(path: Path, labels: Labels) -> None:
     written, data = cv2.imencode(".png", labels, [cv2.IMWRITE_PNG_COMPRESSION, 3])
     if not written:
         raise StageError(f"{path}: the label image could not be encoded")
-    _write(path, data.tobytes())
-
-
-def _write(path: Path, data: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_bytes(data)
-    os.replace(temporary, path)
+    write_atomically(path, data.tobytes())
