@@ -29,7 +29,7 @@ def test_clip_b_is_tracked_whole(row_b):
     assert (row_b.tracked, row_b.frames, row_b.segments) == (154, 154, 1)
 
 
-@pytest.mark.parametrize(("truth", "ate_m", "t_rel_percent"), [("poses", 0.263, 1.65), ("poses from frame 16", 0.203, 1.50)])
+@pytest.mark.parametrize(("truth", "ate_m", "t_rel_percent"), [("poses", 0.248, 1.60), ("poses from frame 16", 0.182, 1.46)])
 def test_clip_a_is_as_accurate_as_the_table_says(row_a, truth, ate_m, t_rel_percent):
     errors = row_a.errors[truth]
     assert errors.ate_m <= ate_m
@@ -40,8 +40,8 @@ def test_clip_a_is_as_accurate_as_the_table_says(row_a, truth, ate_m, t_rel_perc
 
 def test_clip_b_is_as_accurate_as_the_table_says(row_b):
     errors = row_b.errors["INS velocities"]
-    assert errors.ate_m <= 0.586
-    assert errors.t_rel_percent <= 3.4
+    assert errors.ate_m <= 0.558
+    assert errors.t_rel_percent <= 3.2
     assert errors.length_ratio == pytest.approx(1.0, abs=0.018)
 
 
@@ -67,5 +67,5 @@ def test_one_fix_in_twenty_places_the_frames_between(row_a, row_b):
 
 
 def test_the_cloud_is_dense_enough_to_map(row_a, row_b):
-    assert row_a.points_per_m > 120
-    assert row_b.points_per_m > 110
+    assert row_a.points_per_m > 110
+    assert row_b.points_per_m > 100
