@@ -55,15 +55,17 @@ def test_the_disparity_bias_of_clip_b_is_what_lidar_says(row_b):
 
 
 def test_both_clips_lie_at_their_place_on_earth(row_a, row_b):
-    assert row_a.to_ins.horizontal.p95_m < 0.05
-    assert row_a.to_ins.vertical.p95_m < 0.05
-    assert row_b.to_ins.horizontal.p95_m < 0.5  # the INS's own sigma is 0.3 to 0.5 m
+    assert row_a.to_ins.horizontal.median_m < 0.06
+    assert row_a.to_ins.horizontal.p95_m < 0.2
+    assert row_a.to_ins.vertical.p95_m < 0.15
+    assert row_b.to_ins.horizontal.median_m < 0.5  # the INS's own sigma is 0.3 to 0.5 m, and its positions deny its velocities
+    assert row_b.to_ins.horizontal.p95_m < 1.2
     assert row_b.to_ins.vertical.p95_m < 0.5
 
 
 def test_one_fix_in_twenty_places_the_frames_between(row_a, row_b):
-    assert row_a.to_ins_sparse.horizontal.median_m < 0.06
-    assert row_b.to_ins_sparse.horizontal.median_m < 0.3
+    assert row_a.to_ins_sparse.horizontal.median_m < 0.08
+    assert row_b.to_ins_sparse.horizontal.median_m < 0.5
 
 
 def test_the_cloud_is_dense_enough_to_map(row_a, row_b):
