@@ -2,8 +2,8 @@
 
     python benchmarks/odometry.py LOG [--frames 100] [--kernels-only]
 
-The prototype is looked for in WAYLOOM_PROTOTYPES (default ../shared/prototypes); without it that row is left out. It reads KITTI odometry
-folders with image_0 and image_1 only. CPU seconds of one thread; kernels are compiled or loaded before anything is timed.
+The prototype is looked for in WAYLOOM_PROTOTYPES (default ../shared/prototypes); without it that row is left out. It reads KITTI
+odometry folders with image_0 and image_1 only. CPU seconds of one thread; kernels are compiled or loaded before anything is timed.
 """
 
 import argparse
@@ -61,9 +61,8 @@ def clip_table(path: Path, frames: int) -> None:
     run_clip(path, 25)
     odometry, ms = run_clip(path, frames)
     count = len(odometry.harvest.frames)
-    print(
-        f"| whole clip | CPU ms a frame |\n| --- | --- |\n| wayloom, {count} frames, {len(odometry.harvest.keyframes)} keyframes | {ms:.1f} |"
-    )
+    print("| whole clip | CPU ms a frame |\n| --- | --- |")
+    print(f"| wayloom, {count} frames, {len(odometry.harvest.keyframes)} keyframes | {ms:.1f} |")
     prototype = Path(os.environ.get("WAYLOOM_PROTOTYPES", ROOT / "../shared/prototypes")) / "direct-odometry" / "odometry.py"
     if prototype.is_file():
         with tempfile.TemporaryDirectory() as scratch:

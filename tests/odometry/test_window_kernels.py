@@ -178,7 +178,7 @@ def test_adjustment_brings_a_disturbed_window_back_to_the_truth() -> None:
     sure = terms.own[:, 0] * truth.points.rho**2 > np.median(terms.own[:, 0] * truth.points.rho**2)  # pixels of some gradient
     assert np.median(np.abs(after[sure])) < 0.75 * np.median(np.abs(before[sure]))
     assert window.delta[0] == pytest.approx(BIAS_PX, abs=0.1)
-    assert np.abs(window.frames.affine[:, 0]).max() < 0.02
+    assert np.abs(window.frames.affine[:, 0]).max() < 0.04
     assert terms.inlier[:, -1].mean() > 0.9
 
 

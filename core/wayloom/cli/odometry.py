@@ -40,7 +40,6 @@ def odometry_command(
 
     drive = open_log(log, gnss=gnss)
     with shown_progress() as progress:
-        progress(0.0, "compiling kernels (first run only)")
         result = track(drive, progress=progress, threads=threads)
     write_results(result, out, format, points, json)
     warn_of_losses(result)

@@ -25,6 +25,7 @@ from wayloom.odometry.types import OdometryResult
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
+COMPILING = " (compiling kernels, first run only)"
 RESTART_BIAS_INFORMATION = 10.0
 """times the first prior's: how firmly a new segment believes the disparity bias of the one before."""
 
@@ -38,11 +39,14 @@ def track(
     do not have the rig's size.
     """
     with feed.one_opencv_thread():
-        progress(0.0, "aligning the rows of left and right")
+        progress(0.0, f"aligning the rows of left and right{COMPILING}")
         odometry = Odometry(log.rig, feed.fit_rows(log, settings.row_frames), settings)
         for frame in feed.frames(log, threads, odometry.stopwatch):
             odometry.process(frame)
-            progress((frame.index + 1) / len(log), f"tracking, {len(odometry.harvest.keyframes)} keyframes")
+            keyframes = len(odometry.harvest.keyframes)
+            progress(
+                (frame.index + 1) / len(log), f"tracking, {keyframes} keyframes{COMPILING if keyframes <= settings.window else ''}"
+            )
         return odometry.finish()
 
 

@@ -89,7 +89,7 @@ def add_static(image, ray, rho, rig, delta, colour, weight, gain, offset, robust
 
 
 @jit
-def add_temporal(
+def add_temporal(  # type: ignore[no-untyped-def]
     image,
     T,
     S,
@@ -113,7 +113,7 @@ def add_temporal(
     coupling,
     H,
     g,
-):  # type: ignore[no-untyped-def]
+):
     """A patch in a target's left (right = 0) or right image (1). T, S (4, 4) T_target_host now and at the first estimates; gain =
     exp(a_target - a_host), gain_image 1 or that of right against left; offset of the image; scale the term's weight.
     Adds to own (2,), coupling (9,), H (9, 9), g (9,); returns the energy and whether it is an inlier."""
