@@ -130,19 +130,24 @@ def test_a_refusal_carries_its_status_and_code(api: Api) -> None:
     assert (caught.value.status, caught.value.code) == (404, "not-found")
 
 
+def few_frames(clip: Path, folder: Path, count: int = 4) -> Path:
+    """The first frames of a recording in KITTI odometry layout."""
+    for side in ("image_0", "image_1"):
+        (folder / side).mkdir(parents=True)
+        for name in sorted(os.listdir(clip / side))[:count]:
+            (folder / side / name).write_bytes((clip / side / name).read_bytes())
+    (folder / "calib.txt").write_bytes((clip / "calib.txt").read_bytes())
+    (folder / "times.txt").write_text("".join((clip / "times.txt").read_text().splitlines(keepends=True)[:count]))
+    return folder
+
+
 @pytest.mark.real_data
 def test_a_log_and_the_gnss_log_beside_it_are_packed_so_that_the_server_can_open_them(
     alone: ApiAlone, api: Api, clip_a: Path, clip_a_gnss: Path, tmp_path: Path
 ) -> None:
     from wayloom.logs.registry import open_log
 
-    few = tmp_path / "few"
-    for side in ("image_0", "image_1"):
-        (few / side).mkdir(parents=True)
-        for name in sorted(os.listdir(clip_a / side))[:4]:
-            (few / side / name).write_bytes((clip_a / side / name).read_bytes())
-    (few / "calib.txt").write_bytes((clip_a / "calib.txt").read_bytes())
-    (few / "times.txt").write_text("".join((clip_a / "times.txt").read_text().splitlines(keepends=True)[:4]))
+    few = few_frames(clip_a, tmp_path / "few")
     packed = pack(few, clip_a_gnss, "car 7")
     registration = upload(api, packed)
     folder = alone.data / "drives" / registration["id"]
@@ -172,17 +177,23 @@ def test_a_kitti_raw_log_with_its_calibration_beside_it_is_packed_whole(alone: A
 @pytest.mark.real_data
 def test_the_command_uploads_waits_and_tells(tmp_path: Path, clip_a: Path) -> None:
     with service(tmp_path / "data", WAYLOOM_STEPS="service_kit.little_steps:EASY_STEPS") as up:
-        done = run_upload(up, clip_a, "--wait", "--json", str(tmp_path / "said.json"))
+        few = few_frames(clip_a, tmp_path / "few")
+        done = run_upload(up, few, "--wait", "--json", str(tmp_path / "said.json"))
         assert done.returncode == 0, done.stderr
         assert "in the map" in done.stdout
         (drive,) = json.loads((tmp_path / "said.json").read_text())["drives"]
-        assert (drive["state"], drive["files"]) == ("done", 404)
-        bad = run_upload(up, tmp_path)
+        assert (drive["state"], drive["files"]) == ("done", 10)
+        on_terminal = run_upload(up, few, "--wait", on_terminal=True)
+        assert (on_terminal.returncode, "publish" in on_terminal.stdout) == (0, True)
+        (tmp_path / "nothing").mkdir()
+        bad = run_upload(up, tmp_path / "nothing")
         assert (bad.returncode, len(bad.stderr.splitlines())) == (2, 1)
         two = run_upload(up, clip_a, str(clip_a), "--gnss", str(clip_a))
         assert two.returncode == 2
 
 
-def run_upload(up: Up, log: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def run_upload(up: Up, log: Path, *arguments: str, on_terminal: bool = False) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "wayloom.cli.main", "upload", str(log), *arguments, "--to", up.url]
+    terminal = "import os, pty, sys; sys.exit(os.waitstatus_to_exitcode(pty.spawn(sys.argv[1:])))"
+    command = [sys.executable, "-c", terminal, *command] if on_terminal else command
     return subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=120)

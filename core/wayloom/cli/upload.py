@@ -34,7 +34,7 @@ def upload_command(
     with Api(to, connections=connections) as api, progress_bars() as bars:
         parcels = []
         for path in logs:
-            bar = bars.add_task(f"{path.name}: reading", total=None)
+            bar = bars.add_task(f"{path.name}: reading", total=None, words="")
             parcels.append(pack(path, gnss, vehicle, lambda done, of, bar=bar: bars.update(bar, completed=done, total=of)))  # type: ignore[misc]
             bars.remove_task(bar)
         sent = [send(api, parcel, bars, connections) for parcel in parcels]
@@ -51,7 +51,7 @@ def send(api: "Api", parcel: "Parcel", bars: "Progress", connections: int) -> st
     """Upload one drive under a bar of bytes. Returns its id."""
     from wayloom.client.upload import upload
 
-    bar = bars.add_task(f"{parcel.manifest.name}: sending", total=parcel.manifest.byte_count)
+    bar = bars.add_task(f"{parcel.manifest.name}: sending", total=parcel.manifest.byte_count, words="")
     registration = upload(api, parcel, lambda done, of: bars.update(bar, completed=done, total=of), connections)
     bars.update(bar, description=f"{parcel.manifest.name}: sent", completed=parcel.manifest.byte_count)
     return str(registration["id"])
@@ -70,7 +70,7 @@ def follow(api: "Api", drive_id: str, bars: "Progress") -> dict[str, Any]:
             if stage["state"] == "waiting" and name not in lines:
                 continue
             if name not in lines:
-                lines[name] = bars.add_task(f"{drive['name']}: {name}", total=1.0)
+                lines[name] = bars.add_task(f"{drive['name']}: {name}", total=1.0, words="")
             bars.update(lines[name], completed=stage["progress"], words=stage["message"] or stage["state"])
             if stage["state"] == "done" and name not in said:
                 said.add(name)

@@ -37,7 +37,7 @@ class ServiceSettings(BaseSettings):
     )
 
     steps: str = Field("wayloom_workers.production:STEPS", description="module:NAME of the table of stages that the workers run")
-    lease_s: float = Field(45.0, gt=0.5, description="seconds without a heartbeat after which a job is taken from its worker")
+    lease_s: float = Field(90.0, gt=0.5, description="seconds without a heartbeat after which a job is taken from its worker")
     heartbeat_s: float = Field(3.0, gt=0.05, description="seconds between heartbeats")
     sweep_s: float = Field(2.0, gt=0.05, description="seconds between two looks of the sweeper")
     resend_s: float = Field(10.0, gt=0.1, description="seconds after which a queued job that nobody has taken is sent again")
