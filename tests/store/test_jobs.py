@@ -220,7 +220,7 @@ def test_a_failed_map_job_fails_the_drives_that_wait_for_it_and_a_retry_brings_t
         job_id = stitch.id
     held = take(database, job_id)
     with database.write() as session:
-        jobs.fail(session, held, "no room", final=True)
+        jobs.fail(session, held, "no\0 room", final=True)
     assert drive(database, drive_id).error == "stitch: no room"
     with database.write() as session:
         assert [wake.job_id for wake in jobs.retry(session, drive_id)] == [job_id]

@@ -171,3 +171,12 @@ def test_the_bytes_of_an_expired_upload_go_first_and_its_row_an_hour_later(datab
     assert uploads.part(folders, fresh).path.exists()
     with database.read() as session, pytest.raises(NotFoundError):
         uploads.find(session, old)
+
+
+@pytest.mark.parametrize(("drive", "path"), [("x\0", "log/1"), ("known", "log/1\0"), ("known", "log/other"), ("f" * 64, "log/1")])
+def test_an_upload_of_what_no_manifest_names_is_not_found(database: Database, drive: str, path: str) -> None:
+    drive_id = register(database, "a")
+    with database.write() as session, pytest.raises(NotFoundError):
+        uploads.create(session, drive_id if drive == "known" else drive, path, 1, "", 60.0)
+    with database.read() as session, pytest.raises(NotFoundError):
+        uploads.find(session, "x\0")

@@ -52,7 +52,7 @@ def _record_log(session: Session, work: Work) -> list[Wake]:
     """What the log is, for the drive's page."""
     said = json.loads((work.out_dir / "log.json").read_text(encoding="utf-8"))
     drive = drives.get(session, str(work.claim.drive_id))
-    drive.facts = {**drive.facts, "log": {name: value for name, value in said["log"].items() if name not in ("path", "name")}}
+    drive.facts = {**drive.facts, "log": _finite({name: said["log"][name] for name in said["log"].keys() - {"path", "name"}})}
     return []
 
 
@@ -61,12 +61,18 @@ def _record_track(session: Session, work: Work) -> list[Wake]:
     geo = load_georeference(work.out_dir / GEOREFERENCE_FILE)
     drive = drives.get(session, str(work.claim.drive_id))
     drive.placed = geo.frame is not None
-    drive.facts = {**drive.facts, "georeference": geo.report}
+    drive.facts = {**drive.facts, "georeference": _finite(geo.report)}
     if geo.frame is not None:
         rows = np.unique(np.linspace(0, len(geo.T_enu_cam) - 1, TRACK_POINTS).round().astype(int))
         lon_lat_height = geodesy.lonlatheight_from_enu(geo.T_enu_cam[rows, :3, 3], geo.frame)
         drive.track = np.column_stack([lon_lat_height[:, :2].round(7), lon_lat_height[:, 2].round(2)]).tolist()
     return []
+
+
+def _finite(facts: dict[str, Any]) -> dict[str, Any]:
+    """The facts with None for what is no number: JSON has no NaN, and neither have databases and browsers."""
+    found: dict[str, Any] = json.loads(json.dumps(facts), parse_constant=lambda _: None)
+    return found
 
 
 def _share_submaps(work: Work) -> None:

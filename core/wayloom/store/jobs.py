@@ -123,7 +123,7 @@ def finish(session: Session, held: Claim, key: str) -> Wake | None:
 
 def fail(session: Session, held: Claim, error: str, *, final: bool) -> None:
     """Write the error down; queue the job once more, or, when `final`, fail it and what depends on it. Raises LeaseLostError."""
-    values: dict[str, Any] = {"worker": None, "lease_until": None, "error": error[:ERROR_LENGTH], "sent_at": None}
+    values: dict[str, Any] = {"worker": None, "lease_until": None, "error": _text(error), "sent_at": None}
     values |= {"state": "failed", "finished_at": now_s(session)} if final else {"state": "queued"}
     if not _update(session, _held(held), **values):
         raise LeaseLostError(f"job {held.job_id} ({held.stage}): failed too late, another worker has taken it over")
@@ -173,6 +173,11 @@ def mark_sent(database: Database, woken: Iterable[Wake]) -> None:
             _update(session, update(Job).where(Job.id.in_(ids)), sent_at=now_s(session))
 
 
+def _text(error: str) -> str:
+    """As much of the error as is kept, in characters that every database takes."""
+    return error.replace("\0", "").encode("utf-8", "replace").decode()[:ERROR_LENGTH]
+
+
 def _job(stage: str, now: float, *, state: str = "queued", **values: Any) -> Job:
     return Job(stage=stage, queue=QUEUE_OF[stage], state=state, created_at=now, **values)
 
@@ -200,7 +205,7 @@ def _map_is_busy(session: Session, job: Job) -> bool:
 
 def _fail_dependants(session: Session, job: Job, error: str) -> None:
     """A failed stage fails its drive; a failed map job fails the drives that wait for it."""
-    values = {"state": "failed", "error": f"{job.stage}: {error}"[:ERROR_LENGTH], "finished_at": now_s(session)}
+    values = {"state": "failed", "error": _text(f"{job.stage}: {error}"), "finished_at": now_s(session)}
     if job.drive_id is not None:
         _update(session, update(Drive).where(Drive.id == job.drive_id), **values)
     else:

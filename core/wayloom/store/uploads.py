@@ -86,7 +86,7 @@ def staged_part(folders: Folders, upload_id: str) -> Part:
 
 def create(session: Session, drive_id: str, path: str, length: int, metadata: str, expiry_s: float) -> Upload:
     """A new upload of a file that a drive's manifest names. Raises NotFoundError, ConflictError."""
-    file = session.get(DriveFile, (drive_id, path))
+    file = session.get(DriveFile, (drive_id, path)) if "\0" not in drive_id + path else None  # PostgreSQL takes no NUL in a text
     if file is None:
         raise NotFoundError(f"drive {drive_id[:12]!r} has no file {path[:200]!r} in its manifest")
     if file.complete:
@@ -103,7 +103,7 @@ def create(session: Session, drive_id: str, path: str, length: int, metadata: st
 
 def find(session: Session, upload_id: str) -> Upload:
     """The upload. Raises NotFoundError."""
-    upload = session.get(Upload, upload_id)
+    upload = session.get(Upload, upload_id) if upload_id.isalnum() else None
     if upload is None:
         raise NotFoundError("there is no such upload, or it was dropped")
     return upload
