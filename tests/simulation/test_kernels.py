@@ -30,7 +30,7 @@ def view() -> View:
 
 def drawn(tri: Triangles, tex: TextureStack, view: View) -> tuple[np.ndarray, np.ndarray]:
     edges, boxes = np.empty((len(tri.corners), 9)), np.empty((len(tri.corners), 4), np.int32)
-    raster.project_triangles(tri.corners, view, se3.inverse(view.T_world_cam), WIDTH, HEIGHT, edges, boxes)
+    raster.project_triangles(tri.corners, view, se3.inverse(view.T_world_cam), WIDTH, HEIGHT, edges, boxes, np.empty((3, 3)))
     inv_z, ids = np.empty((HEIGHT, WIDTH), np.float32), np.empty((HEIGHT, WIDTH), np.int32)
     raster.rasterise(edges, boxes, tri, tex, inv_z, ids)
     return inv_z, ids
@@ -121,7 +121,7 @@ def test_depth_along_an_axis_is_the_largest_coordinate_over_each_texel(world: Wo
     tri = soup(rng, 25)
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0].astype(np.float32)
     values = np.full((20, 20), shadow.EMPTY_M, np.float32)
-    shadow.draw_depth(tri, world.textures, axes, -5.0, -5.0, 2.0, values)
+    shadow.draw_depth(tri, world.textures, axes, -5.0, -5.0, 2.0, values, np.empty((3, 3)))
     local = tri.corners.astype(float) @ axes.T.astype(float)
     for y in range(20):
         for x in range(20):
@@ -189,7 +189,7 @@ def test_a_pixel_is_the_mean_of_what_its_samples_see(world: World, poses: list[n
     t = int(np.argmax(scene.mesh.material == Material.STREET))
     ids[0, 0] = ids[0, 1] = t  # the upper half of pixel (0, 0)
     out = np.empty((2, 2, 3), np.float32)
-    shade.shade_samples(ids, tri, scene.textures, scene.light, view, out)
+    shade.shade_samples(ids, tri, scene.textures, scene.light, view, out, np.empty((2, 4), np.int32), np.empty((2, 4)))
     upper = np.array(shade.pixel_colour(t, 0.0, -0.25, tri, scene.textures, scene.light, view))
     lower = np.array(shade.pixel_colour(raster.NO_TRIANGLE, 0.0, 0.25, tri, scene.textures, scene.light, view))
     np.testing.assert_allclose(out[0, 0], 0.5 * (upper + lower), rtol=1e-5)

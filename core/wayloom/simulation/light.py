@@ -129,7 +129,7 @@ def _depth_map(
     size = int(2 * reach_m * texels_per_m)
     values = np.full((size, size), shadow.EMPTY_M, np.float32)
     x0, y0 = centre[0] - reach_m, centre[1] - reach_m
-    shadow.draw_depth(tri, textures, axes, x0, y0, texels_per_m, values)
+    shadow.draw_depth(tri, textures, axes, x0, y0, texels_per_m, values, np.empty((3, 3)))
     return DepthMap(values, x0, y0, texels_per_m)
 
 

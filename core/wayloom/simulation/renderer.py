@@ -44,7 +44,7 @@ class Scene:
         fine = View(n * camera.fx, n * camera.fy, n * camera.cx + 0.5 * (n - 1), n * camera.cy + 0.5 * (n - 1), T_world_cam)
         ids = self._ids(fine, n * camera.width, n * camera.height)
         out = np.empty((camera.height, camera.width, 3), np.float32)
-        shade.shade_samples(ids, self.mesh.triangles(), self.textures, self.light, _view(camera, T_world_cam), out)
+        shade.shade_samples(ids, self.mesh.triangles(), self.textures, self.light, _view(camera, T_world_cam), out, *_scratch())
         return out
 
     def truth(self, camera: PinholeCamera, T_world_cam: F64) -> Truth:
@@ -63,7 +63,9 @@ class Scene:
     def _ids(self, view: View, width: int, height: int) -> NDArray[np.int32]:
         """(height, width) row of the triangle that each sample sees."""
         edges, boxes = np.empty((len(self.mesh), 9)), np.empty((len(self.mesh), 4), np.int32)
-        raster.project_triangles(self.mesh.corners, view, se3.inverse(view.T_world_cam), width, height, edges, boxes)
+        raster.project_triangles(
+            self.mesh.corners, view, se3.inverse(view.T_world_cam), width, height, edges, boxes, np.empty((3, 3))
+        )
         inv_z, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
         raster.rasterise(edges, boxes, self.mesh.triangles(), self.textures, inv_z, ids)
         return ids
@@ -111,6 +113,10 @@ def visible_chunks(city: City, planes: F64, reach: F64, origin: F64) -> NDArray[
     chosen = np.nonzero(kept)[0]
     nearest = np.clip(origin, city.low[chosen], city.high[chosen])
     return chosen[np.argsort(np.linalg.norm(nearest - origin, axis=1), kind="stable")]
+
+
+def _scratch() -> tuple[NDArray[np.int32], F64]:
+    return np.empty((2, 4), np.int32), np.empty((2, 4))
 
 
 def _view(camera: PinholeCamera, T_world_cam: F64) -> View:

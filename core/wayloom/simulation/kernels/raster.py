@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from wayloom.simulation.kernels.arrays import Float32, Float64, Int32, TextureStack, Triangles, View
+from wayloom.simulation.kernels.options import KERNEL
 from wayloom.simulation.kernels.sampling import texel_row
 
 NEAR_M = 0.05
@@ -20,7 +21,7 @@ COARSEST_CUTOUT_LEVELS = 4
 """Holes are not cut from the coarsest levels, where a whole leaf is one texel."""
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(**KERNEL)
 def image_box(X: Float64, Y: Float64, z: Float64, width: int, height: int, box: Int32) -> None:
     """Pixel box of a triangle cut at the near plane; box is x0, x1, y0, y1, empty when x1 < x0."""
     x0, x1, y0, y1 = 1e9, -1e9, 1e9, -1e9
@@ -39,13 +40,12 @@ def image_box(X: Float64, Y: Float64, z: Float64, width: int, height: int, box: 
         box[2], box[3] = math.ceil(max(y0, 0.0)), math.floor(min(y1, height - 1.0))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(**KERNEL)
 def project_triangles(
-    corners: Float32, view: View, T_cam_world: Float64, width: int, height: int, edges: Float64, boxes: Int32
+    corners: Float32, view: View, T_cam_world: Float64, width: int, height: int, edges: Float64, boxes: Int32, scratch: Float64
 ) -> None:
-    """Fill edges (T, 9) float64 (rows of M^-1) and boxes (T, 4) int32 for corners (T, 3, 3)."""
-    X, Y, z = np.empty(3), np.empty(3), np.empty(3)
-    R = T_cam_world
+    """Fill edges (T, 9) float64 (rows of M^-1) and boxes (T, 4) int32 for corners (T, 3, 3). scratch (3, 3) float64."""
+    X, Y, z, R = scratch[0], scratch[1], scratch[2], T_cam_world
     for t in range(len(corners)):
         for k in range(3):
             a, b, c = corners[t, k, 0], corners[t, k, 1], corners[t, k, 2]
@@ -70,7 +70,7 @@ def project_triangles(
             edges[t, k] /= det
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(**KERNEL)
 def is_hole(tex: TextureStack, layer: int, uv: Float32, e: Float64, x: int, y: int, inv_z: float, level: int) -> bool:
     """Whether the texture's coverage is under one half where pixel (x, y) meets the triangle with edge functions e."""
     l1, l2 = (e[3] * x + e[4] * y + e[5]) / inv_z, (e[6] * x + e[7] * y + e[8]) / inv_z
@@ -80,7 +80,7 @@ def is_hole(tex: TextureStack, layer: int, uv: Float32, e: Float64, x: int, y: i
     return tex.texels[texel_row(tex, layer, level, math.floor(u * size), math.floor(v * size)), 3] < 128
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(**KERNEL)
 def cutout_level(tex: TextureStack, uv: Float32, e: Float64, box: Int32) -> int:
     """Mip level at which a triangle's holes are cut: from the texels that a pixel step spans in the middle of its box."""
     x, y = 0.5 * (box[0] + box[1]), 0.5 * (box[2] + box[3])
@@ -95,7 +95,7 @@ def cutout_level(tex: TextureStack, uv: Float32, e: Float64, box: Int32) -> int:
     return min(level, len(tex.offsets) - 1 - COARSEST_CUTOUT_LEVELS)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(**KERNEL)
 def rasterise(edges: Float64, boxes: Int32, tri: Triangles, tex: TextureStack, inv_z: Float32, ids: Int32) -> None:
     """Fill inv_z (H, W) float32 1/m (0 where nothing is seen) and ids (H, W) int32 (NO_TRIANGLE there)."""
     inv_z[:] = 0.0
@@ -127,7 +127,7 @@ def rasterise(edges: Float64, boxes: Int32, tri: Triangles, tex: TextureStack, i
                     ids[y, x] = t
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(**KERNEL)
 def depth_of(ids: Int32, view: View, corners: Float32, depth: Float32) -> None:
     """Fill depth (H, W) float32 m along z: the exact meeting of each pixel's ray with its triangle's plane; 0 where none."""
     T = view.T_world_cam
@@ -143,9 +143,10 @@ def depth_of(ids: Int32, view: View, corners: Float32, depth: Float32) -> None:
                 T[1, 0] * a + T[1, 1] * b + T[1, 2],
                 T[2, 0] * a + T[2, 1] * b + T[2, 2],
             )
-            c = corners[t].astype(np.float64)
-            ux, uy, uz = c[1, 0] - c[0, 0], c[1, 1] - c[0, 1], c[1, 2] - c[0, 2]
-            vx, vy, vz = c[2, 0] - c[0, 0], c[2, 1] - c[0, 1], c[2, 2] - c[0, 2]
+            c = corners[t]
+            x0, y0, z0 = np.float64(c[0, 0]), np.float64(c[0, 1]), np.float64(c[0, 2])
+            ux, uy, uz = c[1, 0] - x0, c[1, 1] - y0, c[1, 2] - z0
+            vx, vy, vz = c[2, 0] - x0, c[2, 1] - y0, c[2, 2] - z0
             nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-            above = (c[0, 0] - T[0, 3]) * nx + (c[0, 1] - T[1, 3]) * ny + (c[0, 2] - T[2, 3]) * nz
+            above = (x0 - T[0, 3]) * nx + (y0 - T[1, 3]) * ny + (z0 - T[2, 3]) * nz
             depth[y, x] = above / (dx * nx + dy * ny + dz * nz)

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from wayloom.simulation.kernels.arrays import Float32, Rgba, TextureStack, UInt8
+from wayloom.simulation.kernels.options import INLINE, KERNEL
 
 MAX_TAPS = 8
 """Most samples along the long axis of a pixel's footprint."""
@@ -14,14 +15,14 @@ BLEND_FROM = 0.05
 INV_255 = np.float32(1.0 / 255.0)
 
 
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+@njit(**INLINE)
 def texel_row(tex: TextureStack, layer: int, level: int, x: int, y: int) -> int:
     """Row of texel (x, y), wrapped around, of one layer and mip level."""
     size = tex.size >> level
     return tex.offsets[level] + (layer * size + (y & (size - 1))) * size + (x & (size - 1))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(**KERNEL)
 def bilinear(texels: UInt8, first_row: int, size: int, u: float, v: float) -> Rgba:
     """Linear RGB and fourth channel, 0 to 1, at (u, v) of the layer and mip level whose texels begin at first_row."""
     fx, fy = u * size - 0.5, v * size - 0.5
@@ -40,7 +41,7 @@ def bilinear(texels: UInt8, first_row: int, size: int, u: float, v: float) -> Rg
     return r * r, g * g, b * b, al
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(**KERNEL)
 def anisotropic(tex: TextureStack, layer: int, u: float, v: float, ux: float, vx: float, uy: float, vy: float) -> Rgba:
     """Mean colour over a pixel's footprint: (ux, vx), (uy, vy) are the steps of (u, v) to the right and the lower pixel."""
     long_u, long_v, long_len, short_len = ux, vx, math.sqrt(ux * ux + vx * vx) * tex.size, math.sqrt(uy * uy + vy * vy) * tex.size
@@ -65,7 +66,7 @@ def anisotropic(tex: TextureStack, layer: int, u: float, v: float, ux: float, vx
     return r * scale, g * scale, b * scale, al * scale
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(**KERNEL)
 def noise(field: Float32, u: float, v: float) -> float:
     """Bilinear value at (u, v) of a tileable square field; 1 = one repeat."""
     size = field.shape[0]

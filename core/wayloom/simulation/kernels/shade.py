@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from wayloom.simulation.kernels.arrays import Float32, Float64, Int32, Light, Number, Rgb, TextureStack, Triangles, View
+from wayloom.simulation.kernels.options import INLINE, KERNEL
 from wayloom.simulation.kernels.raster import NO_TRIANGLE
 from wayloom.simulation.kernels.sampling import anisotropic, noise
 from wayloom.simulation.kernels.shadow import lit_share
@@ -30,7 +31,7 @@ ROOFLINE, ROOFLINE_BLUR = 0.34, 0.10
 HIGHLIGHT, HIGHLIGHT_POWER = 5.0, 200
 
 
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+@njit(**INLINE)
 def meet(tri: Triangles, t: int, view: View, dx: float, dy: float, dz: float) -> Meeting:
     """Where the ray (dx, dy, dz) of camera depth 1 meets triangle t: depth m, barycentric l1, l2, and their pixel steps.
 
@@ -60,7 +61,7 @@ def meet(tri: Triangles, t: int, view: View, dx: float, dy: float, dz: float) ->
     return (sx * nx + sy * ny + sz * nz) / den, l1, l2, l1x, l2x, l1y, l2y
 
 
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+@njit(**INLINE)
 def stain(light: Light, px: float, py: float, pz: float, nx: float, ny: float, nz: float, depth: float) -> float:
     """Factor near 1 that breaks the repeats of a texture, from the place in the world, on the plane the surface faces most."""
     ax, ay, az = abs(nx), abs(ny), abs(nz)
@@ -80,7 +81,7 @@ def stain(light: Light, px: float, py: float, pz: float, nx: float, ny: float, n
     return max(f, 0.25)
 
 
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+@njit(**INLINE)
 def sunlit(light: Light, px: float, py: float, pz: float) -> float:
     """Share of the sun's light that reaches a point."""
     share = lit_share(light.near, light.axes, px, py, pz, SHADOW_BIAS_M)
@@ -91,7 +92,7 @@ def sunlit(light: Light, px: float, py: float, pz: float) -> float:
     return share
 
 
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+@njit(**INLINE)
 def sky_share(light: Light, px: float, py: float, pz: float) -> float:
     """Share of the sky that a point sees: the ground's, growing to 1 with height."""
     x = int((px - light.openness.x0) * light.openness.texels_per_m)
@@ -102,7 +103,7 @@ def sky_share(light: Light, px: float, py: float, pz: float) -> float:
     return share + (1.0 - share) * min(max(above / OCCLUSION_FADE_M, 0.0), 1.0)
 
 
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+@njit(**INLINE)
 def reflect(
     light: Light,
     r: Number,
@@ -142,7 +143,7 @@ def reflect(
     return r, g, b
 
 
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+@njit(**INLINE)
 def surface_colour(
     tri: Triangles, t: int, tex: TextureStack, light: Light, view: View, dx: float, dy: float, dz: float, inv_len: float
 ) -> Rgb:
@@ -188,7 +189,7 @@ def surface_colour(
     return np.float32(r), np.float32(g), np.float32(b)
 
 
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+@njit(**INLINE)
 def pixel_colour(t: int, x: float, y: float, tri: Triangles, tex: TextureStack, light: Light, view: View) -> Rgb:
     """Linear RGB seen from pixel position (x, y) of triangle t, or of the sky for NO_TRIANGLE."""
     a, b, T = (x - view.cx) / view.fx, (y - view.cy) / view.fy, view.T_world_cam
@@ -200,7 +201,7 @@ def pixel_colour(t: int, x: float, y: float, tri: Triangles, tex: TextureStack, 
     return surface_colour(tri, t, tex, light, view, dx, dy, dz, inv_len)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(**KERNEL)
 def gather(ids: Int32, x: int, y: int, seen: Int32, count: Int32, mean_x: Float64, mean_y: Float64) -> int:
     """The triangles among the four samples of pixel (x, y): fill seen, count and the sums of their places; returns how many."""
     distinct = 0
@@ -218,12 +219,13 @@ def gather(ids: Int32, x: int, y: int, seen: Int32, count: Int32, mean_x: Float6
     return distinct
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def shade_samples(ids: Int32, tri: Triangles, tex: TextureStack, light: Light, view: View, out: Float32) -> None:
+@njit(**KERNEL)
+def shade_samples(
+    ids: Int32, tri: Triangles, tex: TextureStack, light: Light, view: View, out: Float32, numbers: Int32, means: Float64
+) -> None:
     """Fill out (H, W, 3) float32 linear from ids (2H, 2W): each triangle that a pixel sees is shaded once, where it is seen on
-    average, and weighs as many quarters as it has samples."""
-    seen, count = np.empty(4, np.int32), np.empty(4, np.int32)
-    mean_x, mean_y = np.empty(4), np.empty(4)
+    average, and weighs as many quarters as it has samples. Scratch: numbers (2, 4) int32, means (2, 4) float64."""
+    seen, count, mean_x, mean_y = numbers[0], numbers[1], means[0], means[1]
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
             first, distinct = ids[2 * y, 2 * x], 1

@@ -2,10 +2,10 @@
 
 import math
 
-import numpy as np
 from numba import njit
 
-from wayloom.simulation.kernels.arrays import DepthMap, Float32, TextureStack, Triangles
+from wayloom.simulation.kernels.arrays import DepthMap, Float32, Float64, TextureStack, Triangles
+from wayloom.simulation.kernels.options import KERNEL
 from wayloom.simulation.kernels.sampling import texel_row
 
 EMPTY_M = -1e9
@@ -19,13 +19,16 @@ DARKEST = 0.12
 OPENNESS_POWER = 1.2
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(**KERNEL)
 def draw_depth(
-    tri: Triangles, tex: TextureStack, axes: Float32, x0: float, y0: float, texels_per_m: float, values: Float32
+    tri: Triangles, tex: TextureStack, axes: Float32, x0: float, y0: float, texels_per_m: float, values: Float32, scratch: Float64
 ) -> None:
-    """Raise values (H, W) float32 to the largest coordinate along axes[2] of the triangles, seen along -axes[2]."""
+    """Raise values (H, W) float32 to the largest coordinate along axes[2] of the triangles, seen along -axes[2].
+
+    scratch (3, 3) float64.
+    """
     height, width = values.shape
-    X, Y, Z = np.empty(3), np.empty(3), np.empty(3)
+    X, Y, Z = scratch[0], scratch[1], scratch[2]
     for t in range(len(tri.corners)):
         for k in range(3):
             a, b, c = tri.corners[t, k, 0], tri.corners[t, k, 1], tri.corners[t, k, 2]
@@ -57,7 +60,7 @@ def draw_depth(
                 values[y, x] = z
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(**KERNEL)
 def lit_share(shadow: DepthMap, axes: Float32, px: float, py: float, pz: float, bias_m: float) -> float:
     """Share of light at a point, from the four nearest texels of a depth map; -1 where the map does not reach."""
     x = (axes[0, 0] * px + axes[0, 1] * py + axes[0, 2] * pz - shadow.x0) * shadow.texels_per_m - 0.5
@@ -75,7 +78,7 @@ def lit_share(shadow: DepthMap, axes: Float32, px: float, py: float, pz: float, 
     return (s00 * (1 - ax) + s10 * ax) * (1 - ay) + (s01 * (1 - ax) + s11 * ax) * ay
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(**KERNEL)
 def measure_openness(surface: Float32, ground: Float32, texels_per_m: float, openness: Float32) -> None:
     """Fill openness (H, W) float32 with the share of the sky above the ground that surface (H, W) m leaves free."""
     height, width = surface.shape

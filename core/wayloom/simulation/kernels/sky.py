@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from wayloom.simulation.kernels.arrays import Light, Rgb
+from wayloom.simulation.kernels.options import KERNEL
 from wayloom.simulation.kernels.sampling import noise
 
 HORIZON_FALL = 4.0
@@ -16,7 +17,7 @@ GLOW_POWER = 64
 GLOW = 0.5
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(**KERNEL)
 def sky_radiance(light: Light, dx: float, dy: float, dz: float) -> Rgb:
     """Linear RGB seen along the unit direction (dx, dy, dz)."""
     near_horizon = math.exp(-HORIZON_FALL * max(dz, 0.0))
