@@ -1,0 +1,26 @@
+"""Where compiled kernels are kept: one folder for each state of the kernels' sources.
+
+numba renews a kernel when that kernel's own file changes, but not when a kernel that it calls, in another file, does. So an updated
+tree could run old code. A cache named after a hash of every kernel's source cannot.
+"""
+
+import hashlib
+import os
+from pathlib import Path
+
+
+def kernel_digest(package: Path) -> str:
+    """Sixteen hexadecimal digits of a hash of every `kernels/*.py` under the package's folder."""
+    sources = sorted(package.glob("*/kernels/*.py"))
+    digest = hashlib.sha256()
+    for source in sources:
+        content = source.read_bytes()
+        digest.update(f"{source.relative_to(package).as_posix()} {len(content)}\n".encode())
+        digest.update(content)
+    return digest.hexdigest()[:16]
+
+
+def use_kernel_cache(package: Path) -> None:
+    """Point numba to the cache of these sources, unless NUMBA_CACHE_DIR says otherwise. Called before numba is imported."""
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(Path(home) / "wayloom" / f"kernels-{kernel_digest(package)}"))
