@@ -62,6 +62,17 @@ async def track(drive_id: DriveId, service: ServiceDep) -> Feature:
     return Feature(geometry=geometry, properties={"id": drive.id, "name": drive.name, "state": drive.state})
 
 
+@router.get("/{drive_id}/preview.png", response_class=Response, responses={200: {"content": {"image/png": {}}}})
+async def preview(drive_id: DriveId, service: ServiceDep) -> Response:
+    """The drive's labelled points from above, in its own plane; 404 until its submaps are cut."""
+    drive = await service.read(lambda session: drives.get(session, drive_id))
+    digest = drive.facts.get("preview")
+    if digest is None:
+        raise ProtocolError(404, "not-found", f"drive {drive_id[:12]} has no picture yet: its submaps are not cut")
+    content = await service.in_thread(lambda: service.blobs.get(digest))
+    return Response(content, headers={"ETag": f'"{digest}"', "Cache-Control": "no-cache"}, media_type="image/png")
+
+
 @router.post("/{drive_id}/retry")
 async def retry(drive_id: DriveId, service: ServiceDep) -> DriveOut:
     """Try the failed stage again, with a fresh set of attempts; finished stages are kept."""

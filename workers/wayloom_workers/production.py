@@ -1,5 +1,6 @@
 """The stages as the service runs them: those of a drive by `wayloom.pipeline`, those of the map by stitching and tiles."""
 
+import hashlib
 import json
 from typing import Any, Final
 
@@ -8,7 +9,7 @@ import numpy as np
 from wayloom.georeference import geodesy
 from wayloom.georeference.files import load_georeference
 from wayloom.pipeline.settings import ProcessSettings
-from wayloom.pipeline.stages import GEOREFERENCE_FILE, run_stage, stage_key
+from wayloom.pipeline.stages import GEOREFERENCE_FILE, PREVIEW_FILE, run_stage, stage_key
 from wayloom.store import drives, jobs, maps
 from wayloom.store.database import Session, now_s
 from wayloom.store.jobs import Wake
@@ -78,6 +79,12 @@ def _finite(facts: dict[str, Any]) -> dict[str, Any]:
 def _share_submaps(work: Work) -> None:
     for placed in load_submaps(work.out_dir):
         work.bench.blobs.put(placed.submap.encoded)
+    work.bench.blobs.put(_preview(work))
+
+
+def _preview(work: Work) -> bytes:
+    """The picture of the drive from above that the stage left."""
+    return (work.out_dir / PREVIEW_FILE).read_bytes()
 
 
 def _record_submaps(session: Session, work: Work) -> list[Wake]:
@@ -86,6 +93,7 @@ def _record_submaps(session: Session, work: Work) -> list[Wake]:
     placed = [item for item in load_submaps(work.out_dir) if item.frame is not None]
     rows = [submap_row(drive.id, drive.map_id, position, item) for position, item in enumerate(placed)]
     maps.place_submaps(session, drive.id, rows)
+    drive.facts = {**drive.facts, "preview": hashlib.sha256(_preview(work)).hexdigest()}
     if not rows:
         drive.state, drive.finished_at = "done", now_s(session)
         return []

@@ -43,10 +43,15 @@ def write_exports(
     points, labels = cloud(submaps)
     export_ply(folder / "cloud.ply", points, labels, geo.frame)
     export_laz(folder / "cloud.laz", points, labels, geo.frame)
+    write_image(folder / MAP_FILE, drive_map(geo, points, labels))
+    write_overlays(log, odometry, images, folder / OVERLAYS_DIR)
+
+
+def drive_map(geo: GeoReference, points: NDArray[np.float64], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(h, w, 3) RGB: the drive from above, with its track. points (N, 3) m and labels (N,) are those of `cloud`."""
     T = T_plane_enu(geo)
     track = se3.transform(T, geo.T_enu_cam[:, :3, 3])
-    write_image(folder / MAP_FILE, top_down(se3.transform(T, points), labels, tracks_enu=(track,), north_up=geo.frame is not None))
-    write_overlays(log, odometry, images, folder / OVERLAYS_DIR)
+    return top_down(se3.transform(T, points), labels, tracks_enu=(track,), north_up=geo.frame is not None)
 
 
 def cloud(submaps: list[PlacedSubmap]) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:

@@ -32,6 +32,7 @@ from wayloom.odometry.files import load_odometry, save_odometry
 from wayloom.odometry.odometry import track
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline import keys
+from wayloom.pipeline.exports import cloud, drive_map, write_image
 from wayloom.pipeline.ingest import fingerprint, ingest, read_log_file
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model, locate
@@ -44,6 +45,7 @@ STAGES: Final = ("ingest", "odometry", "segmentation", "labelling", "georeferenc
 ODOMETRY_FILE: Final = "odometry.npz"
 LABELS_FILE: Final = "labels.npz"
 GEOREFERENCE_FILE: Final = "georeference.npz"
+PREVIEW_FILE: Final = "preview.png"
 LEAST_KEYFRAMES: Final = 2
 
 
@@ -207,6 +209,7 @@ def _submaps(call: StageCall, out_dir: Path, progress: Progress) -> None:
     placed = make_submaps(call.log(), call.odometry(), labels, geo, call.settings.submaps, call.drive_id)
     progress(0.8, f"writing {len(placed)} submaps")
     save_submaps(placed, out_dir)
+    write_image(out_dir / PREVIEW_FILE, drive_map(geo, *cloud(placed)))
 
 
 def _write_report(out_dir: Path, report: Mapping[str, Any]) -> None:
@@ -241,6 +244,6 @@ _STAGES: Final[dict[str, Stage]] = {
         _submaps,
         ("odometry", "labelling", "georeference"),
         lambda settings: settings.submaps.model_dump(mode="json"),
-        (*_COMMON, "submaps"),
+        (*_COMMON, "submaps", "tiles/preview.py", "pipeline/exports.py", "pipeline/plane.py"),
     ),
 }
