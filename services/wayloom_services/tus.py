@@ -76,11 +76,17 @@ async def create(request: Request, service: ServiceDep) -> Response:
 
 @router.head("/{upload_id}", summary="How far the upload is")
 async def offset(upload_id: str, request: Request, service: ServiceDep) -> Response:
-    """Upload-Offset, Upload-Length, Upload-Metadata, Upload-Expires."""
+    """Upload-Offset, Upload-Length, Upload-Metadata, Upload-Expires. A file that was whole when the server died is finished now."""
     check_version(request)
     upload = await _find(service, upload_id)
+    stored = await service.in_thread(lambda: _offset(service, upload))
+    if stored == upload.length and not upload.complete:
+        async with service.locks.hold(upload_id):
+            upload = await _find(service, upload_id)
+            if not upload.complete:
+                await complete(service, upload)
     headers = {
-        "Upload-Offset": str(await service.in_thread(lambda: _offset(service, upload))),
+        "Upload-Offset": str(stored),
         "Upload-Length": str(upload.length),
         "Upload-Metadata": upload.metadata_header,
         "Upload-Expires": date(upload.expires_at),

@@ -10,8 +10,10 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import httpx2
 import pytest
 
+from service_kit import tus
 from service_kit.parcels import parcel, parcel_of
 from service_kit.running import ApiAlone, Up, environment, service, until
 from wayloom.client.api import AnswerError, Api
@@ -107,6 +109,17 @@ def test_a_client_that_was_killed_goes_on_where_it_was(alone: ApiAlone, tmp_path
         upload(api, sent, lambda done, _of: told.append(done))
     assert 0 < told[0] < sent.manifest.byte_count
     assert arrived(alone, drive_id) == {name: path.read_bytes() for name, path in sent.sources.items()}
+
+
+def test_a_file_that_was_whole_but_not_verified_when_the_server_died_is_finished(alone: ApiAlone, api: Api, tmp_path: Path) -> None:
+    content = os.urandom(5000)
+    sent = parcel_of(tmp_path, "unverified", {"log/a": content})
+    drive_id = api.json("POST", "/v1/drives", json=sent.manifest.model_dump(mode="json", exclude_none=True))["id"]
+    with httpx2.Client(base_url=alone.url, trust_env=False) as http:
+        address = str(tus.create(http, drive_id, "log/a", len(content)).headers["Location"])
+    (alone.data / "uploads" / f"{address.rpartition('/')[2]}.part").write_bytes(content)
+    assert upload(api, sent)["missing"] == []
+    assert arrived(alone, drive_id) == {"log/a": content}
 
 
 def test_a_file_that_changes_on_the_way_is_said(api: Api, tmp_path: Path) -> None:

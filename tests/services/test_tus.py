@@ -215,6 +215,18 @@ def test_an_empty_file_is_complete_at_its_creation(http: httpx2.Client, drive_fo
     assert (drive_folder / drive / "log" / "empty").read_bytes() == b""
 
 
+def test_a_file_that_was_whole_but_not_verified_when_the_server_died_is_finished(
+    http: httpx2.Client, api_process: ApiAlone, drive_folder: Path
+) -> None:
+    for finish in (head, lambda http, address: patch(http, address, len(DATA), b"")):
+        own = register(http, f"whole {time.monotonic_ns()}", a=DATA, never=b"x")
+        address = str(create(http, own, "log/a", len(DATA)).headers["Location"])
+        (api_process.data / "uploads" / f"{address.rpartition('/')[2]}.part").write_bytes(DATA)
+        assert finish(http, address).status_code in (200, 204)
+        assert (drive_folder / own / "log" / "a").read_bytes() == DATA
+        assert offset(http, address) == len(DATA)
+
+
 def broken_link(url: str, address: str, at: int, promised: int, sent: bytes) -> socket.socket:
     """A PATCH that promises more bytes than it sends; the link stays open."""
     where = urlsplit(url)
