@@ -161,13 +161,13 @@ def write_map(api: "Api", drives: list[dict[str, Any]], path: Path) -> None:
     import cv2
     import numpy as np
 
+    from wayloom.logs.atomic import write_atomically
     from wayloom.reports.map_picture import map_picture
 
     placed = [drive for drive in drives if drive["placed"]]
     if not placed:
         say("no drive has GNSS: each is mapped in its own frame, and none has a place on the map")
-        picture_png = api.once("GET", f"/v1/drives/{drives[0]['id']}/preview.png").content
-        write_whole(path, picture_png)
+        write_atomically(path, api.once("GET", f"/v1/drives/{drives[0]['id']}/preview.png").content)
         return
     version = api.json("GET", f"/v1/maps/{placed[0]['map_id']}")
     tiles = f"/v1/maps/{version['map_id']}/versions/{version['version']}/tiles/semantic"
@@ -182,11 +182,4 @@ def write_map(api: "Api", drives: list[dict[str, Any]], path: Path) -> None:
         tracks.append((drive["name"], np.array(way, np.float64)))
     deepest = int(version["layers"]["semantic"]["max_zoom"])
     picture = map_picture(tile, tuple(version["bounds"]), tracks, max_zoom=deepest)
-    write_whole(path, cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write beside, then rename."""
-    beside = path.with_name(f".{path.name}.part")
-    beside.write_bytes(content)
-    beside.replace(path)
+    write_atomically(path, cv2.imencode(".png", picture[..., ::-1])[1].tobytes())

@@ -43,6 +43,7 @@ def up_command(
 def run(settings: "ServiceSettings", listener: socket.socket, workers: int, ready_file: Path | None) -> None:
     """Start everything, say so, and watch over it until a signal comes."""
     from wayloom.cli.supervisor import Supervisor
+    from wayloom.logs.atomic import write_atomically
     from wayloom.store.database import Database
     from wayloom.store.migrate import upgrade
 
@@ -59,7 +60,7 @@ def run(settings: "ServiceSettings", listener: socket.socket, workers: int, read
         if url is not None:
             print(f"wayloom is ready at {url}   (data in {settings.data_dir}; Ctrl-C ends it)", flush=True)
             if ready_file is not None:
-                write_whole(ready_file, url + "\n")
+                write_atomically(ready_file, f"{url}\n".encode())
         while not stop.wait(0.25):
             for event in supervisor.look():
                 sys.stderr.write(f"wayloom: {event}\n")
@@ -179,10 +180,3 @@ def listening(settings: "ServiceSettings") -> Iterator[socket.socket]:
             where = f"{settings.host}:{settings.port}"
             raise ConfigError(f"cannot listen on {where}: {error.strerror}", remedy="choose another --port or --host") from None
         yield listener
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write beside, then rename."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    beside.write_text(text, encoding="utf-8")
-    beside.replace(path)

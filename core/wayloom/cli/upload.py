@@ -28,6 +28,7 @@ def upload_command(
     """Send drive logs to a service. Run it again after any interruption: it continues where the service has it."""
     from wayloom.client.api import Api
     from wayloom.client.manifests import pack
+    from wayloom.logs.atomic import write_atomically
 
     if gnss is not None and len(logs) > 1:
         raise ConfigError("--gnss belongs to one drive, several were given", remedy="send the drives one by one")
@@ -42,7 +43,7 @@ def upload_command(
     for drive in drives:
         print(summary(drive))
     if json_file is not None:
-        write_json(json_file, drives)
+        write_atomically(json_file, (json.dumps({"drives": drives}, indent=1) + "\n").encode())
     if any(drive["state"] == "failed" for drive in drives):
         raise typer.Exit(1)
 
@@ -94,10 +95,3 @@ def summary(drive: dict[str, Any]) -> str:
     """One line on a drive."""
     words = {"done": "in the map", "failed": f"failed: {drive['error']}"}.get(drive["state"], drive["state"])
     return f"{drive['name']} ({drive['id'][:12]}): {drive['note'] or words}"
-
-
-def write_json(path: Path, drives: list[dict[str, Any]]) -> None:
-    """What the service says of each drive."""
-    beside = path.with_name(f".{path.name}.part")
-    beside.write_text(json.dumps({"drives": drives}, indent=1) + "\n", encoding="utf-8")
-    beside.replace(path)
