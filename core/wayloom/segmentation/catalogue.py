@@ -17,6 +17,7 @@ NETWORKS: Final = Path(__file__).parent / "networks"
 DEFAULT_MODEL: Final = "wayloom-city"
 
 MODELS: Final[dict[str, ModelDescription]] = {
+    DEFAULT_MODEL: read_description(NETWORKS / "wayloom-city.toml"),
     "deeplab-slim": read_description(NETWORKS / "deeplab-slim.toml"),
 }
 
