@@ -51,12 +51,26 @@ def path(
     return T
 
 
-def drifting(T: FloatArray, rng: np.random.Generator, position_m: float = 0.1, rotation_deg: float = 0.05) -> FloatArray:
-    """(N, 4, 4) T_world_cam: the same motion with the random walk that the drive graph assumes; the first camera is the world."""
+def drifting(
+    T: FloatArray,
+    rng: np.random.Generator,
+    position_m: float = 0.005,
+    rotation_deg: float = 0.02,
+    scale_sigma: float = 0.02,
+    scale: float | None = None,
+) -> FloatArray:
+    """(N, 4, 4) T_world_cam: the same motion with the errors that the drive graph assumes; the first camera is the world.
+
+    scale : metres of road per metre of odometry; None draws the process that the graph assumes, over 100 m
+    """
     out = np.empty_like(T)
     out[0] = np.eye(4)
+    s = rng.normal()
     for i in range(1, len(T)):
         step = se3.inverse(T[i - 1]) @ T[i]
+        rho = np.exp(-np.linalg.norm(step[:3, 3]) / 100.0)
+        s = rho * s + np.sqrt(1.0 - rho**2) * rng.normal()
+        step[:3, 3] /= 1.0 + scale_sigma * s if scale is None else scale
         root = np.sqrt(np.linalg.norm(step[:3, 3]))
         noise = np.concatenate([rng.normal(size=3) * position_m * root, rng.normal(size=3) * np.radians(rotation_deg) * root])
         out[i] = out[i - 1] @ step @ se3.exp(noise)
@@ -82,14 +96,17 @@ def made_drive(
     turn_rad: float = 0.02,
     drift: bool = True,
     hills: float = 0.02,
+    scale: float | None = None,
+    correlation_s: float = 30.0,
+    white_share: float = 0.3,
 ) -> MadeDrive:
     rng = np.random.default_rng(seed)
     T = path(frames, step_m, turn_rad, hills=hills)
     t_ns = 1_000_000_000 + np.arange(frames, dtype=np.int64) * 100_000_000
-    T_world_cam = drifting(T, rng) if drift else se3.inverse(T[0]) @ T
+    T_world_cam = drifting(T, rng, scale=scale) if drift else se3.inverse(T[0]) @ T
     rows = np.arange(0, frames, fix_every)
     antenna = T[rows, :3, :3] @ LEVER + T[rows, :3, 3]
-    fixes = antenna + correlated(t_ns[rows] * 1e-9, sigma_m, 30.0, 0.3, rng)
+    fixes = antenna + correlated(t_ns[rows] * 1e-9, sigma_m, correlation_s, white_share, rng)
     return MadeDrive(MadeLog(track_of(t_ns[rows], fixes, sigma_m), LEVER), odometry_of(t_ns, T_world_cam), T)
 
 

@@ -1,3 +1,5 @@
+import dataclasses
+
 import gtsam
 import numpy as np
 import pytest
@@ -6,7 +8,7 @@ from wayloom.geometry import se3
 from wayloom.mapping import drive_graph
 from wayloom.mapping.drive_graph import AntennaFixes, DriveNoise, OdometryChain, correlations, optimise_drive
 
-NOISE = DriveNoise(0.1, np.radians(0.05), 0.005, np.radians(0.02), np.radians(3.0), 30.0, 0.3, 0.15, 0.9999)
+NOISE = DriveNoise(0.005, np.radians(0.02), 0.002, np.radians(0.01), 0.02, 100.0, np.radians(3.0), 30.0, 0.3, 0.15, 0.9999)
 
 
 def straight(count: int) -> OdometryChain:
@@ -44,24 +46,17 @@ def test_the_antenna_factor_has_the_derivatives_of_its_error():
     pose, g = gtsam.Pose3(se3.exp(rng.normal(size=6))), rng.normal(size=3)
     x_key, g_key = gtsam.symbol("x", 0), gtsam.symbol("g", 0)
 
-    def values(twist: np.ndarray, shift: np.ndarray) -> gtsam.Values:
-        out = gtsam.Values()
-        out.insert(x_key, pose.retract(twist))
-        out.insert(g_key, gtsam.Point3(*(g + shift)))
-        return out
+    def error(twist: np.ndarray, shift: np.ndarray) -> np.ndarray:
+        return drive_graph._antenna_errors(fix, pose.retract(twist).matrix()[None], (g + shift)[None])[0]
 
-    def error(at: gtsam.Values) -> np.ndarray:
-        return drive_graph._antenna_errors(fix, at.atPose3(x_key).matrix()[None], at)[0]
-
-    here = values(np.zeros(6), np.zeros(3))
-    linear = drive_graph._antenna_factors(fix, 1.0, here)
+    here = error(np.zeros(6), np.zeros(3))
+    linear = drive_graph._antenna_factors(fix, 1.0, pose.matrix()[None], g[None])
     A, minus_error = linear.jacobian(ordering(x_key, g_key))
     for i in range(9):
         step = np.zeros(9)
         step[i] = 1e-6
-        numeric = (error(values(step[:6], step[6:])) - error(here)) / 1e-6
-        assert np.allclose(A[:, i], numeric, atol=1e-5)
-    assert np.allclose(minus_error, -error(here))
+        assert np.allclose(A[:, i], (error(step[:6], step[6:]) - here) / 1e-6, atol=1e-5)
+    assert np.allclose(minus_error, -here)
 
 
 def ordering(*keys: int) -> gtsam.Ordering:
@@ -91,17 +86,31 @@ def test_the_chain_of_errors_is_cut_where_the_kind_of_fix_changes():
 
 
 def test_the_covariance_is_of_the_left_perturbation_as_sampling_shows():
-    """The odometry's noise alone, one exact fix at the first node: where the last node goes is known by sampling."""
-    chain = straight(10)
-    fixes = exact_fixes(chain, 1e-3).take(np.array([0, 1, 2]))
-    solution = optimise_drive(chain, fixes, chain.T_world_node, NOISE)
+    """Exact fixes at the first nodes, then the odometry alone: what its noise and its scale make of the last node is known."""
+    chain = straight(40)
+    fixes = exact_fixes(chain, 1e-3).take(np.arange(10))
+    noise = dataclasses.replace(NOISE, scale_length_m=1e5)
+    solution = optimise_drive(chain, fixes, chain.T_world_node, noise)
     last = solution.covariance[-1]
-    first_to_last = last - solution.covariance[0]
-    # Position: v + omega x p. North is along the road: 9 steps of 0.1 m.
+    # Position: v + omega x p. North is along the road: 30 steps, at a scale that the first 9 m tell.
     J = np.hstack([np.eye(3), -se3.hat(solution.T_enu_node[-1, :3, 3])])
     along = np.sqrt((J @ last @ J.T)[1, 1])
-    assert along == pytest.approx(np.sqrt(7) * 0.1, rel=0.15)
-    assert first_to_last[5, 5] == pytest.approx(9 * (NOISE.rotation_rad**2 + NOISE.standing_rotation_rad**2), rel=0.3)
+    step2 = NOISE.position_m**2 + NOISE.standing_position_m**2
+    scale2 = 1.0 / (1.0 / NOISE.scale_sigma**2 + 81.0 / (9.0 * step2 + 2e-6))
+    assert along == pytest.approx(np.sqrt(30.0 * step2 + 30.0**2 * scale2), rel=0.15)
+    turned = last - solution.covariance[9]
+    assert turned[5, 5] == pytest.approx(30 * (NOISE.rotation_rad**2 + NOISE.standing_rotation_rad**2), rel=0.3)
+
+
+def test_the_scale_of_the_odometry_is_found_where_it_changes():
+    chain = straight(200)
+    metres = np.where(np.arange(199) < 100, 1.0 / 1.02, 1.0 / 0.98)
+    T = chain.T_world_node.copy()
+    T[1:, 1, 3] = np.cumsum(metres)
+    solution = optimise_drive(OdometryChain(T, metres, chain.connected, chain.level), exact_fixes(chain, 0.03), T, NOISE)
+    assert np.allclose(solution.scale[[3, -4]], [1.02, 0.98], atol=3e-3)
+    assert (solution.scale_sigma < 0.005).all()
+    assert np.abs(solution.T_enu_node - chain.T_world_node)[:, :3, 3].max() < 0.03
 
 
 def test_fixes_that_all_disagree_with_the_odometry_are_still_believed():

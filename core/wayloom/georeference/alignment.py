@@ -88,6 +88,8 @@ def _noise(settings: GeoReferenceSettings) -> DriveNoise:
         rotation_rad=float(np.radians(settings.rotation_noise_deg)),
         standing_position_m=settings.standing_position_m,
         standing_rotation_rad=float(np.radians(settings.standing_rotation_deg)),
+        scale_sigma=settings.scale_sigma,
+        scale_length_m=settings.scale_length_m,
         level_rad=float(np.radians(settings.level_sigma_deg)),
         correlation_s=settings.gnss_correlation_s,
         white_share=settings.gnss_white_share,
@@ -160,8 +162,21 @@ def _report(
         "sigma_enu_m": {"median": _rounded(np.median(sigma, axis=0)), "worst": _rounded(sigma.max(axis=0))},
         "sigma_heading_deg": {"median": round(float(np.median(heading)), 4), "worst": round(float(heading.max()), 4)},
         "extent_m": round(extent, 2),
+        "scale": _scale(solution),
         "odometry_m": round(float(travelled(trajectory)[-1]), 2),
         "mapped_m": round(float(np.linalg.norm(np.diff(T_local_cam[:, :3, 3], axis=0), axis=1).sum()), 2),
+    }
+
+
+def _scale(solution: DriveSolution) -> dict[str, float] | None:
+    """Metres of road per metre of odometry, over the stretches of the drive, and the median sigma; None for a single place."""
+    if not len(solution.scale):
+        return None
+    return {
+        "mean": round(float(solution.scale.mean()), 5),
+        "least": round(float(solution.scale.min()), 5),
+        "most": round(float(solution.scale.max()), 5),
+        "sigma": round(float(np.median(solution.scale_sigma)), 5),
     }
 
 

@@ -1,4 +1,4 @@
-"""Settings of the geo-reference. What the noise numbers mean is derived in `wayloom.mapping.drive_graph`."""
+"""Settings of the geo-reference. What the noise numbers mean, and what they were measured on, stands in `wayloom.mapping`."""
 
 from pydantic import Field
 
@@ -9,14 +9,18 @@ class GeoReferenceSettings(Settings):
     """How far odometry, GNSS and gravity are trusted."""
 
     position_noise_m: float = Field(
-        0.1, gt=0.0, le=5.0, description="odometry: sigma of position after one metre, m; grows with the root"
+        0.005, gt=0.0, le=5.0, description="odometry: sigma of position after one metre at true scale, m; grows with the root"
     )
-    rotation_noise_deg: float = Field(0.05, gt=0.0, le=10.0, description="odometry: sigma of rotation after one metre, degrees")
+    rotation_noise_deg: float = Field(0.02, gt=0.0, le=10.0, description="odometry: sigma of rotation after one metre, degrees")
     standing_position_m: float = Field(
-        0.005, gt=0.0, le=1.0, description="odometry: sigma of position between nodes at one place, m"
+        0.002, gt=0.0, le=1.0, description="odometry: sigma of position between nodes at one place, m"
     )
     standing_rotation_deg: float = Field(
-        0.02, gt=0.0, le=5.0, description="odometry: sigma of rotation between nodes at one place, degrees"
+        0.01, gt=0.0, le=5.0, description="odometry: sigma of rotation between nodes at one place, degrees"
+    )
+    scale_sigma: float = Field(0.02, gt=0.0, le=0.5, description="odometry: sigma of its scale, as a share; it varies slowly")
+    scale_length_m: float = Field(
+        100.0, gt=0.0, le=1e5, description="road over which the odometry's scale becomes another, m (correlation 1/e)"
     )
     level_sigma_deg: float = Field(3.0, gt=0.0, le=45.0, description="how level the camera is, sigma of roll and pitch, degrees")
     level_every_m: float = Field(500.0, gt=0.0, description="one level prior each such stretch of road, m")
