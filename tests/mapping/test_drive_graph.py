@@ -6,7 +6,8 @@ import pytest
 
 from wayloom.geometry import se3
 from wayloom.mapping import drive_graph
-from wayloom.mapping.drive_graph import AntennaFixes, DriveNoise, OdometryChain, correlations, optimise_drive
+from wayloom.mapping.drive_graph import correlations, optimise_drive
+from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain
 
 NOISE = DriveNoise(0.005, np.radians(0.02), 0.002, np.radians(0.01), 0.02, 100.0, np.radians(3.0), 30.0, 0.3, 0.15, 0.9999)
 

@@ -21,7 +21,8 @@ from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.types import GeoReference, MapFrame
 from wayloom.georeference.uncertainty import heading_sigma_rad, moved_covariance, position_covariance
 from wayloom.logs.types import DriveLog, GnssTrack
-from wayloom.mapping.drive_graph import AntennaFixes, DriveNoise, DriveSolution, optimise_drive
+from wayloom.mapping.drive_graph import optimise_drive
+from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, DriveSolution
 from wayloom.odometry.types import OdometryResult, Trajectory
 
 FloatArray = NDArray[np.float64]

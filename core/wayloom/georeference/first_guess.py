@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from wayloom.geometry import se3
 from wayloom.georeference.rigid import align_rigid, align_robust, align_yaw, horizontal_spread, ransac_yaw
 from wayloom.georeference.settings import GeoReferenceSettings
-from wayloom.mapping.drive_graph import AntennaFixes
+from wayloom.mapping.drive_types import AntennaFixes
 
 FloatArray = NDArray[np.float64]
 DRIFT_SHARE = 0.01  # of the road travelled: what a rigid alignment must forgive the odometry

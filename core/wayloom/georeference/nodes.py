@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from wayloom.geometry import se3
 from wayloom.georeference.fixes import interpolate
-from wayloom.mapping.drive_graph import OdometryChain
+from wayloom.mapping.drive_types import OdometryChain
 from wayloom.odometry.types import Trajectory
 
 FloatArray = NDArray[np.float64]
