@@ -11,7 +11,6 @@ from made_network import THREE, logits_network, put
 from wayloom.errors import StageError
 from wayloom.logs.registry import open_log
 from wayloom.logs.types import DriveLog
-from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 from wayloom.segmentation.catalogue import find_model
 from wayloom.segmentation.network import Network
 from wayloom.segmentation.overlay import overlay
@@ -40,28 +39,8 @@ def log(clip_b: Path) -> DriveLog:
     return open_log(clip_b)
 
 
-@pytest.fixture(scope="module")
-def odometry(log: DriveLog) -> OdometryResult:
-    """A result whose keyframes are frames 0, 9 and 21, and that has no points."""
-    count, no = len(KEYFRAMES), np.zeros(0)
-    eyes = np.tile(np.eye(4), (len(log), 1, 1))
-    return OdometryResult(
-        rig=log.rig,
-        trajectory=Trajectory(log.t_ns, eyes, np.ones(len(log), bool), np.zeros(len(log), np.int32)),
-        keyframes=Keyframes(np.array(KEYFRAMES, np.int32), eyes[:count], np.zeros((count, 4)), np.zeros(count, np.int32)),
-        points=Points(
-            no.astype(np.int32), np.zeros((0, 2), np.float32), no.astype(np.float32), no.astype(np.float32), no.astype(np.uint8),
-            np.zeros(1, np.int64), no.astype(np.int32), no.astype(bool), no.astype(bool),
-        ),
-        disparity_bias_px=0.0,
-        row_coefficients=np.zeros(3),
-    )  # fmt: skip
-
-
-def test_left_and_right_of_every_keyframe_are_labelled(
-    log: DriveLog, odometry: OdometryResult, network: CountingNetwork, tmp_path: Path
-) -> None:
-    labels = segment_keyframes(log, odometry.keyframes.frame, network, tmp_path / "out")
+def test_left_and_right_of_every_keyframe_are_labelled(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:
+    labels = segment_keyframes(log, KEYFRAMES, network, tmp_path / "out")
     assert network.images == 6
     assert len(labels) == 3
     frame = log.frame(9)
@@ -76,38 +55,32 @@ def test_left_and_right_of_every_keyframe_are_labelled(
     assert (facts["name"], facts["sha256"], facts["licence"]) == ("made", network.sha256, "unknown")
 
 
-def test_a_second_run_labels_only_what_is_missing_or_torn(
-    log: DriveLog, odometry: OdometryResult, network: CountingNetwork, tmp_path: Path
-) -> None:
+def test_a_second_run_labels_only_what_is_missing_or_torn(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    segment_keyframes(log, odometry.keyframes.frame, network, out)
+    segment_keyframes(log, KEYFRAMES, network, out)
     before = {path: path.read_bytes() for path in out.rglob("*.png")}
     (out / "left" / "0000000009.png").unlink()
     torn = out / "right" / "0000000021.png"
     torn.write_bytes(torn.read_bytes()[:200])
     network.images = 0
-    segment_keyframes(log, odometry.keyframes.frame, network, out)
+    segment_keyframes(log, KEYFRAMES, network, out)
     assert network.images == 2
     assert {path: path.read_bytes() for path in out.rglob("*.png")} == before
 
 
-def test_another_network_labels_everything_anew(
-    log: DriveLog, odometry: OdometryResult, network: CountingNetwork, tmp_path: Path
-) -> None:
+def test_another_network_labels_everything_anew(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    segment_keyframes(log, odometry.keyframes.frame, network, out)
+    segment_keyframes(log, KEYFRAMES, network, out)
     (out / "left" / "0000000077.png").write_bytes(b"of a keyframe that is no more")
     other = CountingNetwork(find_model(put(tmp_path, "other", logits_network(classes=4), THREE.replace("10]", "10, 0]"))))
-    segment_keyframes(log, odometry.keyframes.frame, other, out)
+    segment_keyframes(log, KEYFRAMES, other, out)
     assert other.images == 6
     assert json.loads((out / "model.json").read_text())["name"] == "other"
     assert len(list((out / "left").iterdir())) == 3
 
 
-def test_labels_stay_in_memory_only_within_the_bound(
-    log: DriveLog, odometry: OdometryResult, network: CountingNetwork, tmp_path: Path
-) -> None:
-    segment_keyframes(log, odometry.keyframes.frame, network, tmp_path / "out")
+def test_labels_stay_in_memory_only_within_the_bound(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:
+    segment_keyframes(log, KEYFRAMES, network, tmp_path / "out")
     labels = KeyframeLabels(tmp_path / "out", KEYFRAMES, held=2)
     first = labels.left(0)
     assert labels.left(0) is first
@@ -119,9 +92,9 @@ def test_labels_stay_in_memory_only_within_the_bound(
 
 @pytest.mark.parametrize("content", [None, b"", b"torn"])
 def test_a_missing_or_torn_label_image_names_its_file(
-    content: bytes | None, log: DriveLog, odometry: OdometryResult, network: CountingNetwork, tmp_path: Path
+    content: bytes | None, log: DriveLog, network: CountingNetwork, tmp_path: Path
 ) -> None:
-    labels = segment_keyframes(log, odometry.keyframes.frame, network, tmp_path / "out")
+    labels = segment_keyframes(log, KEYFRAMES, network, tmp_path / "out")
     path = tmp_path / "out" / "left" / "0000000009.png"
     path.unlink()
     if content is not None:
@@ -130,9 +103,9 @@ def test_a_missing_or_torn_label_image_names_its_file(
         labels.left(1)
 
 
-def test_progress_rises_to_one(log: DriveLog, odometry: OdometryResult, network: CountingNetwork, tmp_path: Path) -> None:
+def test_progress_rises_to_one(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:
     shares: list[float] = []
-    segment_keyframes(log, odometry.keyframes.frame, network, tmp_path / "out", lambda share, what: shares.append(share))
+    segment_keyframes(log, KEYFRAMES, network, tmp_path / "out", lambda share, what: shares.append(share))
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 
