@@ -1,10 +1,10 @@
 import math
 
-import naive
 import numpy as np
 import pytest
 from made_street import CAMERA, RIG, curve, render
 
+from odometry import naive
 from wayloom.geometry import se3
 from wayloom.odometry import pyramid
 from wayloom.odometry.kernels import tracking

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from made_window import BIAS_PX, NUMBERS, ROBUST, made_window
-from naive import patch_terms, project, sample, schur
 
+from odometry.naive import patch_terms, project, sample, schur
 from wayloom.geometry import se3
 from wayloom.odometry.kernels import adjustment, equations, linear, patch
 from wayloom.odometry.kernels.arrays import PATTERN

@@ -132,7 +132,7 @@ def test_a_broker_that_lost_everything_delays_a_drive_and_no_more(up: Up, tmp_pa
     busy = upload(api, parcel(tmp_path / "a", "busy", {"ingest": {"seconds": 1.0}}))["id"]
     until(lambda: stage(api, busy, "ingest")["state"] == "running")
     waiting = upload(api, parcel(tmp_path / "b", "waiting"))["id"]
-    with Redis(unix_socket_path=str(up.data / "valkey.sock")) as broker:
+    with Redis(unix_socket_path=str(ServiceSettings(data_dir=up.data).broker_socket)) as broker:
         broker.flushall()
     assert wait_for_drive(api, waiting)["state"] == "done"
     assert wait_for_drive(api, busy)["state"] == "done"

