@@ -86,6 +86,7 @@ def stitch(work: Work) -> None:
     said = {
         "frame": [8.5, 49.5, 0.0],
         "drives": sorted({row.drive_id for row in rows}),
+        "out_of_reach": [],
         "submaps": len(rows),
         "bounds": [LON, LAT, LON + 0.001, LAT + 0.001] if rows else None,
         "tiles": [tile(zoom, digest, len(content)) for zoom in range(12, 19)] if rows else [],

@@ -1,5 +1,6 @@
 """Drives, their files, and the versions of the map."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,8 +66,9 @@ def test_an_unknown_drive_is_said_to_be_unknown(database: Database) -> None:
 def test_publishing_flips_the_pointer_and_finishes_the_drives_that_wait(database: Database) -> None:
     drive_id, other = register(database, "a"), register(database, "b")
     with database.write() as session:
-        drives.get(session, drive_id).state = "stitching"
-        drives.get(session, other).state = "stitching"
+        for waiting in (drive_id, other):
+            row = drives.get(session, waiting)
+            row.state, row.stitch_job_id = "stitching", 1
         assert maps.publish(session, "city", version(TILE, drives=(drive_id,)), kept=5) == 1
     with database.read() as session:
         assert maps.get(session, "city").version == 1
@@ -78,6 +80,29 @@ def test_publishing_flips_the_pointer_and_finishes_the_drives_that_wait(database
         assert tile is not None
         assert tile.digest == TILE.digest
         assert maps.tile(session, "city", 1, "semantic", 18, 2, 1) is None
+
+
+def test_a_drive_that_a_later_map_job_takes_in_is_done_though_its_own_had_failed(database: Database) -> None:
+    drive_id, broken = register(database, "a"), register(database, "b")
+    with database.write() as session:
+        row = drives.get(session, drive_id)
+        row.state, row.stitch_job_id, row.error = "failed", 1, "publish: the disk was full"
+        drives.get(session, broken).state = "failed"
+        maps.publish(session, "city", version(TILE, drives=(drive_id, broken)), kept=5)
+    with database.read() as session:
+        assert (drives.get(session, drive_id).state, drives.get(session, drive_id).error) == ("done", None)
+        assert drives.get(session, broken).state == "failed"
+
+
+def test_a_drive_out_of_the_maps_reach_fails_and_says_why(database: Database) -> None:
+    drive_id = register(database, "a")
+    with database.write() as session:
+        row = drives.get(session, drive_id)
+        row.state, row.stitch_job_id = "stitching", 1
+        maps.publish(session, "city", replace(version(TILE), out_of_reach=(drive_id,)), kept=5)
+    with database.read() as session:
+        row = drives.get(session, drive_id)
+        assert (row.state, row.error) == ("failed", maps.OUT_OF_REACH)
 
 
 def test_nothing_published_and_no_map_are_told_apart(database: Database) -> None:

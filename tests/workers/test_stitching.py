@@ -105,6 +105,16 @@ def test_drives_on_both_sides_of_a_degree_lie_side_by_side_in_one_frame(bench: B
     assert finest == expected
 
 
+@pytest.mark.parametrize("far_lat", [LAT - 3.0, LAT + 3.0])
+def test_a_drive_of_another_city_does_not_stop_the_map(bench: Bench, tmp_path: Path, far_lat: float) -> None:
+    near = [add(bench, "a", 1), add(bench, "b", 2)]
+    without = stitched(bench, tmp_path / "1")
+    far = add(bench, "far", 3, lat=far_lat)
+    said = stitched(bench, tmp_path / "2")
+    assert said["drives"] == sorted(near)
+    assert said == without | {"out_of_reach": [far]}
+
+
 def tiles_of(points_enu: np.ndarray, frame: MapFrame, zoom: int = 18) -> set[tuple[int, int]]:
     """The tiles in which points lie, each point by itself."""
     found = set()

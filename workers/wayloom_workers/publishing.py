@@ -38,7 +38,8 @@ def publish(session: Session, work: Work) -> list[Wake]:
         submap_count=said["submaps"],
         bounds=None if said["bounds"] is None else tuple(said["bounds"]),
         tiles=[TileEntry(**entry) for entry in said["tiles"]],
-        facts={},
+        facts={"out_of_reach": said["out_of_reach"]} if said["out_of_reach"] else {},
+        out_of_reach=tuple(said["out_of_reach"]),
     )
     maps.publish(session, str(work.claim.map_id), new, work.bench.settings.map_versions_kept)
     return []

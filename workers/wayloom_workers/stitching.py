@@ -3,14 +3,15 @@
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from wayloom.georeference import geodesy
 from wayloom.georeference.types import MapFrame
 from wayloom.georeference.uncertainty import moved_covariance
-from wayloom.stitching.merge import merge
+from wayloom.stitching.merge import KEY_LIMIT, merge
+from wayloom.stitching.settings import MergeSettings
 from wayloom.store import maps
 from wayloom.store.maps import TileEntry
 from wayloom.store.tables import SubmapRow
@@ -19,15 +20,20 @@ from wayloom.tiles.pyramid import Track, build_tiles
 from wayloom_workers.publishing import TILES_FILE
 from wayloom_workers.steps import Work
 
+REACH_M: Final = 0.95 * KEY_LIMIT * MergeSettings().voxel_m
+"""How far from its frame's origin a map goes: the voxel grid's end (105 km), less a margin for the submaps' own size."""
+
 
 def stitch(work: Work) -> None:
     """Merge every placed submap of the map, store the tiles as blobs and list them in `tiles.json`."""
     with work.bench.database.read() as session:
-        rows = maps.submaps(session, str(work.claim.map_id))
-    frame = _frame(work, rows)
+        placed = maps.submaps(session, str(work.claim.map_id))
+    frame, rows = _within_reach(work, placed)
+    drives = sorted({row.drive_id for row in rows})
     said: dict[str, Any] = {
         "frame": [frame.lon_deg, frame.lat_deg, frame.height_m],
-        "drives": sorted({row.drive_id for row in rows}),
+        "drives": drives,
+        "out_of_reach": sorted({row.drive_id for row in placed}.difference(drives)),
         "submaps": len(rows),
         "bounds": _bounds(rows),
         "tiles": [asdict(entry) for entry in _tiles(work, rows, frame)] if rows else [],
@@ -35,18 +41,26 @@ def stitch(work: Work) -> None:
     (work.out_dir / TILES_FILE).write_text(json.dumps(said) + "\n", encoding="utf-8")
 
 
-def _frame(work: Work, rows: Sequence[SubmapRow]) -> MapFrame:
-    """The frame of the map: the settings' origin, or the most south-western of the cells that its drives lie in.
+def _within_reach(work: Work, rows: Sequence[SubmapRow]) -> tuple[MapFrame, Sequence[SubmapRow]]:
+    """The frame of the map and the submaps that its grid can hold: one drive of another city must not stop the map.
 
-    So it depends on which drives are in the map, never on which came first. A drive of a neighbouring cell is moved over exactly:
-    both frames are rigid.
+    The frame is the settings' origin, or, of the cells that the drives lie in, the most south-western of those that reach the most
+    submaps. So it depends on which drives are in the map, never on which came first. A drive of a neighbouring cell is moved over
+    exactly: both frames are rigid.
     """
     origin = work.bench.settings.map_origin
-    if origin is not None:
-        return MapFrame(*origin)
-    return min(
-        (MapFrame(*row.frame) for row in rows), key=lambda frame: (frame.lon_deg, frame.lat_deg), default=MapFrame(0.0, 0.0, 0.0)
-    )
+    cells = {tuple(row.frame) for row in rows} if origin is None else {origin}
+    reached = [(MapFrame(*cell), _reached(MapFrame(*cell), rows)) for cell in sorted(cells)]
+    return max(reached, key=lambda item: len(item[1]), default=(MapFrame(0.0, 0.0, 0.0), []))
+
+
+def _reached(frame: MapFrame, rows: Sequence[SubmapRow]) -> list[SubmapRow]:
+    """The submaps, each by the place of its origin, that lie within REACH_M of the frame's origin along every axis."""
+    if not rows:
+        return []
+    places = [(geodesy.T_enu_enu(frame, MapFrame(*row.frame)) @ np.array(row.T_enu_submap, np.float64))[:3, 3] for row in rows]
+    near = np.abs(np.array(places)).max(axis=1) < REACH_M
+    return [row for row, is_near in zip(rows, near.tolist(), strict=True) if is_near]
 
 
 def _tiles(work: Work, rows: Sequence[SubmapRow], frame: MapFrame) -> list[TileEntry]:

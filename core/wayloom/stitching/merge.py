@@ -38,7 +38,8 @@ NEVER_NS = np.iinfo(np.int64).min
 
 @dataclass(frozen=True, slots=True)
 class _Sums:
-    """Sums of V voxels with sorted packed keys."""
+    """Sums of V voxels in fixed point: key (V,) packed and sorted, weight (V,), offset (V, 3), votes (V, 19), count (V,),
+    last_seen_ns (V,)."""
 
     key: IntArray
     weight: IntArray
@@ -215,7 +216,7 @@ def _voxel_map(total: _Sums, drives: IntArray, frame: MapFrame | None, voxel_m: 
         (total.votes / VOTE_STEPS).astype(np.float32),
         STATIC_CLASSES[np.argmax(total.votes[:, STATIC_CLASSES], axis=1)].astype(np.uint8),
         total.count.astype(np.uint32),
-        drives.astype(np.uint16),
+        np.minimum(drives, np.iinfo(np.uint16).max).astype(np.uint16),
         total.last_seen_ns,
         left_out,
     )

@@ -22,7 +22,7 @@ class VoxelMap:
     points_enu    (V, 3) m, mean of the points, weighted by inverse variance
     votes         (V, 19) float32, 1/m: sum of the votes of all drives
     label         (V,) uint8, the static class with the most votes, the lower on a tie
-    count         (V,) uint32 points; drives (V,) uint16 distinct drives; last_seen_ns (V,) int64
+    count         (V,) uint32 points; drives (V,) uint16 distinct drives, 65535 = that many or more; last_seen_ns (V,) int64
     left_out      how many points are not in the static layer, by reason
     """
 

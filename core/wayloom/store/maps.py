@@ -4,13 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import delete, insert, select, update
+from sqlalchemy import Update, delete, insert, select, update
 from sqlalchemy.orm import Session
 
 from wayloom.errors import ConflictError, NotFoundError
 from wayloom.store.database import now_s
 from wayloom.store.tables import Drive, Map, MapVersion, SubmapRow, TileRow
 
+OUT_OF_REACH = "lies too far from the map's origin for one grid: give it a map of its own (WAYLOOM_MAP_ID)"
 Box = tuple[float, float, float, float]
 """West, south, east, north in degrees."""
 
@@ -30,7 +31,12 @@ class TileEntry:
 
 @dataclass(frozen=True, slots=True)
 class NewVersion:
-    """What publishing writes."""
+    """What publishing writes.
+
+    frame          longitude, latitude (degrees) and ellipsoidal height (m) of the map frame's origin
+    drives         those that are in the map
+    out_of_reach   those that lie too far from the frame's origin to be in it
+    """
 
     frame: tuple[float, float, float]
     drives: tuple[str, ...]
@@ -38,6 +44,7 @@ class NewVersion:
     bounds: Box | None
     tiles: Sequence[TileEntry]
     facts: dict[str, Any]
+    out_of_reach: tuple[str, ...] = ()
 
 
 def ensure_map(session: Session, map_id: str) -> Map:
@@ -131,11 +138,19 @@ def publish(session: Session, map_id: str, new: NewVersion, kept: int) -> int:
     ).all()
     if not flipped:
         raise ConflictError(f"map {map_id!r}: another version was published meanwhile")
-    waiting = update(Drive).where(Drive.id.in_(new.drives), Drive.state == "stitching")
-    session.execute(waiting.values(state="done", finished_at=now))
+    taken_in = _stitched_drives(new.drives, "stitching", "failed")  # failed: its own map job was given up, this one has the drive
+    session.execute(taken_in.values(state="done", error=None, finished_at=now))
+    session.execute(
+        _stitched_drives(new.out_of_reach, "stitching", "done").values(state="failed", error=OUT_OF_REACH, finished_at=now)
+    )
     for table in (TileRow, MapVersion):
         session.execute(delete(table).where(table.map_id == map_id, table.version <= number - kept))
     return number
+
+
+def _stitched_drives(drive_ids: Sequence[str], *states: str) -> Update:
+    """An update of those of the drives that were given to the map and are in one of the states."""
+    return update(Drive).where(Drive.id.in_(drive_ids), Drive.state.in_(states), Drive.stitch_job_id.is_not(None))
 
 
 def _columns(entry: TileEntry) -> dict[str, Any]:
