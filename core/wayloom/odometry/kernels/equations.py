@@ -8,14 +8,12 @@ import math
 import numpy as np
 
 from wayloom.odometry.kernels.arrays import LOCAL, PATCH
-from wayloom.odometry.kernels.compiler import jit
+from wayloom.odometry.kernels.compiler import bare, jit
 from wayloom.odometry.kernels.linear import local_from_host, relative
 from wayloom.odometry.kernels.patch import gain_between, patch_residual, projection_jacobian
 
-IDENTITY = np.eye(4)
 
-
-@jit
+@bare
 def add_pair(J, M, e, scale, gain, H, g, coupling, own):  # type: ignore[no-untyped-def]
     """Chain patch_residual's M (4, 4), e (4,) with J (2, 8) of projection_jacobian and add, times scale, to the pair's H (9, 9,
     lower) and g (9,), the point's coupling (9,) and own (2,). gain: d(predicted)/d(a, b) is that times the colour and one."""
@@ -47,7 +45,7 @@ def add_pair(J, M, e, scale, gain, H, g, coupling, own):  # type: ignore[no-unty
     own[1] -= scale * (e[0] * ru + e[1] * rv)
 
 
-@jit
+@bare
 def remove_host_offset(M, e, shift):  # type: ignore[no-untyped-def]
     """patch_residual takes d/da as -gain colour; it is -gain (colour - b_host). shift = gain b_host corrects the sums M and e."""
     M[2, 2] += shift * (shift * M[3, 3] - 2.0 * M[2, 3])
@@ -67,17 +65,17 @@ def right_of(T, rig):  # type: ignore[no-untyped-def]
     return out
 
 
-@jit
-def add_static(image, ray, rho, rig, delta, colour, weight, gain, offset, robust, M, e, J, own, coupling, H, g):  # type: ignore[no-untyped-def]
-    """A patch in its host's right image (h, w): knows rho and delta only. ray (2,), colour and weight (8,) of the patch, gain and
-    offset of right against left. Adds to own (2,), coupling (9,), H (9, 9), g (9,); returns the energy and whether it is an
-    inlier."""
+@bare
+def add_static(  # type: ignore[no-untyped-def]
+    image, still, T_right, ray, rho, rig, delta, colour, weight, gain, offset, robust, M, e, J, own, coupling, H, g
+):
+    """A patch in its host's right image (h, w): knows rho and delta only. still (4, 4) the identity, T_right (4, 4) T_right_left;
+    ray (2,), colour and weight (8,) of the patch, gain and offset of right against left. Adds to own (2,), coupling (9,),
+    H (9, 9), g (9,); returns the energy and whether it is an inlier."""
     x, y = ray[0], ray[1]
-    energy, inside = patch_residual(
-        image, right_of(IDENTITY, rig), x, y, rho, rig, delta, colour, weight, gain, offset, robust, M, e
-    )
+    energy, inside = patch_residual(image, T_right, x, y, rho, rig, delta, colour, weight, gain, offset, robust, M, e)
     limit = robust.max_energy * PATCH
-    good = inside and energy <= limit and projection_jacobian(IDENTITY, x, y, rho, rig, 1.0, J)
+    good = inside and energy <= limit and projection_jacobian(still, x, y, rho, rig, 1.0, J)
     if good:
         scale, ru, rv = robust.static_weight, J[0, 7], J[1, 7]
         own[0] += scale * (M[0, 0] * ru * ru + 2.0 * M[0, 1] * ru * rv + M[1, 1] * rv * rv)
@@ -88,7 +86,7 @@ def add_static(image, ray, rho, rig, delta, colour, weight, gain, offset, robust
     return robust.static_weight * min(energy, limit), good
 
 
-@jit
+@bare
 def add_temporal(  # type: ignore[no-untyped-def]
     image,
     T,
@@ -142,30 +140,54 @@ def relative_poses(frames, first):  # type: ignore[no-untyped-def]
 
 @jit
 def linearise(images, rig, frames, points, delta, robust, terms):  # type: ignore[no-untyped-def]
-    """All residuals of the window at its current state into zeroed terms; returns the energy, a patch's at most max_energy a pixel.
+    """All residuals of the window at its current state into terms; returns the energy, a patch's at most max_energy a pixel.
 
     Image gradients are taken at the current state, the geometry at the first estimates (first-estimate Jacobians, Engel et al.
     2018, sec. 2.3), so that frames of the prior keep its null space.
     """
-    F, N, total = frames.slot.shape[0], points.host.shape[0], 0.0
-    M, e, J = np.zeros((4, 4)), np.zeros(4), np.zeros((2, 8))
-    T, S, rays = relative_poses(frames, 0), relative_poses(frames, 1), np.empty((N, 2))
-    clear(terms)
+    N = points.host.shape[0]
+    M, e, J, rays, still = np.zeros((4, 4)), np.zeros(4), np.zeros((2, 8)), np.empty((N, 2)), np.eye(4)
+    T, S, T_right, still_right = (
+        relative_poses(frames, 0),
+        relative_poses(frames, 1),
+        relative_poses(frames, 0),
+        right_of(still, rig),
+    )
+    for h in range(T.shape[0]):
+        for t in range(T.shape[0]):
+            T_right[h, t] = right_of(T[h, t], rig)
     for i in range(N):
         rays[i, 0], rays[i, 1] = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
+    clear(terms)
+    total = add_hosts(images, rig, frames, points, delta, robust, rays, still, still_right, M, e, J, terms)
+    return total + add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, M, e, J, terms)
+
+
+@bare
+def add_hosts(images, rig, frames, points, delta, robust, rays, still, still_right, M, e, J, terms):  # type: ignore[no-untyped-def]
+    """Every point in its host's right image; returns the energy."""
+    F, total = frames.slot.shape[0], 0.0
+    for i in range(points.host.shape[0]):
         h = points.host[i]
         if points.has_static[i]:
             energy, good = add_static(
-                images.right[frames.slot[h]], rays[i], points.rho[i], rig, delta, points.colour[i], points.weight[i],
-                frames.gain_right[h, 0], frames.gain_right[h, 1], robust, M, e, J, terms.own[i], terms.coupling[i, h],
-                terms.H_pair[h, h], terms.g_pair[h, h],
+                images.right[frames.slot[h]], still, still_right, rays[i], points.rho[i], rig, delta, points.colour[i],
+                points.weight[i], frames.gain_right[h, 0], frames.gain_right[h, 1], robust, M, e, J, terms.own[i],
+                terms.coupling[i, h], terms.H_pair[h, h], terms.g_pair[h, h],
             )  # fmt: skip
             terms.inlier[i, F] = good
             total += energy
-    for t in range(F):  # one image at a time, points of one host together: that keeps the caches warm
+    return total
+
+
+@bare
+def add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, M, e, J, terms):  # type: ignore[no-untyped-def]
+    """Every point in the left images of the other keyframes, and in the right image of those that it fits; returns the energy."""
+    total = 0.0
+    for t in range(frames.slot.shape[0]):  # one image at a time, points of one host together: that keeps the caches warm
         left, right, a, b = images.left[frames.slot[t]], images.right[frames.slot[t]], frames.affine[t, 0], frames.affine[t, 1]
         gain_right, offset_right = frames.gain_right[t, 0], frames.gain_right[t, 1]
-        for i in range(N):
+        for i in range(points.host.shape[0]):
             h = points.host[i]
             if t == h or points.closed[i, t]:
                 continue
@@ -179,14 +201,14 @@ def linearise(images, rig, frames, points, delta, robust, terms):  # type: ignor
             terms.inlier[i, t] = good
             if good and robust.observer_right_weight > 0.0:
                 total += add_temporal(
-                    right, right_of(T[h, t], rig), S[h, t], rays[i], points.rho[i], rig, 1.0, delta, points.colour[i],
+                    right, T_right[h, t], S[h, t], rays[i], points.rho[i], rig, 1.0, delta, points.colour[i],
                     points.weight[i], gain, gain_right, b_host, gain_right * offset + offset_right, robust.observer_right_weight,
                     robust, M, e, J, terms.own[i], terms.coupling[i, t], terms.H_pair[h, t], terms.g_pair[h, t],
                 )[0]  # fmt: skip
     return total
 
 
-@jit
+@bare
 def clear(terms):  # type: ignore[no-untyped-def]
     """Set all of terms to zero."""
     terms.H_pair[:] = 0.0
@@ -246,7 +268,7 @@ def add_pairs_to_state(terms, A, H, g):  # type: ignore[no-untyped-def]
                     g[oh + k] += A[h, t, m, k] * terms.g_pair[h, t, m]
 
 
-@jit
+@bare
 def couplings_of_state(terms, A, points, V):  # type: ignore[no-untyped-def]
     """Fills V (N, 1 + 8F): each point's coupling to the state."""
     F = A.shape[0]
@@ -297,7 +319,7 @@ def eliminate_points(terms, V, points, damping, H, g, inverse):  # type: ignore[
                         H[o + k, n + m] -= c * row[n + m]
 
 
-@jit
+@bare
 def mirror(H):  # type: ignore[no-untyped-def]
     """Copy the lower triangle of H to the upper."""
     for i in range(H.shape[0]):

@@ -10,14 +10,17 @@ import math
 import numpy as np
 
 from wayloom.odometry.kernels.arrays import PATCH, PATTERN
-from wayloom.odometry.kernels.compiler import jit
+from wayloom.odometry.kernels.compiler import bare
 
 f32 = np.float32
+index = np.uint64
+"""Pixels are addressed by unsigned numbers: a signed index is tested for being negative each time."""
+ONE = index(1)
 MIN_DEPTH_RATIO = 1e-3
 BORDER = 2
 
 
-@jit
+@bare
 def patch_residual(image, T, x, y, rho, rig, shift, colours, weights, gain, offset, robust, M, e):  # type: ignore[no-untyped-def]
     """Photometric residual r = I(project(T p) - (shift, 0)) - (gain colour + offset) over the 8 pixels of a patch.
 
@@ -44,23 +47,25 @@ def patch_residual(image, T, x, y, rho, rig, shift, colours, weights, gain, offs
         v = rig.fy * (Y + Yu * dx + Yv * dy) * iz + rig.cy
         if not (iz > 0.0 and u > BORDER and v > BORDER and u < w - BORDER - 1 and v < h - BORDER - 1):
             return 0.0, False
-        ix, iy = int(u), int(v)
-        a, b = f32(u - ix), f32(v - iy)
+        x0, y0 = index(u), index(v)
+        a, b = f32(u - int(u)), f32(v - int(v))
+        x1, y1, xm, ym = x0 + ONE, y0 + ONE, x0 - ONE, y0 - ONE
+        x2, y2 = x1 + ONE, y1 + ONE
         w11 = a * b
         w01, w10, w00 = b - w11, a - w11, f32(1) - a - b + w11
-        i00, i10 = f32(image[iy, ix]), f32(image[iy, ix + 1])
-        i01, i11 = f32(image[iy + 1, ix]), f32(image[iy + 1, ix + 1])
+        i00, i10 = f32(image[y0, x0]), f32(image[y0, x1])
+        i01, i11 = f32(image[y1, x0]), f32(image[y1, x1])
         gx = f32(0.5) * (
-            w00 * (i10 - f32(image[iy, ix - 1]))
-            + w10 * (f32(image[iy, ix + 2]) - i00)
-            + w01 * (i11 - f32(image[iy + 1, ix - 1]))
-            + w11 * (f32(image[iy + 1, ix + 2]) - i01)
+            w00 * (i10 - f32(image[y0, xm]))
+            + w10 * (f32(image[y0, x2]) - i00)
+            + w01 * (i11 - f32(image[y1, xm]))
+            + w11 * (f32(image[y1, x2]) - i01)
         )
         gy = f32(0.5) * (
-            w00 * (i01 - f32(image[iy - 1, ix]))
-            + w10 * (i11 - f32(image[iy - 1, ix + 1]))
-            + w01 * (f32(image[iy + 2, ix]) - i00)
-            + w11 * (f32(image[iy + 2, ix + 1]) - i10)
+            w00 * (i01 - f32(image[ym, x0]))
+            + w10 * (i11 - f32(image[ym, x1]))
+            + w01 * (f32(image[y2, x0]) - i00)
+            + w11 * (f32(image[y2, x1]) - i10)
         )
         predicted = gain * colours[k]
         r = w00 * i00 + w10 * i10 + w01 * i01 + w11 * i11 - (predicted + offset)
@@ -80,7 +85,7 @@ def patch_residual(image, T, x, y, rho, rig, shift, colours, weights, gain, offs
     return energy, True
 
 
-@jit
+@bare
 def projection_jacobian(S, x, y, rho, rig, right, J):  # type: ignore[no-untyped-def]
     """Fills J (2, 8) = d(u, v)/d(v, omega, delta, rho) of a point's projection into the target's left (right = 0) or right image.
 
@@ -107,7 +112,7 @@ def projection_jacobian(S, x, y, rho, rig, right, J):  # type: ignore[no-untyped
     return True
 
 
-@jit
+@bare
 def gain_between(affine_host, affine_target):  # type: ignore[no-untyped-def]
     """exp(a_target - a_host) of two rows (a, b)."""
     return math.exp(affine_target[0] - affine_host[0])
