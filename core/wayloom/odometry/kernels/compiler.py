@@ -1,7 +1,8 @@
 """How every kernel is compiled: cached on disk, without the GIL, strict IEEE arithmetic, division by zero gives inf or NaN.
 
 `bare` kernels allocate nothing (scratch space is an argument) and count no references, which their callers hold: each array taken
-out of a named tuple or sliced would otherwise cost an atomic step, in the innermost loops more than the arithmetic.
+out of a named tuple or sliced would otherwise cost an atomic step, in the innermost loops more than the arithmetic. `inlined` ones
+also become part of their callers: passing a dozen arrays costs as much again.
 """
 
 from typing import Any, Final
@@ -12,3 +13,4 @@ OPTIONS: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy", "nogil"
 BARE: Final[dict[str, Any]] = {**OPTIONS, "_nrt": False}
 jit = njit(**OPTIONS)
 bare = njit(**BARE)
+inlined = njit(**BARE, forceinline=True)

@@ -8,12 +8,12 @@ import math
 import numpy as np
 
 from wayloom.odometry.kernels.arrays import LOCAL, PATCH
-from wayloom.odometry.kernels.compiler import bare, jit
+from wayloom.odometry.kernels.compiler import bare, inlined, jit
 from wayloom.odometry.kernels.linear import local_from_host, relative
 from wayloom.odometry.kernels.patch import gain_between, patch_residual, projection_jacobian
 
 
-@bare
+@inlined
 def add_pair(J, M, e, scale, gain, H, g, coupling, own):  # type: ignore[no-untyped-def]
     """Chain patch_residual's M (4, 4), e (4,) with J (2, 8) of projection_jacobian and add, times scale, to the pair's H (9, 9,
     lower) and g (9,), the point's coupling (9,) and own (2,). gain: d(predicted)/d(a, b) is that times the colour and one."""
@@ -45,7 +45,7 @@ def add_pair(J, M, e, scale, gain, H, g, coupling, own):  # type: ignore[no-unty
     own[1] -= scale * (e[0] * ru + e[1] * rv)
 
 
-@bare
+@inlined
 def remove_host_offset(M, e, shift):  # type: ignore[no-untyped-def]
     """patch_residual takes d/da as -gain colour; it is -gain (colour - b_host). shift = gain b_host corrects the sums M and e."""
     M[2, 2] += shift * (shift * M[3, 3] - 2.0 * M[2, 3])
@@ -65,7 +65,7 @@ def right_of(T, rig):  # type: ignore[no-untyped-def]
     return out
 
 
-@bare
+@inlined
 def add_static(  # type: ignore[no-untyped-def]
     image, still, T_right, ray, rho, rig, delta, colour, weight, gain, offset, robust, M, e, J, own, coupling, H, g
 ):
@@ -86,7 +86,7 @@ def add_static(  # type: ignore[no-untyped-def]
     return robust.static_weight * min(energy, limit), good
 
 
-@bare
+@inlined
 def add_temporal(  # type: ignore[no-untyped-def]
     image,
     T,

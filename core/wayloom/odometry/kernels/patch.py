@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from wayloom.odometry.kernels.arrays import PATCH, PATTERN
-from wayloom.odometry.kernels.compiler import bare
+from wayloom.odometry.kernels.compiler import inlined
 
 f32 = np.float32
 index = np.uint64
@@ -20,7 +20,7 @@ MIN_DEPTH_RATIO = 1e-3
 BORDER = 2
 
 
-@bare
+@inlined
 def patch_residual(image, T, x, y, rho, rig, shift, colours, weights, gain, offset, robust, M, e):  # type: ignore[no-untyped-def]
     """Photometric residual r = I(project(T p) - (shift, 0)) - (gain colour + offset) over the 8 pixels of a patch.
 
@@ -85,7 +85,7 @@ def patch_residual(image, T, x, y, rho, rig, shift, colours, weights, gain, offs
     return energy, True
 
 
-@bare
+@inlined
 def projection_jacobian(S, x, y, rho, rig, right, J):  # type: ignore[no-untyped-def]
     """Fills J (2, 8) = d(u, v)/d(v, omega, delta, rho) of a point's projection into the target's left (right = 0) or right image.
 
@@ -112,7 +112,7 @@ def projection_jacobian(S, x, y, rho, rig, right, J):  # type: ignore[no-untyped
     return True
 
 
-@bare
+@inlined
 def gain_between(affine_host, affine_target):  # type: ignore[no-untyped-def]
     """exp(a_target - a_host) of two rows (a, b)."""
     return math.exp(affine_target[0] - affine_host[0])
