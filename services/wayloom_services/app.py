@@ -15,6 +15,7 @@ from wayloom.config.service import ServiceSettings
 from wayloom_services import drives, errors, events, health, maps, tus
 from wayloom_services.context import make_service
 from wayloom_services.events import Feed
+from wayloom_services.limits import LimitBodies
 from wayloom_services.metrics import CountRequests
 from wayloom_services.tus_headers import MethodOverride
 
@@ -49,6 +50,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     async def dashboard() -> FileResponse:
         return FileResponse(STATIC / "index.html")
 
+    app.add_middleware(LimitBodies, settings=settings)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(MethodOverride)
     app.add_middleware(CountRequests, metrics=service.metrics)

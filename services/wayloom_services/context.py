@@ -12,6 +12,7 @@ import structlog
 from celery import Celery
 from fastapi import Depends, Request
 from kombu.exceptions import OperationalError
+from starlette.datastructures import Headers
 
 from wayloom.config.service import ServiceSettings
 from wayloom.store import jobs
@@ -94,13 +95,15 @@ def the_service(request: Request) -> Service:
     return service
 
 
+def has_key(headers: Headers, key: str | None) -> bool:
+    """Whether the request bears the API key; True where none is set."""
+    scheme, _, given = headers.get("authorization", "").partition(" ")
+    return key is None or (scheme.lower() == "bearer" and secrets.compare_digest(given.strip().encode(), key.encode()))
+
+
 async def require_key(request: Request) -> None:
     """Refuse a request without the API key, where one is set."""
-    key = the_service(request).settings.api_key
-    if key is None:
-        return
-    scheme, _, given = request.headers.get("authorization", "").partition(" ")
-    if scheme.lower() != "bearer" or not secrets.compare_digest(given.strip().encode(), key.encode()):
+    if not has_key(request.headers, the_service(request).settings.api_key):
         raise ProtocolError(401, "unauthorized", "this server wants its API key as a Bearer token", {"WWW-Authenticate": "Bearer"})
 
 

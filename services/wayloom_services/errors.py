@@ -41,6 +41,7 @@ CODE_OF_STATUS: Final = {
     401: "unauthorized",
     404: "not-found",
     405: "method-not-allowed",
+    413: "too-large",
     422: "malformed-request",
 }
 

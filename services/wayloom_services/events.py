@@ -2,8 +2,9 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import suppress
+from functools import partial
 
 import structlog
 from fastapi import APIRouter, Depends, Request
@@ -18,7 +19,7 @@ log = structlog.get_logger()
 POLL_S = 0.7
 WATCHED = 200
 Snapshot = dict[tuple[str, str], str]
-"""(event, id) -> the event's data."""
+"""(event, id) -> the event's data. Of the drives only the WATCHED newest."""
 
 
 class Feed:
@@ -50,11 +51,11 @@ class Feed:
         while self._listeners:
             await asyncio.sleep(POLL_S)
             try:
-                now = await self._service.read(_snapshot)
+                now, removed = await self._service.read(partial(_look, self._last))
             except DatabaseError as error:
                 log.warning("events: database is away", error=str(error))
                 continue
-            for message in _changes(self._last, now):
+            for message in _changes(self._last, now, removed):
                 for queue in list(self._listeners):
                     with suppress(asyncio.QueueFull):  # a listener that does not read gets the next state of each drive instead
                         queue.put_nowait(message)
@@ -68,10 +69,17 @@ def _snapshot(session: Session) -> Snapshot:
     return snapshot | versions
 
 
-def _changes(before: Snapshot, after: Snapshot) -> list[ServerSentEvent]:
-    gone = [drive_id for event, drive_id in before.keys() - after.keys() if event == "drive"]
-    removed = [ServerSentEvent(json.dumps({"id": drive_id}), event="removed") for drive_id in gone]
-    return removed + [ServerSentEvent(data, event=key[0]) for key, data in after.items() if before.get(key) != data]
+def _look(before: Snapshot, session: Session) -> tuple[Snapshot, list[str]]:
+    """What is there now, and which of the drives of before are removed; a drive that newer ones pushed out of sight is not."""
+    after = _snapshot(session)
+    unseen = sorted(drive_id for event, drive_id in before.keys() - after.keys() if event == "drive")
+    known = drives.known(session, unseen)
+    return after, [drive_id for drive_id in unseen if drive_id not in known]
+
+
+def _changes(before: Snapshot, after: Snapshot, removed: Sequence[str]) -> list[ServerSentEvent]:
+    gone = [ServerSentEvent(json.dumps({"id": drive_id}), event="removed") for drive_id in removed]
+    return gone + [ServerSentEvent(data, event=key[0]) for key, data in after.items() if before.get(key) != data]
 
 
 router = APIRouter(prefix="/v1", tags=["events"], dependencies=[Depends(require_key)])

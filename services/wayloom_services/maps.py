@@ -1,13 +1,11 @@
 """Maps, their versions, tiles and submaps."""
 
 import math
-from collections.abc import Sequence
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 
 from wayloom.store import maps
-from wayloom.store.tables import TileRow
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS
 from wayloom_services.errors import ProtocolError
@@ -29,7 +27,6 @@ Zoom = Annotated[int, Path(ge=0, le=24)]
 Coordinate = Annotated[int, Path(ge=0, lt=2**24)]
 Extension = Annotated[str, Path(pattern="^[a-z0-9]{1,8}$")]
 COVERAGE_ZOOM = 17
-FOREVER = "public, max-age=31536000, immutable"
 ASK_AGAIN = "no-cache"
 
 router = APIRouter(prefix="/v1", tags=["maps"], dependencies=[Depends(require_key)], responses=PROBLEMS)
@@ -62,8 +59,11 @@ async def version(map_id: MapId, number: Number, service: ServiceDep) -> Version
 
 @router.get("/maps/{map_id}/coverage")
 async def coverage(map_id: MapId, service: ServiceDep) -> FeatureCollection:
-    """Where the newest version has something, as squares of the tile grid."""
-    return await service.read(lambda session: _coverage(maps.tiles(session, map_id, maps.get(session, map_id).version)))
+    """Where the newest version has something, as squares of the tile grid: of zoom 17, or of the deepest above it."""
+    zoom, addresses = await service.read(lambda session: maps.coverage(session, map_id, COVERAGE_ZOOM))
+    return FeatureCollection(
+        features=[Feature(geometry=_square(zoom, x, y), properties={"z": zoom, "x": x, "y": y}) for x, y in addresses]
+    )
 
 
 @router.get("/maps/{map_id}/submaps")
@@ -81,7 +81,8 @@ async def submaps(
 async def submap(digest: Annotated[str, Path(pattern="^[0-9a-f]{64}$")], service: ServiceDep) -> Response:
     """A submap's points, in its own frame; the format is in docs/formats.md."""
     content = await service.in_thread(lambda: service.blobs.get(digest))
-    return Response(content, headers={"ETag": f'"{digest}"', "Cache-Control": FOREVER}, media_type="application/octet-stream")
+    headers = {"ETag": f'"{digest}"', "Cache-Control": _forever(service)}
+    return Response(content, headers=headers, media_type="application/octet-stream")
 
 
 TILE_ANSWERS: dict[int | str, dict[str, Any]] = {
@@ -112,7 +113,7 @@ async def tile_of_version(
     service: ServiceDep,
 ) -> Response:
     """A tile of a given version: it never changes."""
-    return await _tile(service, request, (map_id, number, layer, z, x, y), ext, FOREVER)
+    return await _tile(service, request, (map_id, number, layer, z, x, y), ext, _forever(service))
 
 
 async def _tile(
@@ -136,6 +137,11 @@ async def _tile(
     return Response(content, headers=headers, media_type=row.media_type)
 
 
+def _forever(service: Service) -> str:
+    """Cache-Control of what never changes; what only the bearer of a key may have is kept by a browser, not by a proxy for all."""
+    return f"{'public' if service.settings.api_key is None else 'private'}, max-age=31536000, immutable"
+
+
 def _box(text: str) -> maps.Box:
     try:
         west, south, east, north = (float(part) for part in text.split(","))
@@ -144,15 +150,6 @@ def _box(text: str) -> maps.Box:
     if not (-180 <= west <= east <= 180 and -90 <= south <= north <= 90):
         raise ProtocolError(400, "bad-request", "bbox: west <= east within 180 degrees, south <= north within 90")
     return west, south, east, north
-
-
-def _coverage(tiles: Sequence[TileRow]) -> FeatureCollection:
-    """One square for each address that has a tile at COVERAGE_ZOOM, or at the deepest zoom above it."""
-    zoom = max((tile.z for tile in tiles if tile.z <= COVERAGE_ZOOM), default=0)
-    addresses = sorted({(tile.x, tile.y) for tile in tiles if tile.z == zoom})
-    return FeatureCollection(
-        features=[Feature(geometry=_square(zoom, x, y), properties={"z": zoom, "x": x, "y": y}) for x, y in addresses]
-    )
 
 
 def _square(z: int, x: int, y: int) -> dict[str, object]:

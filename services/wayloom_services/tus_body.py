@@ -48,6 +48,8 @@ async def receive(
         if digest.digest() != checksum[1]:
             raise ProtocolError(460, "checksum-mismatch", "the chunk's bytes do not have the checksum that was sent: send it again")
         await service.in_thread(lambda: target.append(staged))
+    except OSError as error:
+        raise _no_space(error) from error
     finally:
         await service.in_thread(staged.drop)
     return await service.in_thread(target.size)
@@ -80,10 +82,14 @@ async def _store(
                 raise ProtocolError(400, "disconnected", "the link broke before the chunk was whole") from None
         await service.in_thread(lambda: flush(bytes(buffer), position))
     except OSError as error:
-        raise ProtocolError(507, "no-space", f"the bytes could not be stored: {error.strerror}") from error
+        raise _no_space(error) from error
     finally:
         await service.in_thread(lambda: os.close(fd))
     service.metrics.upload_bytes.inc(position + len(buffer) - start)
+
+
+def _no_space(error: OSError) -> ProtocolError:
+    return ProtocolError(507, "no-space", f"the bytes could not be stored: {error.strerror}")
 
 
 async def complete(service: Service, upload: Upload) -> None:

@@ -16,9 +16,12 @@ from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.manifest import Manifest
 from wayloom.store.maps import NewVersion, TileEntry
+from wayloom.store.migrate import upgrade
 from wayloom.store.tables import SubmapRow
+from wayloom_services import events
 
 DIGEST = hashlib.sha256(b"").hexdigest()
+FILE = {"path": "log/a", "size": 3, "sha256": "0" * 64}
 
 
 @pytest.fixture(scope="module")
@@ -26,11 +29,14 @@ def published(api_process: ApiAlone) -> TileEntry:
     """A tile of a published version, its bytes in the blob store."""
     digest = BlobStore(api_process.data / "blobs").put(b"not really a picture")
     tile = TileEntry("semantic", 18, 137188, 90014, digest, "image/png", 20)
+    coarse = TileEntry("semantic", 16, 34297, 22503, digest, "image/png", 20)
     database = Database(f"sqlite:///{api_process.data / 'wayloom.db'}")
     with database.write() as session:
         maps.ensure_map(session, "city")
         for _ in range(2):
-            maps.publish(session, "city", NewVersion((8.5, 49.5, 0.0), (), 1, (8.39, 49.0, 8.41, 49.02), [tile], {}), kept=5)
+            maps.publish(
+                session, "city", NewVersion((8.5, 49.5, 0.0), (), 1, (8.39, 49.0, 8.41, 49.02), [tile, coarse], {}), kept=5
+            )
     database.close()
     return tile
 
@@ -167,7 +173,11 @@ def test_versions_and_coverage_are_told(http: httpx2.Client) -> None:
     assert newest == http.get("/v1/maps/city/versions/2").json()
     assert newest["layers"]["semantic"]["max_zoom"] == 18
     assert http.get("/v1/maps/city/versions/9").status_code == 404
-    assert http.get("/v1/maps/city/coverage").json()["type"] == "FeatureCollection"
+    (feature,) = http.get("/v1/maps/city/coverage").json()["features"]
+    assert feature["properties"] == {"z": 16, "x": 34297, "y": 22503}
+    (west, north), (east, south) = feature["geometry"]["coordinates"][0][3], feature["geometry"]["coordinates"][0][1]
+    assert west < 8.4 < east
+    assert south < 49.01 < north
 
 
 def test_submaps_of_a_box_and_their_bytes(http: httpx2.Client, api_process: ApiAlone) -> None:
@@ -214,6 +224,38 @@ def test_events_begin_with_everything_and_go_on_with_changes(http: httpx2.Client
                     break
     assert seen[0] == ("uploading", 0)
     assert seen[-1] == ("queued", 1)
+
+
+def test_a_drive_that_newer_ones_push_out_of_sight_is_not_told_as_removed(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'wayloom.db'}")
+    upgrade(database)
+    with database.write() as session:
+        first, second = (
+            drives.register(session, Manifest.model_validate({"name": name, "files": [FILE]}), "city")[0].id for name in "ab"
+        )
+        drives.delete_rows(session, second)
+    before = {("drive", first): "{}", ("drive", second): "{}"}
+    with database.read() as session:
+        _, removed = events._look(before, session)
+    assert removed == [second]
+    database.close()
+
+
+@pytest.mark.parametrize("announced", [True, False])
+def test_a_request_longer_than_any_manifest_is_refused(tmp_path: Path, announced: bool) -> None:
+    alone = ApiAlone(tmp_path / "data", WAYLOOM_MAX_MANIFEST_BYTES="5000", WAYLOOM_API_KEY="a key for the test")
+    manifest = json.dumps({"name": "long", "files": [FILE], "format": None}).encode()
+    try:
+        with httpx2.Client(base_url=alone.url, timeout=30.0, trust_env=False) as client:
+            for key, length, status in (("a key for the test", 5000, 201), ("a key for the test", 5001, 413), ("another", 5000, 413)):
+                body = manifest + b" " * (length - len(manifest))
+                content = body if announced else iter([body[:100], body[100:]])
+                headers = {"Content-Type": "application/json", "Authorization": f"Bearer {key}"}
+                answer = client.post("/v1/drives", content=content, headers=headers)
+                assert answer.status_code == status
+                assert answer.json().get("code") == ("too-large" if status == 413 else None)
+    finally:
+        alone.close()
 
 
 def test_health_metrics_and_info(http: httpx2.Client) -> None:

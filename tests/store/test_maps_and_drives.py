@@ -127,6 +127,19 @@ def test_old_versions_are_forgotten_with_their_tiles(database: Database) -> None
         assert maps.tile(session, "city", 3, "semantic", 18, 1, 2) is not None
 
 
+def test_the_coverage_is_of_the_deepest_zoom_that_is_asked_for_and_names_a_place_once(database: Database) -> None:
+    def at(layer: str, z: int, x: int) -> TileEntry:
+        return replace(TILE, layer=layer, z=z, x=x)
+
+    tiles = [at("semantic", 15, 7), at("semantic", 16, 5), at("features", 16, 4), at("features", 16, 5), at("semantic", 18, 9)]
+    with database.write() as session:
+        maps.ensure_map(session, "city")
+        assert maps.coverage(session, "city", 17) == (0, [])
+        maps.publish(session, "city", version(at("semantic", 16, 1)), kept=2)
+        maps.publish(session, "city", version(*tiles), kept=2)
+        assert maps.coverage(session, "city", 17) == (16, [(4, 2), (5, 2)])
+
+
 def test_a_version_that_fails_to_be_written_leaves_the_old_one(database: Database) -> None:
     with database.write() as session:
         maps.ensure_map(session, "city")
@@ -135,7 +148,7 @@ def test_a_version_that_fails_to_be_written_leaves_the_old_one(database: Databas
         publish_and_fail(database)
     with database.read() as session:
         assert maps.get(session, "city").version == 1
-        assert len(maps.tiles(session, "city", 2)) == 0
+        assert maps.tile(session, "city", 2, "semantic", 18, 1, 2) is None
 
 
 def test_submaps_of_a_box_are_those_that_a_look_at_each_one_finds(database: Database) -> None:
@@ -196,6 +209,29 @@ def test_the_bytes_of_an_expired_upload_go_first_and_its_row_an_hour_later(datab
     assert uploads.part(folders, fresh).path.exists()
     with database.read() as session, pytest.raises(NotFoundError):
         uploads.find(session, old)
+
+
+def test_bytes_whose_drive_was_removed_meanwhile_are_dropped(database: Database, tmp_path: Path) -> None:
+    drive_id, folders = register(database, "a"), Folders(tmp_path)
+    with database.write() as session:
+        upload_id = uploads.create(session, drive_id, "log/1", 1, "", expiry_s=60.0).id
+        drives.delete_rows(session, drive_id)
+    folders.uploads.mkdir()
+    late = (uploads.part(folders, upload_id), uploads.staged_part(folders, upload_id))
+    for part in late:
+        part.path.write_bytes(b"x")
+    with database.write() as session:
+        uploads.drop_expired(session, folders)
+    assert [part.path.exists() for part in late] == [False, False]
+
+
+def test_the_row_of_a_finished_upload_goes_as_soon_as_it_expires(database: Database, tmp_path: Path) -> None:
+    drive_id = register(database, "a")
+    with database.write() as session:
+        upload = uploads.create(session, drive_id, "log/1", 1, "", expiry_s=-1.0)
+        upload.complete = True
+    with database.write() as session:
+        assert uploads.drop_expired(session, Folders(tmp_path)) == 1
 
 
 @pytest.mark.parametrize(("drive", "path"), [("x\0", "log/1"), ("known", "log/1\0"), ("known", "log/other"), ("f" * 64, "log/1")])

@@ -2,7 +2,7 @@
 
 import shutil
 
-from wayloom.store import drives, jobs, uploads
+from wayloom.store import drives, jobs
 from wayloom.store.database import Session
 from wayloom.store.jobs import Wake
 from wayloom_workers.steps import Work
@@ -13,13 +13,8 @@ def nothing(_work: Work) -> None:
 
 
 def remove_files(work: Work) -> None:
-    """The drive's folder and what has arrived of its uploads."""
-    drive_id = str(work.claim.drive_id)
-    with work.bench.database.read() as session:
-        unfinished = [upload.id for upload in uploads.unfinished(session, drive_id)]
-    for upload_id in unfinished:
-        uploads.part(work.bench.folders, upload_id).drop()
-    shutil.rmtree(work.bench.folders.drive(drive_id), ignore_errors=True)
+    """The drive's folder. What has arrived of unfinished uploads the sweeper drops, when their rows are gone."""
+    shutil.rmtree(work.bench.folders.drive(str(work.claim.drive_id)), ignore_errors=True)
 
 
 def remove_rows(session: Session, work: Work) -> list[Wake]:

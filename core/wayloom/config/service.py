@@ -51,6 +51,9 @@ class ServiceSettings(BaseSettings):
 
     max_file_bytes: int = Field(64 * 2**30, gt=0, description="largest file of a drive, bytes")
     max_drive_files: int = Field(200_000, gt=0, description="most files of a drive")
+    max_manifest_bytes: int = Field(
+        64 * 2**20, ge=4096, description="longest manifest, bytes of JSON; some 150 for each of the drive's files"
+    )
     min_free_bytes: int = Field(
         512 * 2**20, ge=0, description="uploads are refused (507) when less than this would stay free, bytes"
     )

@@ -54,6 +54,11 @@ def get(session: Session, drive_id: str) -> Drive:
     return drive
 
 
+def known(session: Session, drive_ids: Sequence[str]) -> set[str]:
+    """Those of the ids that are drives."""
+    return set(session.scalars(select(Drive.id).where(Drive.id.in_(drive_ids)))) if drive_ids else set()
+
+
 def newest(session: Session, limit: int, before: float | None = None, state: str | None = None) -> Sequence[Drive]:
     """Drives by the time of their registration, newest first."""
     query = select(Drive).order_by(Drive.created_at.desc(), Drive.id).limit(limit)

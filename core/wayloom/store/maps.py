@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Update, delete, insert, select, update
+from sqlalchemy import Update, delete, func, insert, select, update
 from sqlalchemy.orm import Session
 
 from wayloom.errors import ConflictError, NotFoundError
@@ -92,12 +92,14 @@ def tile(session: Session, map_id: str, number: int, layer: str, z: int, x: int,
     return session.get(TileRow, (map_id, number, layer, z, x, y))
 
 
-def tiles(session: Session, map_id: str, number: int, layer: str | None = None) -> Sequence[TileRow]:
-    """Every tile of a version, or of one layer of it, in order."""
-    query = select(TileRow).where(TileRow.map_id == map_id, TileRow.version == number)
-    if layer is not None:
-        query = query.where(TileRow.layer == layer)
-    return session.scalars(query.order_by(TileRow.layer, TileRow.z, TileRow.x, TileRow.y)).all()
+def coverage(session: Session, map_id: str, zoom: int) -> tuple[int, list[tuple[int, int]]]:
+    """Where the newest version has tiles of any layer: (zoom, (x, y) in order), at this zoom or the deepest one above it."""
+    of_version = (TileRow.map_id == map_id, TileRow.version == get(session, map_id).version)
+    deepest = session.scalar(select(func.max(TileRow.z)).where(*of_version, TileRow.z <= zoom))
+    if deepest is None:
+        return 0, []
+    found = select(TileRow.x, TileRow.y).where(*of_version, TileRow.z == deepest).distinct().order_by(TileRow.x, TileRow.y)
+    return deepest, [(x, y) for x, y in session.execute(found)]
 
 
 def place_submaps(session: Session, drive_id: str, rows: Sequence[SubmapRow]) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqlalchemy import delete, select, update
+from sqlalchemy import delete, or_, select, update
 from sqlalchemy.orm import Session
 
 from wayloom.errors import ConflictError, NotFoundError
@@ -138,14 +138,17 @@ def unfinished(session: Session, drive_id: str) -> Sequence[Upload]:
 
 
 def drop_expired(session: Session, folders: Folders, grace_s: float = 3600.0) -> int:
-    """Drop the bytes of expired uploads; rows stay for `grace_s`, so a late client hears 410, not 404. Returns the rows gone."""
+    """Drop the bytes of uploads that have expired or have no row, as when their drive was removed meanwhile. Returns the rows gone.
+
+    The row of an unfinished upload stays for `grace_s`, so a late client hears 410, not 404.
+    """
     now = now_s(session)
-    expired = session.scalars(select(Upload).where(Upload.expires_at < now)).all()
-    gone = 0
-    for upload in expired:
-        part(folders, upload.id).drop()
-        staged_part(folders, upload.id).drop()
-        if upload.expires_at < now - grace_s:
-            session.delete(upload)
-            gone += 1
-    return gone
+    stored = list(folders.uploads.glob("*.*"))  # before the rows are read: a row is always older than its file
+    if stored:
+        open_ids = set(session.scalars(select(Upload.id).where(Upload.complete.is_(False), Upload.expires_at >= now)))
+        for path in stored:
+            if path.stem not in open_ids:
+                path.unlink(missing_ok=True)
+    of_no_use = or_(Upload.complete.is_(True), Upload.expires_at < now - grace_s)
+    gone = delete(Upload).where(Upload.expires_at < now, of_no_use).returning(Upload.id)
+    return len(session.scalars(gone).all())

@@ -1,0 +1,46 @@
+"""How much a request may say. Files come as uploads, which count for themselves; everything else is short, or a manifest."""
+
+from typing import Final
+
+from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from wayloom.config.service import ServiceSettings
+from wayloom_services.context import has_key
+from wayloom_services.errors import problem
+
+UPLOADS: Final = "/v1/uploads"
+STRANGERS_BYTES: Final = 4096
+"""Of a request without the key, where one is set: its body is read before the key is asked for."""
+
+
+class LimitBodies:
+    """ASGI middleware: 413 for a body that is too long, announced or counted, outside of the uploads."""
+
+    def __init__(self, app: ASGIApp, settings: ServiceSettings) -> None:
+        self._app, self._settings = app, settings
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on."""
+        if scope["type"] != "http" or scope["path"].startswith(UPLOADS):
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        most = self._settings.max_manifest_bytes if has_key(headers, self._settings.api_key) else STRANGERS_BYTES
+        too_large = f"a request here has at most {most} bytes"
+        announced = headers.get("content-length", "")
+        if announced.isdigit() and int(announced) > most:
+            await problem(413, "too-large", too_large)(scope, receive, send)
+            return
+        come = 0
+
+        async def counted() -> Message:
+            nonlocal come
+            message = await receive()
+            come += len(message.get("body", b""))
+            if come > most:
+                raise HTTPException(413, too_large)
+            return message
+
+        await self._app(scope, counted, send)
