@@ -141,7 +141,8 @@ def service(data: Path, port: int, environment: dict[str, str]) -> Iterator[str]
         deadline = time.monotonic() + START_TIMEOUT_S
         while not ready.is_file():
             if child.poll() is not None or time.monotonic() > deadline:
-                raise ServiceError(f"the service did not start: {said.read_text().strip()}")
+                last = (said.read_text().strip().splitlines() or ["it said nothing"])[-1]
+                raise ServiceError(f"the service did not start: {last}; {said} has all that it said")
             time.sleep(0.1)
         yield ready.read_text().strip()
     finally:

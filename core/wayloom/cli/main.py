@@ -11,6 +11,7 @@ from wayloom import __version__
 from wayloom.errors import InputError, WayloomError
 
 COMMANDS = ("inspect", "odometry", "process", "simulate", "models", "up", "upload", "export", "benchmark", "doctor", "demo")
+STOPPED = 130
 
 app = typer.Typer(
     add_completion=False,
@@ -37,16 +38,39 @@ for _name in COMMANDS:
 def main() -> None:
     """Run the command line and end the process with its status."""
     try:
-        app()
+        status = app(standalone_mode=False)
+    except KeyboardInterrupt:
+        status = STOPPED
+    except typer.TyperException as error:
+        status = _told_usage(error)
     except InputError as error:
-        sys.stderr.write(f"wayloom: {error}\n")
-        sys.exit(2)
+        status = _told(str(error), 2)
     except WayloomError as error:
-        sys.stderr.write(f"wayloom: {error}\n")
-        sys.exit(1)
+        status = _told(str(error), 1)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
+        status = 1
+    except OSError as error:
+        status = _told(f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}", 1)
+    if status == STOPPED:
+        _told("stopped", STOPPED)
+    sys.exit(status)
+
+
+def _told(what: str, status: int) -> int:
+    """One line on stderr, whatever characters a path holds; the exit status."""
+    line = "".join(character if character.isprintable() else repr(character)[1:-1] for character in what)
+    sys.stderr.write(f"wayloom: {line}\n")
+    return status
+
+
+def _told_usage(error: typer.TyperException) -> int:
+    """A mistake in the command line: one line that says where help is. No arguments at all: the help itself."""
+    context = getattr(error, "ctx", None)
+    if type(error).__name__ == "NoArgsIsHelpError":
+        return int(error.exit_code)
+    command = context.command_path if context else "wayloom"
+    return _told(f"{' '.join(error.format_message().split()).rstrip('.')}; see {command} --help", error.exit_code)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,64 @@
+"""What the command line says of mistakes that no command is to blame for."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import IO
+
+import pytest
+
+from logs.made_drives import write_drive
+
+WAYLOOM = (sys.executable, "-m", "wayloom.cli.main")
+
+
+def wayloom(*arguments: object, stdout: IO[str] | int = subprocess.PIPE) -> subprocess.CompletedProcess[str]:
+    """Run the command line as a user would."""
+    command = [*WAYLOOM, *(str(argument) for argument in arguments)]
+    return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("frobnicate",), "No such command 'frobnicate'; see "),
+        (("process", "log"), "Missing option '--out'; see "),
+        (("odometry", "log", "--out", "t", "--threads", "0"), "Invalid value for '--threads'"),
+        (("odometry", "log", "--out", "t", "--format", "bag"), "'bag' is not one of 'tum', 'kitti'"),
+        (("inspect", "--fast", "log"), "No such option"),
+    ],
+)
+def test_a_mistake_in_the_command_line_is_one_line_and_status_2(arguments: tuple[str, ...], said: str) -> None:
+    done = wayloom(*arguments)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert done.stderr.startswith("wayloom: ")
+    assert done.stderr.endswith(" --help\n")
+    assert done.stderr.count("\n") == 1
+
+
+def test_no_arguments_at_all_print_the_help() -> None:
+    done = wayloom()
+    assert done.returncode == 2
+    assert "odometry" in done.stdout
+    assert done.stderr == ""
+
+
+def test_help_and_version_end_well() -> None:
+    for arguments in (("--help",), ("process", "--help"), ("--version",)):
+        assert wayloom(*arguments).returncode == 0
+
+
+def test_a_name_with_control_characters_stays_on_one_line(tmp_path: Path) -> None:
+    done = wayloom("inspect", tmp_path / "two\nlines \x1b[31mred")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "two\\nlines \\x1b[31mred: no such folder" in done.stderr
+
+
+def test_a_full_disk_under_standard_output_is_one_line(tmp_path: Path) -> None:
+    drive = write_drive(tmp_path, "kitti-odometry")
+    with open("/dev/full", "w") as full:
+        done = wayloom("inspect", drive, stdout=full)
+    assert done.returncode == 1
+    assert done.stderr == "wayloom: No space left on device\n"
