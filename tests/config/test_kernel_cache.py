@@ -31,9 +31,10 @@ def test_what_is_no_kernel_changes_nothing(tmp_path: Path):
 
 
 def test_the_users_own_cache_folder_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "/elsewhere")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "elsewhere"))
     use_kernel_cache(package(tmp_path, ""))
-    assert os.environ["NUMBA_CACHE_DIR"] == "/elsewhere"
+    assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path / "elsewhere")
+    assert not (tmp_path / "elsewhere").exists()
 
 
 def test_kernels_are_compiled_into_that_folder(tmp_path: Path):
@@ -47,3 +48,17 @@ def test_kernels_are_compiled_into_that_folder(tmp_path: Path):
     subprocess.run([sys.executable, "-c", code], env=environment, check=True, timeout=300)
     (folder,) = (tmp_path / "wayloom").iterdir()
     assert list(folder.rglob("*.nbi"))
+
+
+@pytest.mark.parametrize("variable", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME"])
+def test_where_the_cache_cannot_be_written_it_goes_with_the_process(tmp_path: Path, variable: str):
+    (tmp_path / "file").write_text("in the way")
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    environment |= {variable: str(tmp_path / "file" / "cache"), "TMPDIR": str(tmp_path)}
+    code = (
+        "import numpy as np, wayloom; from wayloom.odometry.kernels.linear import solve_spd as f;"
+        "x = np.zeros(2); f(np.eye(2), np.ones(2), x); print(x)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], env=environment, check=True, timeout=300, capture_output=True, text=True)
+    assert done.stdout == "[1. 1.]\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
