@@ -57,6 +57,41 @@ def test_damaged_images_are_listed_and_the_status_is_2(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "report.json").read_text())["usable"] is False
 
 
+def test_a_link_that_leads_nowhere_is_a_damaged_image(tmp_path: Path) -> None:
+    drive = write_drive(tmp_path, "kitti-odometry")
+    (drive / "image_3" / "000002.png").unlink()
+    (drive / "image_3" / "000002.png").symlink_to("/nowhere.png")
+    done = wayloom("inspect", drive)
+    assert done.returncode == 2
+    assert "image_3/000002.png: cannot be read (No such file or directory)" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_decoder_that_fails_adds_no_line_of_its_own(tmp_path: Path) -> None:
+    drive = write_drive(tmp_path, "kitti-odometry")
+    (drive / "image_3" / "000002.png").unlink()
+    (drive / "image_3" / "000002.pgm").write_bytes(b"P5 64 40 255\n" + bytes(1000))
+    done = wayloom("inspect", drive)
+    assert done.returncode == 2
+    assert "image_3/000002.pgm: not an image that can be decoded" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_report_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    drive = write_drive(tmp_path / "drives", "kitti-odometry")
+    for file, said in (
+        (tmp_path, "Is a directory"),
+        (Path("/proc/no/report.json"), "No such file"),
+        (drive / "r.json", "inside the log"),
+    ):
+        done = wayloom("inspect", drive, "--json", file)
+        assert done.returncode == 2
+        assert done.stderr.startswith(f"wayloom: {file}: ")
+        assert said in done.stderr
+        assert done.stderr.count("\n") == 1
+    assert not (drive / "r.json").exists()
+
+
 def spoil_times(drive: Path) -> None:
     lines = (drive / "times.txt").read_text().splitlines()
     (drive / "times.txt").write_text("\n".join([*lines[:3], lines[1], *lines[4:]]) + "\n")

@@ -52,6 +52,14 @@ def jpeg(name: str, keep: float) -> Spoil:
     return spoil
 
 
+def baseline(drive: Path, metres: float) -> None:
+    """P3 of a camera that far to the right of that of P2."""
+    rows = (drive / "calib.txt").read_text().splitlines()
+    words = rows[2].split()[1:]
+    words[3] = repr(float(words[3]) - metres * float(words[0]))
+    (drive / "calib.txt").write_text("\n".join([*rows[:3], f"P3: {' '.join(words)}"]) + "\n")
+
+
 def remove(name: str) -> Spoil:
     return lambda drive: (drive / name).unlink()
 
@@ -69,6 +77,12 @@ ODOMETRY: dict[str, tuple[Spoil, type[InputError], tuple[str, ...]]] = {
         CalibrationError,
         ("calib.txt, P3", "baseline -0.0000 m is not positive"),
     ),
+    "baseline in mm": (
+        lambda drive: baseline(drive, 540.0),
+        CalibrationError,
+        ("calib.txt, P3", "baseline of 540 m is impossible"),
+    ),
+    "baseline of an atom": (lambda drive: baseline(drive, 1e-9), CalibrationError, ("calib.txt, P3", "baseline of 1e-09 m")),
     "no projection": (replace("calib.txt", "P2: 101.5 0.0", "P2: 101.5 5.0"), CalibrationError, ("calib.txt, P2", "no projection")),
     "other camera": (
         lambda drive: [picture(f"image_{c}/{i:06d}.png", 20, 16)(drive) for c in (2, 3) for i in range(6)],

@@ -1,4 +1,8 @@
 import json
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import cv2
@@ -8,6 +12,7 @@ from made_street import CAMERA, RIG, MadeLog, curve
 from typer.testing import CliRunner
 
 from wayloom.cli.main import app
+from wayloom.errors import ConfigError, InputError, LogError
 from wayloom.logs.ply import read_ply
 from wayloom.logs.trajectory_files import read_kitti, read_tum
 
@@ -63,3 +68,51 @@ def test_lost_frames_are_a_warning_and_no_failure(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert "1 of 8 frames not tracked, 1 segments, the first: frame 4, the image is blank" in done.output
     assert len(read_tum(tmp_path / "t.tum")[0]) == FRAMES
+
+
+@pytest.mark.parametrize("option", ["--out", "--points", "--json"])
+def test_a_file_that_cannot_be_written_is_told_before_the_tracking(log: Path, tmp_path: Path, option: str) -> None:
+    (tmp_path / "file").write_text("mine")
+    for bad in (tmp_path, tmp_path / "file" / "below", Path("/proc/no/where"), tmp_path / ("x" * 300)):
+        arguments = ["odometry", str(log), *(() if option == "--out" else ("--out", str(tmp_path / "t.tum"))), option, str(bad)]
+        done = CliRunner().invoke(app, arguments)
+        assert isinstance(done.exception, InputError)
+        assert str(done.exception).startswith(f"{bad}: cannot be written (")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_nothing_is_written_into_a_log(log: Path, tmp_path: Path) -> None:
+    before = sorted(log.rglob("*"))
+    (tmp_path / "link").symlink_to(log)
+    for out in (log / "poses.txt", log / "new" / "t.tum", log / "image_0" / "000000.png", tmp_path / "link" / "t.tum"):
+        done = CliRunner().invoke(app, ["odometry", str(log), "--out", str(out)])
+        assert isinstance(done.exception, ConfigError)
+        assert str(done.exception).startswith(f"{out}: lies inside the log")
+    assert sorted(log.rglob("*")) == before
+
+
+def test_exchanged_images_are_told(log: Path, tmp_path: Path) -> None:
+    folder = write_log(tmp_path / "00")
+    (folder / "image_0").rename(folder / "aside")
+    (folder / "image_1").rename(folder / "image_0")
+    (folder / "aside").rename(folder / "image_1")
+    done = CliRunner().invoke(app, ["odometry", str(folder), "--out", str(tmp_path / "t.tum")])
+    assert isinstance(done.exception, LogError)
+    assert "left and right images are exchanged" in str(done.exception)
+    assert not (tmp_path / "t.tum").exists()
+
+
+def test_ctrl_c_ends_in_one_short_line_and_leaves_nothing(log: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out" / "t.tum"
+    command = [sys.executable, "-X", "importtime", "-m", "wayloom.cli.main", "odometry", str(log), "--out", str(out)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if line.endswith("wayloom.odometry.feed\n"):
+                break
+        time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        said = [line for line in process.stderr.read().splitlines() if not line.startswith("import time:")]
+    assert process.returncode == 130
+    assert said == ["wayloom: stopped"]
+    assert not out.parent.exists()

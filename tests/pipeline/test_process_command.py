@@ -8,6 +8,8 @@ import subprocess
 import sys
 import time
 
+import cv2
+import numpy as np
 import pytest
 
 from pipeline.real_log import FRAMES, colour_network, damage, first_frames
@@ -95,6 +97,15 @@ def test_a_damaged_image_is_named_and_nothing_is_left(clip_a, network, tmp_path)
 @pytest.mark.parametrize("origin", ["here", "8.4,49", "8.4,149,0", "nan,49,0"])
 def test_an_origin_that_is_no_place_is_refused(log_path, tmp_path, origin):
     refused(wayloom("process", log_path, "--out", tmp_path / "out", "--origin", origin), "--origin", "LON,LAT,HEIGHT")
+
+
+def test_lost_frames_are_a_warning_and_no_failure(clip_a, network, tmp_path):
+    log = first_frames(clip_a, tmp_path / "log", 8)
+    for side in ("image_0", "image_1"):
+        cv2.imwrite(str(log / side / "000005.png"), np.zeros((376, 1241), np.uint8))
+    ended = wayloom("process", log, "--out", tmp_path / "out", "--model", network)
+    assert ended.returncode == 0, ended.stderr
+    assert "wayloom: warning: 1 of 8 frames not tracked, 1 segments, the first: frame 5, the image is blank" in ended.stderr
 
 
 def test_an_unknown_network_is_refused_with_the_known_ones(log_path, tmp_path):

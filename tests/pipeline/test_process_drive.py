@@ -142,6 +142,31 @@ def test_a_damaged_image_leaves_nothing_behind(settings, clip_a, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bad"]
 
 
+def test_a_log_that_cannot_be_tracked_leaves_nothing_behind(settings, clip_a, tmp_path):
+    exchanged = first_frames(clip_a, tmp_path / "exchanged", 3)
+    (exchanged / "image_0").rename(exchanged / "aside")
+    (exchanged / "image_1").rename(exchanged / "image_0")
+    (exchanged / "aside").rename(exchanged / "image_1")
+    with pytest.raises(LogError, match="left and right images are exchanged"):
+        process_drive(exchanged, tmp_path / "out", settings)
+    tiny = first_frames(clip_a, tmp_path / "tiny", 3)
+    for file in tiny.glob("image_?/*.png"):
+        cv2.imwrite(str(file), cv2.resize(cv2.imread(str(file), cv2.IMREAD_GRAYSCALE), (1241, 60)))
+    calibration = (tiny / "calib.txt").read_text().replace("1.852157000000e+02", "3.0e+01")
+    (tiny / "calib.txt").write_text(calibration)
+    with pytest.raises(InputError, match="too small"):
+        process_drive(tiny, tmp_path / "out", settings)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["exchanged", "tiny"]
+
+
+def test_nothing_is_written_into_the_log(settings, clip_a, tmp_path):
+    log = first_frames(clip_a, tmp_path / "log", 3)
+    for out in (log, log / "out", log / "image_0"):
+        with pytest.raises(InputError, match="lies inside the log"):
+            process_drive(log, out, settings)
+    assert sorted(path.name for path in log.iterdir()) == ["calib.txt", "image_0", "image_1", "times.txt"]
+
+
 def test_a_missing_network_is_told_before_the_work(log_path, tmp_path):
     with pytest.raises(ModelError, match="unknown network"):
         process_drive(log_path, tmp_path / "out", ProcessSettings(model="no-such-network"))

@@ -7,7 +7,8 @@ import sys
 import pytest
 
 from wayloom.errors import ConflictError, InputError
-from wayloom.pipeline.folders import UNFINISHED, new_folders, put_in_place, sole_writer, sweep, whole_folder, writing_to
+from wayloom.logs.atomic import UNFINISHED
+from wayloom.pipeline.folders import new_folders, put_in_place, sole_writer, sweep, whole_folder, writing_to
 
 
 def test_a_folder_takes_its_place_when_the_block_ends(tmp_path):
@@ -46,6 +47,7 @@ def test_a_file_replaces_a_file(tmp_path):
 def test_a_sweep_removes_what_killed_processes_left_and_nothing_else(tmp_path):
     (tmp_path / f"{UNFINISHED}x").mkdir()
     (tmp_path / f"{UNFINISHED}x" / "half").touch()
+    (tmp_path / f"{UNFINISHED}y").write_text("half a file")
     (tmp_path / "odometry").mkdir()
     sweep(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["odometry"]

@@ -22,11 +22,15 @@ def inspect_command(
     from wayloom.errors import LogError
     from wayloom.logs.atomic import write_atomically
     from wayloom.logs.inspection import inspect_log
-    from wayloom.logs.registry import open_log_unchecked
+    from wayloom.logs.registry import check_outside, open_log_unchecked
+    from wayloom.pipeline.folders import writing_to
 
-    report = inspect_log(open_log_unchecked(log, gnss=gnss), decode=not quick)
+    drive = open_log_unchecked(log, gnss=gnss)
+    check_outside(drive, json)
+    report = inspect_log(drive, decode=not quick)
     if json is not None:
-        write_atomically(json, (report.model_dump_json(indent=2) + "\n").encode())
+        with writing_to(json):
+            write_atomically(json, (report.model_dump_json(indent=2) + "\n").encode())
     print_report(report)
     if not report.usable:
         count = len(report.damaged)

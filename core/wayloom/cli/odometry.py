@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -35,14 +35,20 @@ def odometry_command(
     gnss: Annotated[Path | None, typer.Option(help="A GNSS log kept elsewhere; the odometry does not use it.")] = None,
 ) -> None:
     """Track a drive from its stereo pairs alone. Exit status 0 with a warning where parts of it were lost."""
-    from wayloom.logs.registry import open_log
+    from wayloom.logs.atomic import check_writable
+    from wayloom.logs.registry import check_outside, open_log
     from wayloom.odometry.odometry import track
+    from wayloom.pipeline.folders import writing_to
 
     drive = open_log(log, gnss=gnss)
-    with shown_progress() as progress:
-        result = track(drive, progress=progress, threads=threads)
-    write_results(result, out, format, points, json)
-    warn_of_losses(result)
+    check_outside(drive, out, points, json)
+    with writing_to(out):
+        for file in filter(None, (out, points, json)):
+            check_writable(file)
+        with shown_progress() as progress:
+            result = track(drive, progress=progress, threads=threads)
+        write_results(result, out, format, points, json)
+    warn_of_losses(result.report)
 
 
 @contextmanager
@@ -83,9 +89,8 @@ def write_results(
         write_atomically(json, (json_text.dumps(result.report, indent=2) + "\n").encode())
 
 
-def warn_of_losses(result: "OdometryResult") -> None:
-    """One line on stderr where frames were not tracked or the drive fell into segments."""
-    report = result.report
+def warn_of_losses(report: dict[str, Any]) -> None:
+    """One line on stderr where frames were not tracked or the drive fell into segments. report : the odometry's."""
     lost, segments = report["frames"] - report["tracked"], len(report["segments"])
     if lost or segments != 1:
         first = f", the first: frame {report['losses'][0]['frame']}, {report['losses'][0]['reason']}" if report["losses"] else ""

@@ -26,12 +26,14 @@ def process_command(
     json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
 ) -> None:
     """Track, segment, label, geo-reference: trajectory, cloud, overlays, map picture and report of one drive."""
+    from wayloom.cli.odometry import warn_of_losses
     from wayloom.pipeline.drive import process_drive
     from wayloom.reports.drive_report import JSON_FILE, write_report
 
     settings = settings_from(model, threads, origin)
     with shown_progress() as progress:
         result = process_drive(log, out, settings, gnss, progress, write_report)
+    warn_of_losses(result.odometry.report)
     if json:
         typer.echo((out / JSON_FILE).read_text(), nl=False)
     else:

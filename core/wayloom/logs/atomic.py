@@ -1,24 +1,46 @@
 """Files that are either whole or not there."""
 
+import errno
 import os
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Final
+
+UNFINISHED: Final = ".unfinished-"
 
 
 def write_atomically(file: Path, data: bytes | Iterable[bytes]) -> None:
-    """Write to a temporary name beside `file`, then put it in place in one step. Missing parent folders are made."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{file.name}.", dir=file.parent)
+    """Write to a temporary name beside `file`, then put it in place in one step. Missing parent folders are made.
+
+    Raises OSError that names `file`.
+    """
     try:
-        with os.fdopen(handle, "wb") as stream:
-            for part in (data,) if isinstance(data, bytes) else data:
-                stream.write(part)
-        os.chmod(name, 0o666 & ~_umask())
-        os.replace(name, file)
-    except BaseException:
-        os.unlink(name)
-        raise
+        file.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=UNFINISHED, dir=file.parent)
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                for part in (data,) if isinstance(data, bytes) else data:
+                    stream.write(part)
+            os.chmod(name, 0o666 & ~_umask())
+            os.replace(name, file)
+        except BaseException:
+            os.unlink(name)
+            raise
+    except OSError as problem:
+        raise OSError(problem.errno, problem.strerror, str(file)) from problem
+
+
+def check_writable(file: Path) -> None:
+    """Raises OSError that names `file` where it could not be written now; to be told before long work. Leaves nothing."""
+    try:
+        if file.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        folder = next(parent for parent in file.absolute().parents if parent.exists())
+        with tempfile.TemporaryFile(prefix=UNFINISHED, dir=folder):
+            pass
+    except OSError as problem:
+        raise OSError(problem.errno, problem.strerror, str(file)) from problem
 
 
 def _umask() -> int:

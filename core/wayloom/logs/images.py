@@ -21,6 +21,8 @@ PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_END = b"IEND\xaeB`\x82"
 JPEG_START, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 TAIL_BYTES = 1024
+# What cannot be decoded is told here, in one line; OpenCV's own lines would stand before it.
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 COPY_AGAIN = "copy the file again from the vehicle, or leave the frame out"
 
 

@@ -116,7 +116,7 @@ def inspect_log(log: DriveLog, *, decode: bool = True, progress: Progress = sile
         distance_m=distance_m,
         distance_from=distance_from,
         files=len(log.files),
-        bytes=sum((log.root / file).stat().st_size for file in log.files),
+        bytes=sum((log.root / file).stat().st_size for file in log.files if (log.root / file).exists()),
         missing=list(log.missing),
         damaged=[DamagedImage(file=problem.file or "", problem=str(problem)) for problem in damaged],
         usable=not damaged,

@@ -15,6 +15,7 @@ from wayloom.logs.text_files import parse_numbers, read_text
 FloatArray = NDArray[np.float64]
 RESTORE = "copy the calibration that KITTI gives for the drive beside the log"
 LARGEST_DISTORTION = 100.0
+BASELINES_M = (0.005, 20.0)
 CAM_TO_CAM, IMU_TO_VELO, VELO_TO_CAM = "calib_cam_to_cam.txt", "calib_imu_to_velo.txt", "calib_velo_to_cam.txt"
 
 
@@ -78,6 +79,10 @@ def rig_from_projections(calibration: CalibrationFile, left: str, right: str, wi
     if t[0] >= 0:
         what = f"baseline {-t[0]:.4f} m is not positive: left and right may be exchanged"
         raise CalibrationError(what, file=calibration.file, record=right, remedy=RESTORE)
+    if not BASELINES_M[0] <= -t[0] <= BASELINES_M[1]:
+        what = f"a baseline of {-t[0]:g} m is impossible"
+        remedy = "the fourth number of P is minus focal length in px times baseline in m: correct its unit"
+        raise CalibrationError(what, file=calibration.file, record=right, remedy=remedy)
     K = P[0]
     camera = PinholeCamera(float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]), width, height)
     return StereoRig(camera, (float(t[0]), float(t[1]), float(t[2])))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from wayloom.errors import LogError, UnknownFormatError
+from wayloom.errors import ConfigError, LogError, UnknownFormatError
 from wayloom.logs import kitti_odometry, kitti_raw
 from wayloom.logs.image_folder_log import ImageFolderLog
 from wayloom.logs.types import DriveLog
@@ -51,6 +51,16 @@ def open_log_unchecked(path: Path, *, gnss: Path | None = None) -> ImageFolderLo
 def absolute(path: Path) -> Path:
     """The path from the root, without `..`; links stay, because what lies beside a link counts."""
     return Path(os.path.abspath(path))
+
+
+def check_outside(log: DriveLog, *outputs: Path | None) -> None:
+    """Raises ConfigError where an output is the log's folder or lies in it: nothing is ever written into a log."""
+    folder = log.path.resolve()
+    for output in outputs:
+        if output is not None and folder in (place := output.resolve(), *place.parents):
+            raise ConfigError(
+                f"lies inside the log {log.path}", file=output, remedy="choose a place outside: a log stays as it was recorded"
+            )
 
 
 def find_log(path: Path) -> Path:

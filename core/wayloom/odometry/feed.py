@@ -14,6 +14,7 @@ from wayloom.odometry import pyramid, rows
 from wayloom.odometry.stopwatch import Stopwatch
 
 SMALLEST_SIDE = 64
+EXCHANGED_LEAST, EXCHANGED_FACTOR = 200, 5  # over four pairs, right drives: 1000 to 5000 in order, 40 to 170 exchanged
 
 
 @contextmanager
@@ -79,10 +80,20 @@ def frames(log: DriveLog, threads: int, stopwatch: Stopwatch) -> Iterator[Stereo
 
 def fit_rows(log: DriveLog, indices: tuple[int, ...]) -> NDArray[np.float64]:
     """(3,) px: the rows' misalignment from the pairs `indices`, those that the log has."""
+    return rows.fit(first_matches(log, indices), log.rig)
+
+
+def first_matches(log: DriveLog, indices: tuple[int, ...]) -> NDArray[np.float64]:
+    """Stereo matches (n, 4) as of `rows.row_matches` in the pairs `indices`, those that the log has.
+
+    Raises as `check_rig`, and LogError where pixels match only if left and right change places.
+    """
     check_rig(log)
-    matches = [np.zeros((0, 4))]
-    for index in indices:
-        if index < len(log):
-            frame = checked_frame(log, index)
-            matches.append(rows.row_matches(pyramid.grey(frame.left), pyramid.grey(frame.right)))
-    return rows.fit(np.concatenate(matches), log.rig)
+    frames = [checked_frame(log, index) for index in indices if index < len(log)]
+    pairs = [(pyramid.grey(frame.left), pyramid.grey(frame.right)) for frame in frames]
+    matches = np.concatenate([np.zeros((0, 4)), *(rows.row_matches(left, right) for left, right in pairs)])
+    exchanged = sum(len(rows.row_matches(right, left)) for left, right in pairs)
+    if exchanged > EXCHANGED_LEAST and exchanged > EXCHANGED_FACTOR * len(matches):
+        what = f"left and right images are exchanged: {len(matches)} pixels match as they are, {exchanged} the other way round"
+        raise LogError(what, file=log.path, remedy="give the left camera's images as the left ones")
+    return matches

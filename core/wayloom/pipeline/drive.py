@@ -11,8 +11,9 @@ from wayloom.georeference.types import GeoReference
 from wayloom.labelling.files import load_labels
 from wayloom.labelling.types import PointLabels
 from wayloom.logs.atomic import write_atomically
-from wayloom.logs.registry import open_log
+from wayloom.logs.registry import check_outside, open_log
 from wayloom.logs.types import DriveLog
+from wayloom.odometry.feed import first_matches
 from wayloom.odometry.files import load_odometry
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.exports import write_exports
@@ -84,8 +85,11 @@ def process_drive(
     Raises InputError for a bad log, network or setting, and for an out_dir that cannot be written; a bad log leaves no trace.
     """
     stages_dir = out_dir / STAGES_DIR
-    open_log(log_path, gnss=gnss_path)
+    log = open_log(log_path, gnss=gnss_path)
+    check_outside(log, out_dir)
     locate(find_model(settings.model or DEFAULT_MODEL))  # a missing network is told now, not after the odometry
+    progress("ingest", 0.0, "looking at the first pairs")
+    first_matches(log, settings.odometry.row_frames)  # a rig that cannot be tracked with is told before anything is made
     with writing_to(out_dir), new_folders(stages_dir), sole_writer(stages_dir):
         sweep(stages_dir)
         times = {name: _stage(name, stages_dir, log_path, gnss_path, settings, progress) for name in STAGES}

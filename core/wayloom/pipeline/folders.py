@@ -6,13 +6,13 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
 from wayloom.errors import ConflictError, InputError
+from wayloom.logs.atomic import UNFINISHED
 
-UNFINISHED: Final = ".unfinished-"
 LOCK: Final = ".lock"
 REMEDY: Final = {
     errno.ENOSPC: "free some space and run the same command again: finished stages are kept",
@@ -96,4 +96,5 @@ def discard(path: Path) -> None:
 def sweep(folder: Path) -> None:
     """Remove what killed processes left. Only for the holder of the folder's lock."""
     for leftover in folder.glob(f"{UNFINISHED}*"):
-        shutil.rmtree(leftover, ignore_errors=True)
+        with suppress(OSError):
+            discard(leftover)
