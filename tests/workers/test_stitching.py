@@ -1,6 +1,7 @@
 """The map's tiles depend on which drives are in it: not on which came first, nor on what was there before."""
 
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from wayloom.store.migrate import upgrade
 from wayloom.submaps.submap import PlacedSubmap, Submap
 from wayloom_workers.__main__ import make_bench
 from wayloom_workers.production import submap_row
-from wayloom_workers.publishing import TILES_FILE
+from wayloom_workers.publishing import TILES_FILE, tidy
 from wayloom_workers.steps import Bench, Work
 from wayloom_workers.stitching import stitch
 
@@ -131,6 +132,24 @@ def test_the_settings_origin_is_the_frame_where_there_is_one(tmp_path: Path) -> 
     add(bench, "a", 1)
     assert stitched(bench, tmp_path / "1")["frame"] == [8.41, 49.0, 100.0]
     bench.database.close()
+
+
+def test_before_publishing_unused_blobs_go_and_everything_that_is_to_be_published_stays(bench: Bench, tmp_path: Path) -> None:
+    add(bench, "a", 1)
+    stitches = bench.folders.map("city") / "stages" / "stitch"
+    stitches.mkdir(parents=True)
+    stitched(bench, stitches / "earlier")
+    add(bench, "b", 2)
+    said = stitched(bench, stitches / "key")
+    for blob in bench.folders.blobs.glob("*/*"):
+        os.utime(blob, (1e9, 1e9))
+    needed = {tile["digest"] for tile in said["tiles"]}  # type: ignore[attr-defined]
+    with bench.database.read() as session:
+        needed |= {row.digest for row in maps.submaps(session, "city")}
+    assert needed < set(bench.blobs.older_than(0.0))
+    tidy(Work(bench, Claim(2, 1, "publish", 1, None, "city", {}), None, None, tmp_path, {"stitch": "key"}, tmp_path, silent))
+    assert set(bench.blobs.older_than(0.0)) == needed
+    assert [path.name for path in stitches.iterdir()] == ["key"]
 
 
 def test_a_map_without_drives_has_no_tiles(bench: Bench, tmp_path: Path) -> None:

@@ -2,14 +2,21 @@
 
 import json
 import shutil
+from collections.abc import Iterator
 from typing import Final
 
+import structlog
+
 from wayloom.store import jobs, maps
-from wayloom.store.database import Session
+from wayloom.store.blobs import BlobError
+from wayloom.store.database import DatabaseError, Session
+from wayloom.store.folders import Folders
+from wayloom.store.garbage import drop_unused
 from wayloom.store.jobs import Wake
 from wayloom.store.maps import NewVersion, TileEntry
 from wayloom_workers.steps import Work
 
+log = structlog.get_logger()
 TILES_FILE: Final = "tiles.json"
 
 
@@ -21,12 +28,23 @@ def request_publish(session: Session, work: Work) -> list[Wake]:
 
 
 def tidy(work: Work) -> None:
-    """Before publishing: drop the lists of tiles of earlier versions."""
+    """Before publishing: drop the lists of tiles of earlier versions, and the blobs that nothing names any more."""
     stages = work.bench.folders.map(str(work.claim.map_id)) / "stages"
     for stage in stages.iterdir():
         for output in stage.iterdir():
             if output.name not in work.inputs.values():
                 shutil.rmtree(output, ignore_errors=True)
+    try:
+        dropped = drop_unused(work.bench.database, work.bench.blobs, lambda: _listed_tiles(work.bench.folders))
+        log.info("blobs dropped", count=dropped)
+    except (BlobError, DatabaseError, OSError) as error:  # the map does not wait for it: the next version drops them
+        log.warning("blobs were not dropped", error=str(error))
+
+
+def _listed_tiles(folders: Folders) -> Iterator[str]:
+    """The digests in every list of tiles that is published, or may be yet."""
+    for path in folders.all_maps.glob(f"*/stages/stitch/*/{TILES_FILE}"):
+        yield from (entry["digest"] for entry in json.loads(path.read_text(encoding="utf-8"))["tiles"])
 
 
 def publish(session: Session, work: Work) -> list[Wake]:

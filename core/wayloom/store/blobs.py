@@ -2,12 +2,20 @@
 
 import contextlib
 import hashlib
+import re
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import obstore
+from obstore.exceptions import BaseError
 from obstore.store import LocalStore, from_url
 
 from wayloom.errors import NotFoundError
+
+BlobError = BaseError
+"""Whatever goes wrong between wayloom and its object store."""
+DIGEST = re.compile("[0-9a-f]{64}")
 
 
 class BlobStore:
@@ -39,6 +47,15 @@ class BlobStore:
         except FileNotFoundError:
             return False
         return True
+
+    def older_than(self, seconds: float) -> Iterator[str]:
+        """The digests of the blobs that were stored so long ago; what else may lie in the store is passed over."""
+        before = datetime.now(UTC) - timedelta(seconds=seconds)
+        for found in obstore.list(self._store):
+            for entry in found:
+                digest = entry["path"].rpartition("/")[2]
+                if DIGEST.fullmatch(digest) and entry["path"] == _name(digest) and entry["last_modified"] <= before:
+                    yield digest
 
     def delete(self, digest: str) -> None:
         """Forget the bytes. Deleting what is not there is no error."""

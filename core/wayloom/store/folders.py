@@ -34,4 +34,9 @@ class Folders:
 
     def map(self, map_id: str) -> Path:
         """Folder of one map's jobs."""
-        return self.root / "maps" / map_id
+        return self.all_maps / map_id
+
+    @property
+    def all_maps(self) -> Path:
+        """Folder of the folders of maps."""
+        return self.root / "maps"
