@@ -2,27 +2,35 @@
 
 import numpy as np
 
-from wayloom.odometry.kernels.compiler import jit
+from wayloom.odometry.kernels.compiler import inlined, jit
 
 TAKEN_CELL = 8
 """px, of the mask of places that already hold a point."""
 
 
-@jit
+@inlined
 def scan_cell(size, thresholds, block, x0, x1, y0, y1, best):  # type: ignore[no-untyped-def]
     """Strongest pixels of a cell: best (3, 3) has rows x, y, gradient of those above 1, 3/4 and 1/2 of the threshold, updated."""
+    first, second, third = best[0, 2], best[1, 2], best[2, 2]
     for y in range(y0, y1):
-        for x in range(x0, x1):
-            g = size[y, x]
-            threshold = thresholds[y // block, x // block]
-            if g <= 0.5 * threshold:
-                continue
-            for k in range(3):
-                if g > (1.0 - 0.25 * k) * threshold and g > best[k, 2]:
-                    best[k, 0], best[k, 1], best[k, 2] = x, y, g
+        start = x0
+        while start < x1:  # one block's columns at a time: they share a threshold
+            column = start // block
+            end = min(x1, (column + 1) * block)
+            threshold = np.float64(thresholds[y // block, column])
+            for x in range(start, end):
+                g = np.float64(size[y, x])
+                if g > third and g > 0.5 * threshold:
+                    best[2, 0], best[2, 1], third = x, y, g
+                if g > second and g > 0.75 * threshold:
+                    best[1, 0], best[1, 1], second = x, y, g
+                if g > first and g > threshold:
+                    best[0, 0], best[0, 1], first = x, y, g
+            start = end
+    best[0, 2], best[1, 2], best[2, 2] = first, second, third
 
 
-@jit
+@inlined
 def append(u, v, taken, points, n):  # type: ignore[no-untyped-def]
     """Put (u, v) at points[n] unless the place is taken or points is full; returns the new n."""
     if n < points.shape[0] and not taken[v // TAKEN_CELL, u // TAKEN_CELL]:
