@@ -17,7 +17,7 @@ ALL_STAGES = DRIVE_STAGES + MAP_STAGES
 def drives_out(session: Session, rows: Sequence[Drive]) -> list[DriveOut]:
     """The drives with their stages."""
     jobs = drives.jobs_of(session, rows)
-    received = drives.received(session, [row.id for row in rows])
+    received = drives.received(session, rows)
     usual = drives.usual_seconds(session) if any(row.state in ("queued", "running", "stitching") for row in rows) else {}
     return [drive_out(row, jobs[row.id], received[row.id], usual) for row in rows]
 

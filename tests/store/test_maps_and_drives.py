@@ -52,10 +52,11 @@ def test_the_drive_is_queued_when_its_last_file_has_arrived_and_only_then(databa
         assert drives.mark_complete(session, drive_id, "log/0") is None
         assert drives.mark_complete(session, drive_id, "log/1") is None
         assert [file.path for file in drives.missing_files(session, drive_id)] == ["log/2"]
-        assert drives.received(session, [drive_id])[drive_id] == drives.Received(2, 1)
+        assert drives.received(session, [drives.get(session, drive_id)]) == {drive_id: drives.Received(2, 1)}
         assert drives.mark_complete(session, drive_id, "log/2") is not None
         assert drives.mark_complete(session, drive_id, "log/2") is None
         assert drives.get(session, drive_id).state == "queued"
+        assert drives.received(session, [drives.get(session, drive_id)]) == {drive_id: drives.Received(3, 3)}
 
 
 def test_an_unknown_drive_is_said_to_be_unknown(database: Database) -> None:

@@ -75,15 +75,15 @@ def missing_files(session: Session, drive_id: str) -> Sequence[DriveFile]:
     return session.scalars(query.order_by(DriveFile.path)).all()
 
 
-def received(session: Session, drive_ids: Sequence[str]) -> dict[str, Received]:
-    """For each drive, what has arrived."""
+def received(session: Session, drives: Sequence[Drive]) -> dict[str, Received]:
+    """For each drive, what has arrived. Files are counted only for those that may lack some: a drive has thousands."""
+    open_ids = [drive.id for drive in drives if drive.uploaded_at is None]
     query = select(DriveFile.drive_id, func.count(), func.sum(DriveFile.size)).where(
-        DriveFile.drive_id.in_(drive_ids), DriveFile.complete.is_(True)
+        DriveFile.drive_id.in_(open_ids), DriveFile.complete.is_(True)
     )
-    rows = {
-        drive_id: Received(count, int(size or 0)) for drive_id, count, size in session.execute(query.group_by(DriveFile.drive_id))
-    }
-    return {drive_id: rows.get(drive_id, Received(0, 0)) for drive_id in drive_ids}
+    counted = session.execute(query.group_by(DriveFile.drive_id)) if open_ids else ()
+    whole = {drive.id: Received(drive.file_count, drive.byte_count) for drive in drives}
+    return whole | dict.fromkeys(open_ids, Received(0, 0)) | {key: Received(count, int(size)) for key, count, size in counted}
 
 
 def mark_complete(session: Session, drive_id: str, path: str) -> Wake | None:

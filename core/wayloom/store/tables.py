@@ -97,7 +97,7 @@ class Job(Base):
     id: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     drive_id: Mapped[str | None] = mapped_column(ForeignKey("drives.id", ondelete="CASCADE"))
     map_id: Mapped[str | None] = mapped_column(ForeignKey("maps.id", ondelete="CASCADE"))
-    parent_id: Mapped[int | None]
+    parent_id: Mapped[int | None] = mapped_column(index=True)
     stage: Mapped[str] = mapped_column(String(32))
     position: Mapped[int]
     queue: Mapped[str] = mapped_column(String(32))
