@@ -1,13 +1,12 @@
 """`python -m wayloom_services`: the API on an address, or on a socket that the parent has opened (--fd)."""
 
 import argparse
-import logging
 import socket
 import sys
 
-import structlog
 import uvicorn
 
+from wayloom.config.json_log import configure_log
 from wayloom.config.service import load_service_settings
 from wayloom.errors import WayloomError
 from wayloom_services.app import create_app
@@ -20,16 +19,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m wayloom_services")
     parser.add_argument("--fd", type=int, help="an open listening socket")
     arguments = parser.parse_args()
-    structlog.configure(
-        processors=[
-            structlog.processors.add_log_level,
-            structlog.processors.TimeStamper(fmt="iso"),
-            structlog.processors.format_exc_info,
-            structlog.processors.JSONRenderer(),
-        ],
-        wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
-    )
+    configure_log()
     try:
         settings = load_service_settings()
         settings.check_exposure()

@@ -247,7 +247,11 @@ def test_a_request_longer_than_any_manifest_is_refused(tmp_path: Path, announced
     manifest = json.dumps({"name": "long", "files": [FILE], "format": None}).encode()
     try:
         with httpx2.Client(base_url=alone.url, timeout=30.0, trust_env=False) as client:
-            for key, length, status in (("a key for the test", 5000, 201), ("a key for the test", 5001, 413), ("another", 5000, 413)):
+            for key, length, status in (
+                ("a key for the test", 5000, 201),
+                ("a key for the test", 5001, 413),
+                ("another", 5000, 413),
+            ):
                 body = manifest + b" " * (length - len(manifest))
                 content = body if announced else iter([body[:100], body[100:]])
                 headers = {"Content-Type": "application/json", "Authorization": f"Bearer {key}"}
@@ -261,7 +265,9 @@ def test_a_request_longer_than_any_manifest_is_refused(tmp_path: Path, announced
 def test_health_metrics_and_info(http: httpx2.Client) -> None:
     assert http.get("/healthz").json()["status"] == "ok"
     http.get("/v1/drives/" + "c" * 64)
+    http.request("CHOSEN-BY-A-CLIENT", "/v1/drives")
     text = http.get("/metrics").text
+    assert "CHOSEN" not in text
     assert 'wayloom_http_requests_total{method="GET",route="/v1/drives/{drive_id}",status="404"}' in text
     assert "c" * 64 not in text
     assert "wayloom_drives{" in text

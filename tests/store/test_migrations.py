@@ -1,10 +1,14 @@
 """The migrations and the models say the same."""
 
+import pytest
 from alembic import command
 from alembic.config import Config
+from sqlalchemy import Column, Integer, Table
 
+from wayloom.store import migrate
 from wayloom.store.database import Database
 from wayloom.store.migrate import differences, is_current, migrations_dir, upgrade
+from wayloom.store.tables import Base
 
 
 def test_the_migrations_make_exactly_the_tables_of_the_models(empty_database: Database) -> None:
@@ -16,6 +20,21 @@ def test_a_database_is_current_only_after_the_last_migration(empty_database: Dat
     assert not is_current(empty_database)
     upgrade(empty_database)
     assert is_current(empty_database)
+
+
+def test_a_model_without_a_migration_is_found(
+    empty_database: Database, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["migrate", "--check"])
+    assert migrate.main() == 0
+    upgrade(empty_database)
+    table = Table("forgotten", Base.metadata, Column("id", Integer, primary_key=True))
+    try:
+        assert [difference[0] for difference in differences(empty_database)] == ["add_table"]  # type: ignore[index]
+        assert migrate.main() == 1
+        assert "forgotten" in capsys.readouterr().err
+    finally:
+        Base.metadata.remove(table)
 
 
 def test_migrating_twice_changes_nothing(empty_database: Database) -> None:

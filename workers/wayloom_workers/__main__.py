@@ -1,13 +1,12 @@
 """`python -m wayloom_workers worker|sweep`: one process, settings from the environment."""
 
 import argparse
-import logging
 import signal
 import sys
 
-import structlog
 from celery import signals
 
+from wayloom.config.json_log import configure_log
 from wayloom.config.service import ServiceSettings, load_service_settings
 from wayloom.errors import WayloomError
 from wayloom.store.blobs import BlobStore
@@ -45,21 +44,6 @@ def make_bench(settings: ServiceSettings) -> Bench:
     """The database, blobs and folders that the settings name."""
     folders = Folders(settings.data_dir)
     return Bench(settings, Database(settings.database), BlobStore(folders.blobs, settings.blob_url), folders)
-
-
-def configure_log() -> None:
-    """One JSON object a line on stderr, with the job's and drive's id where there is one."""
-    structlog.configure(
-        processors=[
-            structlog.contextvars.merge_contextvars,
-            structlog.processors.add_log_level,
-            structlog.processors.TimeStamper(fmt="iso"),
-            structlog.processors.format_exc_info,
-            structlog.processors.JSONRenderer(),
-        ],
-        wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
-    )
 
 
 def _sweep(bench: Bench) -> None:

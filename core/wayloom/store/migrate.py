@@ -1,5 +1,8 @@
 """Bring a database to the newest tables, or say what is missing."""
 
+import argparse
+import sys
+import tempfile
 from pathlib import Path
 
 from alembic import command
@@ -40,3 +43,24 @@ def differences(database: Database) -> list[object]:
     with database.engine.connect() as connection:
         context = MigrationContext.configure(connection, opts={"compare_type": True})
         return list(compare_metadata(context, Base.metadata))
+
+
+def main() -> int:
+    """`python -m wayloom.store.migrate --check`: whether the migrations make exactly the tables of the models."""
+    parser = argparse.ArgumentParser(prog="python -m wayloom.store.migrate")
+    parser.add_argument(
+        "--check", action="store_true", required=True, help="compare migrations and models in a database of its own"
+    )
+    parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        database = Database(f"sqlite:///{folder}/check.db")
+        upgrade(database)
+        found = differences(database)
+        database.close()
+    for difference in found:
+        sys.stderr.write(f"wayloom: the migrations lack {difference}\n")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

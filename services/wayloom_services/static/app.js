@@ -79,7 +79,7 @@ function hear(event, data) {
     cards.delete(data.id);
     city.forget(data.id);
   } else if (event === "map") {
-    showMap(data);
+    showMap(data).catch(() => (shownVersion = 0));
   }
   count();
 }
