@@ -81,14 +81,18 @@ def kernel_table() -> None:
     points, frames = window.points, window.frames
     image, T = window.images.left[1], linear.relative(frames.T_cam_world[1], frames.T_cam_world[0])
     x, y = (points.uv[0] - (NUMBERS.cx, NUMBERS.cy)) / (NUMBERS.fx, NUMBERS.fy)
-    M, e = np.zeros((4, 4)), np.zeros(4)
     one = (image, T, x, y, points.rho[0], NUMBERS, 0.0, points.colour[0], points.weight[0], 1.0, 0.0, ROBUST)
+    patch_scratch = patch.make_scratch()
     graded = pyramid.with_gradient(image.astype(np.float32))
     rays = np.column_stack([(points.uv - (NUMBERS.cx, NUMBERS.cy)) / (NUMBERS.fx, NUMBERS.fy), points.rho, points.colour[:, 4]])
     camera, H, g = np.array(NUMBERS[:4]), np.zeros((8, 8)), np.zeros(8)
     xi = np.array([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
     rows = [
-        ("patch_residual", best_ms(lambda: patch.patch_residual(*one, M, e), 2000), best_ms(lambda: naive.patch_terms(*one), 20)),
+        (
+            "patch_residual",
+            best_ms(lambda: patch.patch_residual(*one, patch_scratch), 2000),
+            best_ms(lambda: naive.patch_terms(*one), 20),
+        ),
         (
             "tracking_equations, 400 points",
             best_ms(lambda: tracking.tracking_equations(graded, rays, T, 1.0, 0.0, camera, 9.0, 20.0, H, g), 200),

@@ -20,22 +20,22 @@ def test_patch_sums_are_those_of_the_naive_patch() -> None:
     points, image = window.points, window.images.left[1]
     T = linear.relative(window.frames.T_cam_world[1], window.frames.T_cam_world[0])
     for i in range(5):
-        M, e = np.zeros((4, 4)), np.zeros(4)
+        scratch = patch.make_scratch()
         arguments = (points.rho[i], NUMBERS, 0.2, points.colour[i], points.weight[i], 1.1, -3.0, ROBUST)
-        energy, inside = patch.patch_residual(image, T, *ray(points.uv[i]), *arguments, M, e)
+        energy, inside = patch.patch_residual(image, T, *ray(points.uv[i]), *arguments, scratch)
         M_slow, e_slow, energy_slow = patch_terms(image, T, *ray(points.uv[i]), *arguments)
         assert inside
         assert energy == pytest.approx(energy_slow, rel=1e-4)
-        np.testing.assert_allclose(np.triu(M), np.triu(M_slow), rtol=1e-3, atol=1e-2)
-        np.testing.assert_allclose(e, e_slow, rtol=1e-3, atol=1e-2)
+        np.testing.assert_allclose(np.triu(scratch.M), np.triu(M_slow), rtol=1e-3, atol=1e-2)
+        np.testing.assert_allclose(scratch.e, e_slow, rtol=1e-3, atol=1e-2)
 
 
 def test_a_patch_outside_behind_or_not_finite_is_not_inside() -> None:
     window = made_window()
-    image, colours, M, e = window.images.left[0], window.points.colour[0], np.zeros((4, 4)), np.zeros(4)
+    image, colours, scratch = window.images.left[0], window.points.colour[0], patch.make_scratch()
 
     def inside(T, x, y, rho):
-        return patch.patch_residual(image, T, x, y, rho, NUMBERS, 0.0, colours, colours, 1.0, 0.0, ROBUST, M, e)[1]
+        return patch.patch_residual(image, T, x, y, rho, NUMBERS, 0.0, colours, colours, 1.0, 0.0, ROBUST, scratch)[1]
 
     behind, broken = np.eye(4), np.eye(4)
     behind[2, 3], broken[0, 3] = -20.0, np.nan
@@ -46,17 +46,17 @@ def test_a_patch_outside_behind_or_not_finite_is_not_inside() -> None:
     assert not inside(np.eye(4), 0.0, 0.0, np.nan)
 
 
-def test_an_outlier_ends_early_above_the_limit() -> None:
+def test_an_outlier_above_the_limit_has_no_sums() -> None:
     window = made_window()
     strict = ROBUST._replace(max_energy=50.0)
     colours = np.full(8, 250.0, np.float32)
-    ones, M, e = np.ones(8, np.float32), np.zeros((4, 4)), np.zeros(4)
+    ones, scratch = np.ones(8, np.float32), patch.make_scratch()
     energy, inside = patch.patch_residual(
-        window.images.left[0], np.eye(4), 0.0, 0.0, 0.1, NUMBERS, 0.0, colours, ones, 1.0, 0.0, strict, M, e
+        window.images.left[0], np.eye(4), 0.0, 0.0, 0.1, NUMBERS, 0.0, colours, ones, 1.0, 0.0, strict, scratch
     )
     assert inside
     assert energy > 400.0
-    assert not M.any()
+    assert not scratch.M.any()
 
 
 @pytest.mark.parametrize("right", [0.0, 1.0])

@@ -15,7 +15,7 @@ from wayloom.odometry.kernels.equations import (
     right_of,
 )
 from wayloom.odometry.kernels.linear import exp_se3, log_se3, multiply, orthonormalise, relative, solve_spd
-from wayloom.odometry.kernels.patch import gain_between, patch_residual
+from wayloom.odometry.kernels.patch import gain_between, make_scratch, patch_residual
 
 GAUGE = 1e12
 
@@ -171,7 +171,7 @@ def reduced_equations(images, rig, frames, points, delta, robust):  # type: igno
 def right_consistency(images, rig, frames, points, t, delta, robust):  # type: ignore[no-untyped-def]
     """(N,) 1 where a point's patch is a photometric inlier in the right image of frame t, at rows and bias corrected."""
     T = relative_poses(frames, 0)
-    M, e, out = np.zeros((4, 4)), np.zeros(4), np.zeros(points.host.shape[0], np.int64)
+    scratch, out = make_scratch(), np.zeros(points.host.shape[0], np.int64)
     for i in range(points.host.shape[0]):
         h = points.host[i]
         x, y = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
@@ -179,7 +179,7 @@ def right_consistency(images, rig, frames, points, t, delta, robust):  # type: i
         offset = gain_right * (frames.affine[t, 1] - gain * frames.affine[h, 1]) + frames.gain_right[t, 1]
         energy, inside = patch_residual(
             images.right[frames.slot[t]], right_of(T[h, t], rig), x, y, points.rho[i], rig, delta, points.colour[i],
-            points.weight[i], gain * gain_right, offset, robust, M, e,
+            points.weight[i], gain * gain_right, offset, robust, scratch,
         )  # fmt: skip
         out[i] = inside and energy <= robust.max_energy * PATCH
     return out

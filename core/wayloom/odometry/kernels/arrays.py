@@ -74,6 +74,17 @@ class Robust(NamedTuple):
     observer_right_weight: float
 
 
+class Scratch(NamedTuple):
+    """Working space of one residual: M (4, 4, upper) and e (4,) are a patch's sums, J (2, 8) the projection's Jacobian; the rest
+    are columns of 8, one number a pixel: grey (96,) uint8 the 12 pixels around each, columns (72,) float32."""
+
+    M: np.ndarray
+    e: np.ndarray
+    J: np.ndarray
+    grey: np.ndarray
+    columns: np.ndarray
+
+
 class Terms(NamedTuple):
     """All residuals of a window, linearised. Pair (h, h) holds the static terms of host h, which know the bias only.
 

@@ -10,7 +10,7 @@ import numpy as np
 from wayloom.odometry.kernels.arrays import LOCAL, PATCH
 from wayloom.odometry.kernels.compiler import bare, inlined, jit
 from wayloom.odometry.kernels.linear import local_from_host, relative
-from wayloom.odometry.kernels.patch import gain_between, patch_residual, projection_jacobian
+from wayloom.odometry.kernels.patch import gain_between, make_scratch, patch_residual, projection_jacobian
 
 
 @inlined
@@ -67,16 +67,17 @@ def right_of(T, rig):  # type: ignore[no-untyped-def]
 
 @inlined
 def add_static(  # type: ignore[no-untyped-def]
-    image, still, T_right, ray, rho, rig, delta, colour, weight, gain, offset, robust, M, e, J, own, coupling, H, g
+    image, still, T_right, ray, rho, rig, delta, colour, weight, gain, offset, robust, scratch, own, coupling, H, g
 ):
     """A patch in its host's right image (h, w): knows rho and delta only. still (4, 4) the identity, T_right (4, 4) T_right_left;
     ray (2,), colour and weight (8,) of the patch, gain and offset of right against left. Adds to own (2,), coupling (9,),
     H (9, 9), g (9,); returns the energy and whether it is an inlier."""
     x, y = ray[0], ray[1]
-    energy, inside = patch_residual(image, T_right, x, y, rho, rig, delta, colour, weight, gain, offset, robust, M, e)
+    energy, inside = patch_residual(image, T_right, x, y, rho, rig, delta, colour, weight, gain, offset, robust, scratch)
     limit = robust.max_energy * PATCH
-    good = inside and energy <= limit and projection_jacobian(still, x, y, rho, rig, 1.0, J)
+    good = inside and energy <= limit and projection_jacobian(still, x, y, rho, rig, 1.0, scratch.J)
     if good:
+        M, e, J = scratch.M, scratch.e, scratch.J
         scale, ru, rv = robust.static_weight, J[0, 7], J[1, 7]
         own[0] += scale * (M[0, 0] * ru * ru + 2.0 * M[0, 1] * ru * rv + M[1, 1] * rv * rv)
         own[1] -= scale * (e[0] * ru + e[1] * rv)
@@ -104,9 +105,7 @@ def add_temporal(  # type: ignore[no-untyped-def]
     offset,
     scale,
     robust,
-    M,
-    e,
-    J,
+    scratch,
     own,
     coupling,
     H,
@@ -116,12 +115,12 @@ def add_temporal(  # type: ignore[no-untyped-def]
     exp(a_target - a_host), gain_image 1 or that of right against left; offset of the image; scale the term's weight.
     Adds to own (2,), coupling (9,), H (9, 9), g (9,); returns the energy and whether it is an inlier."""
     x, y = ray[0], ray[1]
-    energy, inside = patch_residual(image, T, x, y, rho, rig, shift, colour, weight, gain * gain_image, offset, robust, M, e)
+    energy, inside = patch_residual(image, T, x, y, rho, rig, shift, colour, weight, gain * gain_image, offset, robust, scratch)
     limit = robust.max_energy * PATCH
-    good = inside and energy <= limit and projection_jacobian(S, x, y, rho, rig, right, J)
+    good = inside and energy <= limit and projection_jacobian(S, x, y, rho, rig, right, scratch.J)
     if good:
-        remove_host_offset(M, e, gain * gain_image * b_host)
-        add_pair(J, M, e, scale, gain_image, H, g, coupling, own)
+        remove_host_offset(scratch.M, scratch.e, gain * gain_image * b_host)
+        add_pair(scratch.J, scratch.M, scratch.e, scale, gain_image, H, g, coupling, own)
     return scale * min(energy, limit), good
 
 
@@ -146,7 +145,7 @@ def linearise(images, rig, frames, points, delta, robust, terms):  # type: ignor
     2018, sec. 2.3), so that frames of the prior keep its null space.
     """
     N = points.host.shape[0]
-    M, e, J, rays, still = np.zeros((4, 4)), np.zeros(4), np.zeros((2, 8)), np.empty((N, 2)), np.eye(4)
+    scratch, rays, still = make_scratch(), np.empty((N, 2)), np.eye(4)
     T, S, T_right, still_right = (
         relative_poses(frames, 0),
         relative_poses(frames, 1),
@@ -159,12 +158,12 @@ def linearise(images, rig, frames, points, delta, robust, terms):  # type: ignor
     for i in range(N):
         rays[i, 0], rays[i, 1] = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
     clear(terms)
-    total = add_hosts(images, rig, frames, points, delta, robust, rays, still, still_right, M, e, J, terms)
-    return total + add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, M, e, J, terms)
+    total = add_hosts(images, rig, frames, points, delta, robust, rays, still, still_right, scratch, terms)
+    return total + add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, scratch, terms)
 
 
 @bare
-def add_hosts(images, rig, frames, points, delta, robust, rays, still, still_right, M, e, J, terms):  # type: ignore[no-untyped-def]
+def add_hosts(images, rig, frames, points, delta, robust, rays, still, still_right, scratch, terms):  # type: ignore[no-untyped-def]
     """Every point in its host's right image; returns the energy."""
     F, total = frames.slot.shape[0], 0.0
     for i in range(points.host.shape[0]):
@@ -172,7 +171,7 @@ def add_hosts(images, rig, frames, points, delta, robust, rays, still, still_rig
         if points.has_static[i]:
             energy, good = add_static(
                 images.right[frames.slot[h]], still, still_right, rays[i], points.rho[i], rig, delta, points.colour[i],
-                points.weight[i], frames.gain_right[h, 0], frames.gain_right[h, 1], robust, M, e, J, terms.own[i],
+                points.weight[i], frames.gain_right[h, 0], frames.gain_right[h, 1], robust, scratch, terms.own[i],
                 terms.coupling[i, h], terms.H_pair[h, h], terms.g_pair[h, h],
             )  # fmt: skip
             terms.inlier[i, F] = good
@@ -181,7 +180,7 @@ def add_hosts(images, rig, frames, points, delta, robust, rays, still, still_rig
 
 
 @bare
-def add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, M, e, J, terms):  # type: ignore[no-untyped-def]
+def add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, scratch, terms):  # type: ignore[no-untyped-def]
     """Every point in the left images of the other keyframes, and in the right image of those that it fits; returns the energy."""
     total = 0.0
     for t in range(frames.slot.shape[0]):  # one image at a time, points of one host together: that keeps the caches warm
@@ -195,7 +194,7 @@ def add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_righ
             offset = b - gain * b_host
             energy, good = add_temporal(
                 left, T[h, t], S[h, t], rays[i], points.rho[i], rig, 0.0, 0.0, points.colour[i], points.weight[i], gain, 1.0,
-                b_host, offset, 1.0, robust, M, e, J, terms.own[i], terms.coupling[i, t], terms.H_pair[h, t], terms.g_pair[h, t],
+                b_host, offset, 1.0, robust, scratch, terms.own[i], terms.coupling[i, t], terms.H_pair[h, t], terms.g_pair[h, t],
             )  # fmt: skip
             total += energy
             terms.inlier[i, t] = good
@@ -203,7 +202,7 @@ def add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_righ
                 total += add_temporal(
                     right, T_right[h, t], S[h, t], rays[i], points.rho[i], rig, 1.0, delta, points.colour[i],
                     points.weight[i], gain, gain_right, b_host, gain_right * offset + offset_right, robust.observer_right_weight,
-                    robust, M, e, J, terms.own[i], terms.coupling[i, t], terms.H_pair[h, t], terms.g_pair[h, t],
+                    robust, scratch, terms.own[i], terms.coupling[i, t], terms.H_pair[h, t], terms.g_pair[h, t],
                 )[0]  # fmt: skip
     return total
 

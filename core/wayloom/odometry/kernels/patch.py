@@ -3,14 +3,17 @@
 With the host's ray (x, y, 1) and inverse depth rho the point, times rho, is P = R (x, y, 1) + t rho in the target's left camera and
 P + t_right_left rho in its right one. So a right image is a target with another translation, whose columns are shifted by the
 disparity bias delta: u_right = fx X/Z + cx - delta. The host's own right image is the case R = I, t = 0.
+
+A patch goes through three short loops over its pixels (warp and gather, interpolate and weigh, sum) with columns of 8 between them,
+so that the arithmetic runs on vectors; float32 holds grey levels and offsets within a patch, float64 everything else.
 """
 
 import math
 
 import numpy as np
 
-from wayloom.odometry.kernels.arrays import PATCH, PATTERN
-from wayloom.odometry.kernels.compiler import inlined
+from wayloom.odometry.kernels.arrays import PATCH, PATTERN, Scratch
+from wayloom.odometry.kernels.compiler import inlined, jit
 
 f32 = np.float32
 index = np.uint64
@@ -20,69 +23,107 @@ MIN_DEPTH_RATIO = 1e-3
 BORDER = 2
 
 
+@jit
+def make_scratch():  # type: ignore[no-untyped-def]
+    """Working space for patch_residual and projection_jacobian."""
+    return Scratch(np.zeros((4, 4)), np.zeros(4), np.zeros((2, 8)), np.zeros(96, np.uint8), np.zeros(72, np.float32))
+
+
 @inlined
-def patch_residual(image, T, x, y, rho, rig, shift, colours, weights, gain, offset, robust, M, e):  # type: ignore[no-untyped-def]
+def patch_residual(image, T, x, y, rho, rig, shift, colours, weights, gain, offset, robust, scratch):  # type: ignore[no-untyped-def]
     """Photometric residual r = I(project(T p) - (shift, 0)) - (gain colour + offset) over the 8 pixels of a patch.
 
     image (h, w) uint8; T (4, 4) T_target_host, with the right camera's translation for a right image; x, y ray; shift px.
-    Fills M (4, 4, upper) = sum W d d^T and e (4,) = sum W d r for d = (dI/du, dI/dv, -gain colour, -1), W = gradient weight times
-    Huber weight (Engel et al. 2018, eq. 4). Returns the energy and whether the patch is inside the image and in front. The energy
-    of an outlier (above max_energy a pixel) is returned as it was when it passed the limit; then M and e are not filled.
+    Fills scratch's M (4, 4, upper) = sum W d d^T and e (4,) = sum W d r for d = (dI/du, dI/dv, -gain colour, -1), W = gradient
+    weight times Huber weight (Engel et al. 2018, eq. 4). Returns the energy and whether the patch is inside the image and in front;
+    M and e of an outlier (above max_energy a pixel) are not filled.
+    """
+    if not gather(image, T, x, y, rho, rig, shift, scratch.grey, scratch.columns):
+        return 0.0, False
+    energy = weigh(f32(gain), f32(offset), f32(robust.huber), colours, weights, scratch.grey, scratch.columns)
+    if energy <= robust.max_energy * PATCH:
+        add_up(scratch.columns, scratch.M, scratch.e)
+    return energy, True
+
+
+@inlined
+def gather(image, T, x, y, rho, rig, shift, grey, columns):  # type: ignore[no-untyped-def]
+    """Find a patch's pixels in image (h, w): fractions of their place into columns 0 and 1, the 12 pixels around each into grey.
+
+    The patch is taken as a plane that faces its host, its warp as linear around the centre. Returns whether it is inside the image.
     """
     h, w = image.shape
-    X = T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * rho
-    Y = T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * rho
     Z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] * rho
     if not Z > MIN_DEPTH_RATIO:
-        return 0.0, False
-    Xu, Xv, Yu, Yv = T[0, 0] / rig.fx, T[0, 1] / rig.fy, T[1, 0] / rig.fx, T[1, 1] / rig.fy
-    Zu, Zv = T[2, 0] / rig.fx, T[2, 1] / rig.fy
-    limit, energy = robust.max_energy * PATCH, 0.0
-    m00, m01, m02, m03, m11, m12, m13, m22, m23, m33 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    e0, e1, e2, e3 = 0.0, 0.0, 0.0, 0.0
+        return False
+    iz, aspect = 1.0 / Z, rig.fx / rig.fy
+    xn = (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * rho) * iz
+    yn = (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * rho) * iz
+    u, v = rig.fx * xn + rig.cx - shift, rig.fy * yn + rig.cy
+    uu, uv = (T[0, 0] - xn * T[2, 0]) * iz, (T[0, 1] - xn * T[2, 1]) * iz * aspect
+    vu, vv = (T[1, 0] - yn * T[2, 0]) * iz / aspect, (T[1, 1] - yn * T[2, 1]) * iz
+    reach_u, reach_v = 2.0 * max(abs(uu), abs(uv)), 2.0 * max(abs(vu), abs(vv))  # |dx| + |dy| is at most 2
+    if not (u - reach_u > BORDER and v - reach_v > BORDER and u + reach_u < w - BORDER - 1 and v + reach_v < h - BORDER - 1):
+        return False
+    left, top = int(u - reach_u), int(v - reach_v)
+    a, b, au, av, bu, bv = f32(u - left), f32(v - top), f32(uu), f32(uv), f32(vu), f32(vv)
     for k in range(PATCH):
-        dx, dy = PATTERN[k, 0], PATTERN[k, 1]
-        iz = 1.0 / (Z + Zu * dx + Zv * dy)
-        u = rig.fx * (X + Xu * dx + Xv * dy) * iz + rig.cx - shift
-        v = rig.fy * (Y + Yu * dx + Yv * dy) * iz + rig.cy
-        if not (iz > 0.0 and u > BORDER and v > BORDER and u < w - BORDER - 1 and v < h - BORDER - 1):
-            return 0.0, False
-        x0, y0 = index(u), index(v)
-        a, b = f32(u - int(u)), f32(v - int(v))
+        dx, dy = f32(PATTERN[k, 0]), f32(PATTERN[k, 1])
+        p, q = a + au * dx + av * dy, b + bu * dx + bv * dy
+        ip, iq = np.int32(p), np.int32(q)
+        columns[k], columns[8 + k] = p - f32(ip), q - f32(iq)
+        x0, y0 = index(left + ip), index(top + iq)
         x1, y1, xm, ym = x0 + ONE, y0 + ONE, x0 - ONE, y0 - ONE
         x2, y2 = x1 + ONE, y1 + ONE
+        grey[k], grey[8 + k] = image[ym, x0], image[ym, x1]
+        grey[16 + k], grey[24 + k], grey[32 + k], grey[40 + k] = image[y0, xm], image[y0, x0], image[y0, x1], image[y0, x2]
+        grey[48 + k], grey[56 + k], grey[64 + k], grey[72 + k] = image[y1, xm], image[y1, x0], image[y1, x1], image[y1, x2]
+        grey[80 + k], grey[88 + k] = image[y2, x0], image[y2, x1]
+    return True
+
+
+@inlined
+def weigh(gain, offset, huber, colours, weights, grey, columns):  # type: ignore[no-untyped-def]
+    """Residuals and gradients of the gathered pixels: columns become energy, r, dI/du, dI/dv, prediction, the last three times
+    their weight, and the weight. Returns the energy."""
+    half, one, two = f32(0.5), f32(1), f32(2)
+    for k in range(weights.shape[0]):  # not a constant: the compiler would unroll the loop instead of using vectors
+        a, b = columns[k], columns[8 + k]
         w11 = a * b
-        w01, w10, w00 = b - w11, a - w11, f32(1) - a - b + w11
-        i00, i10 = f32(image[y0, x0]), f32(image[y0, x1])
-        i01, i11 = f32(image[y1, x0]), f32(image[y1, x1])
-        gx = f32(0.5) * (
-            w00 * (i10 - f32(image[y0, xm]))
-            + w10 * (f32(image[y0, x2]) - i00)
-            + w01 * (i11 - f32(image[y1, xm]))
-            + w11 * (f32(image[y1, x2]) - i01)
-        )
-        gy = f32(0.5) * (
-            w00 * (i01 - f32(image[ym, x0]))
-            + w10 * (i11 - f32(image[ym, x1]))
-            + w01 * (f32(image[y2, x0]) - i00)
-            + w11 * (f32(image[y2, x1]) - i10)
-        )
+        w01, w10, w00 = b - w11, a - w11, one - a - b + w11
+        i00, i10, i01, i11 = f32(grey[24 + k]), f32(grey[32 + k]), f32(grey[56 + k]), f32(grey[64 + k])
+        gx = w00 * (i10 - f32(grey[16 + k])) + w10 * (f32(grey[40 + k]) - i00)
+        gx = half * (gx + w01 * (i11 - f32(grey[48 + k])) + w11 * (f32(grey[72 + k]) - i01))
+        gy = w00 * (i01 - f32(grey[k])) + w10 * (i11 - f32(grey[8 + k]))
+        gy = half * (gy + w01 * (f32(grey[80 + k]) - i00) + w11 * (f32(grey[88 + k]) - i10))
         predicted = gain * colours[k]
         r = w00 * i00 + w10 * i10 + w01 * i01 + w11 * i11 - (predicted + offset)
-        size = abs(r)
-        huber = 1.0 if size < robust.huber else robust.huber / size
-        weight = weights[k] * huber
-        energy += weight * r * r * (2.0 - huber)
-        if energy > limit:
-            return energy, True
-        wx, wy, wp = weight * gx, weight * gy, weight * predicted
+        share = huber / max(abs(r), huber)
+        weight = weights[k] * share
+        columns[k], columns[8 + k] = weight * r * r * (two - share), r
+        columns[16 + k], columns[24 + k], columns[32 + k] = gx, gy, predicted
+        columns[40 + k], columns[48 + k], columns[56 + k], columns[64 + k] = weight * gx, weight * gy, weight * predicted, weight
+    energy = f32(0)
+    for k in range(PATCH):
+        energy += columns[k]
+    return np.float64(energy)
+
+
+@inlined
+def add_up(columns, M, e):  # type: ignore[no-untyped-def]
+    """Fill M (4, 4, upper) and e (4,) of patch_residual from weigh's columns."""
+    zero = f32(0)
+    m00, m01, m02, m03, m11, m12, m13, m22, m23, m33 = zero, zero, zero, zero, zero, zero, zero, zero, zero, zero
+    e0, e1, e2, e3 = zero, zero, zero, zero
+    for k in range(PATCH):
+        r, gx, gy, predicted = columns[8 + k], columns[16 + k], columns[24 + k], columns[32 + k]
+        wx, wy, wp, weight = columns[40 + k], columns[48 + k], columns[56 + k], columns[64 + k]
         m00, m01, m02, m03 = m00 + wx * gx, m01 + wx * gy, m02 - wx * predicted, m03 - wx
         m11, m12, m13 = m11 + wy * gy, m12 - wy * predicted, m13 - wy
         m22, m23, m33 = m22 + wp * predicted, m23 + wp, m33 + weight
         e0, e1, e2, e3 = e0 + wx * r, e1 + wy * r, e2 - wp * r, e3 - weight * r
     M[0, 0], M[0, 1], M[0, 2], M[0, 3], M[1, 1], M[1, 2], M[1, 3] = m00, m01, m02, m03, m11, m12, m13
     M[2, 2], M[2, 3], M[3, 3], e[0], e[1], e[2], e[3] = m22, m23, m33, e0, e1, e2, e3
-    return energy, True
 
 
 @inlined
