@@ -38,20 +38,21 @@ async def receive(
         raise ProtocolError(413, "too-large", f"the chunk has {announced} bytes, the file only {room} more")
     target = uploads.part(service.folders, upload.id)
     staged = uploads.staged_part(service.folders, upload.id)
-    if checksum is None:
-        await _store(request, service, target, start, room, None, asked)
-        return await service.in_thread(target.size)
-    digest = CHECKSUMS[checksum[0]]()
     try:
+        if checksum is None:
+            await _store(request, service, target, start, room, None, asked)
+            return await service.in_thread(target.size)
+        digest = CHECKSUMS[checksum[0]]()
         await service.in_thread(staged.drop)
         await _store(request, service, staged, 0, room, digest, asked)
         if digest.digest() != checksum[1]:
             raise ProtocolError(460, "checksum-mismatch", "the chunk's bytes do not have the checksum that was sent: send it again")
         await service.in_thread(lambda: target.append(staged))
     except OSError as error:
-        raise _no_space(error) from error
+        raise ProtocolError(507, "no-space", f"the bytes could not be stored: {error.strerror}") from error
     finally:
-        await service.in_thread(staged.drop)
+        if checksum is not None:
+            await service.in_thread(staged.drop)
     return await service.in_thread(target.size)
 
 
@@ -81,15 +82,9 @@ async def _store(
             if digest is not None:
                 raise ProtocolError(400, "disconnected", "the link broke before the chunk was whole") from None
         await service.in_thread(lambda: flush(bytes(buffer), position))
-    except OSError as error:
-        raise _no_space(error) from error
     finally:
         await service.in_thread(lambda: os.close(fd))
     service.metrics.upload_bytes.inc(position + len(buffer) - start)
-
-
-def _no_space(error: OSError) -> ProtocolError:
-    return ProtocolError(507, "no-space", f"the bytes could not be stored: {error.strerror}")
 
 
 async def complete(service: Service, upload: Upload) -> None:

@@ -147,6 +147,18 @@ def test_a_chunk_with_a_wrong_checksum_is_dropped(http: httpx2.Client, address: 
     assert offset(http, address) == 10
 
 
+@pytest.mark.parametrize("more", [{}, checksum(b"bytes")])
+def test_bytes_that_the_disk_does_not_take_are_said(
+    http: httpx2.Client, address: str, api_process: ApiAlone, more: dict[str, str]
+) -> None:
+    in_the_way = api_process.data / "uploads" / f"{address.rsplit('/', 1)[1]}.part"
+    in_the_way.mkdir(parents=True)
+    answer = patch(http, address, offset(http, address), b"bytes", **more)
+    in_the_way.rmdir()
+    assert (answer.status_code, code(answer)) == (507, "no-space")
+    assert patch(http, address, 0, DATA[:5], **checksum(DATA[:5])).status_code == 204
+
+
 @pytest.mark.parametrize("header", ["md5 abc", "sha256", "sha256 ***", "crc32 AAAA"])
 def test_a_checksum_that_the_server_does_not_know_is_refused(http: httpx2.Client, address: str, header: str) -> None:
     answer = patch(http, address, 0, b"x", **{"Upload-Checksum": header})
