@@ -1,5 +1,7 @@
 """What the command line says of mistakes that no command is to blame for."""
 
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -62,3 +64,12 @@ def test_a_full_disk_under_standard_output_is_one_line(tmp_path: Path) -> None:
         done = wayloom("inspect", drive, stdout=full)
     assert done.returncode == 1
     assert done.stderr == "wayloom: No space left on device\n"
+
+
+def test_a_name_that_is_no_text_is_read_and_reported(tmp_path: Path) -> None:
+    drive = write_drive(tmp_path / "drives", "kitti-odometry")
+    folder = os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9")
+    drive.rename(folder)
+    done = wayloom("inspect", folder, "--json", tmp_path / "report.json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads((tmp_path / "report.json").read_text())["name"] == "caf\ufffd"

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -97,6 +98,14 @@ def test_a_damaged_image_is_named_and_nothing_is_left(clip_a, network, tmp_path)
 @pytest.mark.parametrize("origin", ["here", "8.4,49", "8.4,149,0", "nan,49,0"])
 def test_an_origin_that_is_no_place_is_refused(log_path, tmp_path, origin):
     refused(wayloom("process", log_path, "--out", tmp_path / "out", "--origin", origin), "--origin", "LON,LAT,HEIGHT")
+
+
+def test_names_that_are_no_text_do_no_harm(clip_a, network, tmp_path):
+    log, out = (os.fsdecode(os.fsencode(tmp_path) + name) for name in (b"/caf\xe9", b"/out\xff"))
+    first_frames(clip_a, Path(log), 6)
+    ended = wayloom("process", log, "--out", out, "--model", network)
+    assert ended.returncode == 0, ended.stderr
+    assert "out\\udcff/report.html" in ended.stdout
 
 
 def test_lost_frames_are_a_warning_and_no_failure(clip_a, network, tmp_path):

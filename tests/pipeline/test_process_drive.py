@@ -173,6 +173,15 @@ def test_a_missing_network_is_told_before_the_work(log_path, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("spoil", [lambda data: data[: len(data) // 2], lambda data: b"hello", lambda data: b""])
+def test_a_damaged_network_is_told_before_the_work(log_path, tmp_path, spoil):
+    network = colour_network(tmp_path / "network").with_suffix(".onnx")
+    network.write_bytes(spoil(network.read_bytes()))
+    with pytest.raises(ModelError, match="not an ONNX file"):
+        process_drive(log_path, tmp_path / "out", ProcessSettings(model=str(network)))
+    assert not (tmp_path / "out").exists()
+
+
 def test_an_out_folder_that_is_a_file_is_named(log_path, settings, tmp_path):
     (tmp_path / "out").write_text("mine")
     with pytest.raises(InputError, match="out"):

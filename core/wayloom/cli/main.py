@@ -4,6 +4,7 @@ import importlib
 import importlib.util
 import os
 import sys
+from io import TextIOWrapper
 
 import typer
 
@@ -37,6 +38,8 @@ for _name in COMMANDS:
 
 def main() -> None:
     """Run the command line and end the process with its status."""
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a path may hold what the terminal's encoding does not
     try:
         status = app(standalone_mode=False)
     except KeyboardInterrupt:

@@ -13,6 +13,7 @@ from wayloom.geometry.camera import StereoRig
 from wayloom.logs.images import ImageHeader, ImagePairs, read_header, read_image
 from wayloom.logs.positioning import Positioning
 from wayloom.logs.sidecar import Sidecar
+from wayloom.logs.text_files import utf8_text
 from wayloom.logs.types import GnssTrack, Image, ImuTrack, StereoFrame
 
 FloatArray = NDArray[np.float64]
@@ -130,7 +131,7 @@ def assemble(
     return ImageFolderLog(
         path=path,
         format=log_format,
-        name=path.name,
+        name=utf8_text(path.name),
         rig=rig,
         t_ns=t_ns,
         colour=header.colour,

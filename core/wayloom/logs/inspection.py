@@ -10,6 +10,7 @@ from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
 from wayloom.geometry.wgs84 import enu_from_lonlatheight
 from wayloom.logs.image_folder_log import ImageFolderLog
+from wayloom.logs.text_files import utf8_text
 from wayloom.logs.timestamps import NS, wall_clock_from_ns
 from wayloom.logs.types import DriveLog, FixType, GnssTrack
 
@@ -102,7 +103,7 @@ def inspect_log(log: DriveLog, *, decode: bool = True, progress: Progress = sile
     distance_m, distance_from = distance(log)
     first_ns = int(log.t_ns[0])
     return LogReport(
-        path=str(log.path),
+        path=utf8_text(str(log.path)),
         name=log.name,
         format=log.format,
         rig_id=log.rig_id,
@@ -118,7 +119,7 @@ def inspect_log(log: DriveLog, *, decode: bool = True, progress: Progress = sile
         files=len(log.files),
         bytes=sum((log.root / file).stat().st_size for file in log.files if (log.root / file).exists()),
         missing=list(log.missing),
-        damaged=[DamagedImage(file=problem.file or "", problem=str(problem)) for problem in damaged],
+        damaged=[DamagedImage(file=utf8_text(problem.file or ""), problem=utf8_text(str(problem))) for problem in damaged],
         usable=not damaged,
     )
 

@@ -18,6 +18,11 @@ def quoted(text: str) -> str:
     return repr(shown)
 
 
+def utf8_text(of_path: str) -> str:
+    """A path's text as UTF-8 can hold it: bytes that are none (names from other systems) become replacement characters."""
+    return of_path.encode(errors="surrogateescape").decode(errors="replace")
+
+
 def read_bytes(file: Path, *, remedy: str, error: type[InputError] = LogError) -> bytes:
     """The bytes of a file. Raises `error`, with the remedy, where it is missing, and says why where it cannot be read."""
     try:

@@ -22,7 +22,8 @@ from wayloom.pipeline.ingest import read_log_file
 from wayloom.pipeline.keys import read_stage_file
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stages import GEOREFERENCE_FILE, LABELS_FILE, ODOMETRY_FILE, STAGES, finished_key, run_stage, stage_key
-from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model, locate
+from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model
+from wayloom.segmentation.network import Network
 from wayloom.segmentation.stage import KeyframeLabels
 from wayloom.submaps.files import load_submaps
 from wayloom.submaps.submap import PlacedSubmap
@@ -87,7 +88,7 @@ def process_drive(
     stages_dir = out_dir / STAGES_DIR
     log = open_log(log_path, gnss=gnss_path)
     check_outside(log, out_dir)
-    locate(find_model(settings.model or DEFAULT_MODEL))  # a missing network is told now, not after the odometry
+    Network(find_model(settings.model or DEFAULT_MODEL))  # one that cannot be used is told now, not after the odometry
     progress("ingest", 0.0, "looking at the first pairs")
     first_matches(log, settings.odometry.row_frames)  # a rig that cannot be tracked with is told before anything is made
     with writing_to(out_dir), new_folders(stages_dir), sole_writer(stages_dir):

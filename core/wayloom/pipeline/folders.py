@@ -15,8 +15,8 @@ from wayloom.logs.atomic import UNFINISHED
 
 LOCK: Final = ".lock"
 REMEDY: Final = {
-    errno.ENOSPC: "free some space and run the same command again: finished stages are kept",
-    errno.EDQUOT: "free some space and run the same command again: finished stages are kept",
+    errno.ENOSPC: "free some space and run the same command again",
+    errno.EDQUOT: "free some space and run the same command again",
     errno.EROFS: "choose a folder on a writable disk",
 }
 
