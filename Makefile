@@ -9,7 +9,7 @@ PYTEST_ARGS ?=
 
 help:
 	@echo "make demo             simulate two drives, upload them, map them, leave the dashboard running (ONCE=1: end)"
-	@echo "make demo LOG=PATH    the same with a drive log of your own (GNSS=PATH: a GNSS log kept beside it)"
+	@echo "make demo LOG=PATH    the same with a drive log of your own (GNSS=PATH: a GNSS log kept beside it; MODEL=NAME: network)"
 	@echo "make test             lint, type check, import contracts, migration check, tests"
 	@echo "make lint             the part of it that runs nothing"
 	@echo "make bench            benchmarks: ratios against naive twins and, where installed, peers"
@@ -29,7 +29,7 @@ help:
 	@touch $@
 
 demo: .venv/.runtime
-	$(BIN)/wayloom demo $(if $(LOG),--log '$(LOG)') $(if $(GNSS),--gnss '$(GNSS)') $(if $(ONCE),--once)
+	$(BIN)/wayloom demo $(if $(LOG),--log '$(LOG)') $(if $(GNSS),--gnss '$(GNSS)') $(if $(MODEL),--model '$(MODEL)') $(if $(ONCE),--once)
 
 lint: .venv/.dev
 	$(BIN)/ruff check .

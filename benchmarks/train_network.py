@@ -1,6 +1,6 @@
 """Trains `wayloom-city`, the small network in the package, on simulated streets, and exports it to ONNX.
 
-    python -m venv /tmp/train && /tmp/train/bin/pip install 'wayloom[train]'
+    python -m venv /tmp/train && /tmp/train/bin/pip install '.[train]'
     /tmp/train/bin/python benchmarks/train_network.py --out OUT
 
 PyTorch is needed here and nowhere else. The streets of --seeds are trained on, those of --held-out are only judged; neither is a
@@ -210,6 +210,7 @@ size = "dynamic"
 multiple = {MULTIPLE}
 output = "logits"
 colour = false
+simulated = true
 '''
 
 

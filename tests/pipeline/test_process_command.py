@@ -114,7 +114,7 @@ def test_lost_frames_are_a_warning_and_no_failure(clip_a, network, tmp_path):
         cv2.imwrite(str(log / side / "000005.png"), np.zeros((376, 1241), np.uint8))
     ended = wayloom("process", log, "--out", tmp_path / "out", "--model", network)
     assert ended.returncode == 0, ended.stderr
-    assert "wayloom: warning: 1 of 8 frames not tracked, 1 segments, the first: frame 5, the image is blank" in ended.stderr
+    assert "wayloom: warning: 1 of 8 frames were lost (first frame 5: the image is blank)" in ended.stderr
 
 
 def test_an_unknown_network_is_refused_with_the_known_ones(log_path, tmp_path):

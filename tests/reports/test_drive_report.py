@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -119,6 +120,19 @@ def test_lost_frames_are_warned_of_first(tmp_path):
 
 def test_what_a_log_need_not_have_is_no_warning(result):
     assert drive_facts(result)["warnings"] == []
+
+
+def test_labels_of_photographs_by_a_network_of_simulated_streets_are_warned_of(result):
+    model = result.model | {"photographs_to_a_network_of_simulated_streets": True}
+    (warning,) = drive_facts(replace(result, model=model))["warnings"]
+    assert warning.startswith("the network made knows simulated streets only")
+
+
+@pytest.mark.parametrize(("scale", "told"), [(0.995, False), (0.96, True), (1.03, True)])
+def test_odometry_and_fixes_that_contradict_each_other_are_warned_of(result, scale, told):
+    report = result.geo.report | {"scale": {"mean": scale, "least": scale, "most": scale, "sigma": 0.001}}
+    warnings = drive_facts(replace(result, geo=replace(result.geo, report=report)))["warnings"]
+    assert [f"{100 * (scale - 1):+.1f} %" in warning for warning in warnings] == [True] * told
 
 
 def test_the_row_offset_is_the_largest_in_a_corner(result):

@@ -1,6 +1,7 @@
 """`wayloom demo`: the main job from beginning to end on this machine. `make demo` calls it."""
 
 import contextlib
+import hashlib
 import os
 import shutil
 import signal
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from wayloom.cli.supervisor import ending_with_parent
 from wayloom.errors import ConfigError, ServiceError, StageError
 
 if TYPE_CHECKING:
@@ -37,7 +39,9 @@ class Fleet:
 def demo_command(
     log: Annotated[Path | None, typer.Option(help="A drive log of your own instead of two simulated drives.")] = None,
     gnss: Annotated[Path | None, typer.Option(help="A GNSS log kept beside it.")] = None,
-    model: Annotated[str | None, typer.Option(help="Network for the labels: a name of `wayloom models`, or a file.")] = None,
+    model: Annotated[
+        str | None, typer.Option(envvar="WAYLOOM_MODEL", help="Network for the labels: a name of `wayloom models`, or a file.")
+    ] = None,
     once: Annotated[bool, typer.Option("--once", help="End when the map is there.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for the drives, the service's data and map.png.")] = Path("demo-out"),
     port: Annotated[int | None, typer.Option(help="Port of the service. [default: 8088, or a free one]")] = None,
@@ -49,17 +53,20 @@ def demo_command(
     from wayloom.logs.registry import open_log
 
     started = time.monotonic()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # both end the service too
     if gnss is not None and log is None:
         raise ConfigError("a GNSS log belongs to a drive log", record="--gnss", remedy="give --log too")
     if log is None:
         fleet = simulated(out)
     else:
         open_log(log, gnss=gnss)  # a bad log is told before anything is started
-        out = out / f"log-{log.resolve().name}"
+        out = out / folder_of(log, gnss, model)
         fleet = Fleet([log], gnss, {})
     environment = fleet.environment | ({"WAYLOOM_MODEL": model} if model else {})
-    with service(out / "service", free_port(port), environment) as url:
+    with service(out / "service", free_port(port), environment) as (url, child):
         say(f"the service runs at {url}")
+        if log is not None and model is None:
+            say("labels: the built-in network knows simulated streets only; give another by --model (`wayloom models` lists some)")
         api = Api(url)
         with progress_bars() as bars:
             parcels = [pack(path, fleet.gnss, None, lambda _done, _of: None) for path in fleet.logs]
@@ -74,7 +81,8 @@ def demo_command(
         say(f"the map: {out / 'map.png'} ({time.monotonic() - started:.0f} s from the start)")
         if not once:
             say(f"the dashboard: {url}   (Ctrl-C ends it)")
-            wait_for_the_end()
+            with contextlib.suppress(KeyboardInterrupt):
+                child.wait()
 
 
 def say(text: str) -> None:
@@ -114,6 +122,12 @@ def simulated(out: Path) -> Fleet:
     return Fleet(logs, None, {"WAYLOOM_MAP_ORIGIN": origin})
 
 
+def folder_of(log: Path, gnss: Path | None, model: str | None) -> str:
+    """A folder's name of its own for each log, GNSS log and network."""
+    named = hashlib.sha256("\n".join((str(log.resolve()), str(gnss and gnss.resolve()), str(model))).encode())
+    return f"log-{log.resolve().name}-{named.hexdigest()[:8]}"
+
+
 def free_port(wanted: int | None) -> int:
     """The wanted port; without a wish the usual one, or 0 (any) where that is taken."""
     if wanted is not None:
@@ -128,15 +142,20 @@ def free_port(wanted: int | None) -> int:
 
 
 @contextlib.contextmanager
-def service(data: Path, port: int, environment: dict[str, str]) -> Iterator[str]:
-    """`wayloom up` as a child; its URL while it runs. Raises ServiceError, with what it said, when it does not start."""
+def service(data: Path, port: int, environment: dict[str, str]) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """`wayloom up` as a child that does not outlive this process; its URL and the child while it runs.
+
+    Raises ServiceError, with what it said, when it does not start.
+    """
     data.mkdir(parents=True, exist_ok=True)
     ready = data / "ready"
     ready.unlink(missing_ok=True)
     command = [sys.executable, "-m", "wayloom.cli.main", "up", "--data", str(data), "--port", str(port), "--ready-file", str(ready)]
     said = data / "up.log"
     with said.open("w") as log:
-        child = subprocess.Popen(command, env=os.environ | environment, stdout=log, stderr=log)
+        child = subprocess.Popen(
+            command, env=os.environ | environment, stdout=log, stderr=log, preexec_fn=ending_with_parent(signal.SIGTERM)
+        )
     try:
         deadline = time.monotonic() + START_TIMEOUT_S
         while not ready.is_file():
@@ -144,17 +163,10 @@ def service(data: Path, port: int, environment: dict[str, str]) -> Iterator[str]
                 last = (said.read_text().strip().splitlines() or ["it said nothing"])[-1]
                 raise ServiceError(f"the service did not start: {last}; {said} has all that it said")
             time.sleep(0.1)
-        yield ready.read_text().strip()
+        yield ready.read_text().strip(), child
     finally:
         child.send_signal(signal.SIGTERM)
         child.wait()
-
-
-def wait_for_the_end() -> None:
-    """Until Ctrl-C or a request to end."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with contextlib.suppress(KeyboardInterrupt):
-        signal.pause()
 
 
 def write_map(api: "Api", drives: list[dict[str, Any]], path: Path) -> None:

@@ -49,20 +49,37 @@ def odometry_command(
             result = track(drive, progress=progress, threads=threads)
         write_results(result, out, format, points, json)
     warn_of_losses(result.report)
+    typer.echo(f"{result.report['tracked']} of {len(drive)} frames tracked, {result.report['keyframes']} keyframes: {out}")
 
 
 @contextmanager
 def shown_progress() -> "Iterator[Progress]":
-    """A bar on stderr while it is a terminal, silence otherwise."""
+    """A bar on stderr while it is a terminal, a few lines otherwise."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bars
 
     console = Console(stderr=True)
     columns = (TextColumn("odometry"), BarColumn(), MofNCompleteColumn(), TextColumn("%"), TimeRemainingColumn())
-    with Bars(*columns, TextColumn("{task.description}"), console=console, disable=not console.is_terminal) as bars:
+    if not console.is_terminal:
+        yield lines_on_stderr()
+        return
+    with Bars(*columns, TextColumn("{task.description}"), console=console) as bars:
         task = bars.add_task("", total=100)
         yield lambda share, what: bars.update(task, completed=int(100 * share), description=what)
+
+
+def lines_on_stderr(every: float = 0.25) -> "Progress":
+    """Progress for a log file: what is being done, first and then each time that another quarter is done."""
+    due = 0.0
+
+    def show(share: float, what: str, /) -> None:
+        nonlocal due
+        if share >= due:
+            sys.stderr.write(f"odometry {100 * share:3.0f} %: {what}\n")
+            due = share + every
+
+    return show
 
 
 def write_results(

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 def process_command(
     log: Annotated[Path, typer.Argument(help="The drive log: a KITTI odometry or KITTI raw folder.")],
     out: Annotated[Path, typer.Option(help="Folder for the results; what an earlier run finished there is used again.")],
-    model: Annotated[str | None, typer.Option(help="Network: a name of `wayloom models`, or a TOML or ONNX file.")] = None,
+    model: Annotated[
+        str | None, typer.Option(envvar="WAYLOOM_MODEL", help="Network: a name of `wayloom models`, or a TOML or ONNX file.")
+    ] = None,
     gnss: Annotated[Path | None, typer.Option(help="A GNSS log kept elsewhere: a KITTI …_sync folder or a gnss.csv.")] = None,
     threads: Annotated[int | None, typer.Option(min=1, max=64, help="Threads; default all cores.")] = None,
     origin: Annotated[
@@ -26,14 +28,15 @@ def process_command(
     json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
 ) -> None:
     """Track, segment, label, geo-reference: trajectory, cloud, overlays, map picture and report of one drive."""
-    from wayloom.cli.odometry import warn_of_losses
     from wayloom.pipeline.drive import process_drive
     from wayloom.reports.drive_report import JSON_FILE, write_report
+    from wayloom.reports.facts import warnings
 
     settings = settings_from(model, threads, origin)
     with shown_progress() as progress:
         result = process_drive(log, out, settings, gnss, progress, write_report)
-    warn_of_losses(result.odometry.report)
+    for warning in warnings(result):
+        sys.stderr.write(f"wayloom: warning: {warning}\n")
     if json:
         typer.echo((out / JSON_FILE).read_text(), nl=False)
     else:

@@ -37,7 +37,7 @@ class Child:
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
                 self.command, env=self.environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
-                pass_fds=self.pass_fds, preexec_fn=_dying_with(os.getpid()) if sys.platform == "linux" else None,
+                pass_fds=self.pass_fds, preexec_fn=ending_with_parent(signal.SIGKILL),
             )  # fmt: skip
         self.started = time.monotonic()
 
@@ -99,12 +99,14 @@ def _signal(child: Child, number: signal.Signals) -> None:
         child.process.send_signal(number)
 
 
-def _dying_with(parent: int) -> Callable[[], None]:
-    """What a child does first: ask Linux to kill it when its parent ends, even by kill -9. (Elsewhere a clean stop is needed.)"""
-    prctl = ctypes.CDLL(None).prctl
+def ending_with_parent(number: signal.Signals) -> Callable[[], None] | None:
+    """What a child does first: ask Linux to send it a signal when this process ends, even by kill -9. (Elsewhere None: nothing.)"""
+    if sys.platform != "linux":
+        return None
+    parent, prctl = os.getpid(), ctypes.CDLL(None).prctl
 
     def ask() -> None:
-        prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+        prctl(1, number)  # PR_SET_PDEATHSIG
         if os.getppid() != parent:  # it ended before we asked
             os._exit(1)
 

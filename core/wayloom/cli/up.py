@@ -33,9 +33,11 @@ def up_command(
 ) -> None:
     """Run the API with its dashboard, the workers and the message broker until Ctrl-C."""
     from wayloom.config.service import load_service_settings
+    from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model, locate
 
     settings = load_service_settings(data_dir=data, host=host, port=port)
     settings.check_exposure()
+    locate(find_model(settings.model or DEFAULT_MODEL))  # a network that cannot be had is told now, not by the first drive
     with locked(settings.data_dir), listening(settings) as listener:
         run(settings, listener, workers, ready_file)
 

@@ -63,7 +63,9 @@ def follow(api: "Api", drive_id: str, bars: "Progress") -> dict[str, Any]:
     from wayloom.client.watch import wait_for_drive
 
     lines: dict[str, Any] = {}
-    said: set[str] = set()
+    said = {stage["stage"] for stage in api.drive(drive_id)["stages"] if stage["state"] == "done"}
+    if said and not bars.console.is_terminal:
+        print(f"{api.drive(drive_id)['name']}: done before: {', '.join(sorted(said))}", flush=True)
 
     def told(drive: dict[str, Any]) -> None:
         for stage in drive["stages"]:

@@ -12,6 +12,8 @@ from wayloom.errors import LogError
 from wayloom.logs.text_files import read_text
 
 SIDECAR_NAME = "wayloom.json"
+SIMULATED_RIG = "simulated-"
+"""How the ids of the simulator's rigs begin: what such a rig recorded is no photograph."""
 Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e3, le=1e3)]
 Identifier = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9._-]+$")]
 Row = tuple[Finite, Finite, Finite, Finite]

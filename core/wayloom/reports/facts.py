@@ -15,6 +15,8 @@ from wayloom.pipeline.drive import DriveResult
 
 FORMAT: Final = "wayloom-drive-report"
 FORMAT_VERSION: Final = 1
+DOUBTFUL_SCALE: Final = 0.02
+"""Beyond it the odometry and the fixes contradict each other: stereo rigs are good to one per cent or so."""
 UNNEEDED: Final = ("IMU", "GNSS", "truth poses")
 """What a log may lack without a warning of its own: the geo-reference tells of missing GNSS, the rest costs little."""
 
@@ -140,6 +142,17 @@ def warnings(result: DriveResult) -> list[str]:
     if result.model.get("grey_images_to_a_colour_network"):
         said.append(
             f"the images are grey and the network {result.model['name']} was trained on colour: its labels are less certain"
+        )
+    if result.model.get("photographs_to_a_network_of_simulated_streets"):
+        said.append(
+            f"the network {result.model['name']} knows simulated streets only: its labels of real ones are mostly wrong; give "
+            "another by --model (`wayloom models` lists those that are known)"
+        )
+    scale = result.geo.report.get("scale")
+    if scale is not None and abs(scale["mean"] - 1.0) > DOUBTFUL_SCALE:
+        said.append(
+            f"odometry and GNSS disagree on the length of the drive by {100.0 * (scale['mean'] - 1.0):+.1f} %: the rig's "
+            "calibration or the fixes are wrong; the map follows the fixes"
         )
     void = int((result.labels.stereo == VOID).sum())
     if len(result.labels) and void > 0.2 * len(result.labels):

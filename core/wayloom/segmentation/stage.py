@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError
 from wayloom.logs.atomic import write_atomically
+from wayloom.logs.sidecar import SIMULATED_RIG
 from wayloom.logs.types import DriveLog
 from wayloom.segmentation.network import Network
 
@@ -111,6 +112,7 @@ def _facts(log: DriveLog, network: Network) -> dict[str, Any]:
         "settings": hashlib.sha256(d.model_dump_json().encode()).hexdigest(),
         "drive": drive.hexdigest(),
         "grey_images_to_a_colour_network": d.colour and not log.colour,
+        "photographs_to_a_network_of_simulated_streets": d.simulated and not (log.rig_id or "").startswith(SIMULATED_RIG),
     }
 
 

@@ -15,6 +15,7 @@ from wayloom.geometry.camera import StereoRig
 from wayloom.logs.drive_writer import DriveWriter
 from wayloom.logs.kitti_odometry_writer import KittiOdometryWriter
 from wayloom.logs.kitti_raw_writer import KittiRawWriter
+from wayloom.logs.sidecar import SIMULATED_RIG
 from wayloom.logs.types import Image, StereoFrame
 from wayloom.simulation import gnss
 from wayloom.simulation.camera import Radiance, Sensor, adapted, exposed, wanted_gain
@@ -69,7 +70,7 @@ def simulate(
     done, paths = 0, []
     for number, plan in enumerate(chosen.drives):
         writer = WRITERS[format](
-            out_dir / plan.vehicle_id, rig, rig_id=f"{chosen.name}-{plan.vehicle_id}", vehicle_id=plan.vehicle_id,
+            out_dir / plan.vehicle_id, rig, rig_id=f"{SIMULATED_RIG}{chosen.name}-{plan.vehicle_id}", vehicle_id=plan.vehicle_id,
             p_cam_gnss=np.array(plan.p_cam_gnss_m),
         )  # fmt: skip
         with writer:
