@@ -1,7 +1,6 @@
 """`wayloom`: one module a command. Exit status: 0 done, 2 bad input (one clear line on stderr), 1 anything else."""
 
 import importlib
-import importlib.util
 import os
 import sys
 from io import TextIOWrapper
@@ -11,7 +10,7 @@ import typer
 from wayloom import __version__
 from wayloom.errors import InputError, WayloomError
 
-COMMANDS = ("inspect", "odometry", "process", "simulate", "models", "up", "upload", "export", "benchmark", "doctor", "demo")
+COMMANDS = ("demo", "inspect", "process", "odometry", "up", "upload", "export", "simulate", "models", "doctor")
 STOPPED = 130
 
 app = typer.Typer(
@@ -31,9 +30,8 @@ def root(version: bool = typer.Option(False, "--version", help="Print the versio
 
 
 for _name in COMMANDS:
-    if importlib.util.find_spec(f"wayloom.cli.{_name}"):
-        _module = importlib.import_module(f"wayloom.cli.{_name}")
-        app.command(_name)(getattr(_module, f"{_name}_command"))
+    _module = importlib.import_module(f"wayloom.cli.{_name}")
+    app.command(_name)(getattr(_module, f"{_name}_command"))
 
 
 def main() -> None:
