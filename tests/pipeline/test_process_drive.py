@@ -93,6 +93,17 @@ def test_other_trust_in_gnss_redoes_the_geo_reference_only(done, log_path, setti
     assert reused(process_drive(log_path, out, careful, clip_a_gnss)) == ["ingest", "odometry", "segmentation", "labelling"]
 
 
+@pytest.mark.parametrize("file", ["odometry/odometry.npz", "segmentation/model.json", "labelling/labels.npz", "ingest/log.json"])
+def test_a_stage_whose_files_the_disk_lost_is_made_anew(done, log_path, settings, clip_a_gnss, file):
+    out, _ = done
+    process_drive(log_path, out, settings, clip_a_gnss, write_more=write_report)
+    before = (out / "stages" / file).read_bytes(), (out / "cloud.ply").read_bytes()
+    (out / "stages" / file).write_bytes(b"")
+    again = process_drive(log_path, out, settings, clip_a_gnss, write_more=write_report)
+    assert [name for name in STAGES if name not in reused(again)] == [file.split("/")[0]]
+    assert ((out / "stages" / file).read_bytes(), (out / "cloud.ply").read_bytes()) == before
+
+
 def test_a_touched_file_is_looked_at_again_and_nothing_more(done, log_path, settings, clip_a_gnss):
     out, _ = done
     process_drive(log_path, out, settings, clip_a_gnss)

@@ -19,7 +19,7 @@ from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.exports import write_exports
 from wayloom.pipeline.folders import discard, new_folders, put_in_place, sole_writer, sweep, whole_folder, writing_to
 from wayloom.pipeline.ingest import read_log_file
-from wayloom.pipeline.keys import read_stage_file
+from wayloom.pipeline.keys import is_undamaged, read_stage_file
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stages import GEOREFERENCE_FILE, LABELS_FILE, ODOMETRY_FILE, STAGES, finished_key, run_stage, stage_key
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model
@@ -124,7 +124,7 @@ def _stage(
 ) -> StageTime:
     """Run a stage, or find that its result is there."""
     key = stage_key(name, log_path=log_path, gnss_path=gnss_path, inputs_dir=stages_dir, settings=settings)
-    reused = finished_key(stages_dir / name) == key
+    reused = finished_key(stages_dir / name) == key and is_undamaged(stages_dir / name)
     progress(name, 0.0, "starting")
     if not reused:
         with whole_folder(stages_dir / name) as folder:

@@ -61,3 +61,9 @@ def read_stage_file(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return said if isinstance(said, dict) and {"key", "digest", "seconds"} <= said.keys() else None
+
+
+def is_undamaged(folder: Path) -> bool:
+    """Whether a finished stage's files are still those that it left: a disk may lose what a stage.json outlives."""
+    said = read_stage_file(folder)
+    return said is not None and digest_of_folder(folder) == said["digest"]
