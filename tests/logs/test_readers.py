@@ -142,3 +142,15 @@ def test_the_ins_trajectory_has_attitude_and_integrates_velocity(tmp_path: Path)
 def test_the_made_drive_begins_when_it_says(tmp_path: Path) -> None:
     assert open_log(write_drive(tmp_path, "kitti-raw")).t_ns[0] == START_NS
     assert FixType.FIXED > FixType.FLOAT > FixType.SINGLE > FixType.NONE
+
+
+@pytest.mark.parametrize(
+    ("log_format", "folders"),
+    [("kitti-odometry", ("image_2", "image_3")), ("kitti-raw", ("image_02/data", "image_03/data"))],
+)
+def test_empty_colour_folders_leave_the_grey_pair(tmp_path: Path, log_format: str, folders: tuple[str, str]) -> None:
+    drive = write_drive(tmp_path, log_format, colour=False)
+    for folder in folders:
+        (drive / folder).mkdir(parents=True)
+    log = open_log(drive)
+    assert (len(log), log.colour) == (FRAMES, False)

@@ -47,6 +47,14 @@ class ImagePairs:
         return len(self.numbers)
 
 
+def has_files(folder: Path) -> bool:
+    """Whether a folder is there and holds something."""
+    try:
+        return next(folder.iterdir(), None) is not None
+    except OSError:
+        return False
+
+
 def list_images(folder: Path) -> dict[str, Path]:
     """The images of a folder by stem, in order of their number. Raises LogError for no folder, no image, two of one stem."""
     try:

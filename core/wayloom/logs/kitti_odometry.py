@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wayloom.errors import CalibrationError, LogError
 from wayloom.geometry import se3
 from wayloom.logs.image_folder_log import ImageFolderLog, assemble
-from wayloom.logs.images import pair_images, read_header
+from wayloom.logs.images import has_files, pair_images, read_header
 from wayloom.logs.kitti_calibration import read_calibration, rig_from_projections, t_cam_reference
 from wayloom.logs.positioning import FrameClock, find_positioning
 from wayloom.logs.sidecar import SIDECAR_NAME, read_sidecar
@@ -32,7 +32,7 @@ def recognise(path: Path) -> bool:
 
 def choose_pair(path: Path) -> tuple[str, str]:
     """The cameras to read: the colour pair where both its folders hold files, else the grey one, else what is there in part."""
-    complete = [pair for pair in PAIRS if all(_has_files(path / f"image_{camera}") for camera in pair)]
+    complete = [pair for pair in PAIRS if all(has_files(path / f"image_{camera}") for camera in pair)]
     partly = [pair for pair in PAIRS if any((path / f"image_{camera}").is_dir() for camera in pair)]
     return (complete or partly or [("0", "1")])[0]
 
@@ -93,10 +93,3 @@ def read_truth(file: Path, numbers: tuple[int, ...], P_left: NDArray[np.float64]
         T_world_cam0 = T_world_cam0[list(numbers)]
     T_cam_cam0 = se3.from_rotation_translation(np.eye(3), t_cam_reference(P_left))
     return np.asarray(T_world_cam0 @ se3.inverse(T_cam_cam0), dtype=np.float64)
-
-
-def _has_files(folder: Path) -> bool:
-    try:
-        return next(folder.iterdir(), None) is not None
-    except OSError:
-        return False

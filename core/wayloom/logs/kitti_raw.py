@@ -13,7 +13,7 @@ from wayloom.errors import CalibrationError, LogError
 from wayloom.geometry.camera import PinholeCamera
 from wayloom.geometry.rectification import rectifying_maps
 from wayloom.logs.image_folder_log import ImageFolderLog, Rectifier, assemble
-from wayloom.logs.images import ImageHeader, ImagePairs, pair_images, read_header
+from wayloom.logs.images import ImageHeader, ImagePairs, has_files, pair_images, read_header
 from wayloom.logs.kitti_calibration import (
     CAM_TO_CAM,
     CalibrationFile,
@@ -41,8 +41,8 @@ def recognise(path: Path) -> bool:
 
 
 def choose_pair(path: Path) -> tuple[str, str]:
-    """The cameras to read: the colour pair where both its folders are there, else the grey one, else whichever is there in part."""
-    complete = [pair for pair in PAIRS if all((path / f"image_{camera}" / "data").is_dir() for camera in pair)]
+    """The cameras to read: the colour pair where both its folders hold files, else the grey one, else what is there in part."""
+    complete = [pair for pair in PAIRS if all(has_files(path / f"image_{camera}" / "data") for camera in pair)]
     partly = [pair for pair in PAIRS if any((path / f"image_{camera}").is_dir() for camera in pair)]
     if not complete and not partly:
         remedy = "a log needs a stereo pair; a GNSS log alone is given with --gnss beside the log of the same drive"
