@@ -47,7 +47,7 @@ def demo_command(
     port: Annotated[int | None, typer.Option(help="Port of the service. [default: 8088, or a free one]")] = None,
 ) -> None:
     """Simulate two drives (or take a log), upload them to a service, map them, and show the map."""
-    from wayloom.cli.upload import follow, progress_bars, send, summary
+    from wayloom.cli.upload import finished_stages, follow, progress_bars, send, summary
     from wayloom.client.api import Api
     from wayloom.client.manifests import pack
     from wayloom.logs.registry import open_log
@@ -70,8 +70,9 @@ def demo_command(
         api = Api(url)
         with progress_bars() as bars:
             parcels = [pack(path, fleet.gnss, None, lambda _done, _of: None) for path in fleet.logs]
+            before = [finished_stages(api, parcel.manifest.drive_id) for parcel in parcels]
             ids = [send(api, parcel, bars, 4) for parcel in parcels]
-            drives = [follow(api, drive_id, bars) for drive_id in ids]
+            drives = [follow(api, drive_id, bars, done) for drive_id, done in zip(ids, before, strict=True)]
         for drive in drives:
             say(summary(drive))
         failed = [drive for drive in drives if drive["state"] == "failed"]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wayloom.errors import ConfigError
+from wayloom.errors import ConfigError, NotFoundError
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -38,8 +38,11 @@ def upload_command(
             bar = bars.add_task(f"{path.name}: reading", total=None, words="")
             parcels.append(pack(path, gnss, vehicle, lambda done, of, bar=bar: bars.update(bar, completed=done, total=of)))  # type: ignore[misc]
             bars.remove_task(bar)
+        before = [finished_stages(api, parcel.manifest.drive_id) for parcel in parcels]
         sent = [send(api, parcel, bars, connections) for parcel in parcels]
-        drives = [follow(api, drive_id, bars) if wait else api.drive(drive_id) for drive_id in sent]
+        drives = [
+            follow(api, drive_id, bars, done) if wait else api.drive(drive_id) for drive_id, done in zip(sent, before, strict=True)
+        ]
     for drive in drives:
         print(summary(drive))
     if json_file is not None:
@@ -58,14 +61,23 @@ def send(api: "Api", parcel: "Parcel", bars: "Progress", connections: int) -> st
     return str(registration["id"])
 
 
-def follow(api: "Api", drive_id: str, bars: "Progress") -> dict[str, Any]:
-    """Show each stage as a line of its own until the drive is in the map or has failed."""
+def finished_stages(api: "Api", drive_id: str) -> set[str]:
+    """The stages that an earlier upload of the same drive has been through; none where the server does not know it."""
+    try:
+        return {stage["stage"] for stage in api.drive(drive_id)["stages"] if stage["state"] == "done"}
+    except NotFoundError:
+        return set()
+
+
+def follow(api: "Api", drive_id: str, bars: "Progress", before: set[str]) -> dict[str, Any]:
+    """Show each stage as a line of its own until the drive is in the map or has failed.
+
+    before : the stages that were done when the command began
+    """
     from wayloom.client.watch import wait_for_drive
 
     lines: dict[str, Any] = {}
-    said = {stage["stage"] for stage in api.drive(drive_id)["stages"] if stage["state"] == "done"}
-    if said and not bars.console.is_terminal:
-        print(f"{api.drive(drive_id)['name']}: done before: {', '.join(sorted(said))}", flush=True)
+    said: set[str] = set()
 
     def told(drive: dict[str, Any]) -> None:
         for stage in drive["stages"]:
@@ -78,7 +90,8 @@ def follow(api: "Api", drive_id: str, bars: "Progress") -> dict[str, Any]:
             if stage["state"] == "done" and name not in said:
                 said.add(name)
                 if not bars.console.is_terminal:
-                    print(f"{drive['name']}: {name} done in {stage['seconds']:.1f} s", flush=True)
+                    when = "before" if name in before else f"in {stage['seconds']:.1f} s"
+                    print(f"{drive['name']}: {name} done {when}", flush=True)
 
     return wait_for_drive(api, drive_id, told)
 
