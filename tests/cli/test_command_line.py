@@ -73,3 +73,15 @@ def test_a_name_that_is_no_text_is_read_and_reported(tmp_path: Path) -> None:
     done = wayloom("inspect", folder, "--json", tmp_path / "report.json")
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads((tmp_path / "report.json").read_text())["name"] == "caf\ufffd"
+
+
+def test_ctrl_c_inside_of_a_compiled_kernel_is_a_stop() -> None:
+    code = (
+        "from wayloom.cli import main\n"
+        "def app(standalone_mode):\n"
+        "    raise SystemError('returned a result with an exception set') from KeyboardInterrupt()\n"
+        "main.app = app\n"
+        "main.main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "wayloom: stopped\n")

@@ -62,7 +62,7 @@ def test_the_prior_is_the_schur_complement_of_the_leaving_points_and_frame() -> 
     gone = marginalise.leaving_points(window, 0)
     fold = gone & (window.inlier[:, :4] > 0).any(axis=1) & (window.information > 1.0)
     part = type(window.points)(*(column[fold] for column in window.points))
-    H, g, _ = reduced_equations(window.images, NUMBERS, window.frames, part, window.delta[0], robust)
+    H, g = reduced_equations(window.images, NUMBERS, window.frames, part, window.delta[0], robust)
     H[1:7, 1:7] += marginalise.GAUGE * np.eye(6)
     z = np.zeros(33)
     z[0] = window.delta[0]

@@ -169,23 +169,23 @@ def test_adjustment_brings_a_disturbed_window_back_to_the_truth() -> None:
     window.frames.T_cam_world[0] = truth.frames.T_cam_world[0]
     robust = ROBUST._replace(max_energy=500.0)
     before = window.points.rho / truth.points.rho - 1.0
-    terms, _ = adjustment.adjust_window(
+    inlier, own, _ = adjustment.adjust_window(
         window.images, NUMBERS, window.frames, window.points, window.delta, *prior, np.array([1e3, 1.0]), 1.0, robust, 30, 1e-4
     )
     after = window.points.rho / truth.points.rho - 1.0
     way = np.linalg.norm(se3.inverse(window.frames.T_cam_world)[:, :3, 3] - se3.inverse(truth.frames.T_cam_world)[:, :3, 3], axis=1)
     assert way.max() < 0.02
-    sure = terms.own[:, 0] * truth.points.rho**2 > np.median(terms.own[:, 0] * truth.points.rho**2)  # pixels of some gradient
+    sure = own[:, 0] * truth.points.rho**2 > np.median(own[:, 0] * truth.points.rho**2)  # pixels of some gradient
     assert np.median(np.abs(after[sure])) < 0.75 * np.median(np.abs(before[sure]))
     assert window.delta[0] == pytest.approx(BIAS_PX, abs=0.1)
     assert np.abs(window.frames.affine[:, 0]).max() < 0.04
-    assert terms.inlier[:, -1].mean() > 0.9
+    assert inlier[:, -1].mean() > 0.9
 
 
 def test_adjusting_again_never_raises_the_energy() -> None:
     window, energies = made_window(3, 20), []
     for _ in range(3):
-        _, energy = adjustment.adjust_window(
+        *_, energy = adjustment.adjust_window(
             window.images, NUMBERS, window.frames, window.points, window.delta, np.zeros((25, 25)), np.zeros(25),
             np.array([1e3, 1.0]), 1.0, ROBUST, 4, 1e-4,
         )  # fmt: skip

@@ -42,6 +42,10 @@ def main() -> None:
         status = app(standalone_mode=False)
     except KeyboardInterrupt:
         status = STOPPED
+    except SystemError as error:  # what Python makes of a Ctrl-C that numba answers while it hands over a kernel's result
+        if not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
+        status = STOPPED
     except typer.TyperException as error:
         status = _told_usage(error)
     except InputError as error:

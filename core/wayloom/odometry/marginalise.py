@@ -57,7 +57,7 @@ def fold_points(window: Window, fold: BoolArray, rig: Rig, robust: Robust) -> No
     first_prior = not window.has_prior
     fix_first_estimates(window.frames)
     points = PointColumns(*(column[fold] for column in window.points))
-    H, g, _ = reduced_equations(window.images, rig, window.frames, points, window.delta[0], robust)
+    H, g = reduced_equations(window.images, rig, window.frames, points, window.delta[0], robust)
     if first_prior:
         H[1:7, 1:7] += GAUGE * np.eye(6)  # the drive's first pose is the origin
     z = np.zeros(len(g))

@@ -113,7 +113,8 @@ def adjust_window(images, rig, frames, points, delta, prior_H, prior_g, affine_p
     """Minimise the window's energy in place: frames.T_cam_world, frames.affine, points.rho and delta (1,).
 
     prior_H, prior_g (1 + 8F): z^T H z - 2 g^T z left by marginalisation; affine_prior (2,) information of a and b about zero;
-    hold_first 1 fixes keyframe 0, for windows without a prior. Returns Terms at the final state and the energy there.
+    hold_first 1 fixes keyframe 0, for windows without a prior. Returns inlier and own of Terms at the final state and
+    the energy there.
     """
     N, F = points.host.shape[0], frames.slot.shape[0]
     n = 1 + 8 * F
@@ -152,19 +153,19 @@ def adjust_window(images, rig, frames, points, delta, prior_H, prior_g, affine_p
             damping *= 10.0
         if small or damping > 10.0:
             break
-    return current, best
+    return current.inlier, current.own, best
 
 
 @jit
 def reduced_equations(images, rig, frames, points, delta, robust):  # type: ignore[no-untyped-def]
-    """H, g (1 + 8F) of delta and keyframes from the given points alone, eliminated without damping, and their Terms: what
-    marginalisation adds to the prior."""
+    """H, g (1 + 8F) of delta and keyframes from the given points alone, eliminated without damping: what marginalisation
+    adds to the prior."""
     N, n = points.host.shape[0], 1 + 8 * frames.slot.shape[0]
     terms = make_terms(N, frames.slot.shape[0])
     V, inverse, H, g = np.zeros((N, n)), np.zeros(N), np.zeros((n, n)), np.zeros(n)
     linearise(images, rig, frames, points, delta, robust, terms)
     normal_equations(frames, points, terms, V, 0.0, H, g, inverse)
-    return H, g, terms
+    return H, g
 
 
 @jit
