@@ -79,7 +79,10 @@ def test_ctrl_c_inside_of_a_compiled_kernel_is_a_stop() -> None:
     code = (
         "from wayloom.cli import main\n"
         "def app(standalone_mode):\n"
-        "    raise SystemError('returned a result with an exception set') from KeyboardInterrupt()\n"
+        "    try:\n"
+        "        raise SystemError('unpickling returned a result with an exception set') from KeyboardInterrupt()\n"
+        "    except SystemError as error:\n"
+        "        raise SystemError('the kernel returned a result with an exception set') from error\n"
         "main.app = app\n"
         "main.main()\n"
     )

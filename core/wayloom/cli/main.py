@@ -43,7 +43,7 @@ def main() -> None:
     except KeyboardInterrupt:
         status = STOPPED
     except SystemError as error:  # what Python makes of a Ctrl-C that numba answers while it hands over a kernel's result
-        if not isinstance(error.__cause__, KeyboardInterrupt):
+        if not _stems_from_ctrl_c(error):
             raise
         status = STOPPED
     except typer.TyperException as error:
@@ -60,6 +60,10 @@ def main() -> None:
     if status == STOPPED:
         _told("stopped", STOPPED)
     sys.exit(status)
+
+
+def _stems_from_ctrl_c(error: BaseException | None) -> bool:
+    return error is not None and (isinstance(error, KeyboardInterrupt) or _stems_from_ctrl_c(error.__cause__))
 
 
 def _told(what: str, status: int) -> int:
