@@ -366,3 +366,11 @@ def test_a_single_frame_has_a_place():
     geo = georeference(drive.log, drive.odometry)
     assert geo.T_enu_cam.shape == (1, 4, 4)
     assert np.isfinite(geo.covariance).all()
+
+
+def test_fixes_that_are_no_place_on_earth_are_left_out_and_counted():
+    drive = made_drive(frames=60)
+    odd = drive.log.gnss.lon_lat_height.copy()
+    odd[10, 1], odd[20, 0] = 97.0, 400.0
+    geo = georeference(with_fixes(drive, lon_lat_height=odd).log, drive.odometry)
+    assert geo.report["fixes"]["unusable"] == {"no place on Earth": 2}

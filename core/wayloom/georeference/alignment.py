@@ -40,7 +40,7 @@ def georeference(
 
     frame : the map's frame; None takes the one of the place (`map_frame_for`). Without a usable fix the result has no frame, and
             its poses are the odometry's own.
-    Raises StageError when nothing was tracked, or a pose is not finite.
+    Raises StageError when nothing was tracked, a pose is not finite, or no place fits the fixes.
     """
     trajectory = odometry.trajectory
     if not trajectory.tracked.any():
@@ -59,9 +59,13 @@ def georeference(
     chain = odometry_chain(trajectory, nodes, settings.level_every_m)
     fixes = _antenna_fixes(log, log.gnss, usable, trajectory, nodes, local, settings)
     progress(0.2, "first alignment")
-    guess = guess_nodes(chain.T_world_node, trajectory.segment[nodes], fixes, travelled(trajectory)[nodes], settings)
-    progress(0.3, "optimising")
-    solution = optimise_drive(chain, fixes, guess, _noise(settings))
+    try:
+        guess = guess_nodes(chain.T_world_node, trajectory.segment[nodes], fixes, travelled(trajectory)[nodes], settings)
+        progress(0.3, "optimising")
+        solution = optimise_drive(chain, fixes, guess, _noise(settings))
+    except np.linalg.LinAlgError:
+        what = f"the {len(fixes)} GNSS fixes contradict each other and the odometry so much that no place fits them"
+        raise StageError(f"{what}; look at them with `wayloom inspect`, or process the drive without GNSS") from None
     progress(0.9, "placing every frame")
     target = frame or map_frame_for(local.lon_deg, local.lat_deg)
     T_target_local = geodesy.T_enu_enu(target, local)

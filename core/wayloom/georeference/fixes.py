@@ -36,6 +36,7 @@ def usable_fixes(gnss: GnssTrack, trajectory: Trajectory, max_rate_hz: float) ->
         rows = rows[good]
 
     keep(gnss.fix_type[rows] != FixType.NONE, "no fix")
+    keep(_on_earth(gnss.lon_lat_height[rows]), "no place on Earth")
     keep(_sound(gnss.lon_lat_height[rows], gnss.covariance_enu[rows]), "no usable covariance")
     t = gnss.t_ns[rows]
     keep((t >= trajectory.t_ns[0]) & (t <= trajectory.t_ns[-1]), "outside the drive's time")
@@ -53,6 +54,11 @@ def interpolate(T_a: FloatArray, T_b: FloatArray, share: FloatArray) -> FloatArr
     step = se3.inverse(T_a) @ T_b
     twists = np.array([se3.log(T) for T in step]).reshape(-1, 6)
     return T_a @ se3.exp(share[:, None] * twists)
+
+
+def _on_earth(lon_lat_height: FloatArray) -> NDArray[np.bool_]:
+    lon, lat = np.abs(lon_lat_height[:, 0]), np.abs(lon_lat_height[:, 1])
+    return np.asarray((lon <= 180.0) & (lat <= 90.0))
 
 
 def _sound(lon_lat_height: FloatArray, covariance: FloatArray) -> NDArray[np.bool_]:
