@@ -1,6 +1,6 @@
 """Times of the odometry: a whole clip beside the prototype in the same run, its parts, and kernels beside their naive twins.
 
-    python benchmarks/odometry.py LOG [--frames 100] [--kernels-only]
+    python benchmarks/odometry.py [LOG] [--frames 100] [--kernels-only]
 
 The prototype is looked for in WAYLOOM_PROTOTYPES (default ../shared/prototypes); without it that row is left out. It reads KITTI
 odometry folders with image_0 and image_1 only. CPU seconds of one thread; kernels are compiled or loaded before anything is timed.
@@ -17,6 +17,7 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parents[1]
+CLIP_A = Path(os.environ.get("WAYLOOM_DATA", ROOT / "../shared/data")) / "kitti_odometry" / "sequences" / "00"
 sys.path[:0] = [str(ROOT / "core"), str(ROOT / "tests" / "odometry")]
 
 import naive  # noqa: E402
@@ -111,7 +112,7 @@ def kernel_table() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="times of the odometry")
-    parser.add_argument("log", type=Path, nargs="?", default=ROOT / "../shared/data/kitti_odometry/sequences/00")
+    parser.add_argument("log", type=Path, nargs="?", default=CLIP_A, help="default: clip A of the folder that WAYLOOM_DATA names")
     parser.add_argument("--frames", type=int, default=100)
     parser.add_argument("--kernels-only", action="store_true")
     options = parser.parse_args()
