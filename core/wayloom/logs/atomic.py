@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Final
 
 UNFINISHED: Final = ".unfinished-"
+NO_LINKS: Final = (errno.EPERM, errno.ENOTSUP, errno.EXDEV, errno.EMLINK, errno.ENOSYS, errno.EACCES)
+"""What a disk without hard links, or with too many of one file, answers to one more."""
 
 
 def write_atomically(file: Path, data: bytes | Iterable[bytes]) -> None:
@@ -41,6 +43,24 @@ def check_writable(file: Path) -> None:
             pass
     except OSError as problem:
         raise OSError(problem.errno, problem.strerror, str(file)) from problem
+
+
+def link_or_copy(source: Path, target: Path) -> None:
+    """Make `target` the same file as `source`, or, where the disk has no hard links, a whole copy of it. Replaces `target`."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.unlink(missing_ok=True)
+    try:
+        os.link(source, target)
+    except OSError as problem:
+        if problem.errno not in NO_LINKS:
+            raise
+        write_atomically(target, source.read_bytes())
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what writers that were killed left below `folder` under temporary names."""
+    for file in folder.rglob(f"{UNFINISHED}*"):
+        file.unlink()
 
 
 def _umask() -> int:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import LogError
+from wayloom.logs.atomic import write_atomically
 from wayloom.logs.text_files import QUOTE_CHARACTERS, parse_numbers, quoted, read_text
 from wayloom.logs.timestamps import check_increasing, ns_from_seconds
 from wayloom.logs.types import FixType, GnssTrack
@@ -46,12 +47,13 @@ def read_gnss_csv(file: Path) -> GnssTrack:
 def write_gnss_csv(file: Path, track: GnssTrack) -> None:
     """Write fixes with their whole covariance; read_gnss_csv gives them back exactly."""
     upper = np.triu_indices(3)
-    with file.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(("t_ns", *PLACE, *COVARIANCES, "fix"))
-        for t, place, covariance, fix in zip(track.t_ns, track.lon_lat_height, track.covariance_enu, track.fix_type, strict=True):
-            spread = (repr(float(value)) for value in covariance[upper])
-            writer.writerow((int(t), *(repr(float(value)) for value in place), *spread, FixType(int(fix)).name.lower()))
+    stream = io.StringIO(newline="")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(("t_ns", *PLACE, *COVARIANCES, "fix"))
+    for t, place, covariance, fix in zip(track.t_ns, track.lon_lat_height, track.covariance_enu, track.fix_type, strict=True):
+        spread = (repr(float(value)) for value in covariance[upper])
+        writer.writerow((int(t), *(repr(float(value)) for value in place), *spread, FixType(int(fix)).name.lower()))
+    write_atomically(file, stream.getvalue().encode())
 
 
 def _time(row: dict[str, str | None], file: Path, line: int) -> int:
