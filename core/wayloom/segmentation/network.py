@@ -38,6 +38,11 @@ class Network:
         self._train_ids = np.array(description.classes, np.uint8)
         self._try_out()
 
+    @property
+    def gives_scores(self) -> bool:
+        """Whether it gives logits of whole frames, and not an arg max or squares alone."""
+        return self.description.output == "logits" and self.description.size == "dynamic"
+
     def labels(self, image: Image) -> Labels:
         """Train ids of every pixel, 255 = void.
 
@@ -47,6 +52,16 @@ class Network:
         rgb = _as_rgb(image)
         return self._labels_of_tiles(rgb) if self.description.size == "tiles" else self._labels_of_frame(rgb)
 
+    def logits(self, image: Image) -> NDArray[np.float32]:
+        """(gh, gw, C) logits of the network's own classes on its grid, which covers the image padded to the network's multiple.
+
+        image    (h, w) grey or (h, w, 3) RGB uint8
+        Raises ModelError for a network that gives an arg max only.
+        """
+        if not self.gives_scores:
+            raise ModelError(f"network {self.description.name} gives an arg max only", remedy="use a network with logits")
+        return self._logits(_as_rgb(image))[0]
+
     def top_scores(self, image: Image, k: int = 4) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """The k best of our 19 classes for each cell of the network's grid, best first, and their probabilities (softmax).
 
@@ -54,9 +69,7 @@ class Network:
         returns  (gh, gw, k) uint8 train ids and (gh, gw, k) float32; the grid covers the image padded to the network's multiple
         Raises ModelError for a network that gives an arg max only.
         """
-        if self.description.output != "logits" or self.description.size != "dynamic":
-            raise ModelError(f"network {self.description.name} gives an arg max only", remedy="use a network with logits")
-        logits, _ = self._logits(_as_rgb(image))
+        logits = self.logits(image)
         shifted = np.exp(logits - logits.max(axis=2, keepdims=True))
         shares = np.zeros((*logits.shape[:2], 256), np.float32)
         for column, train_id in enumerate(self._train_ids):
