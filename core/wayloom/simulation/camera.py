@@ -10,7 +10,8 @@ from wayloom.simulation.vehicle_settings import SensorSettings
 Radiance = NDArray[np.float32]
 BLUR_PX = 0.5
 SHOT_NOISE, READ_NOISE2 = 1.3e-4, 1.5e-6
-"""Variance of the linear signal per unit of it, and of darkness: KITTI's grey pairs show 0.7 grey levels in the dark, 2.7 in the light."""
+"""Variance of the linear signal per unit of it, and of darkness: KITTI's grey pairs show 0.7 grey levels in
+the dark, 2.7 in the light."""
 SHOULDER_FROM, SHOULDER_WIDTH = 0.85, 0.15
 RESPONSE_GAMMA = 1.2
 """Machine vision cameras answer almost linearly: deep shadows, blown out light, noise that grows with brightness."""
@@ -38,7 +39,7 @@ def exposed(
     radiance: Radiance, gain: float, camera: PinholeCamera, sensor: SensorSettings, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     """(h, w, 3) linear radiance to (h, w, 3) uint8 RGB of an ideal lens with a still shutter."""
-    return developed(cv2.GaussianBlur(radiance, (0, 0), BLUR_PX), gain, camera, sensor, rng)
+    return developed(np.asarray(cv2.GaussianBlur(radiance, (0, 0), BLUR_PX), np.float32), gain, camera, sensor, rng)
 
 
 def developed(

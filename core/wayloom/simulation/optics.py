@@ -63,9 +63,7 @@ def T_left_right(rig: StereoRig, lens: RightLens) -> F64:
 def _true_camera(given: PinholeCamera, lens: RightLens, raw: Coefficients, T_left_cam: F64) -> TrueCamera:
     """A camera that the log calls `given`. `raw` bends the image first (seen from the file), then the lens's own distortion."""
     f = lens.focal_ratio
-    pinhole = PinholeCamera(
-        f * given.fx, f * given.fy, given.cx + lens.cx_shift_px, given.cy, given.width, given.height
-    )
+    pinhole = PinholeCamera(f * given.fx, f * given.fy, given.cx + lens.cx_shift_px, given.cy, given.width, given.height)
     own = (lens.k1, 0.0, lens.p1, lens.p2, 0.0)
     if not any(raw) and not any(own):
         return TrueCamera(given.width, given.height, pinhole, T_left_cam)
@@ -134,9 +132,10 @@ def through_lens(radiance: F32, camera: TrueCamera, blur_px: float, depth: F32 |
         return np.asarray(cv2.sepFilter2D(radiance, -1, taps, taps, borderType=cv2.BORDER_REPLICATE))
     out = np.empty((camera.height, camera.width, 3), np.float32)
     lens_uv = np.empty((0, 0, 2), np.float32) if camera.lens_uv is None else camera.lens_uv
-    moving = way is not None and depth is not None
-    opening, closing = (se3.exp(sign * 0.5 * way)[:3] if moving else np.eye(4)[:3] for sign in (1.0, -1.0))
-    depths = depth if moving else np.empty((0, 0), np.float32)
+    opening = closing = np.eye(4)[:3]
+    depths = np.empty((0, 0), np.float32)
+    if way is not None and depth is not None:
+        opening, closing, depths = se3.exp(0.5 * way)[:3], se3.exp(-0.5 * way)[:3], depth
     kernels.through_lens(radiance, lens_uv, depths, _view(camera.drawn, np.eye(4)), opening, closing, np.float32(b), out)
     return out
 

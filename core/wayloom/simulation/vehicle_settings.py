@@ -136,7 +136,9 @@ class LidarSettings(Settings):
     nearest_m: float = Field(default=1.5, ge=0.1)
     farthest_m: float = Field(default=120.0, gt=1, le=300)
     range_noise_m: float = Field(default=0.02, ge=0, description="standard deviation along the ray")
-    dropout: float = Field(default=0.03, ge=0, lt=1, description="share of shots that give nothing, anywhere; more on glancing hits")
+    dropout: float = Field(
+        default=0.03, ge=0, lt=1, description="share of shots that give nothing, anywhere; more on glancing hits"
+    )
     every: int = Field(default=1, ge=1, description="a scan for each so many frames")
     p_cam_lidar_m: Triple = (0.0, -0.40, -0.60)
 
@@ -158,7 +160,7 @@ class VehicleSettings(Settings):
     exposure: ExposureSettings = ExposureSettings()
     motion_blur: bool = Field(default=False, description="the shutter is open for the exposure time")
     glare: GlareSettings = GlareSettings()
-    jpeg_quality: int | None = Field(default=None, ge=30, le=100, description="images pass through JPEG; none: as they are")
+    jpeg_quality: int | None = Field(default=None, ge=30, le=100, description="image files are JPEG of this quality; none: PNG")
     p_cam_gnss_m: Triple = Field(default=(0.05, -0.55, -0.90), description="antenna in the left camera's frame")
     p_cam_imu_m: Triple = Field(default=(0.3, 0.6, -0.8), description="IMU in the left camera's frame")
     imu_roll_pitch_yaw_rad: Triple = Field(default=(0.0, 0.0, 0.0), description="the IMU's axes against forward, left, up")

@@ -90,7 +90,7 @@ def through_lens(
 
 @njit(**KERNEL)
 def depth_along(ids: Int32, u: Float32, v: Float32, view: View, corners: Float32, depth: Float32) -> None:
-    """Fill depth (N,) m along z where the rays through pixels u, v (N,) of a view meet the planes of triangles ids (N,); 0 for -1."""
+    """Fill depth (N,) m along z where the rays through pixels u, v (N,) meet the planes of triangles ids (N,); 0 for -1."""
     T = view.T_world_cam
     for i in range(len(ids)):
         depth[i] = 0.0
