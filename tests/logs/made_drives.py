@@ -8,6 +8,7 @@ from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.logs.drive_writer import DriveWriter
 from wayloom.logs.gnss_csv import write_gnss_csv
+from wayloom.logs.kitti_360_writer import Kitti360Writer
 from wayloom.logs.kitti_odometry_writer import KittiOdometryWriter
 from wayloom.logs.kitti_raw_writer import KittiRawWriter
 from wayloom.logs.oxts_writer import OxtsPacket
@@ -21,6 +22,7 @@ T_CAM_IMU = se3.from_rotation_translation(
 START_NS = 1_317_042_272_345_808_896
 WRITERS: dict[str, tuple[type[DriveWriter], str]] = {
     "kitti-odometry": (KittiOdometryWriter, "07"),
+    "kitti-360": (Kitti360Writer, "made_2031"),
     "kitti-raw": (KittiRawWriter, "2031_01_02_drive_0007_sync"),
 }
 

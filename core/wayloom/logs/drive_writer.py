@@ -131,13 +131,27 @@ class DriveWriter(ABC):
         if T_world_cam is not None:
             self.truth.append(T_world_cam)
 
-    def repeat_images(self, index: int, source: int) -> None:
-        """Make the images of frame `index` those of frame `source`: the same files where the disk has hard links."""
-        for old, new in zip(self.image_files(source), self.image_files(index), strict=True):
-            link_or_copy(old, new)
+    def repeat(self, index: int, source: int) -> None:
+        """Make images and scan of frame `index` those of frame `source`: the same files where the disk has hard links."""
+        old, new = ((*self.image_files(frame), self.lidar_file(frame)) for frame in (source, index))
+        for file, copy in zip(old, new, strict=True):
+            if file.is_file():
+                link_or_copy(file, copy)
 
-    def write_lidar(self, index: int, points: NDArray[np.float32]) -> None:
-        """points (N, 4) x, y, z m in the LiDAR's frame, reflectance 0 to 1: the scan of a frame."""
+    def write_labels(self, index: int, side: int, class_id: NDArray[np.uint8], things: NDArray[np.integer]) -> None:
+        """Labels (h, w) of an image, for layouts that have a place for them."""
+        return
+
+    def write_lidar(
+        self,
+        index: int,
+        points: NDArray[np.float32],
+        class_id: NDArray[np.uint8] | None = None,
+        things: NDArray[np.integer] | None = None,
+        moving: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """points (N, 4) x, y, z m in the LiDAR's frame, reflectance 0 to 1: the scan of a frame; and, for layouts that have a
+        place for them, each point's train id, thing (from 1 on, 0 for none), and whether that moves."""
         write_atomically(self.lidar_file(index), points.astype("<f4").tobytes())
 
     def add_gnss(self, packet: OxtsPacket) -> None:
@@ -156,6 +170,10 @@ class DriveWriter(ABC):
         """Where the packets lie."""
         return self.folder / "oxts"
 
+    def notes_folder(self) -> Path:
+        """Where wayloom.json, gnss.csv and imu.csv lie."""
+        return self.folder
+
     def write_positioning(self) -> None:
         """Write the packets, gnss.csv and imu.csv, as far as there are any."""
         if self._packets:
@@ -165,9 +183,9 @@ class DriveWriter(ABC):
                 oxts.add(packet)
             oxts.finish()
         if self.gnss is not None:
-            write_gnss_csv(self.folder / CSV_NAME, self.gnss)
+            write_gnss_csv(self.notes_folder() / CSV_NAME, self.gnss)
         if self.imu is not None:
-            write_imu_csv(self.folder / IMU_NAME, self.imu)
+            write_imu_csv(self.notes_folder() / IMU_NAME, self.imu)
 
     def write_truth(self) -> None:
         """Write the true poses."""
@@ -175,7 +193,7 @@ class DriveWriter(ABC):
 
     def write_sidecar(self) -> None:
         """Write wayloom.json."""
-        write_atomically(self.folder / SIDECAR_NAME, (self.sidecar.model_dump_json(indent=2) + "\n").encode())
+        write_atomically(self.notes_folder() / SIDECAR_NAME, (self.sidecar.model_dump_json(indent=2) + "\n").encode())
 
     def finish(self) -> Path:
         """Write the small files and put the drive in its place. Raises LogError where it has no frame, or poses for some only."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from wayloom.errors import ConfigError, LogError, UnknownFormatError
-from wayloom.logs import kitti_odometry, kitti_raw
+from wayloom.logs import kitti_360, kitti_odometry, kitti_raw
 from wayloom.logs.image_folder_log import ImageFolderLog
 from wayloom.logs.types import DriveLog
 
@@ -22,6 +22,7 @@ class LogFormat:
 
 
 LOG_FORMATS: Final[dict[str, LogFormat]] = {
+    kitti_360.FORMAT: LogFormat(kitti_360.LOOKS_FOR, kitti_360.recognise, kitti_360.open_kitti_360),
     kitti_odometry.FORMAT: LogFormat(kitti_odometry.LOOKS_FOR, kitti_odometry.recognise, kitti_odometry.open_kitti_odometry),
     kitti_raw.FORMAT: LogFormat(kitti_raw.LOOKS_FOR, kitti_raw.recognise, kitti_raw.open_kitti_raw),
 }
