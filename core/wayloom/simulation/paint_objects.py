@@ -170,6 +170,12 @@ def cloth(c: Canvas) -> Image:
     return finished(c.filled((1.0, 1.0, 1.0), np.clip(0.6 + 0.16 * c.noise(2.4) + 0.06 * c.noise(0.8), 0.05, 1)), 0.0)
 
 
+def lit(c: Canvas) -> Image:
+    """The ribbed cover of a lamp that is on, coloured by tint."""
+    ribs = 0.85 + 0.1 * np.sin(c.x * 2 * np.pi * 12) + 0.05 * np.sin(c.y * 2 * np.pi * 12)
+    return finished(c.filled((1.0, 1.0, 1.0), np.asarray(ribs, np.float32)), 0.2)
+
+
 PAINTERS: Final = {
     Material.BARK: bark,
     Material.LEAVES: leaves,
@@ -187,4 +193,5 @@ PAINTERS: Final = {
     Material.LAMPS: lamps,
     Material.BUS_SIDE: bus_side,
     Material.CLOTH: cloth,
+    Material.LIT: lit,
 }
