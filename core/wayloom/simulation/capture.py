@@ -5,7 +5,7 @@ number of threads.
 """
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -30,12 +30,14 @@ F32 = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Captured:
-    """One stereo pair: images (h, w, 3) RGB, exposures, and the truth of both true cameras where asked for."""
+    """One stereo pair: images (h, w, 3) RGB, exposures, the truth of both true cameras where asked for, and what exposure control
+    has come to (left, right), from which the next frame goes on."""
 
     left: Image
     right: Image
     exposures: tuple[Exposure, Exposure]
     truth: tuple[Truth, Truth] | None
+    factors: tuple[float, float]
 
     @property
     def exposure_s(self) -> tuple[float, float]:
@@ -112,40 +114,47 @@ class StereoCamera:
 
 
 def capture(
-    camera: StereoCamera, world: World, t_s: F64, left_out: frozenset[int], truth: bool, seed: tuple[int, ...], threads: int = 1
-) -> Iterator[Captured]:
-    """The pairs at t_s (N,) s since the city's time zero, in order; the drive starts at the first.
+    camera: StereoCamera, world: World, t_s: F64, left_out: frozenset[int], truth: bool, seed: tuple[int, ...], threads: int = 1,
+    first: int = 0, factors: tuple[float, float] | None = None, keep: Callable[[int, Captured], None] | None = None,
+) -> Iterator[Captured]:  # fmt: skip
+    """The pairs at t_s (N,) s since the city's time zero, in order; the drive starts at t_s[0].
 
-    seed  of the sensors' noise; each frame and side has its own stream
+    seed     of the sensors' noise; each frame and side has its own stream
+    first    the frame to begin with, and `factors` of the one before it
+    keep     called with each frame's index and pair in the threads, before the pair is yielded
     """
     settings, start_s = camera.vehicle.exposure, float(t_s[0]) if len(t_s) else 0.0
-    factors: tuple[float, float] | None = None
-    before_s = start_s
+    before_s = float(t_s[first - 1]) if first else start_s
 
-    def developed_pair(index: int, drawn: Drawn, exposures: tuple[Exposure, Exposure], light: float) -> Captured:
+    def developed_pair(
+        index: int, drawn: Drawn, exposures: tuple[Exposure, Exposure], light: float, reached: tuple[float, float]
+    ) -> Captured:
         left, right = (
             camera.develop(drawn, side, exposures[side], light, np.random.default_rng([*seed, index, side])) for side in (0, 1)
         )
-        return Captured(left, right, exposures, drawn.truth if truth else None)
+        captured = Captured(left, right, exposures, drawn.truth if truth else None, reached)
+        if keep is not None:
+            keep(index, captured)
+        return captured
 
     with ThreadPoolExecutor(threads) as pool:
         drawing: deque[Future[Drawn]] = deque()
         developing: deque[Future[Captured]] = deque()
-        for index in range(len(t_s) + threads):
+        for index in range(first, len(t_s) + threads):
             if index < len(t_s):
                 drawing.append(pool.submit(camera.draw, world, float(t_s[index]), left_out, truth))
             frame = index - threads
-            if frame < 0:
+            if frame < first:
                 continue
             drawn, now_s = drawing.popleft().result(), float(t_s[frame])
             light = control.light_factor(settings.light_changes, now_s - start_s)
             means = camera.metered(drawn)
             previous = factors or (None, None)
-            first = control.next_factor(previous[0], means[0] * light, now_s - before_s, settings)
-            second = control.next_factor(previous[1], means[1] * light, now_s - before_s, settings)
-            factors, before_s = (first, second), now_s
-            exposures = (control.exposure_of(first, settings), control.exposure_of(second, settings))
-            developing.append(pool.submit(developed_pair, frame, drawn, exposures, light))
+            of_left = control.next_factor(previous[0], means[0] * light, now_s - before_s, settings)
+            of_right = control.next_factor(previous[1], means[1] * light, now_s - before_s, settings)
+            factors, before_s = (of_left, of_right), now_s
+            exposures = (control.exposure_of(of_left, settings), control.exposure_of(of_right, settings))
+            developing.append(pool.submit(developed_pair, frame, drawn, exposures, light, factors))
             if len(developing) >= threads:
                 yield developing.popleft().result()
         while developing:
