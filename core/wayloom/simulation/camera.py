@@ -8,7 +8,6 @@ from wayloom.geometry.camera import PinholeCamera
 from wayloom.simulation.vehicle_settings import SensorSettings
 
 Radiance = NDArray[np.float32]
-BLUR_PX = 0.5
 SHOT_NOISE, READ_NOISE2 = 1.3e-4, 1.5e-6
 """Variance of the linear signal per unit of it, and of darkness: KITTI's grey pairs show 0.7 grey levels in
 the dark, 2.7 in the light."""
@@ -39,7 +38,14 @@ def exposed(
     radiance: Radiance, gain: float, camera: PinholeCamera, sensor: SensorSettings, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     """(h, w, 3) linear radiance to (h, w, 3) uint8 RGB of an ideal lens with a still shutter."""
-    return developed(np.asarray(cv2.GaussianBlur(radiance, (0, 0), BLUR_PX), np.float32), gain, camera, sensor, rng)
+    return developed(blurred(radiance, sensor.blur_px), gain, camera, sensor, rng)
+
+
+def blurred(radiance: Radiance, blur_px: float) -> Radiance:
+    """(h, w, 3) blurred by the filter of `wayloom.simulation.kernels.optics` where it falls on the pixels themselves."""
+    side = 0.5 * blur_px**2
+    taps = np.array([side, 1.0 - 2.0 * side, side], np.float32)
+    return np.asarray(cv2.sepFilter2D(radiance, -1, taps, taps, borderType=cv2.BORDER_REPLICATE), np.float32)
 
 
 def developed(

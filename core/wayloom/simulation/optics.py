@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +10,7 @@ from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import R_real_ideal, RightLens
 from wayloom.geometry.rectification import Coefficients, undistort
+from wayloom.simulation.camera import blurred
 from wayloom.simulation.kernels import optics as kernels
 from wayloom.simulation.kernels import raster
 from wayloom.simulation.kernels.arrays import View
@@ -125,11 +125,9 @@ def through_lens(radiance: F32, camera: TrueCamera, blur_px: float, depth: F32 |
     depth  (h, w) m along z, 0 infinitely far; way (6,) twist m, rad of the camera, in its own axes, while the shutter is open.
     Both or none: then nothing moves. What moves by itself is smeared by the camera's motion only.
     """
-    b = 3.0 * blur_px**2
     if camera.lens_uv is None and way is None:
-        side = b / 6.0
-        taps = np.array([side, 1.0 - 2.0 * side, side], np.float32)
-        return np.asarray(cv2.sepFilter2D(radiance, -1, taps, taps, borderType=cv2.BORDER_REPLICATE))
+        return blurred(radiance, blur_px)
+    b = 3.0 * blur_px**2
     out = np.empty((camera.height, camera.width, 3), np.float32)
     lens_uv = np.empty((0, 0, 2), np.float32) if camera.lens_uv is None else camera.lens_uv
     opening = closing = np.eye(4)[:3]

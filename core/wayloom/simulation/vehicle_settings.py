@@ -47,7 +47,7 @@ class SensorSettings(Settings):
     gamma_ratio: float = Field(default=1.0, gt=0.4, lt=2.5, description="exponent on the response curve")
     vignette: float = Field(default=0.35, ge=0, le=4, description="brightness falls as (1 + r^2)^-vignette; 2 is cos^4")
     vignette_centre: tuple[float, float] = Field(default=(0.0, 0.0), description="where it is brightest, x/z and y/z")
-    blur_px: float = Field(default=0.5, ge=0, le=0.577, description="standard deviation of the lens's blur")
+    blur_px: float = Field(default=0.464, ge=0, le=0.577, description="standard deviation of the lens's blur")
     noise: float = Field(default=1.0, ge=0, le=20, description="factor on the standard deviation of all noise")
 
 
@@ -147,6 +147,7 @@ class VehicleSettings(Settings):
     """A vehicle of the fleet. `wayloom.simulation.rigs` makes cameras of it, `capture` images, `gnss`, `imu`, `lidar` the rest."""
 
     rig: Literal["kitti-360", "kitti"] = "kitti-360"
+    rig_name: str | None = Field(default=None, description="drives with the same name are of the same rig; none: each has its own")
     camera_height_m: float = Field(default=1.65, gt=0.3, le=4)
     camera_forward_m: float = Field(default=0.0, ge=-5, le=5, description="left camera before the body's origin")
     camera_left_m: float = Field(default=0.0, ge=-2, le=2)
