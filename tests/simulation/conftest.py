@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 
 from wayloom.simulation.city_settings import CitySettings
-from wayloom.simulation.city_settings import CitySettings
 from wayloom.simulation.light import LightSettings
 from wayloom.simulation.presets import DrivePlan, Preset
 from wayloom.simulation.renderer import World
 from wayloom.simulation.rigs import camera_on_ground
 from wayloom.simulation.vehicle_settings import SensorSettings, VehicleSettings
-from wayloom.simulation.vehicle_settings import ImuSettings, SensorSettings, VehicleSettings
 from wayloom.simulation.worlds import build_world
 
 CITY = CitySettings(seed=11, columns=4, rows=4)

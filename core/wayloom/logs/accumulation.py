@@ -95,13 +95,14 @@ def without_frame(rows: NDArray[np.void]) -> NDArray[np.void]:
 class Thinner:
     """Tells which points come first in their voxel."""
 
-    def __init__(self) -> None:
+    def __init__(self, voxel_m: float = VOXEL_M) -> None:
+        self._voxel_m = voxel_m
         self._known = np.empty(0, np.int64)
         self._recent: list[NDArray[np.int64]] = []
 
     def new(self, points: FloatArray) -> NDArray[np.int64]:
         """Rows of points (N, 3) m that are the first of all so far in their voxel, in order."""
-        cell = np.floor(points / VOXEL_M).astype(np.int64) & 0x1FFFFF
+        cell = np.floor(points / self._voxel_m).astype(np.int64) & 0x1FFFFF
         keys, rows = np.unique((cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2], return_index=True)
         for known in (self._known, *self._recent):
             fresh = ~is_in(keys, known)

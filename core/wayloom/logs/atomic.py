@@ -7,6 +7,15 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+UMASK: Final = _umask()
+"""Asked once: asking sets it for a moment, in all threads."""
 UNFINISHED: Final = ".unfinished-"
 NO_LINKS: Final = (errno.EPERM, errno.ENOTSUP, errno.EXDEV, errno.EMLINK, errno.ENOSYS, errno.EACCES)
 """What a disk without hard links, or with too many of one file, answers to one more."""
@@ -24,7 +33,7 @@ def write_atomically(file: Path, data: bytes | Iterable[bytes]) -> None:
             with os.fdopen(handle, "wb") as stream:
                 for part in (data,) if isinstance(data, bytes) else data:
                     stream.write(part)
-            os.chmod(name, 0o666 & ~_umask())
+            os.chmod(name, 0o666 & ~UMASK)
             os.replace(name, file)
         except BaseException:
             os.unlink(name)
@@ -61,9 +70,3 @@ def remove_unfinished(folder: Path) -> None:
     """Remove what writers that were killed left below `folder` under temporary names."""
     for file in folder.rglob(f"{UNFINISHED}*"):
         file.unlink()
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

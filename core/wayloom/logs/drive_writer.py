@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from wayloom.errors import LogError
 from wayloom.geometry.camera import StereoRig
+from wayloom.geometry.rectification import Coefficients
 from wayloom.logs.atomic import link_or_copy, remove_unfinished, write_atomically
+from wayloom.logs.exposure_csv import EXPOSURE_NAME, write_exposure_csv
 from wayloom.logs.gnss_csv import write_gnss_csv
 from wayloom.logs.imu_csv import IMU_NAME, write_imu_csv
 from wayloom.logs.oxts_writer import OxtsPacket, OxtsWriter
@@ -36,11 +38,18 @@ class DriveWriter(ABC):
                  that are whole are then passed to `count` instead of `add`. Else nothing is left behind
     colour       whether frames are RGB
     jpeg_quality write JPEG of this quality (1 to 100) instead of PNG
+    distortion   k1 k2 p1 p2 k3 of both images, which are then as the lens made them, with K of the rig
     p_cam_gnss   (3,) m, T_cam_imu (4, 4): as in `DriveLog`, where known
     T_cam_lidar  (4, 4): the LiDAR's frame into the left camera's, where there is one
     """
 
     name_digits: int
+    wants_packets = False
+    """Whether positions belong into an `oxts` folder rather than into gnss.csv."""
+    holds_raw_images = False
+    """Whether images may be as the lens made them."""
+    has_labels = False
+    """Whether the layout has a place for label images and labelled clouds."""
 
     def __init__(
         self,
@@ -54,16 +63,22 @@ class DriveWriter(ABC):
         T_cam_imu: FloatArray | None = None,
         T_cam_lidar: FloatArray | None = None,
         jpeg_quality: int | None = None,
+        distortion: Coefficients | None = None,
         resume: bool = False,
     ) -> None:
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise LogError("exists and is no empty folder", file=path, remedy="remove it or give another path")
         self.path, self.rig, self.colour, self.T_cam_imu, self.T_cam_lidar = path, rig, colour, T_cam_imu, T_cam_lidar
-        self.jpeg_quality, self.resume = jpeg_quality, resume
+        if distortion is not None and not self.holds_raw_images:
+            raise LogError(
+                "this layout holds rectified images only", file=path, remedy="rectify the images, or take another layout"
+            )
+        self.jpeg_quality, self.distortion, self.resume = jpeg_quality, distortion, resume
         self.times_ns: list[int] = []
         self.truth: list[FloatArray] = []
         self.gnss: GnssTrack | None = None
         self.imu: ImuTrack | None = None
+        self.exposure_s: FloatArray | None = None
         self._packets: list[OxtsPacket] = []
         self.sidecar = Sidecar(
             rig_id=rig_id,
@@ -96,6 +111,11 @@ class DriveWriter(ABC):
     @abstractmethod
     def lidar_file(self, index: int) -> Path:
         """Where the scan of a frame lies: float32 x, y, z, reflectance."""
+
+    @classmethod
+    def folder_name(cls, name: str, distorted: bool) -> str:
+        """What the folder of a drive of that name is called."""
+        return name
 
     def image_files(self, index: int) -> tuple[Path, Path]:
         """Where the left and the right image of a frame lie."""
@@ -166,6 +186,10 @@ class DriveWriter(ABC):
         """The samples of an IMU whose frame is T_cam_imu's."""
         self.imu = track
 
+    def set_exposures(self, exposure_s: FloatArray) -> None:
+        """(N, 2) s of all frames, left and right."""
+        self.exposure_s = exposure_s
+
     def oxts_folder(self) -> Path:
         """Where the packets lie."""
         return self.folder / "oxts"
@@ -175,7 +199,7 @@ class DriveWriter(ABC):
         return self.folder
 
     def write_positioning(self) -> None:
-        """Write the packets, gnss.csv and imu.csv, as far as there are any."""
+        """Write the packets, gnss.csv, imu.csv and exposure.csv, as far as there are any."""
         if self._packets:
             shutil.rmtree(self.oxts_folder(), ignore_errors=True)
             oxts = OxtsWriter(self.oxts_folder())
@@ -186,6 +210,8 @@ class DriveWriter(ABC):
             write_gnss_csv(self.notes_folder() / CSV_NAME, self.gnss)
         if self.imu is not None:
             write_imu_csv(self.notes_folder() / IMU_NAME, self.imu)
+        if self.exposure_s is not None:
+            write_exposure_csv(self.notes_folder() / EXPOSURE_NAME, self.exposure_s)
 
     def write_truth(self) -> None:
         """Write the true poses."""

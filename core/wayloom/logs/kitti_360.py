@@ -18,7 +18,7 @@ from wayloom.logs.kitti_360_clouds import CAM_TO_POSE, PERSPECTIVE, T_cam_pose
 from wayloom.logs.kitti_360_layout import CAMERAS, Sequence, find_sequence, is_root, is_sequence
 from wayloom.logs.kitti_calibration import CalibrationFile, image_size, read_calibration, rig_from_projections
 from wayloom.logs.positioning import FrameClock, Unit, find_positioning
-from wayloom.logs.sidecar import SIDECAR_NAME, read_sidecar
+from wayloom.logs.sidecar import read_sidecar
 from wayloom.logs.text_files import parse_numbers, quoted, read_lines
 from wayloom.logs.timestamps import ns_from_wall_clock, read_times, times_of_numbers
 
@@ -52,7 +52,6 @@ def open_kitti_360(path: Path, gnss: Path | None = None) -> ImageFolderLog:
     clock = FrameClock(pairs.numbers, t_ns)
     positioning = find_positioning(sequence.poses, gnss, clock, calibration.numbers("P_rect_00", 3, 4), sidecar, unit)
     truth, truth_file = read_truth(sequence, pairs.numbers, calibration)
-    own = (sequence.poses / SIDECAR_NAME, sequence.calibration(CAM_TO_POSE))
     lacking = [f"{camera}/timestamps.txt" for camera in CAMERAS if not (sequence.images / camera / "timestamps.txt").is_file()]
     return assemble(
         sequence.images,
@@ -68,7 +67,13 @@ def open_kitti_360(path: Path, gnss: Path | None = None) -> ImageFolderLog:
         truth=truth,
         missing=(*lacking, *said_of(truth)),
         root=sequence.root,
-        files=[calibration.file, *stamps, *(file for file in own if file.is_file()), *([truth_file] if truth_file else [])],
+        files=[
+            calibration.file,
+            *stamps,
+            *([sequence.calibration(CAM_TO_POSE)] if has_unit else []),
+            *([truth_file] if truth_file else []),
+        ],
+        notes=sequence.poses,
     )
 
 

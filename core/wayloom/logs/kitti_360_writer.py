@@ -32,6 +32,8 @@ class Kitti360Writer(DriveWriter):
     """
 
     name_digits = 10
+    wants_packets = True
+    has_labels = True
 
     @property
     def sequence(self) -> Sequence:

@@ -8,6 +8,7 @@ from wayloom.geometry import se3
 from wayloom.logs.atomic import write_atomically
 from wayloom.logs.drive_writer import DriveWriter, FloatArray, numbers_text, projection_texts
 from wayloom.logs.kitti_calibration import CAM_TO_CAM, IMU_TO_VELO, VELO_TO_CAM
+from wayloom.logs.kitti_raw import DISTORTED_ENDING
 from wayloom.logs.timestamps import wall_clock_from_ns
 
 R_CAM_VELO = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
@@ -20,6 +21,13 @@ class KittiRawWriter(DriveWriter):
     wayloom.json, and poses.txt, which KITTI raw itself has not. Images are rectified; the left camera is the reference."""
 
     name_digits = 10
+    wants_packets = True
+    holds_raw_images = True
+
+    @classmethod
+    def folder_name(cls, name: str, distorted: bool) -> str:
+        """By its ending the reader tells distorted images from rectified ones of the same size."""
+        return name + DISTORTED_ENDING if distorted else name
 
     def image_folders(self) -> tuple[Path, Path]:
         """Left and right."""
@@ -34,10 +42,11 @@ class KittiRawWriter(DriveWriter):
         """calib_cam_to_cam.txt; calib_velo_to_cam.txt and calib_imu_to_velo.txt where the LiDAR or the IMU is known."""
         camera = self.rig.camera
         size, lens = f"{camera.width} {camera.height}", numbers_text(camera.K)
+        lens_bend = numbers_text(np.array(self.distortion or (0.0,) * 5))
         lines = []
         for i, P in enumerate(projection_texts(self.rig) * 2):
             t = (0.0, 0.0, 0.0) if i % 2 == 0 else self.rig.t_right_left
-            lines += [f"S_{i:02d}: {size}", f"K_{i:02d}: {lens}", f"D_{i:02d}: 0 0 0 0 0", f"R_{i:02d}: {IDENTITY}"]
+            lines += [f"S_{i:02d}: {size}", f"K_{i:02d}: {lens}", f"D_{i:02d}: {lens_bend}", f"R_{i:02d}: {IDENTITY}"]
             lines += [f"T_{i:02d}: {numbers_text(np.array(t))}", f"S_rect_{i:02d}: {size}"]
             lines += [f"R_rect_{i:02d}: {IDENTITY}", f"P_rect_{i:02d}: {P}"]
         self._write(CAM_TO_CAM, "\n".join(lines) + "\n")
