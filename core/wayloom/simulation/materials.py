@@ -47,6 +47,16 @@ class Material(IntEnum):
     BUS_SIDE = auto()
     CLOTH = auto()
     LIT = auto()
+    CAR_SIDE = auto()
+    CAR_BACK = auto()
+    CAR_FRONT = auto()
+    TRUCK_SIDE = auto()
+    TRUCK_BACK = auto()
+    CAB_FRONT = auto()
+    BUS_FRONT = auto()
+    BUS_BACK = auto()
+    TRAM_SIDE = auto()
+    JACKET = auto()
 
 
 FACADES: Final = (
@@ -80,6 +90,16 @@ SMOOTH: Final = (
     Material.BUS_SIDE,
     Material.CLOTH,
     Material.LIT,
+    Material.CAR_SIDE,
+    Material.CAR_BACK,
+    Material.CAR_FRONT,
+    Material.TRUCK_SIDE,
+    Material.TRUCK_BACK,
+    Material.CAB_FRONT,
+    Material.BUS_FRONT,
+    Material.BUS_BACK,
+    Material.TRAM_SIDE,
+    Material.JACKET,
 )
 """Manufactured things: no large-scale stains. A cut-out that is not smooth is a leaf and lets light through."""
 

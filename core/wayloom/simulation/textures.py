@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from wayloom.simulation import paint_facades, paint_ground, paint_objects
+from wayloom.simulation import paint_facades, paint_ground, paint_objects, paint_vehicles
 from wayloom.simulation.canvas import Canvas, Image
 from wayloom.simulation.kernels.arrays import TextureStack
 from wayloom.simulation.materials import CUTOUTS, SMOOTH, Material, flags, glows, reliefs
@@ -15,6 +15,7 @@ PAINTERS: Final[dict[Material, Painter]] = {
     **paint_ground.PAINTERS,
     **paint_facades.PAINTERS,
     **paint_objects.PAINTERS,
+    **paint_vehicles.PAINTERS,
 }
 STORED_GAMMA = 2.0
 """Texels keep the square root of linear colour, so that dark tones are not banded."""
