@@ -132,7 +132,7 @@ def test_a_veil_lifts_shadows_and_the_sun_blinds_where_it_stands() -> None:
     assert veiled.mean() == pytest.approx(light.mean(), rel=0.15)
     blinded = with_glare(light, camera, GlareSettings(sun=1.0), sun, rgb, 1.0)
     u, v = np.rint(camera.drawn.project(sun[None])[0]).astype(int)
-    assert blinded[v, u].min() > 100
+    assert blinded[v, u].min() > 20
     assert np.argmax((blinded - light)[..., 0]) == v * camera.width + u
     np.testing.assert_array_equal(with_glare(light, camera, GlareSettings(sun=1.0), sun, rgb, 0.0), light)
     np.testing.assert_array_equal(with_glare(light, camera, GlareSettings(sun=1.0), -sun, rgb, 1.0), light)

@@ -14,8 +14,9 @@ VEIL_WIDTH = 0.12
 """Standard deviation of the spread light, share of the image's width."""
 BRIGHTEST = 6.0
 SUN_CORE_RAD = 0.012
-SUN_VEIL = 0.02
-"""Radiance of the sun's veil, per radiance of a white wall in the sun, at one radian from it."""
+SUN_VEIL, SUN_HAZE = 0.004, 0.012
+"""Radiance of the sun's veil, which falls with the square of the angle, and of its haze, which falls with the angle, per radiance
+of a white wall in the sun, at one radian from it."""
 SUN_REACH_RAD = 0.35
 """The sun is shaded from the lens when it stands farther outside of the view."""
 GHOSTS = ((-0.35, 0.020, 0.05), (-0.8, 0.035, 0.03), (0.45, 0.014, 0.05), (-1.3, 0.06, 0.02))
@@ -72,12 +73,13 @@ def _spread(light: F32) -> F32:
 
 
 def _sun_veil(camera: TrueCamera, sun_cam: F64) -> F32:
-    """(h, w) veil that falls with the square of the angle from the sun, and ghosts across the centre."""
+    """(h, w) veil and haze around the sun, and ghosts across the centre."""
     f, (u, v) = np.float32(camera.drawn.fx), _pixel(camera, sun_cam)
     xs = (np.arange(camera.width, dtype=np.float32) - np.float32(u)) / f
     ys = (np.arange(camera.height, dtype=np.float32) - np.float32(v)) / f
     r2 = xs[None] ** 2 + ys[:, None] ** 2
-    veil = np.float32(SUN_VEIL) / (r2 + np.float32(SUN_CORE_RAD**2))
+    r2 += np.float32(SUN_CORE_RAD**2)
+    veil = np.float32(SUN_VEIL) / r2 + np.float32(SUN_HAZE) / np.sqrt(r2)
     centre = np.array([camera.width - 1, camera.height - 1]) / 2
     for place, radius, radiance in GHOSTS:
         gu, gv = centre + place * (np.array([u, v]) - centre)
