@@ -12,10 +12,12 @@ from wayloom.simulation.city_settings import CitySettings
 from wayloom.simulation.light import LightSettings
 from wayloom.simulation.rig_faults import FAULTS
 from wayloom.simulation.vehicle_settings import (
+    ClockSettings,
     ExposureSettings,
     GlareSettings,
     GnssBurst,
     GnssSettings,
+    GnssStep,
     ImuSettings,
     LidarSettings,
     LightChange,
@@ -138,7 +140,19 @@ FLEET: Final = Preset(
         ),
         DrivePlan(
             vehicle_id="taxi-2", nodes=(13, 14, 8, 7), closed=True, start_s=330.0,
-            vehicle=VehicleSettings(rig="kitti", gnss=GnssSettings(rate_hz=5.0, steps=gnss_steps((0.0, FLOAT), (0.7, FIXED)))),
+            vehicle=VehicleSettings(
+                rig="kitti",
+                exposure=ExposureSettings(metering="centre", time_constant_s=0.4),
+                clock=ClockSettings(offset_s=0.02, drift=2e-6),
+                gnss=GnssSettings(
+                    rate_hz=5.0,
+                    steps=(
+                        GnssStep(share=0.0, fix=FLOAT),
+                        GnssStep(share=0.3, fix=FLOAT, stated_ratio=0.2),
+                        GnssStep(share=0.5, fix=FIXED),
+                    ),
+                ),
+            ),
         ),
         DrivePlan(
             vehicle_id="bus-1", nodes=(19, 20, 14, 8, 2), reference=1, before_m=60.0, frames=240, start_s=520.0, fastest_m_s=9.0,
@@ -146,6 +160,10 @@ FLEET: Final = Preset(
                 camera_height_m=2.7,
                 camera_roll_pitch_yaw_rad=(0.0, 0.04, 0.0),
                 jpeg_quality=92,
+                left=SensorSettings(vignette=0.6),
+                right=SensorSettings(gain=0.94, vignette=0.45, gamma_ratio=1.03),
+                motion_blur=True,
+                clock=ClockSettings(offset_s=-0.008),
                 gnss=GnssSettings(steps=gnss_steps((0.0, FIXED), (0.3, NONE))),
                 imu=ImuSettings(rate_hz=200.0),
             ),
