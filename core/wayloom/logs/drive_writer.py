@@ -79,7 +79,7 @@ class DriveWriter(ABC):
         self.gnss: GnssTrack | None = None
         self.imu: ImuTrack | None = None
         self.exposure_s: FloatArray | None = None
-        self._packets: list[OxtsPacket] = []
+        self.packets: list[OxtsPacket] = []
         self.sidecar = Sidecar(
             rig_id=rig_id,
             vehicle_id=vehicle_id,
@@ -176,7 +176,7 @@ class DriveWriter(ABC):
 
     def add_gnss(self, packet: OxtsPacket) -> None:
         """Add the next packet of a GNSS/INS unit; they make an `oxts` folder."""
-        self._packets.append(packet)
+        self.packets.append(packet)
 
     def set_gnss(self, track: GnssTrack) -> None:
         """The fixes of a receiver with their whole covariance."""
@@ -200,10 +200,10 @@ class DriveWriter(ABC):
 
     def write_positioning(self) -> None:
         """Write the packets, gnss.csv, imu.csv and exposure.csv, as far as there are any."""
-        if self._packets:
+        if self.packets:
             shutil.rmtree(self.oxts_folder(), ignore_errors=True)
             oxts = OxtsWriter(self.oxts_folder())
-            for packet in self._packets:
+            for packet in self.packets:
                 oxts.add(packet)
             oxts.finish()
         if self.gnss is not None:
@@ -219,7 +219,7 @@ class DriveWriter(ABC):
 
     def write_sidecar(self) -> None:
         """Write wayloom.json."""
-        write_atomically(self.notes_folder() / SIDECAR_NAME, (self.sidecar.model_dump_json(indent=2) + "\n").encode())
+        write_atomically(self.notes_folder() / SIDECAR_NAME, (self.sidecar.model_dump_json(indent=2, exclude_none=True) + "\n").encode())
 
     def finish(self) -> Path:
         """Write the small files and put the drive in its place. Raises LogError where it has no frame, or poses for some only."""

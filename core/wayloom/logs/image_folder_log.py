@@ -77,6 +77,11 @@ class ImageFolderLog:
         for index in range(start, len(self) if stop is None else min(stop, len(self))):
             yield self.frame(index)
 
+    @property
+    def rectifies(self) -> bool:
+        """Whether images are rectified as they are read."""
+        return self.rectifier is not None
+
     def check_headers(self) -> None:
         """Look at both ends of every image file. Raises LogError at the first that is empty, truncated or of another size."""
         for left, right in zip(self.pairs.left, self.pairs.right, strict=True):
@@ -106,11 +111,11 @@ class ImageFolderLog:
         return image
 
 
-def check_size(header: ImageHeader, size: tuple[int, int], file: Path) -> None:
+def check_size(header: ImageHeader, size: tuple[int, int], file: Path, record: str | None = None) -> None:
     """Raises LogError where an image is not (width, height) as the log's other images."""
     if (header.width, header.height) != size:
         what = f"the image is {header.width}x{header.height}, the log's others are {size[0]}x{size[1]}"
-        raise LogError(what, file=file, remedy="all images of a log must have one size: export it again")
+        raise LogError(what, file=file, record=record, remedy="all images of a log must have one size: export it again")
 
 
 def assemble(

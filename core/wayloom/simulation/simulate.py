@@ -13,6 +13,7 @@ from wayloom.logs.drive_writer import DriveWriter, unfinished_folder
 from wayloom.logs.kitti_360_writer import Kitti360Writer
 from wayloom.logs.kitti_odometry_writer import KittiOdometryWriter
 from wayloom.logs.kitti_raw_writer import KittiRawWriter
+from wayloom.logs.mcap_writer import McapWriter
 from wayloom.logs.sidecar import SIMULATED_RIG
 from wayloom.logs.simulated_truth import FOLDER as TRUTH_FOLDER
 from wayloom.simulation.drives import plan_drives
@@ -28,6 +29,7 @@ WRITERS: Final[dict[str, type[DriveWriter]]] = {
     "kitti": KittiOdometryWriter,
     "kitti-raw": KittiRawWriter,
     "kitti-360": Kitti360Writer,
+    "mcap": McapWriter,
 }
 SET_UP_SHARE = 0.1
 FORMAT_VERSION = 1
