@@ -1,9 +1,11 @@
 """Whole captures: what a vehicle's cameras record on their way, and how its settings show in the images."""
 
+import cv2
 import numpy as np
 import pytest
 
 from wayloom.geometry import se3
+from wayloom.geometry.lens import RightLens
 from wayloom.simulation.camera import developed
 from wayloom.simulation.capture import Captured, StereoCamera, capture
 from wayloom.simulation.drives import Way, plan_drives
@@ -17,6 +19,7 @@ from wayloom.simulation.vehicle_settings import (
     ExposureSettings,
     GlareSettings,
     LightChange,
+    RightLensSettings,
     SensorSettings,
     VehicleSettings,
 )
@@ -151,3 +154,40 @@ def test_the_sun_is_hidden_by_what_stands_before_it() -> None:
     assert open_sky_at_sun(np.zeros_like(depth), camera, -sun) == 0.0
     assert open_sky_at_sun(np.zeros_like(depth), camera, np.array([0.0, -0.9, 1.0])) == 0.0
     assert v < camera.height
+
+
+def shift_between(world: World, route: Route, vehicle: VehicleSettings, lens: RightLens) -> np.ndarray:
+    """(4, 2) px: how far the right image lies from where `lens` sends the left image's points, in each quarter of the view."""
+    pair, rig = pairs(world, route, vehicle, 1)[0], given_rig(vehicle, "quarter")
+    assert pair.truth is not None
+    grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32) for image in (pair.left, pair.right)]
+    gradient = [cv2.Sobel(grey[1], cv2.CV_32F, *order, ksize=3, scale=0.125) for order in ((1, 0), (0, 1))]
+    depth = pair.truth[0].depth.astype(float)
+    v, u = np.argwhere((depth > 0) & (depth < 40)).T
+    p_ideal = rig.camera.rays(np.column_stack([u, v]).astype(float)) * depth[v, u, None] + np.array(rig.t_right_left)
+    place = lens.real_pixels(rig.camera, rig.baseline_m, rig.camera.project(p_ideal), 1 / p_ideal[:, 2])
+    inside, out = rig.camera.contains(place, 5.0), []
+    for left in (True, False):
+        for top in (True, False):
+            mine = inside & ((u < rig.camera.cx) == left) & ((v < rig.camera.cy) == top)
+            shift = np.zeros(2)
+            for _ in range(12):  # Gauss and Newton, without what is hidden in one of the images, or mirrors
+                x, y = (place[mine] + shift).astype(np.float32).T[..., None]
+                gx, gy, seen = (cv2.remap(image, x, y, cv2.INTER_CUBIC)[:, 0] for image in (*gradient, grey[1]))
+                residual = grey[0][v[mine], u[mine]] - seen
+                kept = np.abs(residual) < 15
+                J = np.column_stack([gx, gy])[kept].astype(float)
+                shift += np.clip(np.linalg.solve(J.T @ J, J.T @ residual[kept]), -0.5, 0.5)
+            out.append(shift)
+    return np.array(out)
+
+
+def test_the_right_image_lies_where_the_true_lens_sends_the_left_images_points(world: World, route: Route) -> None:
+    strong = RightLensSettings(
+        pitch_rad=0.002, roll_rad=0.004, focal_ratio=1.005, cx_shift_px=-2.0, k1=0.015, p1=0.002, p2=-0.003, ty=0.02
+    )
+    quiet = SensorSettings(noise=0.0)
+    for settings in (RightLensSettings(), strong):
+        vehicle = VehicleSettings(right_lens=settings, left=quiet, right=quiet)
+        assert np.abs(shift_between(world, route, vehicle, settings.lens(0.25))).max() < 0.15  # reflections differ between sides
+    assert np.abs(shift_between(world, route, vehicle, RightLens())).max() > 0.5
