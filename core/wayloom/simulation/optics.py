@@ -14,7 +14,7 @@ from wayloom.simulation.camera import blurred
 from wayloom.simulation.kernels import optics as kernels
 from wayloom.simulation.kernels import raster
 from wayloom.simulation.kernels.arrays import View
-from wayloom.simulation.renderer import Scene, Truth
+from wayloom.simulation.renderer import SAMPLES_PER_EDGE, Scene, Truth
 from wayloom.simulation.rigs import given_rig, scale_of
 from wayloom.simulation.vehicle_settings import VehicleSettings
 
@@ -95,18 +95,17 @@ def culling_camera(cameras: tuple[TrueCamera, ...]) -> PinholeCamera:
     return PinholeCamera(f, f, float(-f * low[0]) - 0.5, float(-f * low[1]) - 0.5, width, height)
 
 
-def truth_of(scene: Scene, camera: TrueCamera, T_world_cam: F64) -> Truth:
+def truth_of(scene: Scene, camera: TrueCamera, T_world_cam: F64, fine_ids: NDArray[np.int32] | None = None) -> Truth:
     """What the ray through each pixel's centre meets, depth along the true camera's z.
 
     Where the lens bends, class and instance are those seen at most a quarter of a pixel (along each axis) from the ray; depth is
-    where the ray itself meets that triangle's plane.
+    where the ray itself meets that triangle's plane. fine_ids: `Scene.fine_ids` of the drawn camera, where they are at hand.
     """
     if camera.lens_uv is None:
         return scene.truth(camera.drawn, T_world_cam)
-    c, n = camera.drawn, 2
-    fine = View(n * c.fx, n * c.fy, n * c.cx + 0.5 * (n - 1), n * c.cy + 0.5 * (n - 1), T_world_cam)
-    all_ids = scene.ids(fine, n * c.width, n * c.height)
-    place = np.rint(n * camera.lens_uv + 0.5 * (n - 1)).astype(np.int64)
+    c = camera.drawn
+    all_ids = scene.fine_ids(c, T_world_cam) if fine_ids is None else fine_ids
+    place = np.rint(SAMPLES_PER_EDGE * camera.lens_uv + 0.5 * (SAMPLES_PER_EDGE - 1)).astype(np.int64)
     ids = all_ids[place[..., 1], place[..., 0]]
     depth = np.empty(ids.size, np.float32)
     u, v = (np.ascontiguousarray(camera.lens_uv[..., k]).ravel() for k in (0, 1))
