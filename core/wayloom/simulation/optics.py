@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.classes import SKY
+from wayloom.errors import ConfigError
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import R_real_ideal, RightLens
@@ -44,7 +45,7 @@ class TrueCamera:
 
 
 def true_cameras(vehicle: VehicleSettings, size: str) -> tuple[TrueCamera, TrueCamera]:
-    """Left and right. Raises ConfigError for an unknown size."""
+    """Left and right. Raises ConfigError for an unknown size, and for a lens that does not show every pixel something."""
     rig, lens = given_rig(vehicle, size), vehicle.right_lens.lens(scale_of(size))
     raw = vehicle.distortion or NO_DISTORTION
     return (
@@ -72,6 +73,10 @@ def _true_camera(given: PinholeCamera, lens: RightLens, raw: Coefficients, T_lef
     rectified = xy * (given.fx, given.fy) + (given.cx, given.cy)
     ideal = undistort(pinhole.rays(rectified)[:, :2], own)
     uv = ideal * (pinhole.fx, pinhole.fy) + (pinhole.cx, pinhole.cy)
+    dark = int((~np.isfinite(uv).all(axis=1)).sum())
+    if dark:
+        what = f"{dark} of {len(uv)} pixels see nothing through the lens, whose polynomial folds within the image"
+        raise ConfigError(what, record="distortion", remedy="weaken it, or take a rig of longer focal length")
     low = np.floor(uv.min(axis=0)).astype(int) - MARGIN_PX
     high = np.ceil(uv.max(axis=0)).astype(int) + MARGIN_PX
     width, height = (int(n) for n in high - low + 1)
