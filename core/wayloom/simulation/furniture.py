@@ -19,6 +19,8 @@ FENCE_LIGHTEST = {Material.RAILS: 5.0, Material.PICKETS: 2.4, Material.MESH: 2.5
 """Factor on the material's colour: galvanised rails, pickets painted white."""
 PIER_EVERY_M, PIER_M = 3.0, 0.42
 SIGNAL_M = 1.15
+BOARD = ((-0.18, 0.40, 0.20, (0.1, 0.1, 0.1)), (-0.17, 0.40, 0.20, (2.6, 2.6, 2.6)), (-0.165, 0.35, 0.15, (0.1, 0.1, 0.1)))
+"""Layers behind a signal over the road, back to front: place m, half width, how far they stand out above and below, tint."""
 
 
 def lamp_post(m: MeshBuilder, at: F64, to_street: F64, number: int) -> None:
@@ -52,32 +54,21 @@ def traffic_light(m: MeshBuilder, at: F64, facing: F64, to_street: F64, arm_m: f
     """Signal heads on a post, and, where arm_m > 0, one more over the road."""
     tall = 3.5 if arm_m == 0 else 5.9
     post(m, at[0], at[1], (0, tall), (0.08, 0.07), Material.METAL, POLE, post_number)
-    _signal_head(m, at + facing * 0.22, facing, 2.45, light_number)
+    _signal_head(m, at + facing * 0.22, facing, 2.45, light_number, False)
     if arm_m > 0:
         end = at + to_street * arm_m
         tube(m, (*at, tall - 0.1), (*end, tall + 0.15), (0.06, 0.04), Material.METAL, POLE, post_number, sides=6)
-        _signal_head(m, end + facing * 0.16, facing, tall - 0.75, light_number)
+        _signal_head(m, end + facing * 0.16, facing, tall - 0.75, light_number, True)
 
 
-def _signal_head(m: MeshBuilder, at: F64, facing: F64, foot_m: float, number: int) -> None:
-    """A box of three lamps of 0.3 m under visors with its foot at foot_m, before a black board with a white rim."""
+def _signal_head(m: MeshBuilder, at: F64, facing: F64, foot_m: float, number: int, board: bool) -> None:
+    """A box of three lamps of 0.3 m under visors with its foot at foot_m, where wanted before a black board with a white rim."""
     yaw = float(np.arctan2(facing[1], facing[0]))
     place, dark = (float(at[0]), float(at[1])), (0.12, 0.13, 0.12)
     low, high = foot_m, foot_m + SIGNAL_M
-    for x, half, over, tint in ((-0.17, 0.40, 0.20, (2.6, 2.6, 2.6)), (-0.165, 0.35, 0.15, (0.1, 0.1, 0.1))):
-        box(
-            m,
-            (x, -half, low - over),
-            (x + 0.01, half, high + over),
-            Material.METAL,
-            LIGHT,
-            number,
-            tint,
-            1,
-            place,
-            yaw,
-            bottom=True,
-        )
+    for x, half, over, tint in BOARD if board else ():
+        lo, hi = (x, -half, low - over), (x + 0.01, half, high + over)
+        box(m, lo, hi, Material.METAL, LIGHT, number, tint, 1, place, yaw, bottom=True)
     box(m, (-0.155, -0.20, low), (0.14, 0.20, high), Material.METAL, LIGHT, number, dark, 1, place, yaw, bottom=True)
     face, to_its_right = at + facing * 0.146, np.array([-facing[1], facing[0]]) * 0.19
     a, b = face - to_its_right, face + to_its_right

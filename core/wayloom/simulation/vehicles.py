@@ -247,8 +247,9 @@ def bicycle() -> Mesh:
     box(m, (0.42, -0.17, 0.86), (0.70, 0.17, 1.06), Material.PICKETS, cls, 0, dark, 0.5)
     box(m, (-0.80, -0.04, 0.62), (-0.76, 0.04, 0.70), Material.LIT, cls, 0, TAIL_LAMP)
     box(m, (0.40, -0.04, 0.78), (0.46, 0.04, 0.86), Material.PAINT, cls, 0, WHITE_LAMP)
-    for y in (0.16, -0.16):  # panniers
-        box(m, (-0.76, y - 0.08, 0.38), (-0.38, y + 0.08, 0.74), Material.CLOTH, cls, 0, (0.10, 0.09, 0.08), 0.6, bottom=True)
+    for y in (0.11, -0.11):  # panniers
+        box(m, (-0.72, y - 0.05, 0.46), (-0.44, y + 0.05, 0.74), Material.CLOTH, cls, 0, (0.16, 0.14, 0.12), 0.6, bottom=True)
+    box(m, (-0.50, -0.045, 0.27), (0.10, -0.035, 0.38), Material.PAINT, cls, 0, dark)
     for y, x, z in ((0.13, 0.12, 0.18), (-0.13, -0.12, 0.42)):
         box(m, (x - 0.05, y - 0.05, z), (x + 0.05, y + 0.05, z + 0.03), Material.PAINT, cls, 0, dark, bottom=True)
     return m.build()
