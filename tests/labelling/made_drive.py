@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
+from wayloom.segmentation.scores import Scores
 
 CAMERA = PinholeCamera(fx=90.0, fy=92.0, cx=49.3, cy=30.8, width=100, height=60)
 RIG = StereoRig(CAMERA, (-0.5, 0.004, -0.003))
@@ -18,12 +19,16 @@ class HeldImages:
 
     lefts: list[NDArray[np.uint8]]
     rights: list[NDArray[np.uint8]]
+    likeliest: tuple[list[Scores], list[Scores]] | None = None
 
     def left(self, keyframe: int, /) -> NDArray[np.uint8]:
         return self.lefts[keyframe]
 
     def right(self, keyframe: int, /) -> NDArray[np.uint8]:
         return self.rights[keyframe]
+
+    def scores(self, side: str, keyframe: int, /) -> Scores | None:
+        return None if self.likeliest is None else self.likeliest[side == "right"][keyframe]
 
 
 def made_drive(seed: int, keyframes: int = 5, points: int = 120, bias_px: float = 0.4) -> OdometryResult:
