@@ -38,7 +38,7 @@ def fix_first_estimates(frames: Frames) -> None:
     """From now on the prior speaks of these keyframes: their Jacobians stay where they are."""
     new = frames.has_first == 0
     frames.T_first[new], frames.affine_first[new] = frames.T_cam_world[new], frames.affine[new]
-    frames.has_first[:] = 1
+    frames.has_first[new] = 1
 
 
 def eliminate(H: FloatArray, g: FloatArray, out: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:

@@ -14,7 +14,7 @@ from wayloom.config.progress import Progress, silent
 from wayloom.geometry import se3
 from wayloom.geometry.camera import StereoRig
 from wayloom.logs.types import DriveLog, StereoFrame
-from wayloom.odometry import adjust, feed, keyframing, marginalise, pyramid, recovery, rows, selection, stereo, window
+from wayloom.odometry import ablation, adjust, feed, keyframing, marginalise, pyramid, recovery, rows, selection, stereo, window
 from wayloom.odometry import track as tracking
 from wayloom.odometry.harvest import FrameRow, Harvest, KeyframeRow
 from wayloom.odometry.kernels.arrays import Robust
@@ -244,7 +244,7 @@ class Odometry:
         self.window.frames.gain_right[newest] = stereo.right_gain(left, right, pixels, disparity)
         room = s.points if newest == 0 else max(min(s.new_points, s.points - len(uv_taken)), s.min_new_points)
         self.cell = selection.next_cell(self.cell, len(pixels), room)
-        chosen = selection.spread_sample(pixels, room)
+        chosen = selection.spread_sample(pixels, room, s.seed)
         rho = np.maximum(disparity[chosen] - self.window.delta[0], 0.1) / self.stereo_rig.bf
         window.add_points(self.window, pixels[chosen], rho, s.gradient_scale, self.harvest.next_point)
         self.harvest.next_point += len(chosen)
@@ -256,6 +256,7 @@ class Odometry:
         self.harvest.add_observations(self.window, ~gone, self.rig, self.robust, [j])
         self._harvest_points(gone)
         marginalise.marginalise(self.window, j, gone, self.rig, self.robust, self.settings.affine_prior)
+        ablation.weaken_prior(self.window, self.settings.ablation, self.settings.bias_prior)
 
     def _harvest_points(self, gone: NDArray[np.bool_]) -> None:
         """Keep the points in gone (N,) in the result."""

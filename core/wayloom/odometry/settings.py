@@ -5,6 +5,14 @@ from pydantic import Field
 from wayloom.config.settings import Settings
 
 
+class Ablation(Settings):
+    """What can be taken away from the prior to see what it is worth; all True in earnest."""
+
+    marginalisation_prior: bool = Field(True, description="what leaves the window stays as a prior")
+    bias_in_prior: bool = Field(True, description="the disparity bias is an unknown of that prior, no random walk beside it")
+    first_estimates: bool = Field(True, description="Jacobians of keyframes that the prior knows are those of their first estimate")
+
+
 class OdometrySettings(Settings):
     """Everything that can be chosen. Grey levels are 0 to 255; shares of the image refer to width + height."""
 
@@ -54,3 +62,5 @@ class OdometrySettings(Settings):
     grey_sigma: float = Field(8.0, gt=0, description="grey levels, for a point's variance")
     disparity_sigma: float = Field(0.15, ge=0, description="px, the part of a point's sigma that more views do not lower")
     max_relative_sigma: float = Field(0.2, gt=0, description="sigma of a kept point's inverse depth over the inverse depth")
+    seed: int = Field(0, ge=0, lt=2**31, description="of the choice among equal points; results of other seeds show the noise")
+    ablation: Ablation = Ablation()
