@@ -32,5 +32,7 @@ def samples(t_s: F64) -> tuple[F64, F64]:
     acceleration = (after[:, :3, 3] - 2 * now[:, :3, 3] + before[:, :3, 3]) / STEP_S**2
     force = np.einsum("mji,mj->mi", R, acceleration - GRAVITY)
     change = np.einsum("mji,mjk->mik", before[:, :3, :3], after[:, :3, :3])
-    rate = np.stack([change[:, 2, 1] - change[:, 1, 2], change[:, 0, 2] - change[:, 2, 0], change[:, 1, 0] - change[:, 0, 1]], axis=1)
+    rate = np.stack(
+        [change[:, 2, 1] - change[:, 1, 2], change[:, 0, 2] - change[:, 2, 0], change[:, 1, 0] - change[:, 0, 1]], axis=1
+    )
     return force, rate / (4 * STEP_S)

@@ -1,12 +1,13 @@
 """Preintegration and the IMU's residuals: against an ideal IMU on a known motion, finite differences and random draws."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from odometry import made_motion
 
+from odometry import made_motion
 from wayloom.geometry import se3
 from wayloom.odometry.kernels import inertial as kernel
 from wayloom.odometry.kernels import preintegration
@@ -35,7 +36,7 @@ def made_inertial(bias: F64) -> tuple[Frames, Inertial]:
     """Three keyframes on the made motion with perfect states and links from an IMU of that bias."""
     t, force, rate = ideal_samples(bias)
     F = len(TIMES)
-    links = [preintegrated(t, force, rate, a, b, bias) for a, b in zip(TIMES, TIMES[1:], strict=False)]
+    links = [preintegrated(t, force, rate, a, b, bias) for a, b in pairwise(TIMES)]
     links.append((np.eye(3), np.zeros(3), np.zeros(3), np.zeros((9, 6)), np.eye(9)))
     R, v, p, J, C = (np.array(column) for column in zip(*links, strict=True))
     n = made_motion.GRAVITY / np.linalg.norm(made_motion.GRAVITY)

@@ -13,6 +13,22 @@ class Ablation(Settings):
     first_estimates: bool = Field(True, description="Jacobians of keyframes that the prior knows are those of their first estimate")
 
 
+class ImuSettings(Settings):
+    """How a log's IMU is used. Noises are those of a car's MEMS unit; a better unit loses little by them."""
+
+    use: bool = Field(True, description="use the IMU of logs that have one")
+    time_offset_s: float = Field(0.0, ge=-1, le=1, description="the IMU's clock minus the camera's")
+    gyroscope_noise: float = Field(2e-3, gt=0, description="rad/s/sqrt(Hz)")
+    accelerometer_noise: float = Field(2e-2, gt=0, description="m/s^2/sqrt(Hz)")
+    gyroscope_walk: float = Field(1e-4, gt=0, description="rad/s^2/sqrt(Hz), of the bias")
+    accelerometer_walk: float = Field(1e-3, gt=0, description="m/s^3/sqrt(Hz), of the bias")
+    gyroscope_bias: float = Field(0.02, gt=0, description="rad/s, sigma of the bias found at the start")
+    accelerometer_bias: float = Field(0.3, gt=0, description="m/s^2, sigma of the bias about zero")
+    max_gap_s: float = Field(0.05, gt=0, description="seconds without a sample that are bridged")
+    start_span_s: float = Field(1.0, gt=0, description="seconds of the window's poses from which gravity may be found")
+    start_gravity_m_s2: float = Field(0.7, gt=0, description="m/s^2 by which the found gravity may be off in length")
+
+
 class OdometrySettings(Settings):
     """Everything that can be chosen. Grey levels are 0 to 255; shares of the image refer to width + height."""
 
@@ -63,4 +79,5 @@ class OdometrySettings(Settings):
     disparity_sigma: float = Field(0.15, ge=0, description="px, the part of a point's sigma that more views do not lower")
     max_relative_sigma: float = Field(0.2, gt=0, description="sigma of a kept point's inverse depth over the inverse depth")
     seed: int = Field(0, ge=0, lt=2**31, description="of the choice among equal points; results of other seeds show the noise")
+    imu: ImuSettings = ImuSettings()
     ablation: Ablation = Ablation()

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.odometry.inertial import NO_IMU
 from wayloom.odometry.kernels.arrays import PATTERN, Frames, Images, PointColumns, Rig
 from wayloom.odometry.kernels.equations import relative_poses
+from wayloom.odometry.kernels.inertial import Inertial
 from wayloom.odometry.kernels.tracking import project_points
 
 FloatArray = NDArray[np.float64]
@@ -36,8 +38,10 @@ class Window:
     keyframe     (F,) row of each frame in the result's keyframes
     point_id     (N,) number of each live point, counted through the drive
     delta        (1,) px, the disparity bias
-    prior_H, prior_g  (1 + 8F): energy z^T H z - 2 g^T z of the state's deviation z from the first estimates
+    prior_H, prior_g  (1 + 8F, with an IMU 1 + 17F + 2): energy z^T H z - 2 g^T z of the state's deviation z from the first
+                      estimates
     inlier, information  (N, F + 1) and (N,), of the last adjustment
+    inertial     velocities, biases and gravity once the IMU is in use
     """
 
     images: Images
@@ -50,6 +54,7 @@ class Window:
     prior_g: FloatArray
     inlier: IntArray = field(default_factory=lambda: np.zeros((0, 1), np.int64))
     information: FloatArray = field(default_factory=lambda: np.zeros(0))
+    inertial: Inertial = NO_IMU
 
     def __len__(self) -> int:
         return len(self.keyframe)
@@ -79,7 +84,15 @@ def add_keyframe(
     new = (slot, T_cam_world, T_cam_world, 0, affine, affine, np.array([1.0, 0.0]))
     window.frames = Frames(*(np.concatenate([old, np.asarray(n)[None]]) for old, n in zip(frames, new, strict=True)))
     window.keyframe = np.append(window.keyframe, keyframe)
-    window.prior_H, window.prior_g = np.pad(window.prior_H, (0, 8)), np.pad(window.prior_g, (0, 8))
+    before = len(window.keyframe) - 1
+    window.prior_H, window.prior_g = with_rows(window.prior_H, window.prior_g, 1 + 8 * before, 8)
+
+
+def with_rows(H: FloatArray, g: FloatArray, at: int, count: int) -> tuple[FloatArray, FloatArray]:
+    """H (n, n) and g (n,) with `count` unknowns that nothing is known of, put in before unknown `at`."""
+    for axis in (0, 1):
+        H = np.insert(H, [at] * count, 0.0, axis=axis)
+    return H, np.insert(g, [at] * count, 0.0)
 
 
 def add_points(window: Window, pixels: IntArray, rho: FloatArray, gradient_scale: float, first_id: int) -> None:

@@ -1,7 +1,8 @@
 """The IMU's part of the window: residuals between keyframes that follow each other, and their normal equations.
 
-A keyframe's inertial state are velocity v (3,) m/s in the world, gyroscope and accelerometer bias (6,). Gravity is one direction for the
-drive, g = G (n + B gamma) / |n + B gamma|. Its frame: x (1 + 8F + 9F + 2) = the visual state, then v and biases of each keyframe, then gamma.
+A keyframe's inertial state are velocity v (3,) m/s in the world, gyroscope and accelerometer bias (6,). Gravity is one direction
+for the drive, g = G (n + B gamma) / |n + B gamma|. The window's state x (1 + 8F + 9F + 2) is the visual one, then v and biases of
+each keyframe, then gamma.
 """
 
 from typing import NamedTuple
@@ -25,7 +26,8 @@ class Inertial(NamedTuple):
     velocity, velocity_first (F, 3) m/s; bias, bias_first (F, 6); gamma (2,); basis (3, 3) columns n, B;
     T_cam_imu (4, 4); has_link (F,) 1 where link f leads from keyframe f to f + 1; duration (F,) s;
     R (F, 3, 3), v, p (F, 3), J (F, 9, 6), information (F, 9, 9) of the preintegrated motion at bias_at (F, 6);
-    walk (2,) information of a change of the gyroscope's and the accelerometer's bias in one second; weight: of all this in the energy.
+    walk (2,) information of a change of the gyroscope's and the accelerometer's bias in one second;
+    weight: of all this in the energy.
     """
 
     velocity: np.ndarray
@@ -108,7 +110,7 @@ def link_residual(inertial, T_a, T_b, f, r):  # type: ignore[no-untyped-def]
 
 @jit
 def link_jacobian(inertial, T_a, T_b, f, r, J):  # type: ignore[no-untyped-def]
-    """Fills J (15, 32) = dr / d(pose a, v a, bias a, pose b, v b, bias b, gamma), poses as left perturbations (v, omega) of T_cam_world."""
+    """Fills J (15, 32) = dr / d(pose a, v a, bias a, pose b, v b, bias b, gamma), poses left perturbations of T_cam_world."""
     J[:] = 0.0
     slope = np.empty((3, 2))
     g, dt = gravity(inertial.gamma, inertial.basis, slope), inertial.duration[f]
@@ -127,7 +129,10 @@ def link_jacobian(inertial, T_a, T_b, f, r, J):  # type: ignore[no-untyped-def]
     right[6:9, 0:3] = -np.eye(3)
     right[6:9, 6:9] = product(back, Rb)
     chain = camera_to_imu(inertial.T_cam_imu)
-    J[:9, 0:6], J[:9, 15:21] = product(np.ascontiguousarray(right[:, :6]), chain), product(np.ascontiguousarray(right[:, 6:]), chain)
+    J[:9, 0:6], J[:9, 15:21] = (
+        product(np.ascontiguousarray(right[:, :6]), chain),
+        product(np.ascontiguousarray(right[:, 6:]), chain),
+    )
     J[3:6, 6:9], J[3:6, 21:24], J[6:9, 6:9] = -back, back, -dt * back
     turned = product(Ji, product(np.ascontiguousarray(exp_so3(r[:3]).T), right_jacobian(theta)))
     J[:3, 9:15] = -product(turned, np.ascontiguousarray(inertial.J[f, :3]))
@@ -160,13 +165,18 @@ def add_links(frames, inertial, H, g):  # type: ignore[no-untyped-def]
     """Add the links' normal equations to H and g (1 + 17F + 2); returns their energy. Poses that the prior knows are taken at their
     first estimates in the Jacobians, as those of the photometric residuals are."""
     F, total = frames.slot.shape[0], 0.0
-    r, J, W, index = np.zeros(RESIDUALS), np.zeros((RESIDUALS, UNKNOWNS)), np.zeros((RESIDUALS, RESIDUALS)), np.empty(UNKNOWNS, np.int64)
+    r, J, W, index = (
+        np.zeros(RESIDUALS),
+        np.zeros((RESIDUALS, UNKNOWNS)),
+        np.zeros((RESIDUALS, RESIDUALS)),
+        np.empty(UNKNOWNS, np.int64),
+    )
     at_first = np.zeros(RESIDUALS)
     for f in range(F - 1):
         if not inertial.has_link[f]:
             continue
-        T_a = frames.T_first[f] if frames.has_first[f] else frames.T_cam_world[f]
-        T_b = frames.T_first[f + 1] if frames.has_first[f + 1] else frames.T_cam_world[f + 1]
+        T_a = frames.T_first[f] if frames.has_first[f] == 1 else frames.T_cam_world[f]
+        T_b = frames.T_first[f + 1] if frames.has_first[f + 1] == 1 else frames.T_cam_world[f + 1]
         link_residual(inertial, frames.T_cam_world[f], frames.T_cam_world[f + 1], f, r)
         link_residual(inertial, T_a, T_b, f, at_first)
         link_jacobian(inertial, T_a, T_b, f, at_first, J)
@@ -192,7 +202,7 @@ def add_links(frames, inertial, H, g):  # type: ignore[no-untyped-def]
 def links_energy(frames, inertial):  # type: ignore[no-untyped-def]
     """The energy of all links at the present state."""
     total, r, W = 0.0, np.zeros(RESIDUALS), np.zeros((RESIDUALS, RESIDUALS))
-    for f in range(frames.slot.shape[0] - 1):
+    for f in range(inertial.has_link.shape[0] - 1):
         if inertial.has_link[f]:
             link_residual(inertial, frames.T_cam_world[f], frames.T_cam_world[f + 1], f, r)
             link_information(inertial, f, W)

@@ -93,8 +93,8 @@ def inverse_right_jacobian(w):  # type: ignore[no-untyped-def]
 def preintegrate(t, force, rate, start, stop, bias, density, R, v, p, J, C):  # type: ignore[no-untyped-def]
     """Integrate the samples from start to stop, linear in between, by the midpoint rule, in the IMU's frame at start.
 
-    t (M,) s increasing, of samples that enclose start to stop; force (M, 3) m/s^2; rate (M, 3) rad/s; bias (6,) gyroscope, accelerometer;
-    density (2,): noise of rate (rad/s/sqrt Hz) and force (m/s^2/sqrt Hz).
+    t (M,) s increasing, of samples that enclose start to stop; force (M, 3) m/s^2; rate (M, 3) rad/s;
+    bias (6,) gyroscope, accelerometer; density (2,): noise of rate (rad/s/sqrt Hz) and force (m/s^2/sqrt Hz).
     Fills R (3, 3), v (3,), p (3,), J (9, 6) their derivative by the biases, C (9, 9) their covariance (eqs. A.7 to A.9 and B).
     """
     R[:], v[:], p[:], J[:], C[:] = np.eye(3), 0.0, 0.0, 0.0, 0.0
@@ -147,7 +147,7 @@ def advance(w, f, step, density, R, v, p, J, C):  # type: ignore[no-untyped-def]
 
 @jit
 def predict(T_world_imu, velocity, gravity, duration, R, v, p):  # type: ignore[no-untyped-def]
-    """T_world_imu (4, 4) and velocity (3,) after `duration` s, from a pose, a velocity, gravity (3,) m/s^2 and a preintegrated motion."""
+    """T_world_imu (4, 4) and velocity (3,) `duration` s later, by gravity (3,) m/s^2 and a preintegrated motion."""
     T, new = np.eye(4), np.empty(3)
     start = np.ascontiguousarray(T_world_imu[:3, :3])
     T[:3, :3] = product(start, R)
