@@ -113,7 +113,7 @@ def text_of(rig: RigFile) -> str:
     """The file's text; numbers keep all their digits."""
     camera = rig.rig.camera
     lines = [
-        "# A stereo rig's relative lens, by `wayloom calibrate`: from the pixel of the ideal rectified right camera to the real one.",
+        "# A stereo rig's relative lens, by `wayloom calibrate`: from the ideal rectified right camera's pixel to the real one's.",
         f"format_version = {VERSION}",
         *([] if rig.rig_id is None else [f"rig_id = {_quoted(rig.rig_id)}"]),
         f"drives = [{', '.join(_quoted(name) for name in rig.drives)}]",

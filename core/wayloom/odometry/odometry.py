@@ -12,16 +12,18 @@ from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry import se3
-from wayloom.geometry.camera import StereoRig
+from wayloom.geometry.lens import IDENTITY, RightLens
 from wayloom.logs.types import DriveLog, StereoFrame
 from wayloom.odometry import ablation, adjust, feed, keyframing, marginalise, pyramid, recovery, rows, selection, stereo, window
 from wayloom.odometry import track as tracking
+from wayloom.odometry.evidence import EvidenceCollector
 from wayloom.odometry.harvest import FrameRow, Harvest, KeyframeRow
 from wayloom.odometry.kernels.arrays import Robust
 from wayloom.odometry.kernels.linear import orthonormalise
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.stopwatch import Stopwatch
 from wayloom.odometry.types import OdometryResult
+from wayloom.odometry.visual_inertial import VisualInertial, for_log
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -31,16 +33,18 @@ RESTART_BIAS_INFORMATION = 10.0
 
 
 def track(
-    log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1
-) -> OdometryResult:
+    log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
+    lens: RightLens = IDENTITY, collector: EvidenceCollector | None = None,
+) -> OdometryResult:  # fmt: skip
     """Track a whole drive. One pose for every frame; the result is the same, bit for bit, for any number of threads.
 
-    With threads > 1 the next pair is decoded while this one is tracked. Raises LogError for frames that cannot be read or that
-    do not have the rig's size.
+    With threads > 1 the next pair is decoded while this one is tracked. lens : of the rig, where it is known; collector : gathers
+    what the drive knows of its rig. Raises LogError for frames that cannot be read or that do not have the rig's size.
     """
     with feed.one_opencv_thread():
         progress(0.0, f"aligning the rows of left and right{COMPILING}")
-        odometry = Odometry(log.rig, feed.fit_rows(log, settings.row_frames), settings)
+        right_images = rows.RightImages(log.rig, lens, feed.fit_rows(log, settings.row_frames, lens))
+        odometry = Odometry(right_images, settings, for_log(log, settings), collector)
         for frame in feed.frames(log, threads, odometry.stopwatch):
             odometry.process(frame)
             keyframes = len(odometry.harvest.keyframes)
@@ -53,14 +57,17 @@ def track(
 class Odometry:
     """Feed the pairs of a drive in order to `process`; `finish` gives the result."""
 
-    def __init__(self, rig: StereoRig, row_coefficients: FloatArray, settings: OdometrySettings) -> None:
-        self.settings, self.stereo_rig, self.row_coefficients = settings, rig, row_coefficients
+    def __init__(
+        self, right_images: rows.RightImages, settings: OdometrySettings, imu: VisualInertial | None = None,
+        collector: EvidenceCollector | None = None,
+    ) -> None:  # fmt: skip
+        self.settings, self.right_images, self.collector = settings, right_images, collector
+        self.stereo_rig = rig = right_images.rig
         self.rig = pyramid.rig_numbers(rig.camera, rig.t_right_left)
         self.levels = pyramid.level_count(rig.camera, settings.levels)
         self.cameras = pyramid.level_cameras(rig.camera, self.levels)
-        self.row_maps = rows.maps(row_coefficients, rig) if row_coefficients.any() else None
         self.robust = Robust(settings.huber, settings.max_energy, settings.static_weight, settings.observer_right_weight)
-        self.harvest, self.stopwatch = Harvest(), Stopwatch()
+        self.imu, self.harvest, self.stopwatch = imu, Harvest(), Stopwatch()
         self.t_ns: list[int] = []
         self.losses: list[dict[str, Any]] = []
         self.segment_frames: list[int] = []
@@ -121,10 +128,16 @@ class Odometry:
         return max(len(self.segment_frames) - 1, 0)
 
     def _expected_pose(self) -> FloatArray:
-        """(4, 4) T_cam_world of the new frame by constant motion of the last two, in their real time; identity at the start."""
+        """(4, 4) T_cam_world of the new frame by what the IMU felt, else by constant motion of the last two, in their
+        real time; identity at the start."""
         n = len(self.harvest.frames)
         if n < 2:
             return self.harvest.T_cam_world(0) if n else np.eye(4)
+        if self.imu is not None:
+            T_world_cam = tuple(se3.inverse(self.harvest.T_cam_world(i)) for i in (n - 2, n - 1))
+            foretold = self.imu.expected_pose((T_world_cam[0], T_world_cam[1]), (self.t_ns[-3], self.t_ns[-2], self.t_ns[-1]))
+            if foretold is not None:
+                return se3.inverse(foretold)
         dt_before, dt = (1e-9 * (self.t_ns[i] - self.t_ns[i - 1]) for i in (-2, -1))
         return tracking.constant_motion(self.harvest.T_cam_world(n - 1), self.harvest.T_cam_world(n - 2), dt_before, dt)
 
@@ -190,8 +203,16 @@ class Odometry:
         self.failed, self.last_tracked = 0, len(self.harvest.frames)
         self._add_keyframe(frame, left, images, T_expected, np.zeros(2))
 
+    def _collect(self, frame: StereoFrame, left: Image) -> None:
+        """Give the newest keyframe to the evidence of the rig."""
+        if self.collector is not None:
+            right, newest = pyramid.grey(frame.right), self.window.frames.T_cam_world[-1]
+            self.collector.keyframe(frame.index, left, right, newest, self.right_images, float(self.window.delta[0]))
+
     def _end_segment(self) -> None:
         """Every live point leaves into the result; the window is emptied, the disparity bias stays known."""
+        if self.collector is not None:
+            self.collector.interrupt()
         self._harvest_points(np.ones(len(self.window.point_id), bool))
         self._reset(float(self.window.delta[0]), RESTART_BIAS_INFORMATION * self.settings.bias_prior)
 
@@ -205,25 +226,36 @@ class Odometry:
         self.harvest.keyframes.append(KeyframeRow(frame.index, self._segment(), T_cam_world, np.zeros(4)))
         self.harvest.frames.append(FrameRow(row, np.eye(4), True, self._segment()))
         window.add_keyframe(self.window, left, right, T_cam_world, affine, row)
+        if self.imu is not None:
+            self.imu.extend(self.window, self._keyframe_times())
         self._activate_points(left, right)
         if len(self.window) > 1:
             with self.stopwatch("adjust"):
                 adjust.adjust(self.window, self.rig, self.robust, s.affine_prior, s.adjust_iterations)
                 adjust.cull(self.window)
         self.harvest.update_keyframes(self.window)
+        if self.collector is not None:
+            with self.stopwatch("evidence"):
+                self._collect(frame, left)
         with self.stopwatch("marginalise"):
             while len(self.window) > s.window:
                 self._marginalise_one()
+        if self.imu is not None:
+            self.imu.learn(self.window, self._keyframe_times())
         with self.stopwatch("reference"):
             newest = tracking.make_reference(self.window, len(self.window) - 1, images, self.cameras, self.rig, s.border)
         self.references = [r for r in self.references[-2:] if r.keyframe in self.window.keyframe] + [newest]
         self.brightness, self.first_rms = np.array([1.0, 0.0]), math.inf
 
+    def _keyframe_times(self) -> list[int]:
+        """Time stamps (ns) of the window's keyframes."""
+        return [self.t_ns[self.harvest.keyframes[row].frame] for row in self.window.keyframe]
+
     def _aligned_right(self, frame: StereoFrame) -> Image:
         """The right image (h, w), its rows on the left's."""
         with self.stopwatch("rows"):
             right = pyramid.grey(frame.right)
-            return right if self.row_maps is None else rows.align(right, self.row_maps)
+            return self.right_images.align(right)
 
     def _stereo_points(self, left: Image, right: Image, uv_taken: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
         """Pixels (n, 2) of the left image where no point is yet, and their disparities (n,) px."""
@@ -242,6 +274,8 @@ class Odometry:
         uv_taken = projected[~np.isnan(projected[:, 0]), :2]
         pixels, disparity = self._stereo_points(left, right, uv_taken)
         self.window.frames.gain_right[newest] = stereo.right_gain(left, right, pixels, disparity)
+        with self.stopwatch("rows"):
+            self.right_images.follow(left, right, pixels, disparity)
         room = s.points if newest == 0 else max(min(s.new_points, s.points - len(uv_taken)), s.min_new_points)
         self.cell = selection.next_cell(self.cell, len(pixels), room)
         chosen = selection.spread_sample(pixels, room, s.seed)
@@ -272,7 +306,7 @@ class Odometry:
         trajectory = self.harvest.trajectory(np.array(self.t_ns, np.int64))
         points = self.harvest.final_points(self.settings.min_observations, self.settings.max_relative_sigma)
         return OdometryResult(
-            self.stereo_rig, trajectory, self.harvest.final_keyframes(), points, delta, self.row_coefficients,
+            self.stereo_rig, trajectory, self.harvest.final_keyframes(), points, delta, self.right_images.coefficients,
             self._report(len(points), delta),
         )  # fmt: skip
 
@@ -289,7 +323,8 @@ class Odometry:
             "segments": [{"first_frame": a, "last_frame": b - 1} for a, b in zip(self.segment_frames, ends, strict=False)],
             "losses": self.losses,
             "disparity_bias_px": delta,
-            "row_coefficients_px": [float(c) for c in self.row_coefficients],
+            "row_coefficients_px": [float(c) for c in self.right_images.coefficients],
+            "imu": None if self.imu is None else self.imu.report(),
             "seconds": {part: round(seconds, 4) for part, seconds in sorted(self.stopwatch.seconds.items())},
         }
 
