@@ -16,17 +16,9 @@ def made() -> RigFile:
     rng = np.random.default_rng(0)
     root = rng.normal(size=(10, 10))
     determined = np.array([True] * 7 + [False, True, True])
+    information, pull, radial = root @ root.T, rng.normal(size=10), rng.normal(size=10)
     return RigFile(
-        "car-7",
-        RIG,
-        ('a"b', "straße\n2"),
-        LENS,
-        rng.uniform(0, 1e-3, 10),
-        determined,
-        root @ root.T,
-        rng.normal(size=10),
-        321,
-        0.11,
+        "car-7", RIG, ('a"b', "straße\n2"), LENS, rng.uniform(0, 1e-3, 10), determined, information, pull, radial, 321, 0.11
     )
 
 
@@ -36,7 +28,7 @@ def test_a_rig_file_comes_back_as_it_was_written(tmp_path: Path) -> None:
     assert (back.rig_id, back.rig, back.drives, back.lens, back.matches, back.noise_px) == (
         "car-7", RIG, ("a\"b", "straße\n2"), LENS, 321, 0.11,
     )  # fmt: skip
-    for name in ("sigma", "determined", "information", "pull"):
+    for name in ("sigma", "determined", "information", "pull", "radial"):
         np.testing.assert_array_equal(getattr(back, name), getattr(made(), name))
 
 

@@ -38,6 +38,7 @@ class RigFile:
     lens, sigma, determined   the parameters; (10,) standard deviations; (10,) whether the drives determined them
     information, pull   (10, 10) and (10,): what the drives say without any prior, as energy 1/2 x^T information x - pull^T x of the
                  parameters' difference x from the ideal camera's; later drives are added to it
+    radial       (10,) how what the drives say couples with a radial error that both lenses share: information's eleventh column
     matches, noise_px   how many matches it rests on, and how well one fits, px
     """
 
@@ -49,6 +50,7 @@ class RigFile:
     determined: NDArray[np.bool_]
     information: FloatArray = field(default_factory=lambda: np.zeros((COUNT, COUNT)))
     pull: FloatArray = field(default_factory=lambda: np.zeros(COUNT))
+    radial: FloatArray = field(default_factory=lambda: np.zeros(COUNT))
     matches: int = 0
     noise_px: float = 0.0
 
@@ -138,6 +140,7 @@ def text_of(rig: RigFile) -> str:
         "# What the drives say without any prior, about the ideal camera: more drives are added to it.",
         "[evidence]",
         f"pull = {_row(rig.pull)}",
+        f"radial = {_row(rig.radial)}",
         "information = [",
         *(f"  {_row(row)}," for row in rig.information),
         "]",
@@ -167,13 +170,14 @@ class _Reader:
         if (offsets > LARGEST).any():
             name = PARAMETERS[int(np.argmax(offsets / LARGEST))]
             raise self._bad(f"right_lens.{name}", "is impossible for a rectified pair")
-        information, pull = self._matrix("evidence.information"), self._floats("evidence.pull", COUNT)
+        information = self._matrix("evidence.information")
+        pull, radial = (self._floats(f"evidence.{name}", COUNT) for name in ("pull", "radial"))
         sigma = self._ten("right_lens.sigma")
         if (sigma < 0).any():
             raise self._bad("right_lens.sigma", "is negative")
         return RigFile(
             self._rig_id(), self._rig(), self._drives(), lens_from_values(values), sigma, self._determined(), information, pull,
-            int(self._number("matches", 0.0)), self._number("noise_px", 0.0),
+            radial, int(self._number("matches", 0.0)), self._number("noise_px", 0.0),
         )  # fmt: skip
 
     def _get(self, key: str) -> Any:
