@@ -68,6 +68,7 @@ class Odometry:
         self.cameras = pyramid.level_cameras(rig.camera, self.levels)
         self.robust = Robust(settings.huber, settings.max_energy, settings.static_weight, settings.observer_right_weight)
         self.imu, self.harvest, self.stopwatch = imu, Harvest(), Stopwatch()
+        self.recovery = recovery.Recovery(settings, rig, self.rig, self.cameras)
         self.t_ns: list[int] = []
         self.losses: list[dict[str, Any]] = []
         self.segment_frames: list[int] = []
@@ -99,7 +100,8 @@ class Odometry:
     def _follow(self, frame: StereoFrame, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
         """Align a frame with the window; make it a keyframe if it is due, or start anew after too many failures."""
         with self.stopwatch("track"):
-            fit, keyframe, failure = self._align(images, T_expected)
+            found = self._align(left, images, T_expected)
+        fit, keyframe, failure = found.fit, found.keyframe, found.failure
         if failure is not None:
             self.failed += 1
             gap_s = 1e-9 * (frame.t_ns - self.t_ns[self.last_tracked])
@@ -141,42 +143,15 @@ class Odometry:
         dt_before, dt = (1e-9 * (self.t_ns[i] - self.t_ns[i - 1]) for i in (-2, -1))
         return tracking.constant_motion(self.harvest.T_cam_world(n - 1), self.harvest.T_cam_world(n - 2), dt_before, dt)
 
-    def _align(self, images: pyramid.Pyramid, T_expected: FloatArray) -> tuple[tracking.Alignment, int, str | None]:
-        """The frame's alignment, the row of the keyframe that it refers to, and why it is lost if it is."""
-        s, reference, n = self.settings, self.references[-1], len(self.harvest.frames)
-        T_world_keyframe = se3.inverse(self.harvest.keyframes[reference.keyframe].T_cam_world)
-        fit = tracking.align(
-            images, reference, T_expected @ T_world_keyframe, self.brightness, self.cameras, self.levels - 1, 0, s
-        )  # fmt: skip
-        starting = n - self.segment_frames[-1] <= 1
-        dt = 1e-9 * (self.t_ns[-1] - self.t_ns[-2])
-        T_last = self.harvest.T_cam_world(n - 1)
-        guesses = tracking.further_guesses(T_expected, T_last, se3.inverse(T_world_keyframe), dt, starting)
-        if starting or fit.rms > 1.5 * self.smoothed_rms or fit.visible < s.min_visible or fit.saturated > 0.15:
-            fit = tracking.best_alignment(images, reference, guesses, self.brightness, fit, T_world_keyframe, self.cameras, s)
-        failure = self._failure(fit, reference.keyframe, T_last, T_expected, dt, starting)
-        if failure is None:
-            return fit, reference.keyframe, None
-        for older in self.references[-2::-1]:
-            T_world_older = se3.inverse(self.harvest.keyframes[older.keyframe].T_cam_world)
-            start = tracking.align(
-                images, older, T_expected @ T_world_older, self.brightness, self.cameras, self.levels - 1, 0, s
-            )  # fmt: skip
-            other = tracking.best_alignment(images, older, guesses, self.brightness, start, T_world_older, self.cameras, s)
-            if self._failure(other, older.keyframe, T_last, T_expected, dt, starting) is None:
-                return other, older.keyframe, None
-        return fit, reference.keyframe, failure
-
-    def _failure(
-        self, fit: tracking.Alignment, keyframe: int, T_last: FloatArray, T_expected: FloatArray, dt: float, starting: bool
-    ) -> str | None:
-        """Why the alignment cannot be believed, or None."""
-        failure = recovery.fit_failure(fit, self.settings)
-        if failure is not None:
-            return failure
-        since = 1e-9 * (self.t_ns[-1] - self.t_ns[self.last_tracked])
-        T_cam_world = fit.T_frame_keyframe @ self.harvest.keyframes[keyframe].T_cam_world
-        return recovery.motion_failure(T_cam_world, T_last, T_expected, max(since, dt), starting, self.settings)
+    def _align(self, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> recovery.Found:
+        """The frame's alignment with a keyframe of the window, and why it is lost if it is."""
+        n, tracked = len(self.harvest.frames), self.last_tracked
+        dt, since = (1e-9 * (self.t_ns[-1] - self.t_ns[i]) for i in (-2, tracked))
+        T_last, T_tracked = self.harvest.T_cam_world(n - 1), self.harvest.T_cam_world(tracked)
+        sought = recovery.Sought(
+            left, images, T_expected, T_last, T_tracked, dt, since, n - self.segment_frames[-1] <= 1, self.brightness, self.smoothed_rms
+        )
+        return self.recovery.align(sought, self.references, self.window)
 
     def _accept(self, fit: tracking.Alignment) -> None:
         """The frame is tracked: keep what the next frame is judged by."""
