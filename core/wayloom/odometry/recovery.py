@@ -16,10 +16,9 @@ from wayloom.geometry import se3
 from wayloom.geometry.camera import StereoRig
 from wayloom.odometry import pyramid, relocalise
 from wayloom.odometry.kernels.arrays import Rig
-from wayloom.odometry.kernels.linear import orthonormalise
 from wayloom.odometry.pyramid import Pyramid
 from wayloom.odometry.settings import OdometrySettings
-from wayloom.odometry.track import Alignment, Reference, align, best_alignment, better, further_guesses, make_reference
+from wayloom.odometry.track import Alignment, Reference, align, best_alignment, further_guesses, make_reference
 from wayloom.odometry.window import Window
 
 FloatArray = NDArray[np.float64]
@@ -233,11 +232,11 @@ class Recovery:
 
     def _best_of_grid(self, sought: Sought, reference: Reference, T_world_keyframe: FloatArray) -> list[FloatArray]:
         """The turned guesses that fit best on the coarsest levels, T_cam_world (4, 4) each."""
-        top, found = len(self.cameras) - 1, []
+        top = len(self.cameras) - 1
+        found: list[tuple[float, int, FloatArray]] = []
         for T_guess in turned_guesses(sought.T_expected, sought.T_last):
-            coarse = align(
-                sought.images, reference, T_guess @ T_world_keyframe, sought.brightness, self.cameras, top, max(top - 1, 0), self.settings
-            )  # fmt: skip
+            T = T_guess @ T_world_keyframe
+            coarse = align(sought.images, reference, T, sought.brightness, self.cameras, top, max(top - 1, 0), self.settings)
             if fit_failure(coarse, self.settings) is None:
                 found.append((coarse.rms, len(found), coarse.T_frame_keyframe @ se3.inverse(T_world_keyframe)))
         return [T for _, _, T in sorted(found, key=lambda item: item[:2])[:GRID_KEPT]]

@@ -1,5 +1,5 @@
-"""Finding a lost frame by its features: SIFT (Lowe 2004) matches with a keyframe whose stereo pair gives them depth, and the pose by
-P3P inside of RANSAC. Only lost or doubtful frames come here; the direct alignment has the last word on what is found.
+"""Finding a lost frame by its features: SIFT (Lowe 2004) matches with a keyframe whose stereo pair gives them depth, and the pose
+by P3P inside of RANSAC. Only lost or doubtful frames come here; the direct alignment has the last word on what is found.
 
 The result depends on nothing but the images: OpenCV's RANSAC draws from a generator with a fixed seed.
 """
@@ -46,7 +46,7 @@ class Landmarks:
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """T_frame_keyframe (4, 4) by `inliers` of `matches` features; brightness (2,) gain, offset of the frame against the keyframe."""
+    """T_frame_keyframe (4, 4) by `inliers` of `matches` features; brightness (2,) gain, offset of the frame against it."""
 
     T_frame_keyframe: FloatArray
     inliers: int
@@ -61,7 +61,7 @@ class Sighting:
 
 def find_features(image: Image) -> Features:
     """The strongest features of an image (h, w), in an order that the image alone decides."""
-    keypoints, descriptors = cv2.SIFT.create(FEATURES).detectAndCompute(image, None)  # type: ignore[call-overload]
+    keypoints, descriptors = cv2.SIFT.create(FEATURES).detectAndCompute(image, None)
     if descriptors is None:
         return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros(0))
     uv = np.array([keypoint.pt for keypoint in keypoints], np.float64).reshape(-1, 2)
@@ -91,12 +91,11 @@ def matches(ours: Features, theirs: Features) -> NDArray[np.int64]:
 
 
 def _nearest(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.int64]:
-    """(n,) row of b nearest to each row of a, -1 where the second nearest is about as near."""
-    squared = (
-        (a * a).sum(axis=1)[:, None]
-        + (b * b).sum(axis=1)[None]
-        - 2.0 * np.asarray(cv2.gemm(a, b, 1.0, None, 0.0, flags=cv2.GEMM_2_T))
-    )
+    """(n,) row of b nearest to each row of a, -1 where the second nearest is about as near.
+
+    SIFT's numbers are whole and small: every sum is exact in float32, whatever order BLAS adds in.
+    """
+    squared = (a * a).sum(axis=1)[:, None] + (b * b).sum(axis=1)[None] - 2.0 * (a @ b.T)
     best = np.argmin(squared, axis=1)
     two = np.partition(squared, 1, axis=1)[:, :2]
     return np.where(two[:, 0] < RATIO**2 * two[:, 1], best, -1)
