@@ -98,10 +98,20 @@ def differences(rig: RigFile, log_rig: StereoRig, rig_id: str | None, *, file: P
     return tuple(doubts)
 
 
-def rig_for_log(file: Path, log: DriveLog) -> tuple[RigFile, tuple[str, ...]]:
-    """A rig file and the doubts about it for this log. Raises CalibrationError where it cannot be used."""
+def lens_for_log(path: Path | None, log: DriveLog) -> tuple[RightLens, tuple[str, ...]]:
+    """The lens of a log's rig, and doubts about it in words; the ideal one where nothing is known.
+
+    path : a rig file, or a folder that holds one named `<rig_id>.toml` for each rig that is known, or None
+    Raises CalibrationError where the file cannot be used for this log.
+    """
+    file = path
+    if path is not None and path.is_dir():
+        file = None if log.rig_id is None else path / f"{log.rig_id}.toml"
+        file = file if file is not None and file.exists() else None
+    if file is None:
+        return RightLens(), ()
     rig = read_rig_file(file)
-    return rig, differences(rig, log.rig, log.rig_id, file=file)
+    return rig.lens, differences(rig, log.rig, log.rig_id, file=file)
 
 
 def _numbers(a: StereoRig, b: StereoRig) -> list[tuple[str, float, float]]:

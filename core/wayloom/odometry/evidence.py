@@ -5,6 +5,7 @@ of the later ones. Right pixels are those of the log's own right image, before r
 whatever is learnt of the rig later. `wayloom calibrate` learns from it; docs/calibration.md.
 """
 
+import hashlib
 from dataclasses import dataclass, field
 
 import cv2
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from wayloom.geometry import se3
 from wayloom.geometry.camera import StereoRig
+from wayloom.logs.types import DriveLog
 from wayloom.odometry import selection, stereo
 from wayloom.odometry.kernels.matches import BORDER, HALF, match_patches
 from wayloom.odometry.kernels.stereo import NO_MATCH
@@ -40,7 +42,7 @@ MAX_RMS = 6.0
 class Evidence:
     """Matches of one drive; S snippets, P points, T = 2 targets.
 
-    name, rig_id   of the log
+    name, rig_id   of the log, the name as `drive_name` gives it
     rig            the log's own calibration
     host_frame     (S,) int32, frame of the host
     target_frame   (S, T) int32, frames of the targets, -1 where there is none
@@ -198,8 +200,8 @@ class EvidenceCollector:
             del self.finished[1::2]
             self.stride *= 2
 
-    def evidence(self, name: str, rig_id: str | None) -> Evidence:
-        """What was gathered."""
+    def evidence(self, log: DriveLog) -> Evidence:
+        """What was gathered of this log."""
         S, done = len(self.finished), self.finished
         frames, T = np.full((S, TARGETS), -1, np.int32), np.tile(np.eye(4), (S, TARGETS, 1, 1))
         columns: list[tuple[FloatArray, ...]] = [(np.zeros((0, 2)), np.zeros((0, 2)), *(2 * [np.zeros((0, TARGETS, 2))]))]
@@ -210,10 +212,15 @@ class EvidenceCollector:
             columns.append((snippet.pixels.astype(float), snippet.uv_right, matches[0], matches[1]))
         pixels, right, left_target, right_target = (np.concatenate(column) for column in zip(*columns, strict=True))
         return Evidence(
-            name, rig_id, self.rig, np.array([s.frame for s in done], np.int32), frames, T,
+            drive_name(log), log.rig_id, self.rig, np.array([s.frame for s in done], np.int32), frames, T,
             np.repeat(np.arange(S, dtype=np.int32), [len(s.pixels) for s in done]), pixels.astype(np.int32),
             right.astype(np.float32), left_target.astype(np.float32), right_target.astype(np.float32),
         )  # fmt: skip
+
+
+def drive_name(log: DriveLog) -> str:
+    """The log's name and eight digits of its time stamps' SHA-256: folders of different drives may have one name."""
+    return f"{log.name}#{hashlib.sha256(np.ascontiguousarray(log.t_ns, '<i8').tobytes()).hexdigest()[:8]}"
 
 
 def smoothed(image: Image) -> NDArray[np.float32]:

@@ -5,6 +5,7 @@ Stereo DSO, ICCV 2017. docs/odometry.md tells the energy, the unknowns and the r
 """
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -281,8 +282,8 @@ class Odometry:
         trajectory = self.harvest.trajectory(np.array(self.t_ns, np.int64))
         points = self.harvest.final_points(self.settings.min_observations, self.settings.max_relative_sigma)
         return OdometryResult(
-            self.stereo_rig, trajectory, self.harvest.final_keyframes(), points, delta, self.right_images.coefficients,
-            self._report(len(points), delta),
+            self.stereo_rig, trajectory, self.harvest.final_keyframes(), points, delta, self.right_images.all_rows(),
+            self._report(len(points), delta), self.right_images.lens,
         )  # fmt: skip
 
     def _report(self, points: int, delta: float) -> dict[str, Any]:
@@ -299,6 +300,7 @@ class Odometry:
             "losses": self.losses,
             "disparity_bias_px": delta,
             "row_coefficients_px": [float(c) for c in self.right_images.coefficients],
+            "right_lens": None if self.right_images.lens.is_ideal else asdict(self.right_images.lens),
             "imu": None if self.imu is None else self.imu.report(),
             "seconds": {part: round(seconds, 4) for part, seconds in sorted(self.stopwatch.seconds.items())},
         }

@@ -176,6 +176,16 @@ class RightImages:
         """Pixels (n, 2) of the aligned right image to those of the log's."""
         return real_pixels(self.coefficients, self.rig, self.lens, uv)
 
+    def all_rows(self) -> FloatArray:
+        """(3,) px: the coefficients that come nearest to what rows and lens do to the rows together."""
+        if self.lens.is_ideal:
+            return self.coefficients.copy()
+        camera = self.rig.camera
+        v, u = np.mgrid[0 : camera.height : MAP_STEP, 0 : camera.width : MAP_STEP].astype(np.float64)
+        uv = np.column_stack([u.ravel(), v.ravel()])
+        A = design((uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy)
+        return np.asarray(np.linalg.lstsq(A, (self.real_pixels(uv) - uv)[:, 1])[0])
+
     def follow(self, left: Image, aligned: Image, pixels: NDArray[np.int64], disparity: FloatArray) -> None:
         """Let the rows follow a keyframe: its images (h, w), left pixels (n, 2) and their disparities (n,) px."""
         chosen = selection.spread_sample(pixels, KEYFRAME_MATCHES)
