@@ -126,5 +126,7 @@ def test_samples_that_are_missing_for_a_while_only_leave_a_link_out(log: ImuLog)
 
 def test_a_clock_that_is_off_is_put_right_by_the_setting(log: ImuLog, result: OdometryResult) -> None:
     late = ImuLog(log.truth, imu=ImuTrack(log.imu.t_ns + 40_000_000, log.imu.specific_force, log.imu.angular_rate))
-    same = track(late, OdometrySettings(imu=ImuSettings(time_offset_s=0.04)))
-    np.testing.assert_allclose(same.trajectory.T_world_cam[:, :3, 3], result.trajectory.T_world_cam[:, :3, 3], atol=0.005)
+    right, wrong = (track(late, OdometrySettings(imu=ImuSettings(time_offset_s=offset))).report["imu"] for offset in (0.04, 0.0))
+    assert right["started_s"] == result.report["imu"]["started_s"]
+    np.testing.assert_allclose(right["gravity_world_m_s2"], result.report["imu"]["gravity_world_m_s2"], atol=0.005)
+    assert not wrong["started_s"] or wrong["started_s"][0] > 2 * right["started_s"][0]  # what it feels does not fit what is seen
