@@ -8,8 +8,10 @@ from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.logs.drive_writer import DriveWriter
 from wayloom.logs.gnss_csv import write_gnss_csv
+from wayloom.logs.kitti_360_writer import Kitti360Writer
 from wayloom.logs.kitti_odometry_writer import KittiOdometryWriter
 from wayloom.logs.kitti_raw_writer import KittiRawWriter
+from wayloom.logs.mcap_writer import McapWriter
 from wayloom.logs.oxts_writer import OxtsPacket
 from wayloom.logs.types import FixType, GnssTrack, StereoFrame
 
@@ -21,6 +23,8 @@ T_CAM_IMU = se3.from_rotation_translation(
 START_NS = 1_317_042_272_345_808_896
 WRITERS: dict[str, tuple[type[DriveWriter], str]] = {
     "kitti-odometry": (KittiOdometryWriter, "07"),
+    "kitti-360": (Kitti360Writer, "made_2031"),
+    "mcap": (McapWriter, "recording"),
     "kitti-raw": (KittiRawWriter, "2031_01_02_drive_0007_sync"),
 }
 
@@ -50,7 +54,7 @@ def made_packets(count: int) -> list[OxtsPacket]:
         OxtsPacket(
             t_ns=frame.t_ns + 4_000_000,
             lon_lat_height=(8.39 + 1.1e-5 * i, 48.98 + 0.3e-5 * i, 116.25 + 0.01 * i),
-            sigma_m=0.02 * (1 + i) if i % 4 < 3 else 50.0,
+            sigma_m=(0.02, 0.2, 1.5, 50.0)[i % 4],
             fix=fixes[i % 4],
             roll_pitch_yaw=(0.01, -0.02, 0.3),
             velocity_enu=(8.0, 3.0, 0.1),

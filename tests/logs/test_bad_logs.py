@@ -220,7 +220,9 @@ def test_a_picture_that_vanishes_after_opening_is_named(tmp_path: Path) -> None:
 
 
 def test_an_empty_folder_lists_what_is_known(tmp_path: Path) -> None:
-    with pytest.raises(UnknownFormatError, match=r"the folder is empty; known are kitti-odometry \(image_0.*kitti-raw \(image_00"):
+    with pytest.raises(
+        UnknownFormatError, match=r"the folder is empty; known are kitti-360 .*kitti-odometry \(image_0.*kitti-raw \(image_00"
+    ):
         open_log(tmp_path)
 
 

@@ -70,8 +70,8 @@ def colour_weights(classes: int) -> np.ndarray:
     return weights
 
 
-def logits_network(classes: int = 3, pool: int = 1, *, external: bool = False) -> bytes:
-    """float32 NCHW of any size to logits at stride `pool`."""
+def logits_network(classes: int = 3, pool: int = 1, *, external: bool = False, count: Dim = 1) -> bytes:
+    """float32 NCHW of any size to logits at stride `pool`; `count` images at once."""
     more = (nested(13, nested(1, "location"), nested(2, "weights.bin")), number(14, 1)) if external else ()
     steps = [node("Conv", ["image", "w"], "raw")]
     pooling = (integers("kernel_shape", pool, pool), integers("strides", pool, pool))
@@ -79,8 +79,8 @@ def logits_network(classes: int = 3, pool: int = 1, *, external: bool = False) -
     return model(
         steps,
         [tensor("w", colour_weights(classes), *more)],
-        [value("image", FLOAT, 1, 3, "h", "w")],
-        [value("logits", FLOAT, 1, classes, "gh", "gw")],
+        [value("image", FLOAT, count, 3, "h", "w")],
+        [value("logits", FLOAT, count, classes, "gh", "gw")],
     )
 
 

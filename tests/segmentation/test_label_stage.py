@@ -6,13 +6,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from made_network import THREE, logits_network, put
+from made_network import IDS, THREE, ids_network, logits_network, put
 
 from wayloom.errors import StageError
 from wayloom.logs.registry import open_log
 from wayloom.logs.types import DriveLog
 from wayloom.segmentation.catalogue import find_model
-from wayloom.segmentation.network import Network
+from wayloom.segmentation.network import Labelled, Network
 from wayloom.segmentation.overlay import overlay
 from wayloom.segmentation.stage import KeyframeLabels, segment_keyframes
 
@@ -24,9 +24,9 @@ class CountingNetwork(Network):
 
     images = 0
 
-    def labels(self, image: np.ndarray) -> np.ndarray:
-        self.images += 1
-        return super().labels(image)
+    def label_pair(self, left: np.ndarray, right: np.ndarray, k: int = 4) -> tuple[Labelled, Labelled]:
+        self.images += 2
+        return super().label_pair(left, right, k)
 
 
 @pytest.fixture
@@ -48,8 +48,10 @@ def test_left_and_right_of_every_keyframe_are_labelled(log: DriveLog, network: C
     assert np.array_equal(labels.right(1), network.labels(frame.right))
     written = sorted(str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*") if p.is_file())
     assert written == [
-        "left/0000000000.png", "left/0000000009.png", "left/0000000021.png", "model.json",
+        "left/0000000000.png", "left/0000000009.png", "left/0000000021.png",
+        "left_scores/0000000000.png", "left_scores/0000000009.png", "left_scores/0000000021.png", "model.json",
         "right/0000000000.png", "right/0000000009.png", "right/0000000021.png",
+        "right_scores/0000000000.png", "right_scores/0000000009.png", "right_scores/0000000021.png",
     ]  # fmt: skip
     facts = json.loads((tmp_path / "out" / "model.json").read_text())
     assert (facts["name"], facts["sha256"], facts["licence"]) == ("made", network.sha256, "unknown")
@@ -60,11 +62,11 @@ def test_a_second_run_labels_only_what_is_missing_or_torn(log: DriveLog, network
     segment_keyframes(log, KEYFRAMES, network, out)
     before = {path: path.read_bytes() for path in out.rglob("*.png")}
     (out / "left" / "0000000009.png").unlink()
-    torn = out / "right" / "0000000021.png"
+    torn = out / "right_scores" / "0000000021.png"
     torn.write_bytes(torn.read_bytes()[:200])
     network.images = 0
     segment_keyframes(log, KEYFRAMES, network, out)
-    assert network.images == 2
+    assert network.images == 4
     assert {path: path.read_bytes() for path in out.rglob("*.png")} == before
 
 
@@ -77,6 +79,22 @@ def test_another_network_labels_everything_anew(log: DriveLog, network: Counting
     assert other.images == 6
     assert json.loads((out / "model.json").read_text())["name"] == "other"
     assert len(list((out / "left").iterdir())) == 3
+
+
+def test_scores_lie_beside_the_labels_of_a_network_that_gives_them(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:
+    labels = segment_keyframes(log, KEYFRAMES, network, tmp_path / "out")
+    expected = network.scores(log.frame(9).right)
+    found = labels.scores("right", 1)
+    assert found is not None
+    assert np.array_equal(found.classes, expected.classes)
+    assert np.array_equal(found.steps, expected.steps)
+    assert found.covered == expected.covered
+    (tmp_path / "out" / "right_scores" / "0000000009.png").write_bytes(b"torn")
+    with pytest.raises(StageError, match="right_scores"):
+        labels.scores("right", 1)
+    bare = Network(find_model(put(tmp_path, "bare", ids_network(64), IDS)))
+    assert segment_keyframes(log, KEYFRAMES[:1], bare, tmp_path / "out").scores("right", 0) is None
+    assert not (tmp_path / "out" / "right_scores").exists()
 
 
 def test_labels_stay_in_memory_only_within_the_bound(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from wayloom.segmentation.catalogue import DEFAULT_MODEL, MODELS, find_model
 from wayloom.segmentation.kernels.upsampling import upsampled_argmax
 from wayloom.segmentation.network import Network
 from wayloom.segmentation.onnx_file import check_onnx
+from wayloom.segmentation.providers import available_devices
 from wayloom.segmentation.tiling import tiles_along
 
 CAR, VEGETATION, SKY = 13, 8, 10
@@ -64,18 +65,50 @@ def test_a_grey_image_is_taken_as_grey_colour(tmp_path: Path) -> None:
 
 def test_the_best_scores_are_those_of_the_softmax(tmp_path: Path) -> None:
     network = Network(find_model(put(tmp_path, "made", logits_network(), THREE)))
-    classes, shares = network.top_scores(painted(16, 24), k=3)
+    scores = network.scores(painted(16, 24), k=3)
     x = np.array([200 / 255, 0, 0])
     expected = np.exp([2 * x[0], -x[0], -x[0]])
-    assert classes.shape == shares.shape == (16, 24, 3)
-    assert classes[0, 0, 0] == CAR
-    assert shares[0, 0, 0] == pytest.approx(expected[0] / expected.sum(), rel=1e-5)
-    assert shares.sum(axis=2) == pytest.approx(np.ones((16, 24)), rel=1e-5)
+    assert scores.classes.shape == scores.steps.shape == (16, 24, 3)
+    assert scores.covered == (16, 24)
+    assert scores.classes[0, 0, 0] == CAR
+    assert scores.probabilities[0, 0, 0] == pytest.approx(expected[0] / expected.sum(), rel=0.5 / 32)
+    assert scores.probabilities.sum(axis=2) == pytest.approx(np.ones((16, 24)), rel=0.5 / 32)
 
 
 def test_a_network_with_an_arg_max_only_has_no_scores(tmp_path: Path) -> None:
+    network = Network(find_model(put(tmp_path, "made", ids_network(64), IDS)))
     with pytest.raises(ModelError, match="arg max"):
-        Network(find_model(put(tmp_path, "made", ids_network(64), IDS))).top_scores(painted(64, 64))
+        network.scores(painted(64, 64))
+    left, right = network.label_pair(painted(64, 64), painted(64, 64)[::-1])
+    assert left.scores is None
+    assert right.scores is None
+    assert np.array_equal(left.labels, network.labels(painted(64, 64)))
+
+
+@pytest.mark.parametrize("several", [True, False])
+def test_a_pair_gets_the_labels_and_scores_of_its_images(several: bool, tmp_path: Path) -> None:
+    network = Network(find_model(put(tmp_path, "made", logits_network(pool=4, count="n" if several else 1), THREE)))
+    rng = np.random.default_rng(0)
+    left, right = rng.integers(0, 255, (2, 37, 53, 3)).astype(np.uint8)
+    for image, labelled in zip((left, right), network.label_pair(left, right, k=2), strict=True):
+        assert labelled.scores is not None
+        assert np.array_equal(labelled.labels, network.labels(image))
+        alone = network.scores(image, k=2)
+        assert np.array_equal(labelled.scores.classes, alone.classes)
+        assert np.array_equal(labelled.scores.steps, alone.steps)
+        assert labelled.scores.covered == (40, 56)
+
+
+def test_a_device_that_is_not_there_is_told_before_the_work(tmp_path: Path) -> None:
+    toml = put(tmp_path, "made", logits_network(), THREE)
+    absent = next(name for name in ("cuda", "coreml", "tensorrt", "openvino") if name not in available_devices())
+    with pytest.raises(ModelError, match=absent) as caught:
+        Network(find_model(toml), device=absent)
+    assert "cpu" in str(caught.value)
+    with pytest.raises(ModelError, match="auto, cpu"):
+        Network(find_model(toml), device="abacus")
+    assert Network(find_model(toml), device="cpu").device == "cpu"
+    assert Network(find_model(toml)).device in available_devices()
 
 
 def naive_upsampling(logits: np.ndarray, padded: tuple[int, int], height: int, width: int) -> np.ndarray:

@@ -3,19 +3,21 @@
 import numpy as np
 import pytest
 
+from wayloom.simulation.city_settings import CitySettings
 from wayloom.simulation.light import LightSettings
 from wayloom.simulation.presets import DrivePlan, Preset
 from wayloom.simulation.renderer import World
 from wayloom.simulation.rigs import camera_on_ground
+from wayloom.simulation.vehicle_settings import SensorSettings, VehicleSettings
 from wayloom.simulation.worlds import build_world
 
-SEED, COLUMNS, ROWS = 11, 4, 4
+CITY = CitySettings(seed=11, columns=4, rows=4)
 
 
 @pytest.fixture(scope="session")
 def world() -> World:
     """A city of 4 x 4 crossings with coarse textures."""
-    return build_world(SEED, COLUMNS, ROWS, LightSettings(), "quarter")
+    return build_world(CITY, LightSettings(), "quarter")
 
 
 @pytest.fixture(scope="session")
@@ -35,5 +37,6 @@ def poses(world: World) -> list[np.ndarray]:
 def short_preset() -> Preset:
     """Two drives of five frames."""
     plan = DrivePlan(vehicle_id="one", nodes=(4, 5, 6, 10), reference=2, before_m=25.0, frames=5, start_s=3.0)
-    other = plan.model_copy(update={"vehicle_id": "two", "nodes": (7, 6, 5, 4), "right_gain": 1.03, "start_s": 90.0})
-    return Preset(name="short", about="for tests", seed=SEED, columns=COLUMNS, rows=ROWS, drives=(plan, other))
+    right = VehicleSettings(right=SensorSettings(gain=1.03))
+    other = plan.model_copy(update={"vehicle_id": "two", "nodes": (7, 6, 5, 4), "start_s": 90.0, "vehicle": right})
+    return Preset(name="short", about="for tests", city=CITY, drives=(plan, other))

@@ -53,6 +53,16 @@ def test_each_pixel_sees_the_triangle_that_its_ray_meets_first(world: World, vie
     assert different <= 3  # rays that graze an edge
 
 
+def test_a_ground_whose_edges_run_along_the_image_rows_has_no_holes(world: World) -> None:
+    corners = np.float32([[[-40, 1.6, -40], [40, 1.6, -40], [40, 1.6, 40]], [[-40, 1.6, -40], [40, 1.6, 40], [-40, 1.6, 40]]])
+    tri = soup(np.random.default_rng(9), 2)._replace(corners=corners)
+    for turn in np.linspace(0, 2 * np.pi, 17):
+        T = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, turn, 0.0]))
+        T[:3, 3] = -5.88, 0.0, 0.0
+        _, ids = drawn(tri, world.textures, View(30.0, 30.0, 19.5, 2.5, T))
+        assert np.all(ids[5:] != raster.NO_TRIANGLE)
+
+
 def test_depth_of_a_pixel_is_that_of_its_ray_and_zero_where_nothing_is_seen(world: World, view: View) -> None:
     tri = soup(np.random.default_rng(2), 30)
     _, ids = drawn(tri, world.textures, view)

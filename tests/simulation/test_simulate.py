@@ -1,6 +1,12 @@
-"""Whole drives: what is written, byte for byte."""
+"""Whole drives: what is written, byte for byte, however often the run is stopped."""
 
 import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
 from pathlib import Path
 
 import cv2
@@ -8,14 +14,21 @@ import numpy as np
 import pytest
 
 from wayloom.config.classes import CLASS_COUNT
-from wayloom.errors import ConfigError, LogError
+from wayloom.errors import ConfigError, ConflictError, LogError
 from wayloom.geometry import se3
 from wayloom.logs.registry import open_log
-from wayloom.simulation.dataset import render_views
-from wayloom.simulation.presets import CITY_ORIGIN, PRESETS, Preset
-from wayloom.simulation.rigs import sized_rig
-from wayloom.simulation.simulate import plan_route, simulate
+from wayloom.logs.simulated_truth import open_truth
+from wayloom.simulation.city_settings import CitySettings
+from wayloom.simulation.drives import plan_drives
+from wayloom.simulation.presets import CITY_ORIGIN, PRESETS, START_NS, DrivePlan, Preset
+from wayloom.simulation.recording import plan_recording, way_of
+from wayloom.simulation.rigs import given_rig
+from wayloom.simulation.simulate import WRITERS, simulate
+from wayloom.simulation.vehicle_settings import ExposureSettings, ImuSettings, LidarSettings, SensorSettings, VehicleSettings
 from wayloom.simulation.worlds import build_world
+
+FRAMES = 4
+LIDAR = LidarSettings(rings=16, columns=256)
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -27,123 +40,252 @@ def digests(folder: Path) -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def driven(short_preset: Preset, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    return simulate(short_preset, tmp_path_factory.mktemp("drives"), "quarter", truth=True)
+def preset() -> Preset:
+    """One drive with everything that a vehicle can have: LiDAR, IMU, exposure control."""
+    vehicle = VehicleSettings(
+        right=SensorSettings(gain=1.03), imu=ImuSettings(), lidar=LIDAR, exposure=ExposureSettings(logged=True, time_constant_s=0.3)
+    )
+    plan = DrivePlan(vehicle_id="one", nodes=(4, 5, 6, 10), reference=2, before_m=25.0, frames=FRAMES, start_s=3.0, vehicle=vehicle)
+    return Preset(name="short", about="for tests", city=CitySettings(seed=11, columns=4, rows=4), drives=(plan,))
 
 
+@pytest.fixture(scope="module")
+def written(preset: Preset, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The drive in every format, by one thread."""
+    folder = tmp_path_factory.mktemp("drives")
+    return {layout: simulate(preset, folder / layout, "quarter", format=layout, truth=True)[0] for layout in WRITERS}
+
+
+@pytest.mark.parametrize("layout", list(WRITERS))
 def test_two_runs_are_alike_to_the_byte_and_so_are_one_and_two_threads(
-    driven: list[Path], short_preset: Preset, tmp_path: Path
+    layout: str, written: dict[str, Path], preset: Preset, tmp_path: Path
 ) -> None:
-    expected = digests(driven[0].parent)
-    assert len(expected) > 2 * 5 * 8
-    simulate(short_preset, tmp_path / "again", "quarter", truth=True, threads=2)
-    assert digests(tmp_path / "again") == expected
+    expected = digests(written[layout].parent)
+    simulate(preset, tmp_path, "quarter", format=layout, truth=True, threads=2)
+    assert digests(tmp_path) == expected
+    assert not [name for name in expected if Path(name).name.startswith(".")]
 
 
-def test_another_seed_is_another_city(short_preset: Preset, driven: list[Path], tmp_path: Path) -> None:
-    one = short_preset.model_copy(update={"drives": short_preset.drives[:1]})
-    (other,) = simulate(one, tmp_path, "quarter", seed=12)
-    assert (other / "image_2" / "000000.png").read_bytes() != (driven[0] / "image_2" / "000000.png").read_bytes()
-
-
-@pytest.mark.parametrize("layout", ["kitti", "kitti-raw"])
-def test_a_drive_is_read_back_with_its_rig_truth_and_gnss(layout: str, short_preset: Preset, tmp_path: Path) -> None:
-    one = short_preset.model_copy(update={"drives": short_preset.drives[1:]})
-    (path,) = simulate(one, tmp_path, "quarter", format=layout)
-    log = open_log(path)
-    rig = sized_rig("quarter")
-    assert len(log) == 5
-    assert log.colour
-    assert log.vehicle_id == "two"
-    assert log.rig.camera == rig.camera
-    assert log.rig.baseline_m == pytest.approx(0.594)
-    np.testing.assert_allclose(log.p_cam_gnss, one.drives[0].p_cam_gnss_m)
-    assert log.frame(4).right.shape == (94, 352, 3)
-    assert np.diff(log.t_ns).tolist() == [100_000_000] * 4
-    world = build_world(one.seed, one.columns, one.rows, one.light, "quarter")
-    route = plan_route(world, one.drives[0], one.rate_hz)
-    assert log.truth is not None
-    np.testing.assert_allclose(log.truth, se3.inverse(route.T_enu_cam[0]) @ route.T_enu_cam, atol=1e-8)
-    assert log.gnss is not None
-    assert len(log.gnss) == 5
-    assert log.gnss.lon_lat_height[0] == pytest.approx([CITY_ORIGIN.lon_deg, CITY_ORIGIN.lat_deg, CITY_ORIGIN.height_m], abs=10)
-
-
-def test_truth_files_hold_depth_class_and_instance_of_both_cameras(driven: list[Path]) -> None:
-    truth = driven[0] / "truth"
-    for camera in ("left", "right"):
-        depth, label, instance = (
-            cv2.imread(str(truth / f"{kind}_{camera}" / "000002.png"), cv2.IMREAD_UNCHANGED)
-            for kind in ("depth", "class", "instance")
-        )
-        assert depth.dtype == np.uint16
-        assert instance.dtype == np.uint16
-        assert label.shape == depth.shape == (94, 352)
-        assert label.max() < CLASS_COUNT
-        assert 1.0 < np.median(depth[depth > 0]) / 256 < 60.0
-    poses = np.loadtxt(truth / "poses_enu.txt").reshape(-1, 3, 4)
-    assert poses.shape == (5, 3, 4)
-    assert poses[0, 2, 3] < 10
-
-
-def test_pictures_are_neither_dark_nor_white(driven: list[Path]) -> None:
-    for path in driven:
-        image = cv2.imread(str(path / "image_2" / "000004.png"))
-        assert 60 < image.mean() < 180
-        assert image.std() > 25
-
-
-def test_what_is_unknown_is_refused_with_the_known(tmp_path: Path, short_preset: Preset) -> None:
-    with pytest.raises(ConfigError, match="unknown preset 'moon'; use one of demo"):
-        simulate("moon", tmp_path)
-    with pytest.raises(ConfigError, match="kitti, kitti-raw"):
-        simulate(short_preset, tmp_path, format="rosbag")
-    with pytest.raises(ConfigError, match="full, half, quarter"):
-        simulate(short_preset, tmp_path, size="tiny")
-    assert not any(tmp_path.iterdir())
-
-
-def test_a_drive_that_would_leave_its_streets_is_refused(short_preset: Preset, tmp_path: Path) -> None:
-    far = short_preset.drives[0].model_copy(update={"frames": 400})
-    with pytest.raises(ConfigError, match="drives off its end"):
-        simulate(short_preset.model_copy(update={"drives": (far,)}), tmp_path, "quarter")
-    assert not any(tmp_path.iterdir())
-
-
-def test_a_folder_with_files_is_left_alone(short_preset: Preset, tmp_path: Path) -> None:
-    (tmp_path / "one").mkdir()
-    (tmp_path / "one" / "mine.txt").write_text("mine")
-    with pytest.raises(LogError, match="no empty folder"):
-        simulate(short_preset, tmp_path, "quarter")
-    assert [f.name for f in tmp_path.rglob("*")] == ["one", "mine.txt"]
-
-
-def test_a_run_that_is_stopped_leaves_nothing_half_written(short_preset: Preset, tmp_path: Path) -> None:
+@pytest.mark.parametrize("layout", list(WRITERS))
+def test_a_run_that_is_stopped_goes_on_and_ends_with_the_same_bytes(
+    layout: str, written: dict[str, Path], preset: Preset, tmp_path: Path
+) -> None:
     def stop(share: float, what: str) -> None:
-        if share > 0.3:
+        if f"frame 2 of {FRAMES}" in what:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        simulate(short_preset, tmp_path, "quarter", progress=stop)
+        simulate(preset, tmp_path, "quarter", format=layout, truth=True, threads=2, progress=stop)
+    assert {f.name for f in tmp_path.iterdir()} == {".one.unfinished", "simulation.json"}
+    told: list[str] = []
+    simulate(preset, tmp_path, "quarter", format=layout, truth=True, progress=lambda share, what: told.append(what))
+    assert f"one: frame 1 of {FRAMES}" not in told
+    assert f"one: frame 3 of {FRAMES}" in told
+    assert digests(tmp_path) == digests(written[layout].parent)
+
+
+def test_a_process_that_is_killed_leaves_nothing_half_written(written: dict[str, Path], preset: Preset, tmp_path: Path) -> None:
+    script = textwrap.dedent(
+        f"""
+        import os, signal
+        from pathlib import Path
+        from wayloom.simulation.presets import Preset
+        from wayloom.simulation.simulate import simulate
+
+        def stop(share, what):
+            if "frame 3 of" in what:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        preset = Preset.model_validate_json({preset.model_dump_json()!r})
+        simulate(preset, Path({str(tmp_path)!r}), "quarter", truth=True, progress=stop)
+        """
+    )
+    ended = subprocess.run([sys.executable, "-c", script], env={**os.environ, "PYTHONPATH": "core"}, check=False)
+    assert ended.returncode == -signal.SIGKILL
+    torn = tmp_path / ".one.unfinished"
+    (torn / "drive" / "image_2" / ".unfinished-abc").write_bytes(b"cut")
+    with (torn / "journal.txt").open("ab") as journal:
+        journal.write(b"3 0.9")
+    simulate(preset, tmp_path, "quarter", truth=True)
+    assert digests(tmp_path) == digests(written["kitti"].parent)
+
+
+def test_a_full_disk_is_told_and_the_run_goes_on_when_there_is_space(
+    written: dict[str, Path], preset: Preset, tmp_path: Path
+) -> None:
+    script = textwrap.dedent(
+        f"""
+        import resource, sys
+        from wayloom.cli import main
+        from wayloom.simulation import presets
+        presets.PRESETS["short"] = presets.Preset.model_validate_json({preset.model_dump_json()!r})
+        resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, resource.RLIM_INFINITY))
+        sys.argv = ["wayloom", "simulate", "short", "--out", {str(tmp_path)!r}, "--size", "quarter", "--truth"]
+        main.main()
+        """
+    )
+    run = [sys.executable, "-c", script]
+    ended = subprocess.run(run, env={**os.environ, "PYTHONPATH": "core"}, check=False, capture_output=True, text=True)
+    assert ended.returncode == 2
+    assert ended.stderr.count("\n") == 1
+    assert "cannot be written (File too large)" in ended.stderr
+    simulate(preset, tmp_path, "quarter", truth=True)
+    assert digests(tmp_path) == digests(written["kitti"].parent)
+
+
+def test_a_drive_that_is_there_is_not_drawn_again(written: dict[str, Path], preset: Preset) -> None:
+    drive = written["kitti"]
+    before = {f: f.stat().st_mtime_ns for f in drive.rglob("*")}
+    assert simulate(preset, drive.parent, "quarter", truth=True) == [drive]
+    assert {f: f.stat().st_mtime_ns for f in drive.rglob("*")} == before
+
+
+def test_a_folder_of_other_settings_is_refused_with_the_difference(written: dict[str, Path], preset: Preset) -> None:
+    folder = written["kitti"].parent
+    with pytest.raises(LogError, match=r"other settings \(preset.city.seed: 11, not 12\)"):
+        simulate(preset, folder, "quarter", truth=True, seed=12)
+    with pytest.raises(LogError, match="truth: true, not false"):
+        simulate(preset, folder, "quarter")
+
+
+def test_two_runs_do_not_write_into_one_folder(preset: Preset, tmp_path: Path) -> None:
+    def second(share: float, what: str) -> None:
+        if "frame" in what:
+            simulate(preset, tmp_path, "quarter")
+
+    with pytest.raises(ConflictError, match="another simulation"):
+        simulate(preset, tmp_path, "quarter", progress=second)
+
+
+def test_another_seed_is_another_city(preset: Preset, written: dict[str, Path], tmp_path: Path) -> None:
+    (other,) = simulate(preset, tmp_path, "quarter", seed=12, frames=2)
+    assert (other / "image_2" / "000000.png").read_bytes() != (written["kitti"] / "image_2" / "000000.png").read_bytes()
+    assert len(open_log(other)) == 2
+
+
+@pytest.mark.parametrize("layout", list(WRITERS))
+def test_a_drive_is_read_back_with_its_rig_truth_and_sensors(layout: str, preset: Preset, written: dict[str, Path]) -> None:
+    log, plan = open_log(written[layout]), preset.drives[0]
+    assert (len(log), log.colour, log.vehicle_id, log.rig_id) == (FRAMES, True, "one", "simulated-short-one")
+    assert log.rig.camera == given_rig(plan.vehicle, "quarter").camera
+    assert log.rig.baseline_m == pytest.approx(0.594)
+    np.testing.assert_allclose(log.p_cam_gnss, plan.vehicle.p_cam_gnss_m, atol=1e-12)
+    frame = log.frame(FRAMES - 1)
+    assert frame.right.shape == (94, 352, 3)
+    assert frame.exposure_s is not None
+    assert 1e-4 < frame.exposure_s[0] < 0.1
+    assert log.t_ns[0] == START_NS + 3_000_000_000
+    assert np.diff(log.t_ns).tolist() == [100_000_000] * (FRAMES - 1)
+    truth = open_truth(written[layout])
+    assert log.truth is not None
+    relative = se3.inverse(log.truth[0]) @ log.truth
+    np.testing.assert_allclose(relative, se3.inverse(truth.T_enu_cam[0]) @ truth.T_enu_cam, atol=1e-8)
+    assert log.gnss is not None
+    assert len(log.gnss) == FRAMES
+    origin = [CITY_ORIGIN.lon_deg, CITY_ORIGIN.lat_deg, CITY_ORIGIN.height_m]
+    assert log.gnss.lon_lat_height[0] == pytest.approx(origin, abs=20)
+    assert log.imu is not None
+    assert len(log.imu.t_ns) == 10 * (FRAMES - 1) + 1
+    assert np.median(np.linalg.norm(log.imu.specific_force, axis=1)) == pytest.approx(9.81, abs=1.0)
+    assert log.T_cam_imu is not None
+    np.testing.assert_allclose(log.T_cam_imu, plan.vehicle.T_cam_imu, atol=1e-12)
+
+
+def test_pictures_of_all_formats_are_the_same(written: dict[str, Path]) -> None:
+    frames = [open_log(path).frame(2) for path in written.values()]
+    for frame in frames[1:]:
+        np.testing.assert_array_equal(frame.left, frames[0].left)
+        np.testing.assert_array_equal(frame.right, frames[0].right)
+
+
+def test_pictures_are_neither_dark_nor_white(written: dict[str, Path]) -> None:
+    image = cv2.imread(str(written["kitti"] / "image_2" / "000003.png"))
+    assert 50 < image.mean() < 190
+    assert image.std() > 20
+
+
+def test_truth_holds_depth_class_and_instance_of_both_cameras(written: dict[str, Path]) -> None:
+    truth = open_truth(written["kitti"])
+    assert len(truth) == FRAMES
+    for camera in ("left", "right"):
+        depth, label, instance = truth.depth_m(2, camera), truth.class_id(2, camera), truth.instance(2, camera)
+        assert label.shape == depth.shape == instance.shape == (94, 352)
+        assert label.max() < CLASS_COUNT
+        assert 1.0 < np.median(depth[depth > 0]) < 60.0
+    points = np.fromfile(written["kitti"] / "velodyne" / "000002.bin", "<f4").reshape(-1, 4)
+    labels, things = truth.scan_labels(2)
+    assert len(points) == len(labels) == len(things) > 1000
+
+
+def test_truths_surface_lies_where_the_depth_says(written: dict[str, Path]) -> None:
+    truth, log = open_truth(written["kitti"]), open_log(written["kitti"])
+    surface = truth.surface()
+    p_cam = (surface.points_enu - truth.T_enu_cam[0, :3, 3]) @ truth.T_enu_cam[0, :3, :3]
+    uv = log.rig.camera.project(p_cam)
+    inside = (p_cam[:, 2] > 1) & (uv > 0.5).all(axis=1) & (uv[:, 0] < 350.5) & (uv[:, 1] < 92.5)
+    u, v = np.rint(uv[inside]).astype(int).T
+    depth, label = truth.depth_m(0)[v, u], truth.class_id(0)[v, u]
+    agree = np.abs(depth - p_cam[inside, 2]) < 0.02 * depth
+    assert inside.sum() > 5000
+    assert agree.mean() > 0.85
+    assert (label[agree] == surface.labels[inside][agree]).mean() > 0.97
+
+
+def test_truth_tells_the_rig_the_frames_and_the_city(written: dict[str, Path], preset: Preset) -> None:
+    truth = open_truth(written["kitti"])
+    vehicle, frames = truth.vehicle(), truth.frames()
+    assert VehicleSettings.model_validate(vehicle["vehicle"]) == preset.drives[0].vehicle
+    assert vehicle["given_rig"]["fx"] == pytest.approx(552.55 / 4)
+    log = open_log(written["kitti"])
+    np.testing.assert_array_equal(frames.t_ns, log.t_ns)
+    said = [log.frame(index).exposure_s for index in range(FRAMES)]
+    np.testing.assert_allclose(frames.exposure_s * frames.gain, said)
+    assert frames.imu_bias is not None
+    assert frames.imu_bias.shape == (FRAMES, 6)
+    assert 0 < np.abs(frames.imu_bias).max() < 0.5
+    for name in ("objects.geojson", "areas.geojson"):
+        assert json.loads((truth.folder / name).read_text())["type"] == "FeatureCollection"
+
+
+def test_what_is_unknown_is_refused_with_the_known(tmp_path: Path, preset: Preset) -> None:
+    with pytest.raises(ConfigError, match="unknown preset 'moon'; use one of demo"):
+        simulate("moon", tmp_path)
+    with pytest.raises(ConfigError, match="kitti, kitti-raw, kitti-360"):
+        simulate(preset, tmp_path, format="rosbag")
+    with pytest.raises(ConfigError, match="full, half, quarter"):
+        simulate(preset, tmp_path, size="tiny")
+    with pytest.raises(ConfigError, match="no drive 'two' in short; use some of one"):
+        simulate(preset, tmp_path, drives=("two",))
+    with pytest.raises(ConfigError, match="short does not go in laps"):
+        simulate(preset, tmp_path, laps=3)
+    bent = preset.drives[0].vehicle.model_copy(update={"distortion": (-0.2, 0.05, 0.0, 0.0, 0.0)})
+    drive = preset.drives[0].model_copy(update={"vehicle": bent})
+    with pytest.raises(ConfigError, match="images of one are distorted, kitti holds rectified ones; use kitti-raw"):
+        simulate(preset.model_copy(update={"drives": (drive,)}), tmp_path)
     assert not any(tmp_path.iterdir())
+
+
+def test_a_drive_that_would_leave_its_streets_is_refused(preset: Preset, tmp_path: Path) -> None:
+    far = preset.drives[0].model_copy(update={"frames": 400})
+    with pytest.raises(ConfigError, match="drives off its end"):
+        simulate(preset.model_copy(update={"drives": (far,)}), tmp_path, "quarter")
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_folder_with_files_is_left_alone(preset: Preset, tmp_path: Path) -> None:
+    (tmp_path / "one").mkdir()
+    (tmp_path / "one" / "mine.txt").write_text("mine")
+    with pytest.raises(LogError, match="no empty folder"):
+        simulate(preset, tmp_path, "quarter")
+    assert [f.name for f in tmp_path.rglob("*")] == ["one", "mine.txt"]
 
 
 def test_the_demo_drives_share_most_of_their_way() -> None:
     demo = PRESETS["demo"]
-    world = build_world(demo.seed, demo.columns, demo.rows, demo.light, "quarter")
-    one, two = (plan_route(world, plan, demo.rate_hz) for plan in demo.drives)
-    gap = np.hypot(one.x[:, None] - two.x, one.y[:, None] - two.y)
+    world = build_world(demo.city, demo.light, "quarter")
+    planned = plan_drives(world.city, [way_of(plan, demo) for plan in demo.drives])
+    one, two = (plan_recording(demo, number, drive).T_enu_cam[:, :2, 3] for number, drive in enumerate(planned))
+    gap = np.linalg.norm(one[:, None] - two, axis=2)
     assert np.mean(gap.min(axis=1) < 8.0) > 0.5
-    for route in (one, two):
-        length = np.hypot(np.diff(route.x), np.diff(route.y)).sum()
-        assert 60 < length < 110
-
-
-def test_training_views_are_colour_pictures_with_classes_and_follow_their_seed() -> None:
-    views = list(render_views(1000, 2, "quarter"))
-    for rgb, label in views:
-        assert rgb.shape == (94, 352, 3)
-        assert rgb.dtype == label.dtype == np.uint8
-        assert len(np.unique(label)) >= 5
-    again = next(iter(render_views(1000, 1, "quarter")))
-    np.testing.assert_array_equal(again[0], views[0][0])
+    for way in (one, two):
+        assert 60 < np.linalg.norm(np.diff(way, axis=0), axis=1).sum() < 110

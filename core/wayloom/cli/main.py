@@ -31,7 +31,10 @@ def root(version: bool = typer.Option(False, "--version", help="Print the versio
 
 for _name in COMMANDS:
     _module = importlib.import_module(f"wayloom.cli.{_name}")
-    app.command(_name)(getattr(_module, f"{_name}_command"))
+    if hasattr(_module, "group"):  # a command with commands of its own
+        app.add_typer(_module.group, name=_name)
+    else:
+        app.command(_name)(getattr(_module, f"{_name}_command"))
 
 
 def main() -> None:

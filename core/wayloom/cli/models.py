@@ -1,22 +1,79 @@
-"""`wayloom models`: which networks there are, under which licence, and whether they are here."""
+"""`wayloom models`: which networks there are, under which licence, and whether they are here; and how they get here."""
 
 import json
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
+
+JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the list as JSON to this file.", metavar="FILE")]
 
 
-def models_command(
-    name: Annotated[
-        str | None, typer.Argument(help="One network of the catalogue, or a TOML or ONNX file; all by default.")
-    ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the list as JSON to this file.", metavar="FILE")] = None,
+class _NameOrCommand(TyperGroup):
+    """`wayloom models NAME` is short for `wayloom models show NAME`."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        known = not args or args[0] in self.commands
+        return super().resolve_command(ctx, args if known else ["show", *args])
+
+
+group = typer.Typer(cls=_NameOrCommand, add_completion=False)
+
+
+@group.callback(invoke_without_command=True)
+def models_command(context: typer.Context, json_file: JsonFile = None) -> None:
+    """List the networks: licence, and whether the file is here and is the right one. `wayloom models NAME` shows one."""
+    from wayloom.segmentation.catalogue import MODELS
+
+    if context.invoked_subcommand is None:
+        _tell(list(MODELS.values()), json_file)
+
+
+@group.command()
+def show(
+    name: Annotated[str, typer.Argument(help="A network of the catalogue, or a TOML or ONNX file.")], json_file: JsonFile = None
 ) -> None:
-    """List the networks: licence, and whether the file is here and is the right one."""
-    from wayloom.segmentation.catalogue import DEFAULT_MODEL, MODELS, find_model
+    """Show one network."""
+    from wayloom.segmentation.catalogue import find_model
 
-    descriptions = [find_model(name)] if name else list(MODELS.values())
+    _tell([find_model(name)], json_file)
+
+
+@group.command()
+def convert(
+    name: Annotated[str, typer.Argument(help="What the weights are of: efficientvit-b0.")],
+    weights: Annotated[Path, typer.Argument(help="The published file of weights (.pt).")],
+    out: Annotated[Path, typer.Option(help="The ONNX file to write; its description goes beside it as TOML.")],
+) -> None:
+    """Make an ONNX file of published weights. Nothing in the file of weights is run; PyTorch is not needed."""
+    from wayloom.segmentation.conversion.convert import convert as convert_weights
+
+    toml = convert_weights(name, weights, out)
+    typer.echo(f"{out}\nuse it by --model {toml}")
+
+
+@group.command()
+def fetch(
+    name: Annotated[str, typer.Argument(help="A network of the catalogue, or a TOML file that names a url and its SHA-256.")],
+    to: Annotated[Path | None, typer.Option(help="Folder; default the first that WAYLOOM_MODELS names.")] = None,
+) -> None:
+    """Download a network, check its SHA-256, and convert it where it is published in another form."""
+    from wayloom.errors import ModelError
+    from wayloom.segmentation.catalogue import find_model, model_folders
+    from wayloom.segmentation.download import fetch as fetch_network
+
+    description = find_model(name)
+    folder = to or next(iter(model_folders()), None)
+    if folder is None:
+        raise ModelError("no folder to put it into", remedy="give --to DIR, or set WAYLOOM_MODELS")
+    typer.echo(f"{description.name}: {description.licence}")
+    typer.echo(str(fetch_network(description, folder)))
+
+
+def _tell(descriptions: list[Any], json_file: Path | None) -> None:
+    from wayloom.segmentation.catalogue import DEFAULT_MODEL
+
     rows = [_row(description, description.name == DEFAULT_MODEL) for description in descriptions]
     if json_file:
         json_file.write_text(json.dumps({"models": rows}, indent=1) + "\n", encoding="utf-8")

@@ -10,7 +10,7 @@ import typer
 
 
 class Size(StrEnum):
-    """Share of KITTI-360's image size."""
+    """Share of the rig's image size."""
 
     full = "full"
     half = "half"
@@ -22,30 +22,47 @@ class LogFormat(StrEnum):
 
     kitti = "kitti"
     kitti_raw = "kitti-raw"
+    kitti_360 = "kitti-360"
+    mcap = "mcap"
+
+
+PRESET_HELP = (
+    "What to drive: demo; loop, hard, changed (one way in a city, in one of look-alike blocks, in the same one later); "
+    "fleet (vehicles that meet); benchmark (with LiDAR); photometry (hard light); movers (rush hour); "
+    "rig (wrong calibrations); long (laps)."
+)
 
 
 def simulate_command(
-    preset: Annotated[str, typer.Argument(help="What to drive: demo.")],
+    preset: Annotated[str, typer.Argument(help=PRESET_HELP)],
     out: Annotated[Path, typer.Option(help="Folder for the drives, one folder a vehicle.")],
-    size: Annotated[Size, typer.Option(help="Size of the images: full is 1408x376.")] = Size.half,
+    size: Annotated[Size, typer.Option(help="Size of the images: full is 1408x376, or 1241x376 of the rig kitti.")] = Size.half,
     seed: Annotated[int | None, typer.Option(min=0, help="Another city than the preset's.")] = None,
     format: Annotated[LogFormat, typer.Option(help="Layout of the logs.")] = LogFormat.kitti,
-    truth: Annotated[bool, typer.Option("--truth", help="Also write depth, class and instance of every pixel.")] = False,
+    truth: Annotated[
+        bool, typer.Option("--truth", help="Also write depth, class and instance of every pixel, and where everything is.")
+    ] = False,
     threads: Annotated[int | None, typer.Option(min=1, max=64, help="Threads; the result does not depend on it.")] = None,
+    laps: Annotated[int | None, typer.Option(min=1, max=100_000, help="How often the way of `long` is driven.")] = None,
+    drives: Annotated[str | None, typer.Option(help="Only these vehicles: name,name.")] = None,
+    frames: Annotated[int | None, typer.Option(min=2, help="Stop each drive after so many frames.")] = None,
 ) -> None:
-    """Draw drives of a synthetic city, with GNSS and exact truth."""
+    """Draw drives of a synthetic city, with GNSS and exact truth. Called again, a run that was stopped goes on where it ended."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+    from wayloom.pipeline.folders import writing_to
     from wayloom.simulation.simulate import simulate
 
     columns = (BarColumn(32), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn(), TextColumn("{task.description}"))
     console = Console(file=sys.stderr)
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
+    names = tuple(name.strip() for name in drives.split(",") if name.strip()) if drives is not None else ()
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bars, writing_to(out):
         task = bars.add_task("starting", total=1.0)
         paths = simulate(
             preset, out, size.value, seed, format.value, truth, threads or min(4, os.cpu_count() or 1),
             lambda share, what: bars.update(task, completed=share, description=what),
+            laps=laps, drives=names, frames=frames,
         )  # fmt: skip
     for path in paths:
         typer.echo(path)

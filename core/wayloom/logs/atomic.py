@@ -7,7 +7,18 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+UMASK: Final = _umask()
+"""Asked once: asking sets it for a moment, in all threads."""
 UNFINISHED: Final = ".unfinished-"
+NO_LINKS: Final = (errno.EPERM, errno.ENOTSUP, errno.EXDEV, errno.EMLINK, errno.ENOSYS, errno.EACCES)
+"""What a disk without hard links, or with too many of one file, answers to one more."""
 
 
 def write_atomically(file: Path, data: bytes | Iterable[bytes]) -> None:
@@ -22,7 +33,7 @@ def write_atomically(file: Path, data: bytes | Iterable[bytes]) -> None:
             with os.fdopen(handle, "wb") as stream:
                 for part in (data,) if isinstance(data, bytes) else data:
                     stream.write(part)
-            os.chmod(name, 0o666 & ~_umask())
+            os.chmod(name, 0o666 & ~UMASK)
             os.replace(name, file)
         except BaseException:
             os.unlink(name)
@@ -43,7 +54,19 @@ def check_writable(file: Path) -> None:
         raise OSError(problem.errno, problem.strerror, str(file)) from problem
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def link_or_copy(source: Path, target: Path) -> None:
+    """Make `target` the same file as `source`, or, where the disk has no hard links, a whole copy of it. Replaces `target`."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.unlink(missing_ok=True)
+    try:
+        os.link(source, target)
+    except OSError as problem:
+        if problem.errno not in NO_LINKS:
+            raise
+        write_atomically(target, source.read_bytes())
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what writers that were killed left below `folder` under temporary names."""
+    for file in folder.rglob(f"{UNFINISHED}*"):
+        file.unlink()

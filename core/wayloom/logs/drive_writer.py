@@ -1,11 +1,11 @@
-"""What the writers of both KITTI layouts share: a folder that appears only when the drive is whole."""
+"""What all writers of drives share: a folder that appears only when the drive is whole, and that can be continued until then."""
 
 import shutil
 import tempfile
 from abc import ABC, abstractmethod
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
 
 import cv2
 import numpy as np
@@ -13,24 +13,43 @@ from numpy.typing import NDArray
 
 from wayloom.errors import LogError
 from wayloom.geometry.camera import StereoRig
+from wayloom.geometry.rectification import Coefficients
+from wayloom.logs.atomic import link_or_copy, remove_unfinished, write_atomically
+from wayloom.logs.exposure_csv import EXPOSURE_NAME, write_exposure_csv
+from wayloom.logs.gnss_csv import write_gnss_csv
+from wayloom.logs.imu_csv import IMU_NAME, write_imu_csv
 from wayloom.logs.oxts_writer import OxtsPacket, OxtsWriter
+from wayloom.logs.positioning import CSV_NAME
 from wayloom.logs.sidecar import SIDECAR_NAME, Sidecar
 from wayloom.logs.trajectory_files import write_kitti
-from wayloom.logs.types import Image, StereoFrame
+from wayloom.logs.types import GnssTrack, Image, ImuTrack, StereoFrame
 
 FloatArray = NDArray[np.float64]
+SIDES: Final = ("left", "right")
 
 
 class DriveWriter(ABC):
     """Streams a drive into a folder. Use it as a context manager: the drive takes its place at the end, or not at all.
 
-    folder       where to write while the drive is not whole (a hidden folder beside `path`); anything put there moves with it
     path         where the drive will be; must not exist, or be an empty folder
+    folder       where to write while the drive is not whole; anything put there moves with it
+    spool        a folder of the writer's own beside it, which goes when the drive is whole
+    resume       keep what was written when it is interrupted, and continue what an interrupted writer of this path left: frames
+                 that are whole are then passed to `count` instead of `add`. Else nothing is left behind
     colour       whether frames are RGB
+    jpeg_quality write JPEG of this quality (1 to 100) instead of PNG
+    distortion   k1 k2 p1 p2 k3 of both images, which are then as the lens made them, with K of the rig
     p_cam_gnss   (3,) m, T_cam_imu (4, 4): as in `DriveLog`, where known
+    T_cam_lidar  (4, 4): the LiDAR's frame into the left camera's, where there is one
     """
 
     name_digits: int
+    wants_packets = False
+    """Whether positions belong into an `oxts` folder rather than into gnss.csv."""
+    holds_raw_images = False
+    """Whether images may be as the lens made them."""
+    has_labels = False
+    """Whether the layout has a place for label images and labelled clouds."""
 
     def __init__(
         self,
@@ -42,24 +61,40 @@ class DriveWriter(ABC):
         vehicle_id: str | None = None,
         p_cam_gnss: FloatArray | None = None,
         T_cam_imu: FloatArray | None = None,
+        T_cam_lidar: FloatArray | None = None,
+        jpeg_quality: int | None = None,
+        distortion: Coefficients | None = None,
+        resume: bool = False,
     ) -> None:
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise LogError("exists and is no empty folder", file=path, remedy="remove it or give another path")
-        self.path, self.rig, self.colour, self.T_cam_imu = path, rig, colour, T_cam_imu
+        self.path, self.rig, self.colour, self.T_cam_imu, self.T_cam_lidar = path, rig, colour, T_cam_imu, T_cam_lidar
+        if distortion is not None and not self.holds_raw_images:
+            raise LogError(
+                "this layout holds rectified images only", file=path, remedy="rectify the images, or take another layout"
+            )
+        self.jpeg_quality, self.distortion, self.resume = jpeg_quality, distortion, resume
         self.times_ns: list[int] = []
-        self._truth: list[FloatArray] = []
-        self._oxts: OxtsWriter | None = None
-        self._sidecar = Sidecar(
+        self.truth: list[FloatArray] = []
+        self.gnss: GnssTrack | None = None
+        self.imu: ImuTrack | None = None
+        self.exposure_s: FloatArray | None = None
+        self.packets: list[OxtsPacket] = []
+        self.sidecar = Sidecar(
             rig_id=rig_id,
             vehicle_id=vehicle_id,
             p_cam_gnss_m=None if p_cam_gnss is None else tuple(p_cam_gnss.tolist()),
             T_cam_imu=None if T_cam_imu is None else tuple(tuple(row) for row in T_cam_imu.tolist()),
         )
         path.parent.mkdir(parents=True, exist_ok=True)
-        self.folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
-        self.folder.chmod(0o755)
-        for folder in self.image_folders():
-            folder.mkdir(parents=True)
+        if resume:
+            self._base = unfinished_folder(path)
+            self._base.mkdir(exist_ok=True)
+            remove_unfinished(self._base)
+        else:
+            self._base = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        self.folder, self.spool = self._base / "drive", self._base / "spool"
+        self.folder.mkdir(exist_ok=True)
 
     @abstractmethod
     def image_folders(self) -> tuple[Path, Path]:
@@ -73,58 +108,164 @@ class DriveWriter(ABC):
     def write_times(self) -> None:
         """Write the frames' time stamps."""
 
+    @abstractmethod
+    def lidar_file(self, index: int) -> Path:
+        """Where the scan of a frame lies: float32 x, y, z, reflectance."""
+
+    @classmethod
+    def folder_name(cls, name: str, distorted: bool) -> str:
+        """What the folder of a drive of that name is called."""
+        return name
+
+    def image_files(self, index: int) -> tuple[Path, Path]:
+        """Where the left and the right image of a frame lie."""
+        name = f"{index:0{self.name_digits}d}.{'png' if self.jpeg_quality is None else 'jpg'}"
+        left, right = self.image_folders()
+        return left / name, right / name
+
     def add(self, frame: StereoFrame, T_world_cam: FloatArray | None = None) -> None:
-        """Write the next frame as PNG and keep its true pose (4, 4), which all frames have or none.
+        """Write the next frame and keep its true pose (4, 4), which all frames have or none.
 
         Raises LogError where the frame does not follow the one before, or is not as the rig says.
         """
+        self.write_images(len(self.times_ns), frame.left, frame.right)
+        self.count(frame.t_ns, T_world_cam)
+
+    def write_images(self, index: int, left: Image, right: Image) -> None:
+        """Write the images of a frame, which `count` counts. Frames may come in any order and from several threads.
+
+        Raises LogError where they are not as the rig says.
+        """
         camera = self.rig.camera
         shape = (camera.height, camera.width, 3) if self.colour else (camera.height, camera.width)
-        if frame.left.shape != shape or frame.right.shape != shape:
-            raise LogError(f"frame {frame.index} is {frame.left.shape}, the rig's images are {shape}", file=self.path)
-        if self.times_ns and frame.t_ns <= self.times_ns[-1]:
-            raise LogError(f"frame {frame.index} is not after the one before it", file=self.path)
-        name = f"{len(self.times_ns):0{self.name_digits}d}.png"
-        for folder, image in zip(self.image_folders(), (frame.left, frame.right), strict=True):
-            (folder / name).write_bytes(_png(image))
-        self.times_ns.append(frame.t_ns)
+        for file, image in zip(self.image_files(index), (left, right), strict=True):
+            if image.shape != shape:
+                raise LogError(f"frame {index} is {image.shape}, the rig's images are {shape}", file=self.path)
+            write_atomically(file, encoded(image, self.jpeg_quality))
+
+    def count(self, t_ns: int, T_world_cam: FloatArray | None = None) -> None:
+        """Count the next frame, whose images are there. Raises LogError where it does not follow the one before."""
+        if self.times_ns and t_ns <= self.times_ns[-1]:
+            raise LogError(f"frame {len(self.times_ns)} is not after the one before it", file=self.path)
+        self.times_ns.append(t_ns)
         if T_world_cam is not None:
-            self._truth.append(T_world_cam)
+            self.truth.append(T_world_cam)
+
+    def repeat(self, index: int, source: int) -> None:
+        """Make images and scan of frame `index` those of frame `source`: the same files where the disk has hard links."""
+        old, new = ((*self.image_files(frame), self.lidar_file(frame)) for frame in (source, index))
+        for file, copy in zip(old, new, strict=True):
+            if file.is_file():
+                link_or_copy(file, copy)
+
+    def write_labels(self, index: int, side: int, class_id: NDArray[np.uint8], things: NDArray[np.integer]) -> None:
+        """Labels (h, w) of an image, for layouts that have a place for them."""
+        return
+
+    def write_lidar(
+        self,
+        index: int,
+        points: NDArray[np.float32],
+        class_id: NDArray[np.uint8] | None = None,
+        things: NDArray[np.integer] | None = None,
+        moving: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """points (N, 4) x, y, z m in the LiDAR's frame, reflectance 0 to 1: the scan of a frame; and, for layouts that have a
+        place for them, each point's train id, thing (from 1 on, 0 for none), and whether that moves."""
+        write_atomically(self.lidar_file(index), points.astype("<f4").tobytes())
 
     def add_gnss(self, packet: OxtsPacket) -> None:
-        """Write the next packet of the GNSS/INS unit."""
-        if self._oxts is None:
-            self._oxts = OxtsWriter(self.folder / "oxts")
-        self._oxts.add(packet)
+        """Add the next packet of a GNSS/INS unit; they make an `oxts` folder."""
+        self.packets.append(packet)
+
+    def set_gnss(self, track: GnssTrack) -> None:
+        """The fixes of a receiver with their whole covariance."""
+        self.gnss = track
+
+    def set_imu(self, track: ImuTrack) -> None:
+        """The samples of an IMU whose frame is T_cam_imu's."""
+        self.imu = track
+
+    def set_exposures(self, exposure_s: FloatArray) -> None:
+        """(N, 2) s of all frames, left and right."""
+        self.exposure_s = exposure_s
+
+    def oxts_folder(self) -> Path:
+        """Where the packets lie."""
+        return self.folder / "oxts"
+
+    def notes_folder(self) -> Path:
+        """Where wayloom.json, gnss.csv and imu.csv lie."""
+        return self.folder
+
+    def write_positioning(self) -> None:
+        """Write the packets, gnss.csv, imu.csv and exposure.csv, as far as there are any."""
+        if self.packets:
+            shutil.rmtree(self.oxts_folder(), ignore_errors=True)
+            oxts = OxtsWriter(self.oxts_folder())
+            for packet in self.packets:
+                oxts.add(packet)
+            oxts.finish()
+        if self.gnss is not None:
+            write_gnss_csv(self.notes_folder() / CSV_NAME, self.gnss)
+        if self.imu is not None:
+            write_imu_csv(self.notes_folder() / IMU_NAME, self.imu)
+        if self.exposure_s is not None:
+            write_exposure_csv(self.notes_folder() / EXPOSURE_NAME, self.exposure_s)
+
+    def write_truth(self) -> None:
+        """Write the true poses."""
+        write_kitti(self.folder / "poses.txt", np.array(self.truth))
+
+    def write_sidecar(self) -> None:
+        """Write wayloom.json."""
+        write_atomically(self.notes_folder() / SIDECAR_NAME, (self.sidecar.model_dump_json(indent=2, exclude_none=True) + "\n").encode())
 
     def finish(self) -> Path:
         """Write the small files and put the drive in its place. Raises LogError where it has no frame, or poses for some only."""
-        if not self.times_ns or len(self._truth) not in (0, len(self.times_ns)):
-            what = f"{len(self.times_ns)} frames with {len(self._truth)} poses are no drive"
+        if not self.times_ns or len(self.truth) not in (0, len(self.times_ns)):
+            what = f"{len(self.times_ns)} frames with {len(self.truth)} poses are no drive"
             raise LogError(what, file=self.path, remedy="add at least one frame, and a pose for all or none")
         self.write_calibration()
         self.write_times()
-        if self._truth:
-            write_kitti(self.folder / "poses.txt", np.array(self._truth))
-        if self._oxts is not None:
-            self._oxts.finish()
-        (self.folder / SIDECAR_NAME).write_text(self._sidecar.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        if self.truth:
+            self.write_truth()
+        self.write_positioning()
+        self.write_sidecar()
         self.folder.replace(self.path)
         return self.path
 
     def discard(self) -> None:
-        """Leave nothing behind."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        """Leave nothing behind but the whole drive."""
+        shutil.rmtree(self._base, ignore_errors=True)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self.resume:
+            if kind is None:
+                self.finish()
+                self.discard()
+            return
         try:
             if kind is None:
                 self.finish()
         finally:
             self.discard()
+
+
+def unfinished_folder(path: Path) -> Path:
+    """Where a drive that can be continued lies until it is whole: hidden, beside its place."""
+    return path.with_name(f".{path.name}.unfinished")
+
+
+def encoded(image: Image, jpeg_quality: int | None = None) -> bytes:
+    """A grey or RGB image as PNG, or as JPEG where a quality is given."""
+    bgr = image[..., ::-1] if image.ndim == 3 else image
+    if jpeg_quality is None:
+        return bytes(cv2.imencode(".png", bgr)[1])
+    return bytes(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])[1])
 
 
 def numbers_text(values: FloatArray) -> str:
@@ -137,7 +278,3 @@ def projection_texts(rig: StereoRig) -> tuple[str, str]:
     K = rig.camera.K
     left, right = (np.column_stack([K, K @ np.array(t)]) for t in ((0.0, 0.0, 0.0), rig.t_right_left))
     return numbers_text(left), numbers_text(right)
-
-
-def _png(image: Image) -> bytes:
-    return bytes(cv2.imencode(".png", image[..., ::-1] if image.ndim == 3 else image)[1])

@@ -2,12 +2,14 @@
 
 import csv
 import io
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import LogError
+from wayloom.logs.atomic import write_atomically
 from wayloom.logs.text_files import QUOTE_CHARACTERS, parse_numbers, quoted, read_text
 from wayloom.logs.timestamps import check_increasing, ns_from_seconds
 from wayloom.logs.types import FixType, GnssTrack
@@ -38,7 +40,7 @@ def read_gnss_csv(file: Path) -> GnssTrack:
     check_increasing(t_ns, file=file, lines=lines)
     fixes = [_fix(row, file, line) for row, line in zip(rows, lines, strict=True)]
     values = np.array([_numbers(row, (*PLACE, *spread), file, line) for row, line in zip(rows, lines, strict=True)])
-    _check_places(values[:, :3], file)
+    check_places(values[:, :3], file, lambda row: f"line {row + 2}")
     covariance = _covariance(values[:, 3:], spread, file)
     return GnssTrack(t_ns, values[:, :3].copy(), covariance, np.array(fixes, dtype=np.uint8))
 
@@ -46,12 +48,13 @@ def read_gnss_csv(file: Path) -> GnssTrack:
 def write_gnss_csv(file: Path, track: GnssTrack) -> None:
     """Write fixes with their whole covariance; read_gnss_csv gives them back exactly."""
     upper = np.triu_indices(3)
-    with file.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(("t_ns", *PLACE, *COVARIANCES, "fix"))
-        for t, place, covariance, fix in zip(track.t_ns, track.lon_lat_height, track.covariance_enu, track.fix_type, strict=True):
-            spread = (repr(float(value)) for value in covariance[upper])
-            writer.writerow((int(t), *(repr(float(value)) for value in place), *spread, FixType(int(fix)).name.lower()))
+    stream = io.StringIO(newline="")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(("t_ns", *PLACE, *COVARIANCES, "fix"))
+    for t, place, covariance, fix in zip(track.t_ns, track.lon_lat_height, track.covariance_enu, track.fix_type, strict=True):
+        spread = (repr(float(value)) for value in covariance[upper])
+        writer.writerow((int(t), *(repr(float(value)) for value in place), *spread, FixType(int(fix)).name.lower()))
+    write_atomically(file, stream.getvalue().encode())
 
 
 def _time(row: dict[str, str | None], file: Path, line: int) -> int:
@@ -79,12 +82,13 @@ def _numbers(row: dict[str, str | None], names: tuple[str, ...], file: Path, lin
     return parse_numbers(text, file=file, record=f"line {line}", count=len(names))
 
 
-def _check_places(lon_lat_height: NDArray[np.float64], file: Path) -> None:
+def check_places(lon_lat_height: NDArray[np.float64], file: Path, record: Callable[[int], str]) -> None:
+    """Raises LogError where a row (M, 3) of degrees, degrees, m is no place; `record` names it."""
     lon, lat, h = np.abs(lon_lat_height).T
     bad = np.flatnonzero((lon > 180) | (lat > 90) | (h > 20_000))
     if len(bad):
         raise LogError(
-            "is no place on earth", file=file, record=f"line {bad[0] + 2}", remedy="lon and lat are degrees, height metres"
+            "is no place on earth", file=file, record=record(int(bad[0])), remedy="lon and lat are degrees, height metres"
         )
 
 

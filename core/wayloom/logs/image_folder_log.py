@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from wayloom.errors import LogError
 from wayloom.geometry.camera import StereoRig
+from wayloom.logs.exposure_csv import EXPOSURE_NAME, read_exposure_csv
 from wayloom.logs.images import ImageHeader, ImagePairs, read_header, read_image
 from wayloom.logs.positioning import Positioning
-from wayloom.logs.sidecar import Sidecar
+from wayloom.logs.sidecar import SIDECAR_NAME, Sidecar
 from wayloom.logs.text_files import utf8_text
 from wayloom.logs.types import GnssTrack, Image, ImuTrack, StereoFrame
 
@@ -34,7 +35,8 @@ class Rectifier:
 
 @dataclass(slots=True)
 class ImageFolderLog:
-    """A `DriveLog` of image files. `stored_sizes` are (width, height) of left and right images as they lie on disk."""
+    """A `DriveLog` of image files. `stored_sizes` are (width, height) of left and right images as they lie on disk, `exposure_s`
+    (N, 2) the exposure times of left and right where the log has them."""
 
     path: Path
     format: str
@@ -55,6 +57,7 @@ class ImageFolderLog:
     pairs: ImagePairs
     stored_sizes: tuple[tuple[int, int], tuple[int, int]]
     rectifier: Rectifier | None
+    exposure_s: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.t_ns)
@@ -66,12 +69,18 @@ class ImageFolderLog:
         left, right = (self._read(files[index], size) for files, size in self._sides())
         if self.rectifier is not None:
             left, right = self.rectifier(left, right)
-        return StereoFrame(index, int(self.t_ns[index]), left, right)
+        exposed = None if self.exposure_s is None else (float(self.exposure_s[index, 0]), float(self.exposure_s[index, 1]))
+        return StereoFrame(index, int(self.t_ns[index]), left, right, exposed)
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[StereoFrame]:
         """The pairs from start to stop in order, one in memory at a time."""
         for index in range(start, len(self) if stop is None else min(stop, len(self))):
             yield self.frame(index)
+
+    @property
+    def rectifies(self) -> bool:
+        """Whether images are rectified as they are read."""
+        return self.rectifier is not None
 
     def check_headers(self) -> None:
         """Look at both ends of every image file. Raises LogError at the first that is empty, truncated or of another size."""
@@ -102,11 +111,11 @@ class ImageFolderLog:
         return image
 
 
-def check_size(header: ImageHeader, size: tuple[int, int], file: Path) -> None:
+def check_size(header: ImageHeader, size: tuple[int, int], file: Path, record: str | None = None) -> None:
     """Raises LogError where an image is not (width, height) as the log's other images."""
     if (header.width, header.height) != size:
         what = f"the image is {header.width}x{header.height}, the log's others are {size[0]}x{size[1]}"
-        raise LogError(what, file=file, remedy="all images of a log must have one size: export it again")
+        raise LogError(what, file=file, record=record, remedy="all images of a log must have one size: export it again")
 
 
 def assemble(
@@ -125,8 +134,15 @@ def assemble(
     missing: tuple[str, ...],
     root: Path,
     files: list[Path],
+    notes: Path,
 ) -> ImageFolderLog:
-    """Put a log together from its parts; `files` outside `root` are left out of `log.files`."""
+    """Put a log together from its parts; `files` outside `root` are left out of `log.files`.
+
+    notes : the folder in which wayloom.json and exposure.csv may lie
+    """
+    exposures = notes / EXPOSURE_NAME
+    has_exposures = exposures.is_file()
+    files = [*files, *(file for file in (notes / SIDECAR_NAME, exposures) if file.is_file())]
     inside = {file for file in (*files, *pairs.left, *pairs.right, *positioning.files) if file.is_relative_to(root)}
     return ImageFolderLog(
         path=path,
@@ -148,4 +164,5 @@ def assemble(
         pairs=pairs,
         stored_sizes=stored_sizes,
         rectifier=rectifier,
+        exposure_s=read_exposure_csv(exposures, len(t_ns)) if has_exposures else None,
     )

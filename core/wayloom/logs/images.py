@@ -112,9 +112,10 @@ def read_header(file: Path) -> ImageHeader:
     return ImageHeader(picture.shape[1], picture.shape[0], picture.ndim == 3)
 
 
-def _check_end(tail: bytes, end: bytes, file: Path, size: int) -> None:
+def _check_end(tail: bytes, end: bytes, file: Path, size: int, record: str | None = None) -> None:
     if end not in tail:
-        raise LogError(f"the image is truncated: it ends after {size} bytes without its end mark", file=file, remedy=COPY_AGAIN)
+        what = f"the image is truncated: it ends after {size} bytes without its end mark"
+        raise LogError(what, file=file, record=record, remedy=COPY_AGAIN)
 
 
 def _jpeg_header(stream: BinaryIO, file: Path) -> ImageHeader:
@@ -132,16 +133,18 @@ def _jpeg_header(stream: BinaryIO, file: Path) -> ImageHeader:
         stream.seek(max(0, int.from_bytes(marker[2:4], "big") - 2), 1)
 
 
-def check_png(data: bytes, file: Path) -> None:
-    """Raises LogError where a chunk of the PNG is cut or its CRC-32 is wrong."""
+def check_png(data: bytes, file: Path, record: str | None = None) -> None:
+    """Raises LogError where a chunk of the PNG is cut or its CRC-32 is wrong; `record` says where in the file it lies."""
     at = len(PNG_SIGNATURE)
     while True:
         length = int.from_bytes(data[at : at + 4], "big")
         end = at + 12 + length
         if end > len(data) or at + 12 > len(data):
-            raise LogError(f"the image is truncated: it ends after {len(data)} bytes", file=file, remedy=COPY_AGAIN)
+            what = f"the image is truncated: it ends after {len(data)} bytes"
+            raise LogError(what, file=file, record=record, remedy=COPY_AGAIN)
         if zlib.crc32(memoryview(data)[at + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
-            raise LogError("the image is damaged: wrong check sum", file=file, record=f"byte {at}", remedy=COPY_AGAIN)
+            where = f"byte {at}" if record is None else f"{record}, byte {at}"
+            raise LogError("the image is damaged: wrong check sum", file=file, record=where, remedy=COPY_AGAIN)
         if data[at + 4 : at + 8] == b"IEND":
             return
         at = end
@@ -149,22 +152,30 @@ def check_png(data: bytes, file: Path) -> None:
 
 def read_image(file: Path, *, colour: bool) -> Image:
     """Decode to (h, w, 3) RGB or (h, w) grey, uint8. Raises LogError for an empty, truncated, damaged or foreign file."""
-    data = read_bytes(file, remedy=COPY_AGAIN)
+    return decode_image(read_bytes(file, remedy=COPY_AGAIN), file, colour=colour)
+
+
+def decode_image(data: bytes, file: Path, *, colour: bool | None, record: str | None = None) -> Image:
+    """The bytes of an image file to (h, w, 3) RGB or (h, w) grey, uint8; whichever it is where `colour` is None.
+
+    file, record : where the bytes are from. Raises LogError for an empty, truncated, damaged or foreign image.
+    """
     if not data:
-        raise LogError("the image is empty (0 bytes)", file=file, remedy=COPY_AGAIN)
+        raise LogError("the image is empty (0 bytes)", file=file, record=record, remedy=COPY_AGAIN)
     if data.startswith(PNG_SIGNATURE):
-        check_png(data, file)
+        check_png(data, file, record)
     elif data.startswith(JPEG_START):
-        _check_end(data[-TAIL_BYTES:], JPEG_END, file, len(data))
-    picture = _decoded(data, cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE, file)
-    return np.ascontiguousarray(picture[..., ::-1]) if colour else picture
+        _check_end(data[-TAIL_BYTES:], JPEG_END, file, len(data), record)
+    flags = {None: cv2.IMREAD_ANYCOLOR, True: cv2.IMREAD_COLOR, False: cv2.IMREAD_GRAYSCALE}[colour]
+    picture = _decoded(data, flags, file, record)
+    return np.ascontiguousarray(picture[..., ::-1]) if picture.ndim == 3 else picture
 
 
-def _decoded(data: bytes, flags: int, file: Path) -> Image:
+def _decoded(data: bytes, flags: int, file: Path, record: str | None = None) -> Image:
     try:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:
         picture = None
     if picture is None:
-        raise LogError("not an image that can be decoded", file=file, remedy=COPY_AGAIN)
+        raise LogError("not an image that can be decoded", file=file, record=record, remedy=COPY_AGAIN)
     return np.asarray(picture, dtype=np.uint8)

@@ -9,10 +9,9 @@ from pydantic import BaseModel
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
 from wayloom.geometry.wgs84 import enu_from_lonlatheight
-from wayloom.logs.image_folder_log import ImageFolderLog
 from wayloom.logs.text_files import utf8_text
 from wayloom.logs.timestamps import NS, wall_clock_from_ns
-from wayloom.logs.types import DriveLog, FixType, GnssTrack
+from wayloom.logs.types import DriveLog, FixType, GnssTrack, StoredLog
 
 FloatArray = NDArray[np.float64]
 GAP_FACTOR = 1.5
@@ -126,7 +125,7 @@ def inspect_log(log: DriveLog, *, decode: bool = True, progress: Progress = sile
 
 def damaged_images(log: DriveLog, decode: bool, progress: Progress) -> Sequence[LogError]:
     """The errors of all images that cannot be used."""
-    if isinstance(log, ImageFolderLog):
+    if isinstance(log, StoredLog):
         return log.damaged(decode=decode, progress=lambda share: progress(share, "looking at images"))
     found = []
     for i in range(len(log)):
@@ -150,8 +149,8 @@ def rate_report(t_ns: NDArray[np.int64]) -> RateReport:
 def camera_report(log: DriveLog) -> CameraReport:
     """The calibration in short."""
     camera = log.rig.camera
-    folder = log if isinstance(log, ImageFolderLog) else None
-    stored = folder.stored_sizes[0] if folder else (camera.width, camera.height)
+    files = log if isinstance(log, StoredLog) else None
+    stored = files.stored_sizes[0] if files else (camera.width, camera.height)
     return CameraReport(
         width=camera.width,
         height=camera.height,
@@ -162,7 +161,7 @@ def camera_report(log: DriveLog) -> CameraReport:
         baseline_m=log.rig.baseline_m,
         t_right_left_m=log.rig.t_right_left,
         colour=log.colour,
-        rectified_on_load=folder is not None and folder.rectifier is not None,
+        rectified_on_load=files is not None and files.rectifies,
         stored_width=stored[0],
         stored_height=stored[1],
     )

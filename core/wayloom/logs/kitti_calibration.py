@@ -109,6 +109,14 @@ def image_size(calibration: CalibrationFile, key: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
+def check_rigid_rows(values: FloatArray, file: Path, record: str) -> FloatArray:
+    """Twelve numbers, the first three rows of a motion, to (4, 4). Raises CalibrationError where it is no motion (to 1e-3)."""
+    T = np.vstack([values.reshape(3, 4), (0.0, 0.0, 0.0, 1.0)])
+    if not (np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3) and np.linalg.det(T[:3, :3]) > 0):
+        raise CalibrationError("is no rigid motion", file=file, record=record, remedy=RESTORE)
+    return T
+
+
 def rigid_from(calibration: CalibrationFile) -> FloatArray:
     """The (4, 4) motion of a file with R and T."""
     return se3.from_rotation_translation(calibration.rotation("R"), calibration.numbers("T", 3))

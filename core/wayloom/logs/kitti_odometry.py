@@ -14,7 +14,7 @@ from wayloom.logs.image_folder_log import ImageFolderLog, assemble
 from wayloom.logs.images import has_files, pair_images, read_header
 from wayloom.logs.kitti_calibration import read_calibration, rig_from_projections, t_cam_reference
 from wayloom.logs.positioning import FrameClock, find_positioning
-from wayloom.logs.sidecar import SIDECAR_NAME, read_sidecar
+from wayloom.logs.sidecar import read_sidecar
 from wayloom.logs.timestamps import ns_from_seconds, read_times, times_of_numbers
 from wayloom.logs.trajectory_files import read_kitti
 
@@ -56,7 +56,6 @@ def open_kitti_odometry(path: Path, gnss: Path | None = None) -> ImageFolderLog:
     positioning = find_positioning(path, gnss, FrameClock(pairs.numbers, t_ns), P_left, sidecar)
     truth_file = find_truth(path)
     truth = None if truth_file is None else read_truth(truth_file, pairs.numbers, P_left)
-    own = [path / name for name in (SIDECAR_NAME,) if (path / name).is_file()]
     return assemble(
         path,
         FORMAT,
@@ -71,7 +70,8 @@ def open_kitti_odometry(path: Path, gnss: Path | None = None) -> ImageFolderLog:
         truth=truth,
         missing=() if truth is not None else ("truth poses",),
         root=path,
-        files=[calibration.file, times, *own, *([truth_file] if truth_file else [])],
+        files=[calibration.file, times, *([truth_file] if truth_file else [])],
+        notes=path,
     )
 
 

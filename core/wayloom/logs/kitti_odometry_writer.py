@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from wayloom.logs.drive_writer import DriveWriter, projection_texts
+from wayloom.logs.atomic import write_atomically
+from wayloom.logs.drive_writer import DriveWriter, numbers_text, projection_texts
 from wayloom.logs.timestamps import seconds_from_ns
 
 
@@ -19,12 +20,18 @@ class KittiOdometryWriter(DriveWriter):
         left, right = ("image_2", "image_3") if self.colour else ("image_0", "image_1")
         return self.folder / left, self.folder / right
 
+    def lidar_file(self, index: int) -> Path:
+        """`velodyne`, as SemanticKITTI has it."""
+        return self.folder / "velodyne" / f"{index:06d}.bin"
+
     def write_calibration(self) -> None:
-        """All four projection matrices: cameras 0 and 2 are the left one, 1 and 3 the right."""
+        """All four projection matrices: cameras 0 and 2 are the left one, 1 and 3 the right; and Tr, LiDAR to camera 0."""
         left, right = projection_texts(self.rig)
         text = "".join(f"P{camera}: {P}\n" for camera, P in enumerate((left, right, left, right)))
-        (self.folder / "calib.txt").write_text(text, encoding="ascii")
+        if self.T_cam_lidar is not None:
+            text += f"Tr: {numbers_text(self.T_cam_lidar[:3])}\n"
+        write_atomically(self.folder / "calib.txt", text.encode())
 
     def write_times(self) -> None:
         """Seconds with nine decimals, exact."""
-        (self.folder / "times.txt").write_text("".join(seconds_from_ns(t) + "\n" for t in self.times_ns), encoding="ascii")
+        write_atomically(self.folder / "times.txt", "".join(seconds_from_ns(t) + "\n" for t in self.times_ns).encode())

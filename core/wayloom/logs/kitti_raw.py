@@ -24,7 +24,7 @@ from wayloom.logs.kitti_calibration import (
 )
 from wayloom.logs.kitti_odometry import find_truth, read_truth
 from wayloom.logs.positioning import FrameClock, find_positioning
-from wayloom.logs.sidecar import SIDECAR_NAME, read_sidecar
+from wayloom.logs.sidecar import read_sidecar
 from wayloom.logs.timestamps import ns_from_wall_clock, read_times, times_of_numbers
 
 FORMAT = "kitti-raw"
@@ -66,7 +66,6 @@ def open_kitti_raw(path: Path, gnss: Path | None = None) -> ImageFolderLog:
     P_left = calibration.numbers(f"P_rect_{left}", 3, 4)
     positioning = find_positioning(path, gnss, FrameClock(pairs.numbers, t_ns), P_left, sidecar)
     lacking = [f"image_{c}/timestamps.txt" for c in (left, right) if not (path / f"image_{c}" / "timestamps.txt").is_file()]
-    own = [path / name for name in (SIDECAR_NAME,) if (path / name).is_file()]
     inside = calibration.file.parent == path
     truth_file = find_truth(path)
     return assemble(
@@ -83,7 +82,8 @@ def open_kitti_raw(path: Path, gnss: Path | None = None) -> ImageFolderLog:
         truth=None if truth_file is None else read_truth(truth_file, pairs.numbers, P_left),
         missing=tuple(lacking),
         root=path if inside else calibration.file.parent,
-        files=[calibration.file, *stamps, *own, *([truth_file] if truth_file else [])],
+        files=[calibration.file, *stamps, *([truth_file] if truth_file else [])],
+        notes=path,
     )
 
 

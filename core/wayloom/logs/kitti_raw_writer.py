@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from wayloom.geometry import se3
-from wayloom.logs.drive_writer import DriveWriter, numbers_text, projection_texts
+from wayloom.logs.atomic import write_atomically
+from wayloom.logs.drive_writer import DriveWriter, FloatArray, numbers_text, projection_texts
 from wayloom.logs.kitti_calibration import CAM_TO_CAM, IMU_TO_VELO, VELO_TO_CAM
+from wayloom.logs.kitti_raw import DISTORTED_ENDING
 from wayloom.logs.timestamps import wall_clock_from_ns
 
 R_CAM_VELO = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
@@ -19,31 +21,52 @@ class KittiRawWriter(DriveWriter):
     wayloom.json, and poses.txt, which KITTI raw itself has not. Images are rectified; the left camera is the reference."""
 
     name_digits = 10
+    wants_packets = True
+    holds_raw_images = True
+
+    @classmethod
+    def folder_name(cls, name: str, distorted: bool) -> str:
+        """By its ending the reader tells distorted images from rectified ones of the same size."""
+        return name + DISTORTED_ENDING if distorted else name
 
     def image_folders(self) -> tuple[Path, Path]:
         """Left and right."""
         left, right = ("image_02", "image_03") if self.colour else ("image_00", "image_01")
         return self.folder / left / "data", self.folder / right / "data"
 
+    def lidar_file(self, index: int) -> Path:
+        """`velodyne_points/data`."""
+        return self.folder / "velodyne_points" / "data" / f"{index:010d}.bin"
+
     def write_calibration(self) -> None:
-        """calib_cam_to_cam.txt, and, where T_cam_imu is known, calib_imu_to_velo.txt and calib_velo_to_cam.txt."""
+        """calib_cam_to_cam.txt; calib_velo_to_cam.txt and calib_imu_to_velo.txt where the LiDAR or the IMU is known."""
         camera = self.rig.camera
         size, lens = f"{camera.width} {camera.height}", numbers_text(camera.K)
+        lens_bend = numbers_text(np.array(self.distortion or (0.0,) * 5))
         lines = []
         for i, P in enumerate(projection_texts(self.rig) * 2):
             t = (0.0, 0.0, 0.0) if i % 2 == 0 else self.rig.t_right_left
-            lines += [f"S_{i:02d}: {size}", f"K_{i:02d}: {lens}", f"D_{i:02d}: 0 0 0 0 0", f"R_{i:02d}: {IDENTITY}"]
+            lines += [f"S_{i:02d}: {size}", f"K_{i:02d}: {lens}", f"D_{i:02d}: {lens_bend}", f"R_{i:02d}: {IDENTITY}"]
             lines += [f"T_{i:02d}: {numbers_text(np.array(t))}", f"S_rect_{i:02d}: {size}"]
             lines += [f"R_rect_{i:02d}: {IDENTITY}", f"P_rect_{i:02d}: {P}"]
-        (self.folder / CAM_TO_CAM).write_text("\n".join(lines) + "\n", encoding="ascii")
+        self._write(CAM_TO_CAM, "\n".join(lines) + "\n")
+        T_cam_velo = se3.from_rotation_translation(R_CAM_VELO, np.zeros(3)) if self.T_cam_lidar is None else self.T_cam_lidar
+        if self.T_cam_lidar is not None or self.T_cam_imu is not None:
+            self._write(VELO_TO_CAM, rigid_text(T_cam_velo))
         if self.T_cam_imu is not None:
-            T_cam_velo = se3.from_rotation_translation(R_CAM_VELO, np.zeros(3))
-            for name, T in ((VELO_TO_CAM, T_cam_velo), (IMU_TO_VELO, se3.inverse(T_cam_velo) @ self.T_cam_imu)):
-                text = f"R: {numbers_text(T[:3, :3])}\nT: {numbers_text(T[:3, 3])}\n"
-                (self.folder / name).write_text(text, encoding="ascii")
+            self._write(IMU_TO_VELO, rigid_text(se3.inverse(T_cam_velo) @ self.T_cam_imu))
 
     def write_times(self) -> None:
-        """The time stamps of both cameras, as wall clock since 1970."""
+        """The time stamps of both cameras, and of the scans, as wall clock since 1970."""
         text = "".join(wall_clock_from_ns(t) + "\n" for t in self.times_ns)
-        for folder in self.image_folders():
-            (folder.parent / "timestamps.txt").write_text(text, encoding="ascii")
+        folders = [folder.parent for folder in self.image_folders()]
+        for folder in (*folders, *([self.folder / "velodyne_points"] if self.T_cam_lidar is not None else [])):
+            write_atomically(folder / "timestamps.txt", text.encode())
+
+    def _write(self, name: str, text: str) -> None:
+        write_atomically(self.folder / name, text.encode())
+
+
+def rigid_text(T: FloatArray) -> str:
+    """A motion (4, 4) as KITTI's R and T lines."""
+    return f"R: {numbers_text(T[:3, :3])}\nT: {numbers_text(T[:3, 3])}\n"

@@ -1,4 +1,4 @@
-"""Point clouds as binary little-endian PLY: x y z (double, metres), red green blue label (uchar)."""
+"""Point clouds as binary little-endian PLY: x y z (double, metres), red green blue label (uchar), or any other vertices."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +14,9 @@ POINT = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("red", "u1"), ("gre
 TYPE_NAMES = {
     "double": "f8", "float64": "f8", "float": "f4", "float32": "f4", "uchar": "u1", "uint8": "u1", "char": "i1", "int8": "i1",
     "ushort": "u2", "uint16": "u2", "short": "i2", "int16": "i2", "uint": "u4", "uint32": "u4", "int": "i4", "int32": "i4",
+}  # fmt: skip
+NAMES_OF_TYPES = {
+    "f8": "double", "f4": "float", "u1": "uchar", "i1": "char", "u2": "ushort", "i2": "short", "u4": "uint", "i4": "int",
 }  # fmt: skip
 LONGEST_HEADER = 65_536
 
@@ -35,8 +38,13 @@ def write_ply(
     rows["x"], rows["y"], rows["z"] = points.T
     rows["red"], rows["green"], rows["blue"] = colours.T
     rows["label"] = labels
-    types = {"<f8": "double", "|u1": "uchar"}
-    properties = [f"property {types[POINT[name].str]} {name}" for name in POINT.names or ()]
+    write_vertices(file, rows, comments)
+
+
+def write_vertices(file: Path, rows: NDArray[np.void], comments: tuple[str, ...] = ()) -> None:
+    """Write a structured array (N,) of little-endian numbers as the vertices of a PLY."""
+    assert rows.dtype.names is not None
+    properties = [f"property {NAMES_OF_TYPES[rows.dtype[name].str[1:]]} {name}" for name in rows.dtype.names]
     said = [f"comment {' '.join(comment.split())}" for comment in comments]
     header = ["ply", "format binary_little_endian 1.0", *said, f"element vertex {len(rows)}", *properties, "end_header", ""]
     write_atomically(file, ("\n".join(header).encode("utf-8"), rows.tobytes()))
@@ -44,6 +52,26 @@ def write_ply(
 
 def read_ply(file: Path) -> Cloud:
     """The vertices of a binary little-endian PLY; colours 0 and labels 255 where it has none. Raises LogError."""
+    rows = read_vertices(file)
+    names = set(rows.dtype.names or ())
+    labels = rows["label"].astype(np.uint8) if "label" in names else np.full(len(rows), 255, np.uint8)
+    return Cloud(places(rows), vertex_colours(rows), labels)
+
+
+def places(rows: NDArray[np.void]) -> NDArray[np.float64]:
+    """(N, 3) x, y, z of vertices."""
+    return np.column_stack([rows[name] for name in "xyz"]).astype(np.float64)
+
+
+def vertex_colours(rows: NDArray[np.void]) -> NDArray[np.uint8]:
+    """(N, 3) RGB of vertices, 0 where they have none."""
+    if not {"red", "green", "blue"} <= set(rows.dtype.names or ()):
+        return np.zeros((len(rows), 3), np.uint8)
+    return np.column_stack([rows[name] for name in ("red", "green", "blue")]).astype(np.uint8)
+
+
+def read_vertices(file: Path) -> NDArray[np.void]:
+    """The vertices of a binary little-endian PLY as a structured array (N,): x, y, z and what else there is. Raises LogError."""
     data = read_bytes(file, remedy="give a PLY file")
     end = data.find(b"end_header\n", 0, LONGEST_HEADER)
     lines = data[: max(end, 0)].decode("ascii", "replace").split("\n")
@@ -54,13 +82,7 @@ def read_ply(file: Path) -> Cloud:
     if len(data) - start < count * dtype.itemsize:
         what = f"ends after {(len(data) - start) // dtype.itemsize} of {count} points"
         raise LogError(what, file=file, remedy="the file is truncated: write it again")
-    rows = np.frombuffer(data, dtype, count, start)
-    names = set(dtype.names or ())
-    colours = np.zeros((count, 3), np.uint8)
-    if {"red", "green", "blue"} <= names:
-        colours = np.column_stack([rows[name] for name in ("red", "green", "blue")]).astype(np.uint8)
-    labels = rows["label"].astype(np.uint8) if "label" in names else np.full(count, 255, np.uint8)
-    return Cloud(np.column_stack([rows[name] for name in "xyz"]).astype(np.float64), colours, labels)
+    return np.frombuffer(data, dtype, count, start)
 
 
 def _vertices(lines: list[str], file: Path) -> tuple[int, np.dtype[np.void]]:

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import LogError, UnknownFormatError
-from wayloom.logs import gnss_csv, oxts
+from wayloom.logs import gnss_csv, imu_csv, oxts
+from wayloom.logs.imu_csv import IMU_NAME
 from wayloom.logs.kitti_calibration import CAM_TO_CAM, IMU_TO_VELO, VELO_TO_CAM, T_cam_imu_from_files
 from wayloom.logs.sidecar import Sidecar
 from wayloom.logs.timestamps import NS
@@ -44,35 +45,63 @@ class FrameClock:
         return bool(len(t_ns) and t_ns[0] <= self.t_ns[-1] + CLOCK_SLACK_NS and t_ns[-1] >= self.t_ns[0] - CLOCK_SLACK_NS)
 
 
-def find_positioning(log_folder: Path, gnss: Path | None, clock: FrameClock, P_left: FloatArray, sidecar: Sidecar) -> Positioning:
-    """The GNSS that was given, else the log's own `oxts` folder or `gnss.csv`, else none. Raises LogError or CalibrationError.
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """The GNSS/INS unit of a log whose layout says where it sits: T_cam_unit (4, 4), and the files that say it."""
 
-    P_left : (3, 4) projection matrix of the left camera in KITTI's rectified frame 0.
+    T_cam_unit: FloatArray
+    files: tuple[Path, ...]
+
+
+def find_positioning(
+    log_folder: Path, gnss: Path | None, clock: FrameClock, P_left: FloatArray, sidecar: Sidecar, unit: Unit | None = None
+) -> Positioning:
+    """The GNSS that was given, else the log's own `oxts` folder or `gnss.csv`, else none; `imu.csv`, else what `oxts` holds at
+    an IMU's rate. Raises LogError or CalibrationError.
+
+    log_folder : where `oxts`, `gnss.csv` and `imu.csv` are looked for
+    P_left     : (3, 4) projection matrix of the left camera in KITTI's rectified frame 0
+    unit       : where the GNSS/INS unit sits; None looks for KITTI's calibration files
     """
     source = locate(gnss) if gnss is not None else own_source(log_folder)
-    if source is None:
-        return Positioning(None, None, np.zeros(3), None, ("GNSS", "IMU"), ())
-    T_cam_imu: FloatArray | None = None
+    track: GnssTrack | None = None
     imu: ImuTrack | None = None
-    files: tuple[Path, ...] = (source,)
-    missing: tuple[str, ...] = ("IMU",)
-    calibration_files: tuple[Path, ...] = ()
-    if source.suffix == ".csv":
-        track = read_csv(source, clock)
+    T_cam_unit: FloatArray | None = None
+    files: tuple[Path, ...] = ()
+    missing: tuple[str, ...] = ()
+    if source is None:
+        missing = ("GNSS",)
+    elif source.suffix == ".csv":
+        track, files = read_csv(source, clock), (source,)
     else:
         by_number = gnss is not None and not source.parent.name.endswith("_extract")
         track, imu, files, missing = read_oxts(source, clock, by_number=by_number)
-        T_cam_imu, calibration_files, lacking = find_T_cam_imu(source.parent, log_folder, P_left)
-        missing += lacking
-        T_cam_imu = np.array(sidecar.T_cam_imu) if sidecar.T_cam_imu is not None else T_cam_imu
+        if unit is None:
+            T_cam_unit, calibration_files, lacking = find_T_cam_imu(source.parent, log_folder, P_left)
+        else:
+            T_cam_unit, calibration_files, lacking = unit.T_cam_unit, unit.files, ()
+        files, missing = files + calibration_files, missing + lacking
+    T_cam_imu = T_cam_unit if sidecar.T_cam_imu is None else np.array(sidecar.T_cam_imu)
+    own_imu = log_folder / IMU_NAME
+    if own_imu.is_file():
+        imu, files = read_imu(own_imu, clock), (*files, own_imu)
+    if imu is None:
+        missing += ("IMU",)
+    elif T_cam_imu is None:
+        imu, missing = (
+            None,
+            (*missing, f"T_cam_imu: without it the samples of {own_imu.name if own_imu.is_file() else 'oxts'} are left out"),
+        )
+    p_cam_gnss, said = lever_arm(sidecar, T_cam_imu if source is not None and source.suffix != ".csv" else None)
+    missing += ("lever arm",) if track is not None and not said else ()
+    return Positioning(track, imu, p_cam_gnss, T_cam_imu, missing, files)
+
+
+def lever_arm(sidecar: Sidecar, T_cam_unit: FloatArray | None) -> tuple[FloatArray, bool]:
+    """p_cam_gnss (3,) m and whether it is known: the sidecar's, else the place of the unit, whose position oxts packets hold."""
     if sidecar.p_cam_gnss_m is not None:
-        p_cam_gnss = np.array(sidecar.p_cam_gnss_m)
-    elif T_cam_imu is not None:
-        p_cam_gnss = T_cam_imu[:3, 3].copy()  # an oxts packet's position is that of the unit
-    else:
-        p_cam_gnss = np.zeros(3)
-        missing += ("lever arm",)
-    return Positioning(track, imu, p_cam_gnss, T_cam_imu, missing, (*files, *calibration_files))
+        return np.array(sidecar.p_cam_gnss_m), True
+    return (np.zeros(3), False) if T_cam_unit is None else (T_cam_unit[:3, 3].copy(), True)
 
 
 def own_source(log_folder: Path) -> Path | None:
@@ -110,7 +139,7 @@ def read_oxts(
         t_ns = packets.t_ns
         rate_hz = (len(t_ns) - 1) * NS / max(int(t_ns[-1] - t_ns[0]), 1)
         imu = oxts.imu_track(packets.values, t_ns) if rate_hz >= LEAST_IMU_RATE_HZ else None
-        return oxts.gnss_track(packets.values, t_ns), imu, files, () if imu else ("IMU",)
+        return oxts.gnss_track(packets.values, t_ns), imu, files, ()
     place = {number: i for i, number in enumerate(clock.numbers)}
     keep = [i for i, number in enumerate(packets.numbers) if number in place]
     if not keep:
@@ -120,7 +149,17 @@ def read_oxts(
     if packets.t_ns is not None:
         check_same_pace(packets.t_ns[keep], t_ns, folder)
     short = () if len(keep) == len(place) else (f"GNSS for {len(place) - len(keep)} of {len(place)} frames",)
-    return oxts.gnss_track(packets.values[keep], t_ns), None, files, ("IMU", *short)
+    return oxts.gnss_track(packets.values[keep], t_ns), None, files, short
+
+
+def read_imu(file: Path, clock: FrameClock) -> ImuTrack:
+    """The samples of an imu.csv. Raises LogError where they are not on the clock of the frames."""
+    track = imu_csv.read_imu_csv(file)
+    if not clock.overlaps(track.t_ns):
+        gap_s = (int(track.t_ns[0]) - int(clock.t_ns[0])) / NS
+        what = f"the samples start {gap_s:.3f} s from the first frame and never meet the frames"
+        raise LogError(what, file=file, remedy="give the samples on the clock of the frames")
+    return track
 
 
 def check_same_pace(packets_ns: NDArray[np.int64], frames_ns: NDArray[np.int64], folder: Path) -> None:

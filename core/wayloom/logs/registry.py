@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from wayloom.errors import ConfigError, LogError, UnknownFormatError
-from wayloom.logs import kitti_odometry, kitti_raw
-from wayloom.logs.image_folder_log import ImageFolderLog
-from wayloom.logs.types import DriveLog
+from wayloom.logs import kitti_360, kitti_odometry, kitti_raw, mcap_log
+from wayloom.logs.types import DriveLog, StoredLog
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,19 +17,21 @@ class LogFormat:
 
     looks_for: str
     recognise: Callable[[Path], bool]
-    open: Callable[[Path, Path | None], ImageFolderLog]
+    open: Callable[[Path, Path | None], StoredLog]
 
 
 LOG_FORMATS: Final[dict[str, LogFormat]] = {
+    kitti_360.FORMAT: LogFormat(kitti_360.LOOKS_FOR, kitti_360.recognise, kitti_360.open_kitti_360),
     kitti_odometry.FORMAT: LogFormat(kitti_odometry.LOOKS_FOR, kitti_odometry.recognise, kitti_odometry.open_kitti_odometry),
     kitti_raw.FORMAT: LogFormat(kitti_raw.LOOKS_FOR, kitti_raw.recognise, kitti_raw.open_kitti_raw),
+    mcap_log.FORMAT: LogFormat(mcap_log.LOOKS_FOR, mcap_log.recognise, mcap_log.open_mcap),
 }
 
 
 def open_log(path: Path, *, gnss: Path | None = None) -> DriveLog:
     """Open a drive log. The ends and headers of all images are looked at, none is decoded.
 
-    path : a log's folder, or one that holds exactly one log
+    path : a log's folder or file, or a folder that holds exactly one log
     gnss : a KITTI `…_sync` folder or its oxts folder, whose packet n belongs to the frame numbered n, or a gnss.csv on the
            clock of the frames; None takes what lies in the log
 
@@ -41,7 +42,7 @@ def open_log(path: Path, *, gnss: Path | None = None) -> DriveLog:
     return log
 
 
-def open_log_unchecked(path: Path, *, gnss: Path | None = None) -> ImageFolderLog:
+def open_log_unchecked(path: Path, *, gnss: Path | None = None) -> StoredLog:
     """`open_log`, but only the first image is looked at."""
     folder = find_log(absolute(path))
     key = next(key for key, log_format in LOG_FORMATS.items() if log_format.recognise(folder))
@@ -64,16 +65,16 @@ def check_outside(log: DriveLog, *outputs: Path | None) -> None:
 
 
 def find_log(path: Path) -> Path:
-    """The folder that is a log: `path`, or the only one inside it. Raises LogError or UnknownFormatError."""
+    """The folder or file that is a log: `path`, or the only one inside it. Raises LogError or UnknownFormatError."""
     try:
         if not path.exists():
             raise LogError("no such folder", file=path, remedy="give the path of a drive log")
-        if not path.is_dir():
-            raise UnknownFormatError(f"is a file; {known()}", file=path, remedy="give a log's folder")
         if _recognised(path):
             return path
+        if not path.is_dir():
+            raise UnknownFormatError(f"is a file; {known()}", file=path, remedy="give a log's folder")
         inside = sorted(path.iterdir())
-        logs = [folder for folder in inside if folder.is_dir() and _recognised(folder)]
+        logs = [entry for entry in inside if _recognised(entry)]
     except OSError as problem:
         raise LogError(f"cannot be read ({problem.strerror})", file=path, remedy="check the folder's permissions") from None
     if len(logs) == 1:

@@ -16,6 +16,7 @@ SIMULATED_RIG = "simulated-"
 """How the ids of the simulator's rigs begin: what such a rig recorded is no photograph."""
 Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e3, le=1e3)]
 Identifier = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9._-]+$")]
+Topic = Annotated[str, Field(min_length=1, max_length=256, pattern=r"^[!-~]+$")]
 Row = tuple[Finite, Finite, Finite, Finite]
 
 
@@ -26,6 +27,10 @@ class Sidecar(Settings):
     rig_id: Identifier | None = None
     vehicle_id: Identifier | None = None
     p_cam_gnss_m: tuple[Finite, Finite, Finite] | None = Field(None, description="the antenna in the left camera's frame, m")
+    left_topic: Topic | None = Field(None, description="of a recording with topics: the left camera's images")
+    right_topic: Topic | None = Field(None, description="the right camera's images")
+    gnss_topic: Topic | None = Field(None, description="the fixes")
+    imu_topic: Topic | None = Field(None, description="the IMU's samples")
     T_cam_imu: tuple[Row, Row, Row, Row] | None = Field(None, description="the IMU's frame into the left camera's")
 
 

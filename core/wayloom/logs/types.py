@@ -1,14 +1,15 @@
 """What a drive log gives, whatever its format."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.errors import LogError
 from wayloom.geometry.camera import StereoRig
 
 FloatArray = NDArray[np.float64]
@@ -112,4 +113,24 @@ class DriveLog(Protocol):
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[StereoFrame]:
         """The pairs from start to stop in order, one in memory at a time."""
+        ...
+
+
+@runtime_checkable
+class StoredLog(DriveLog, Protocol):
+    """A `DriveLog` of files that can be looked over. stored_sizes: (width, height) of left and right images as they lie on disk."""
+
+    stored_sizes: tuple[tuple[int, int], tuple[int, int]]
+
+    @property
+    def rectifies(self) -> bool:
+        """Whether images are rectified as they are read."""
+        ...
+
+    def check_headers(self) -> None:
+        """Look at every image without decoding it. Raises LogError at the first that is empty, truncated or of another size."""
+        ...
+
+    def damaged(self, *, decode: bool, progress: Callable[[float], None] = ...) -> list[LogError]:
+        """What is wrong with each image that cannot be used, by looking at it or by decoding it."""
         ...

@@ -18,6 +18,7 @@ DEFAULT_MODEL: Final = "wayloom-city"
 
 MODELS: Final[dict[str, ModelDescription]] = {
     DEFAULT_MODEL: read_description(NETWORKS / "wayloom-city.toml"),
+    "efficientvit-b0": read_description(NETWORKS / "efficientvit-b0.toml"),
     "deeplab-slim": read_description(NETWORKS / "deeplab-slim.toml"),
 }
 
@@ -88,9 +89,10 @@ def locate(description: ModelDescription) -> tuple[Path, str]:
     if found.path is None or found.sha256 is None:
         where = ", ".join(str(folder) for folder in model_folders()) or "unset"
         source = f" ({description.source})" if description.source else ""
+        fetch = f"`wayloom models fetch {description.name}`, or " if description.url else ""
         raise ModelError(
             f"network {description.name}: {description.file} is not here",
-            remedy=f"put it{source} into a folder named by WAYLOOM_MODELS ({where})",
+            remedy=f"{fetch}put it{source} into a folder named by WAYLOOM_MODELS ({where})",
         )
     if found.state == "damaged":
         raise ModelError(

@@ -26,6 +26,11 @@ class ModelDescription(Settings):
     sha256: str | None = Field(None, pattern=r"^[0-9a-f]{64}$", description="checked before the file is opened, where given")
     licence: str = Field("unknown", description="under which the weights may be used")
     source: str = Field("", description="who made it and where to get it")
+    url: str | None = Field(
+        None, pattern=r"^https?://", description="where `wayloom models fetch` gets the file, or the weights that become the file"
+    )
+    url_sha256: str | None = Field(None, pattern=r"^[0-9a-f]{64}$", description="of what lies at `url`, where that is not the file")
+    conversion: str | None = Field(None, description="how the weights at `url` become the file: a name of `wayloom models convert`")
     layout: Literal["NCHW", "NHWC"] = Field("NCHW", description="order of the input's axes, and of the logits' axes")
     dtype: Literal["float32", "uint8"] = Field("float32", description="of the input")
     scale: float = Field(1.0 / 255.0, gt=0)
@@ -53,6 +58,8 @@ class ModelDescription(Settings):
             raise ValueError(f"classes holds {unknown}: train ids are 0 to {CLASS_COUNT - 1}, and {VOID} for void")
         if min(self.std) <= 0:
             raise ValueError("std must be above 0")
+        if self.url and not (self.url_sha256 if self.conversion else self.sha256):
+            raise ValueError("url needs " + ("url_sha256" if self.conversion else "sha256") + ": nothing is fetched unchecked")
         if Path(self.file).suffix.lower() != ".onnx":
             raise ValueError(f"file is {self.file!r}: only .onnx files are loaded")
         return self

@@ -1,5 +1,6 @@
-"""Runs one network on one image: the only import of onnxruntime."""
+"""Runs one network on images. Here and in `providers` alone onnxruntime is imported."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -8,12 +9,14 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
-from wayloom.config.classes import CLASS_COUNT, VOID
+from wayloom.config.classes import VOID
 from wayloom.errors import ModelError
 from wayloom.segmentation.catalogue import locate
 from wayloom.segmentation.description import ModelDescription
 from wayloom.segmentation.kernels.upsampling import upsampled_argmax
 from wayloom.segmentation.onnx_file import check_onnx
+from wayloom.segmentation.providers import providers_of, resolved_device
+from wayloom.segmentation.scores import BEST, Scores, scores_from_logits
 from wayloom.segmentation.tiling import tiles_along
 
 Image = NDArray[np.uint8]
@@ -22,21 +25,41 @@ Labels = NDArray[np.uint8]
 _FIT: Final = "correct `layout`, `size`, `multiple` or `tile_px` of its description"
 
 
+@dataclass(frozen=True, slots=True)
+class Labelled:
+    """What a network says of one image: labels (h, w) uint8 train ids, 255 = void; scores, None from a network without any."""
+
+    labels: Labels
+    scores: Scores | None
+
+
 class Network:
-    """A loaded network. Same image, same labels, whatever the number of threads.
+    """A loaded network. Same image, same labels, whatever the number of threads (on one kind of device).
 
     description  what it is; sha256 of its file; `colour` in the description says whether grey images are beneath it
+    device       on what it runs
     """
 
-    def __init__(self, description: ModelDescription, threads: int = 1) -> None:
-        """Check the file (SHA-256, format, no outside data), load it and try it on a blank image. Raises ModelError."""
+    def __init__(self, description: ModelDescription, threads: int = 1, device: str = "auto") -> None:
+        """Check the file (SHA-256, format, no outside data), load it and try it on a blank image.
+
+        device : "auto", "cpu", "cuda", "tensorrt", "openvino" or "coreml"
+        Raises ModelError.
+        """
         self.description = description
+        self.device = resolved_device(device)
         self.path, self.sha256 = locate(description)
-        self._session = _load(self.path, threads)
+        self._session = _load(self.path, threads, self.device)
         _check_input(description, self._session, self.path)
         self._input: str = self._session.get_inputs()[0].name
+        self._takes_several = not isinstance(self._session.get_inputs()[0].shape[0], int)
         self._train_ids = np.array(description.classes, np.uint8)
         self._try_out()
+
+    @property
+    def gives_scores(self) -> bool:
+        """Whether it gives logits of whole frames, and not an arg max or squares alone."""
+        return self.description.output == "logits" and self.description.size == "dynamic"
 
     def labels(self, image: Image) -> Labels:
         """Train ids of every pixel, 255 = void.
@@ -47,24 +70,42 @@ class Network:
         rgb = _as_rgb(image)
         return self._labels_of_tiles(rgb) if self.description.size == "tiles" else self._labels_of_frame(rgb)
 
-    def top_scores(self, image: Image, k: int = 4) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """The k best of our 19 classes for each cell of the network's grid, best first, and their probabilities (softmax).
+    def logits(self, image: Image) -> NDArray[np.float32]:
+        """(gh, gw, C) logits of the network's own classes on its grid, which covers the image padded to the network's multiple.
 
         image    (h, w) grey or (h, w, 3) RGB uint8
-        returns  (gh, gw, k) uint8 train ids and (gh, gw, k) float32; the grid covers the image padded to the network's multiple
         Raises ModelError for a network that gives an arg max only.
         """
-        if self.description.output != "logits" or self.description.size != "dynamic":
+        if not self.gives_scores:
             raise ModelError(f"network {self.description.name} gives an arg max only", remedy="use a network with logits")
-        logits, _ = self._logits(_as_rgb(image))
-        shifted = np.exp(logits - logits.max(axis=2, keepdims=True))
-        shares = np.zeros((*logits.shape[:2], 256), np.float32)
-        for column, train_id in enumerate(self._train_ids):
-            shares[..., train_id] += shifted[..., column]
-        shares /= shares.sum(axis=2, keepdims=True)
-        ours = shares[..., :CLASS_COUNT]
-        order = np.argsort(-ours, axis=2, kind="stable")[..., :k]
-        return order.astype(np.uint8), np.take_along_axis(ours, order, axis=2)
+        return self._logits(_as_rgb(image))
+
+    def scores(self, image: Image, k: int = BEST) -> Scores:
+        """The k likeliest of our 19 classes for each cell of the network's grid (softmax).
+
+        image    (h, w) grey or (h, w, 3) RGB uint8
+        Raises ModelError for a network that gives an arg max only.
+        """
+        return self._scores(self.logits(image), image, k)
+
+    def label_pair(self, left: Image, right: Image, k: int = BEST) -> tuple[Labelled, Labelled]:
+        """Labels of both images of a pair, and their scores where the network gives any; in one run where it takes several images.
+
+        left, right : (h, w) grey or (h, w, 3) RGB uint8, of one size
+        """
+        images = (left, right)
+        if not self.gives_scores:
+            return Labelled(self.labels(left), None), Labelled(self.labels(right), None)
+        padded = [_padded(_as_rgb(image), self.description.multiple) for image in images]
+        if self._takes_several:
+            grids = list(self._run(*padded)[0])
+        else:
+            grids = [self._run(image)[0][0] for image in padded]
+        done = []
+        for image, grid in zip(images, grids, strict=True):
+            logits = self._channels_last(grid)
+            done.append(Labelled(self._labels_of_logits(logits, image), self._scores(logits, image, k)))
+        return done[0], done[1]
 
     def _labels_of_frame(self, rgb: Image) -> Labels:
         """The whole frame, padded by its own border to the network's multiple, at once."""
@@ -73,10 +114,7 @@ class Network:
             padded = _padded(rgb, self.description.multiple)
             ids = _as_plane(self._run(padded)[0])
             return _in_train_ids(self._train_ids, ids)[:height, :width]
-        logits, (padded_height, padded_width) = self._logits(rgb)
-        winners = upsampled_argmax(logits, padded_height, padded_width, height, width)
-        labels: Labels = self._train_ids[winners]
-        return labels
+        return self._labels_of_logits(self._logits(rgb), rgb)
 
     def _labels_of_tiles(self, rgb: Image) -> Labels:
         """Near-square tiles, each resized to the network's square and its labels back, joined in the middle of their overlap."""
@@ -101,31 +139,41 @@ class Network:
         if self.description.output == "ids":
             return _in_train_ids(self._train_ids, _as_plane(output))
         side = self.description.tile_px
-        labels: Labels = self._train_ids[upsampled_argmax(self._channels_last(output), side, side, side, side)]
+        labels: Labels = self._train_ids[upsampled_argmax(self._channels_last(output[0]), side, side, side, side)]
         return labels
 
-    def _logits(self, rgb: Image) -> tuple[NDArray[np.float32], tuple[int, int]]:
-        """(gh, gw, C) logits of the padded frame, and the padded size in pixels."""
-        padded = _padded(rgb, self.description.multiple)
-        return self._channels_last(self._run(padded)[0]), (padded.shape[0], padded.shape[1])
+    def _labels_of_logits(self, logits: NDArray[np.float32], image: Image) -> Labels:
+        height, width = image.shape[:2]
+        labels: Labels = self._train_ids[upsampled_argmax(logits, *self._covered(image), height, width)]
+        return labels
 
-    def _channels_last(self, output: NDArray[Any]) -> NDArray[np.float32]:
-        grid = output[0] if self.description.layout == "NHWC" else output[0].transpose(1, 2, 0)
-        return np.ascontiguousarray(grid, np.float32)
+    def _scores(self, logits: NDArray[np.float32], image: Image, k: int) -> Scores:
+        return scores_from_logits(logits, self._train_ids, self._covered(image), k)
 
-    def _run(self, rgb: Image) -> list[NDArray[Any]]:
+    def _covered(self, image: Image) -> tuple[int, int]:
+        """Height and width in pixels of the image as the network sees it."""
+        multiple = self.description.multiple
+        return -(-image.shape[0] // multiple) * multiple, -(-image.shape[1] // multiple) * multiple
+
+    def _logits(self, rgb: Image) -> NDArray[np.float32]:
+        """(gh, gw, C) logits of the padded frame."""
+        return self._channels_last(self._run(_padded(rgb, self.description.multiple))[0][0])
+
+    def _channels_last(self, grid: NDArray[Any]) -> NDArray[np.float32]:
+        return np.ascontiguousarray(grid if self.description.layout == "NHWC" else grid.transpose(1, 2, 0), np.float32)
+
+    def _run(self, *rgb: Image) -> list[NDArray[Any]]:
+        """The network's outputs for images of one size, which are stacked."""
         d = self.description
-        if d.dtype == "uint8":
-            values: NDArray[Any] = rgb
-        else:
-            gain = np.float32(d.scale) / np.array(d.std, np.float32)
-            offset = -np.array(d.mean, np.float32) / np.array(d.std, np.float32)
-            values = rgb * gain + offset
-        batch = values[None] if d.layout == "NHWC" else values.transpose(2, 0, 1)[None]
+        values: NDArray[Any] = np.stack(rgb)
+        if d.dtype == "float32":
+            scaled = values.astype(np.float32) * np.float32(d.scale)
+            values = (scaled - np.array(d.mean, np.float32)) / np.array(d.std, np.float32)
+        batch = values if d.layout == "NHWC" else values.transpose(0, 3, 1, 2)
         try:
             outputs: list[NDArray[Any]] = self._session.run(None, {self._input: np.ascontiguousarray(batch)})
         except Exception as error:  # onnxruntime's errors have no other base
-            size = f"{rgb.shape[1]}x{rgb.shape[0]}"
+            size = f"{rgb[0].shape[1]}x{rgb[0].shape[0]}"
             raise ModelError(f"does not run on {size} pixels ({_one_line(error)})", file=self.path, remedy=_FIT) from error
         return outputs
 
@@ -137,7 +185,7 @@ class Network:
         _check_output(d, output, side, self.path)
 
 
-def _load(path: Path, threads: int) -> Any:
+def _load(path: Path, threads: int, device: str) -> Any:
     data = path.read_bytes()
     check_onnx(data, str(path))
     options = onnxruntime.SessionOptions()
@@ -148,9 +196,14 @@ def _load(path: Path, threads: int) -> Any:
     options.log_severity_level = 4
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     try:
-        return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        session = onnxruntime.InferenceSession(data, options, providers=providers_of(device))
     except Exception as error:  # onnxruntime's errors have no other base
         raise ModelError(f"onnxruntime cannot load it ({_one_line(error)})", file=path, remedy="export it again") from error
+    if session.get_providers()[0] != providers_of(device)[0]:  # it fell back without a word
+        raise ModelError(
+            f"onnxruntime cannot use {device} here", file=path, remedy="check the device's drivers, or choose the device cpu"
+        )
+    return session
 
 
 def _check_input(d: ModelDescription, session: Any, path: Path) -> None:

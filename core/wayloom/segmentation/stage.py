@@ -17,11 +17,13 @@ from wayloom.logs.atomic import write_atomically
 from wayloom.logs.sidecar import SIMULATED_RIG
 from wayloom.logs.types import DriveLog
 from wayloom.segmentation.network import Network
+from wayloom.segmentation.scores import Scores, decode_scores, encode_scores
 
 Labels = NDArray[np.uint8]
 
-FORMAT_VERSION: Final = 1
+FORMAT_VERSION: Final = 2
 SIDES: Final = ("left", "right")
+_FOLDERS: Final = (*SIDES, *(f"{side}_scores" for side in SIDES))
 
 
 def segment_keyframes(
@@ -33,13 +35,14 @@ def segment_keyframes(
 ) -> "KeyframeLabels":
     """Write `left/%010d.png` and `right/%010d.png`, named by frame index, and `model.json`, into out_dir.
 
-    A run that was cut short goes on where it stopped: a PNG that decodes to the right size is kept as long as `model.json` says
+    Beside them, from a network that gives scores, lie `left_scores/` and `right_scores/`: the likeliest classes of each cell.
+    A run that was cut short goes on where it stopped: a pair whose files can be read is kept as long as `model.json` says
     that the same network labelled the same drive. Every file appears whole or not at all.
     keyframes : frame indices (`Keyframes.frame` of the odometry)
     Raises LogError from the log's reader.
     """
     out_dir.mkdir(parents=True, exist_ok=True)
-    _claim(out_dir, _facts(log, network))
+    _claim(out_dir, _facts(log, network), network.gives_scores)
     shape = (log.rig.camera.height, log.rig.camera.width)
     frames = [int(index) for index in keyframes]
     for done, index in enumerate(frames):
@@ -50,12 +53,19 @@ def segment_keyframes(
 
 
 def _segment_pair(log: DriveLog, network: Network, out_dir: Path, index: int, shape: tuple[int, int]) -> None:
-    paths = {side: label_path(out_dir, side, index) for side in SIDES}
-    missing = [side for side in SIDES if _read_valid(paths[side], shape) is None]
-    if missing:
-        frame = log.frame(index)
-        for side in missing:
-            _write_png(paths[side], network.labels(frame.left if side == "left" else frame.right))
+    if all(_is_done(out_dir, side, index, shape, network.gives_scores) for side in SIDES):
+        return
+    frame = log.frame(index)
+    for side, labelled in zip(SIDES, network.label_pair(frame.left, frame.right), strict=True):
+        if labelled.scores is not None:
+            write_atomically(scores_path(out_dir, side, index), encode_scores(labelled.scores))
+        _write_png(label_path(out_dir, side, index), labelled.labels)
+
+
+def _is_done(out_dir: Path, side: str, index: int, shape: tuple[int, int], with_scores: bool) -> bool:
+    labels = _read(label_path(out_dir, side, index))
+    whole = labels is not None and labels.shape == shape
+    return whole and (not with_scores or _read_scores(scores_path(out_dir, side, index)) is not None)
 
 
 class KeyframeLabels:
@@ -67,6 +77,7 @@ class KeyframeLabels:
         self._frames = [int(index) for index in frames]
         self._held = held
         self._cache: OrderedDict[tuple[str, int], Labels] = OrderedDict()
+        self._with_scores = (folder / f"{SIDES[0]}_scores").is_dir()
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -78,6 +89,19 @@ class KeyframeLabels:
     def right(self, keyframe: int) -> Labels:
         """(h, w) uint8 train ids of the right image of the keyframe in this row. Raises StageError where the file is missing."""
         return self._get("right", keyframe)
+
+    def scores(self, side: str, keyframe: int) -> Scores | None:
+        """The likeliest classes of the "left" or "right" image of the keyframe in this row; None from a network without scores.
+
+        Raises StageError where the file is missing though the network gives scores.
+        """
+        if not self._with_scores:
+            return None
+        path = scores_path(self._folder, side, self._frames[keyframe])
+        scores = _read_scores(path)
+        if scores is None:
+            raise StageError(f"{path}: scores missing or damaged; run the segmentation again")
+        return scores
 
     def _get(self, side: str, keyframe: int) -> Labels:
         key = (side, keyframe)
@@ -98,6 +122,11 @@ def label_path(folder: Path, side: str, frame: int) -> Path:
     return folder / side / f"{frame:010d}.png"
 
 
+def scores_path(folder: Path, side: str, frame: int) -> Path:
+    """Where the scores of one image lie."""
+    return folder / f"{side}_scores" / f"{frame:010d}.png"
+
+
 def _facts(log: DriveLog, network: Network) -> dict[str, Any]:
     """What `model.json` says: which network labelled which drive."""
     d = network.description
@@ -110,23 +139,26 @@ def _facts(log: DriveLog, network: Network) -> dict[str, Any]:
         "sha256": network.sha256,
         "licence": d.licence,
         "settings": hashlib.sha256(d.model_dump_json().encode()).hexdigest(),
+        "device": network.device,
         "drive": drive.hexdigest(),
         "grey_images_to_a_colour_network": d.colour and not log.colour,
         "photographs_to_a_network_of_simulated_streets": d.simulated and not (log.rig_id or "").startswith(SIMULATED_RIG),
     }
 
 
-def _claim(out_dir: Path, facts: dict[str, Any]) -> None:
+def _claim(out_dir: Path, facts: dict[str, Any], with_scores: bool) -> None:
     """Leave what the same network labelled of the same drive; anything else in the folder is removed first."""
     path = out_dir / "model.json"
     text = json.dumps(facts, indent=1, sort_keys=True) + "\n"
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
         path.unlink(missing_ok=True)
-        for side in SIDES:
-            for old in (out_dir / side).glob("*.png"):
+        for name in _FOLDERS:
+            for old in (out_dir / name).glob("*.png"):
                 old.unlink()
-    for side in SIDES:
-        (out_dir / side).mkdir(exist_ok=True)
+            if name not in SIDES and (out_dir / name).is_dir():
+                (out_dir / name).rmdir()
+    for name in _FOLDERS if with_scores else SIDES:
+        (out_dir / name).mkdir(exist_ok=True)
     write_atomically(path, text.encode())
 
 
@@ -138,9 +170,11 @@ def _read(path: Path) -> Labels | None:
     return None if image is None or image.ndim != 2 or image.dtype != np.uint8 else np.asarray(image, np.uint8)
 
 
-def _read_valid(path: Path, shape: tuple[int, int]) -> Labels | None:
-    labels = _read(path)
-    return labels if labels is not None and labels.shape == shape else None
+def _read_scores(path: Path) -> Scores | None:
+    try:
+        return decode_scores(path.read_bytes())
+    except (OSError, ValueError):
+        return None
 
 
 def _write_png(path: Path, labels: Labels) -> None:

@@ -8,10 +8,13 @@ from numpy.typing import NDArray
 from wayloom.errors import ConfigError
 from wayloom.simulation import terrain
 from wayloom.simulation.blocks import KIND_SHARES, Kind, Numbers, Site, build_block
+from wayloom.simulation.city_settings import CitySettings
 from wayloom.simulation.ground import underlay
 from wayloom.simulation.mesh import Mesh, MeshBuilder, empty, join
 from wayloom.simulation.models import Models
+from wayloom.simulation.objects import Area, Change, TrueArea, TrueObject
 from wayloom.simulation.streets import StreetGraph, block_shape, clearances, grid_graph
+from wayloom.simulation.terrain import Terrain
 from wayloom.simulation.vegetation import broadleaf
 
 CHUNK_M = 24.0
@@ -25,18 +28,41 @@ TREES_PER_M_OF_BORDER = 0.12
 class City:
     """mesh is ordered by chunk: chunk c holds its triangles starts[c] to starts[c + 1], within low[c] to high[c] (C, 3) m."""
 
-    seed: int
+    settings: CitySettings
     graph: StreetGraph
     clear: dict[tuple[int, int], float]
     mesh: Mesh
     starts: NDArray[np.int64]
     low: NDArray[np.float32]
     high: NDArray[np.float32]
+    models: Models
+
+    @property
+    def seed(self) -> int:
+        """Of all its random streams."""
+        return self.settings.seed
+
+    @property
+    def ground(self) -> Terrain:
+        """The hills below."""
+        return terrain.HILLS
 
     def chunks(self, chosen: NDArray[np.int64]) -> Mesh:
         """The triangles of the chunks chosen, in that order."""
         parts = [self.mesh.rows(slice(int(self.starts[c]), int(self.starts[c + 1]))) for c in chosen]
         return join(parts) if parts else empty()
+
+    def objects(self, area: Area | None = None) -> list[TrueObject]:
+        """Poles, signs and lights in an area (whole city without one), in a fixed order."""
+        return []
+
+    def areas(self, area: Area | None = None) -> list[TrueArea]:
+        """Roads, sidewalks and lawns that touch an area (whole city without one), as rings."""
+        return []
+
+    def changes(self, area: Area | None = None) -> list[Change]:
+        """What differs in a changed city from the same seed's unchanged one."""
+        return []
 
     def around(self, x: float, y: float, reach_m: float) -> NDArray[np.int64]:
         """Chunks that overlap a square of half edge reach_m."""
@@ -45,11 +71,12 @@ class City:
         return np.nonzero(near)[0]
 
 
-def build_city(seed: int, columns: int, rows: int, models: Models) -> City:
+def build_city(settings: CitySettings, models: Models) -> City:
     """A city of columns x rows crossings. Each block has its own random stream, so that blocks do not depend on each other.
 
     Raises ConfigError where the city holds more things than there are instance numbers.
     """
+    seed, columns, rows = settings.seed, settings.columns, settings.rows
     graph = grid_graph(np.random.default_rng([seed, 0]), columns, rows)
     shapes = [block_shape(graph, nodes) for nodes in graph.blocks]
     clear = clearances(shapes)
@@ -64,7 +91,7 @@ def build_city(seed: int, columns: int, rows: int, models: Models) -> City:
     if numbers.next() >= MOST_THINGS:
         raise ConfigError(f"{columns} x {rows} crossings hold more than {MOST_THINGS} things", remedy="build a smaller city")
     mesh, starts, low, high = _chunked(_on_hills(m.build()))
-    return City(seed, graph, clear, mesh, starts, low, high)
+    return City(settings, graph, clear, mesh, starts, low, high, models)
 
 
 def _surroundings(m: MeshBuilder, graph: StreetGraph, numbers: Numbers, rng: np.random.Generator) -> None:

@@ -1,15 +1,18 @@
-"""Pictures with class truth from many places of many cities, to train a network on."""
+"""Pictures with truth from many places of many cities: to train a network on, and to compare with real ones."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.simulation.camera import Sensor, exposed, wanted_gain
+from wayloom.simulation.camera import exposed, wanted_gain
+from wayloom.simulation.city_settings import CitySettings
 from wayloom.simulation.light import LightSettings
 from wayloom.simulation.paths import AVENUE_LANE_M, LANE_M
-from wayloom.simulation.renderer import World
-from wayloom.simulation.rigs import camera_on_ground, sized_rig
+from wayloom.simulation.renderer import Scene, Truth, World
+from wayloom.simulation.rigs import camera_on_ground, right_camera, sized_rig
+from wayloom.simulation.vehicle_settings import SensorSettings
 from wayloom.simulation.worlds import build_world
 
 CITY_COLUMNS, CITY_ROWS = 5, 5
@@ -29,6 +32,15 @@ def random_light(rng: np.random.Generator) -> LightSettings:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class StereoView:
+    """left, right (h, w, 3) uint8 RGB, and the left image's truth."""
+
+    left: NDArray[np.uint8]
+    right: NDArray[np.uint8]
+    truth: Truth
+
+
 def render_views(
     seed: int, count: int, size: str = "half", rng: np.random.Generator | None = None
 ) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
@@ -38,17 +50,33 @@ def render_views(
     Both directions of every street, small offsets in the lane, a few views across the street at crossings.
     """
     rng = rng or np.random.default_rng([seed, 77])
-    world = build_world(seed, CITY_COLUMNS, CITY_ROWS, random_light(rng), size)
+    world = build_world(CitySettings(seed=seed, columns=CITY_COLUMNS, rows=CITY_ROWS), random_light(rng), size)
     camera = sized_rig(size).camera
     for _ in range(count):
-        x, y, yaw = _random_place(world, rng)
-        t_s = float(rng.uniform(0, 600))
-        T_world_cam = camera_on_ground(x, y, yaw, float(rng.uniform(0, 100)))
-        hidden = world.traffic.meeting(np.array([x]), np.array([y]), np.array([t_s]), 3.0)
-        scene = world.scene(camera, T_world_cam, t_s, hidden)
+        scene, T_world_cam = _random_scene(world, size, rng)
         radiance = scene.image(camera, T_world_cam)
         gain = wanted_gain(radiance) * float(rng.uniform(0.75, 1.35))
-        yield exposed(radiance, gain, camera, Sensor(), rng), scene.truth(camera, T_world_cam).class_id
+        yield exposed(radiance, gain, camera, SensorSettings(), rng), scene.truth(camera, T_world_cam).class_id
+
+
+def render_pairs(world: World, count: int, size: str, rng: np.random.Generator) -> Iterator[StereoView]:
+    """`count` stereo pairs of a world built for that size, from places as in `render_views`."""
+    rig = sized_rig(size)
+    for _ in range(count):
+        scene, T_world_left = _random_scene(world, size, rng)
+        radiance = [scene.image(rig.camera, T) for T in (T_world_left, right_camera(T_world_left, rig))]
+        gain = wanted_gain(radiance[0])
+        left, right = (exposed(r, gain * g, rig.camera, SensorSettings(), rng) for r, g in zip(radiance, (1.0, 1.02), strict=True))
+        yield StereoView(left, right, scene.truth(rig.camera, T_world_left))
+
+
+def _random_scene(world: World, size: str, rng: np.random.Generator) -> tuple[Scene, NDArray[np.float64]]:
+    """What is around a vehicle in a random lane at a random moment, and T_world_cam (4, 4) of its left camera."""
+    x, y, yaw = _random_place(world, rng)
+    t_s = float(rng.uniform(0, 600))
+    T_world_cam = camera_on_ground(x, y, yaw, float(rng.uniform(0, 100)))
+    hidden = world.traffic.meeting(np.array([x]), np.array([y]), np.array([t_s]), 3.0)
+    return world.scene(sized_rig(size).camera, T_world_cam, t_s, hidden), T_world_cam
 
 
 def _random_place(world: World, rng: np.random.Generator) -> tuple[float, float, float]:

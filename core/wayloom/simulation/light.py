@@ -2,7 +2,7 @@
 
 import threading
 from collections import OrderedDict
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,20 +24,38 @@ MOVER_REACH_M, MOVER_TEXELS_PER_M = 45.0, 11.0
 CASTER_MARGIN_M = 45.0
 """How far outside a map things may stand that throw a shadow into it."""
 NOISE_SIZE = 256
+FACETS_SIZE, FACETS_EXPONENT = 256, 1.3
 KEPT_MAPS = 4
 VERTICAL = np.eye(3, dtype=np.float32)
+Heights = tuple[NDArray[np.float32], ...]
 
 
 class LightSettings(Settings):
-    """Time of day and weather."""
+    """Time of day and weather. `WEATHERS` holds some that belong together."""
 
     sun_azimuth_deg: float = Field(
         default=-143.0, ge=-360, le=360, description="direction to the sun, from east towards north, degrees"
     )
-    sun_elevation_deg: float = Field(default=46.0, ge=5, le=90, description="degrees above the horizon")
+    sun_elevation_deg: float = Field(default=46.0, ge=3, le=90, description="degrees above the horizon")
     sun_strength: float = Field(default=2.6, ge=0, le=5, description="radiance of a white surface that faces the sun")
     cloud_cover: float = Field(default=0.5, ge=0, le=1, description="0 clear, 0.5 scattered, 1 overcast")
-    haze_per_m: float = Field(default=0.0018, ge=0, le=0.05, description="extinction, 1/m")
+    haze_per_m: float = Field(default=0.0018, ge=0, le=0.05, description="extinction, 1/m; 0.02 and more is fog")
+    wetness: float = Field(default=0.0, ge=0, le=1, description="of the ground: 0 dry, 0.5 damp, 1 pools of water")
+    rain_mm_h: float = Field(default=0.0, ge=0, le=50, description="rain in the air, mm an hour")
+
+
+WEATHERS: Final = {
+    "clear": LightSettings(cloud_cover=0.3),
+    "noon": LightSettings(sun_azimuth_deg=-90.0, sun_elevation_deg=64.0, sun_strength=3.0, cloud_cover=0.35, haze_per_m=0.001),
+    "low sun": LightSettings(sun_azimuth_deg=4.0, sun_elevation_deg=9.0, sun_strength=2.4, cloud_cover=0.3, haze_per_m=0.003),
+    "overcast": LightSettings(sun_elevation_deg=50.0, sun_strength=0.25, cloud_cover=1.0, haze_per_m=0.0025),
+    "fog": LightSettings(sun_elevation_deg=35.0, sun_strength=0.1, cloud_cover=1.0, haze_per_m=0.022, wetness=0.3),
+    "wet road": LightSettings(sun_elevation_deg=22.0, sun_strength=1.6, cloud_cover=0.55, wetness=0.85),
+    "rain": LightSettings(
+        sun_elevation_deg=45.0, sun_strength=0.12, cloud_cover=1.0, haze_per_m=0.005, wetness=0.95, rain_mm_h=8.0
+    ),
+}
+"""Light by name, for presets and pictures."""
 
 
 class _Key(NamedTuple):
@@ -54,7 +72,8 @@ class CityLight:
         self._axes = _sun_axes(settings)
         rng = np.random.default_rng([city.seed, 9])
         self._clouds, self._stains = spectral_noise(rng, NOISE_SIZE, 2.6), spectral_noise(rng, NOISE_SIZE, 1.9)
-        self._maps: OrderedDict[_Key, tuple[DepthMap, NDArray[np.float32]]] = OrderedDict()
+        self._facets = spectral_noise(rng, FACETS_SIZE, FACETS_EXPONENT)
+        self._maps: OrderedDict[_Key, tuple[DepthMap, Heights]] = OrderedDict()
         self._lock = threading.Lock()
 
     def at(self, x: float, y: float, movers: Mesh) -> Light:
@@ -62,7 +81,7 @@ class CityLight:
         with self._lock:
             near, _ = self._map("near", x, y, NEAR_STEP_M)
             far, _ = self._map("far", x, y, FAR_STEP_M)
-            openness, ground = self._map("open", x, y, OPEN_STEP_M)
+            openness, heights = self._map("open", x, y, OPEN_STEP_M)
         s = self._settings
         overcast = s.cloud_cover
         sun = np.array([1.0, 0.93, 0.80], np.float32) * np.float32(s.sun_strength)
@@ -71,11 +90,11 @@ class CityLight:
         )
         horizon = np.array([0.74, 0.78, 0.84], np.float32)
         return Light(
-            self._axes, near, far, self._mover_shadow(x, y, movers), openness, ground, self._clouds, self._stains,
-            sun, sky, horizon, s.cloud_cover, s.haze_per_m,
+            self._axes, near, far, self._mover_shadow(x, y, movers), openness, *heights, self._clouds, self._stains,
+            self._facets, sun, sky, horizon, s.cloud_cover, s.haze_per_m, s.wetness,
         )  # fmt: skip
 
-    def _map(self, kind: str, x: float, y: float, step_m: float) -> tuple[DepthMap, NDArray[np.float32]]:
+    def _map(self, kind: str, x: float, y: float, step_m: float) -> tuple[DepthMap, Heights]:
         """The map of the square in which x, y lies."""
         key = _Key(kind, int(np.floor(x / step_m)), int(np.floor(y / step_m)))
         if key not in self._maps:
@@ -87,11 +106,11 @@ class CityLight:
         self._maps.move_to_end(key)
         return self._maps[key]
 
-    def _near(self, x: float, y: float) -> tuple[DepthMap, NDArray[np.float32]]:
-        return self._sun_map(x, y, NEAR_REACH_M, NEAR_TEXELS_PER_M), np.zeros((0, 0), np.float32)
+    def _near(self, x: float, y: float) -> tuple[DepthMap, Heights]:
+        return self._sun_map(x, y, NEAR_REACH_M, NEAR_TEXELS_PER_M), ()
 
-    def _far(self, x: float, y: float) -> tuple[DepthMap, NDArray[np.float32]]:
-        return self._sun_map(x, y, FAR_REACH_M, FAR_TEXELS_PER_M), np.zeros((0, 0), np.float32)
+    def _far(self, x: float, y: float) -> tuple[DepthMap, Heights]:
+        return self._sun_map(x, y, FAR_REACH_M, FAR_TEXELS_PER_M), ()
 
     def _sun_map(self, x: float, y: float, reach_m: float, texels_per_m: float) -> DepthMap:
         casters = self._city.chunks(self._city.around(x, y, reach_m + CASTER_MARGIN_M))
@@ -101,17 +120,17 @@ class CityLight:
         p = np.array([x, y, float(terrain.height(np.array(x), np.array(y)))])
         return float(self._axes[0] @ p), float(self._axes[1] @ p)
 
-    def _open(self, x: float, y: float) -> tuple[DepthMap, NDArray[np.float32]]:
-        """Share of open sky on the ground, from the heights of everything but leaves."""
+    def _open(self, x: float, y: float) -> tuple[DepthMap, Heights]:
+        """Share of open sky on the ground, from the heights of everything but leaves; heights of the ground and of all that."""
         near = self._city.chunks(self._city.around(x, y, OPEN_REACH_M))
         solid = near.rows(np.nonzero(~np.isin(near.material, CUTOUTS))[0])
         surface = _depth_map(solid.triangles(), self._textures, VERTICAL, (x, y), OPEN_REACH_M, OPEN_TEXELS_PER_M)
         column = surface.x0 + (np.arange(surface.values.shape[1]) + 0.5) / OPEN_TEXELS_PER_M
         row = surface.y0 + (np.arange(surface.values.shape[0]) + 0.5) / OPEN_TEXELS_PER_M
         ground = terrain.height(column[None, :].astype(float), row[:, None].astype(float)).astype(np.float32)
-        openness = np.empty_like(ground)
-        shadow.measure_openness(np.maximum(surface.values, ground), ground, OPEN_TEXELS_PER_M, openness)
-        return DepthMap(openness, surface.x0, surface.y0, OPEN_TEXELS_PER_M), ground
+        openness, top = np.empty_like(ground), np.maximum(surface.values, ground)
+        shadow.measure_openness(top, ground, OPEN_TEXELS_PER_M, openness)
+        return DepthMap(openness, surface.x0, surface.y0, OPEN_TEXELS_PER_M), (ground, top)
 
     def _mover_shadow(self, x: float, y: float, movers: Mesh) -> DepthMap:
         return _depth_map(movers.triangles(), self._textures, self._axes, self._centre(x, y), MOVER_REACH_M, MOVER_TEXELS_PER_M)

@@ -46,6 +46,17 @@ class Material(IntEnum):
     LAMPS = auto()
     BUS_SIDE = auto()
     CLOTH = auto()
+    LIT = auto()
+    CAR_SIDE = auto()
+    CAR_BACK = auto()
+    CAR_FRONT = auto()
+    TRUCK_SIDE = auto()
+    TRUCK_BACK = auto()
+    CAB_FRONT = auto()
+    BUS_FRONT = auto()
+    BUS_BACK = auto()
+    TRAM_SIDE = auto()
+    JACKET = auto()
 
 
 FACADES: Final = (
@@ -78,8 +89,55 @@ SMOOTH: Final = (
     Material.LAMPS,
     Material.BUS_SIDE,
     Material.CLOTH,
+    Material.LIT,
+    Material.CAR_SIDE,
+    Material.CAR_BACK,
+    Material.CAR_FRONT,
+    Material.TRUCK_SIDE,
+    Material.TRUCK_BACK,
+    Material.CAB_FRONT,
+    Material.BUS_FRONT,
+    Material.BUS_BACK,
+    Material.TRAM_SIDE,
+    Material.JACKET,
 )
 """Manufactured things: no large-scale stains. A cut-out that is not smooth is a leaf and lets light through."""
+
+
+ROUGH: Final = {
+    Material.STREET: 0.16,
+    Material.AVENUE: 0.16,
+    Material.ASPHALT: 0.16,
+    Material.CROSSING: 0.16,
+    Material.PAVERS: 0.14,
+    Material.COBBLES: 0.2,
+    Material.LAWN: 0.3,
+    Material.SOIL: 0.25,
+    Material.CLINKER: 0.12,
+    Material.SANDSTONE: 0.12,
+    Material.ROOF_TILES: 0.15,
+    Material.BRICK: 0.15,
+    Material.RUBBLE: 0.2,
+    Material.CONCRETE: 0.1,
+    Material.BARK: 0.25,
+    Material.LEAVES: 0.3,
+    Material.NEEDLES: 0.3,
+    Material.HEDGE: 0.3,
+}
+"""Spread of what a surface throws towards a viewer, as a share. Other rough surfaces have PLASTER_RELIEF, smooth ones none."""
+PLASTER_RELIEF = 0.08
+GLOWING: Final = {Material.LAMPS: 1.0, Material.LIT: 1.0}
+"""What gives light of itself: the bright parts of signals, and lit lamps."""
+
+
+def reliefs() -> np.ndarray[tuple[int], np.dtype[np.float32]]:
+    """(L,) float32: each material's relief."""
+    return np.array([0.0 if m in SMOOTH else ROUGH.get(m, PLASTER_RELIEF) for m in Material], np.float32)
+
+
+def glows() -> np.ndarray[tuple[int], np.dtype[np.float32]]:
+    """(L,) float32: each material's own light."""
+    return np.array([GLOWING.get(m, 0.0) for m in Material], np.float32)
 
 
 def flags(members: tuple[Material, ...]) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:

@@ -42,7 +42,7 @@ class Scene:
         """(h, w, 3) linear radiance, four samples of coverage a pixel."""
         n = SAMPLES_PER_EDGE
         fine = View(n * camera.fx, n * camera.fy, n * camera.cx + 0.5 * (n - 1), n * camera.cy + 0.5 * (n - 1), T_world_cam)
-        ids = self._ids(fine, n * camera.width, n * camera.height)
+        ids = self.ids(fine, n * camera.width, n * camera.height)
         out = np.empty((camera.height, camera.width, 3), np.float32)
         shade.shade_samples(ids, self.mesh.triangles(), self.textures, self.light, _view(camera, T_world_cam), out, *_scratch())
         return out
@@ -50,7 +50,7 @@ class Scene:
     def truth(self, camera: PinholeCamera, T_world_cam: F64) -> Truth:
         """What the ray through each pixel's centre meets."""
         view = _view(camera, T_world_cam)
-        ids = self._ids(view, camera.width, camera.height)
+        ids = self.ids(view, camera.width, camera.height)
         depth = np.empty(ids.shape, np.float32)
         raster.depth_of(ids, view, self.mesh.corners, depth)
         seen = ids != raster.NO_TRIANGLE
@@ -60,7 +60,7 @@ class Scene:
             np.where(seen, self.mesh.instance[ids], 0).astype(np.uint16),
         )
 
-    def _ids(self, view: View, width: int, height: int) -> NDArray[np.int32]:
+    def ids(self, view: View, width: int, height: int) -> NDArray[np.int32]:
         """(height, width) row of the triangle that each sample sees."""
         edges, boxes = np.empty((len(self.mesh), 9)), np.empty((len(self.mesh), 4), np.int32)
         raster.project_triangles(

@@ -8,10 +8,14 @@ from numpy.typing import NDArray
 from wayloom.errors import ConfigError
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.simulation import terrain
+from wayloom.simulation.vehicle_settings import VehicleSettings
 
 F64 = NDArray[np.float64]
 KITTI_360: Final = StereoRig(PinholeCamera(552.55, 552.55, 682.05, 238.77, 1408, 376), (-0.594, 0.0, 0.0))
 """Geometry of KITTI-360's rectified perspective pair."""
+KITTI: Final = StereoRig(PinholeCamera(718.856, 718.856, 607.1928, 185.2157, 1241, 376), (-0.537, 0.0, 0.0))
+"""Geometry of KITTI's odometry sequences 00 to 02."""
+RIGS: Final = {"kitti-360": KITTI_360, "kitti": KITTI}
 SIZES: Final = {"full": 0, "half": 1, "quarter": 2}
 """Name to pyramid level."""
 CAMERA_HEIGHT_M = 1.65
@@ -25,6 +29,17 @@ def sized_rig(size: str, rig: StereoRig = KITTI_360) -> StereoRig:
     if size not in SIZES:
         raise ConfigError(f"unknown size {size!r}", remedy=f"use one of {', '.join(SIZES)}")
     return StereoRig(rig.camera.at_level(SIZES[size]), rig.t_right_left)
+
+
+def scale_of(size: str) -> float:
+    """Edge of images of that size over the full one. Raises ConfigError for another word."""
+    sized_rig(size)
+    return 0.5 ** int(SIZES[size])
+
+
+def given_rig(vehicle: VehicleSettings, size: str) -> StereoRig:
+    """The rig as the log's calibration says. Raises ConfigError for an unknown size."""
+    return sized_rig(size, RIGS[vehicle.rig])
 
 
 def right_camera(T_world_left: F64, rig: StereoRig) -> F64:

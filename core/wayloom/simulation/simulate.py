@@ -1,44 +1,38 @@
 """Drives of the simulated city, written as logs."""
 
-from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
+from wayloom import __version__
 from wayloom.config.progress import Progress, silent
-from wayloom.errors import ConfigError
-from wayloom.geometry.camera import StereoRig
-from wayloom.logs.drive_writer import DriveWriter
+from wayloom.errors import ConfigError, LogError
+from wayloom.logs.drive_writer import DriveWriter, unfinished_folder
+from wayloom.logs.kitti_360_writer import Kitti360Writer
 from wayloom.logs.kitti_odometry_writer import KittiOdometryWriter
 from wayloom.logs.kitti_raw_writer import KittiRawWriter
+from wayloom.logs.mcap_writer import McapWriter
 from wayloom.logs.sidecar import SIMULATED_RIG
-from wayloom.logs.types import Image, StereoFrame
-from wayloom.simulation import gnss
-from wayloom.simulation.camera import Radiance, Sensor, adapted, exposed, wanted_gain
-from wayloom.simulation.paths import AVENUE_LANE_M, LANE_M, lane_path
-from wayloom.simulation.presets import CITY_ORIGIN, START_NS, DrivePlan, Preset, find_preset
-from wayloom.simulation.renderer import Truth, World
-from wayloom.simulation.rigs import right_camera, sized_rig
-from wayloom.simulation.routes import Route, drive, nearest_s
-from wayloom.simulation.truth_files import write_poses_enu, write_truth
+from wayloom.logs.simulated_truth import FOLDER as TRUTH_FOLDER
+from wayloom.simulation.drives import plan_drives
+from wayloom.simulation.journal import RECORD_NAME, Journal, check_record, sole_run
+from wayloom.simulation.presets import Preset, chosen_drives, find_preset
+from wayloom.simulation.recording import Recording, plan_recording, record, way_of
+from wayloom.simulation.renderer import World
+from wayloom.simulation.rigs import given_rig, sized_rig
+from wayloom.simulation.truth_files import TruthFolder
 from wayloom.simulation.worlds import build_world
 
-WRITERS: Final[dict[str, type[DriveWriter]]] = {"kitti": KittiOdometryWriter, "kitti-raw": KittiRawWriter}
+WRITERS: Final[dict[str, type[DriveWriter]]] = {
+    "kitti": KittiOdometryWriter,
+    "kitti-raw": KittiRawWriter,
+    "kitti-360": Kitti360Writer,
+    "mcap": McapWriter,
+}
 SET_UP_SHARE = 0.1
-EGO_CLEARANCE_M = 4.5
-NS = 1_000_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """One stereo pair before exposure, and its truth where asked for."""
-
-    radiance: tuple[Radiance, Radiance]
-    truth: tuple[Truth, Truth] | None
+FORMAT_VERSION = 1
 
 
 def simulate(
@@ -50,97 +44,118 @@ def simulate(
     truth: bool = False,
     threads: int = 1,
     progress: Progress = silent,
+    *,
+    laps: int | None = None,
+    drives: tuple[str, ...] = (),
+    frames: int | None = None,
 ) -> list[Path]:
-    """Write every drive of a preset to out_dir/<vehicle>; returns their folders. The bytes do not depend on `threads`.
+    """Write drives of a preset to out_dir/<vehicle>; returns their folders. The bytes do not depend on `threads`.
 
-    size    "full", "half" or "quarter" of KITTI-360's images
+    A folder appears when its drive is whole. A run that was stopped, however that came, goes on where it ended when it is called
+    again with the same arguments, and ends with the same bytes; drives that are there are left as they are.
+
+    size    "full", "half" or "quarter" of the rigs' images
     seed    another city than the preset's
-    format  "kitti" (odometry layout) or "kitti-raw"
-    truth   also write depth, class, instance of both cameras, and poses_enu.txt, to <vehicle>/truth
-    Raises ConfigError for an unknown preset, size or format; LogError where a drive's folder is not empty.
+    format  a key of WRITERS
+    truth   also write what every pixel shows, and where everything is, to <vehicle>/truth
+    laps    another number than the preset's, for presets that go in laps
+    drives  the vehicles to write; all where none is named
+    frames  stop each drive after so many frames
+    Raises ConfigError for what is unknown or does not go together; LogError where out_dir holds other drives, or was simulated
+    with other settings; ConflictError where another simulation is writing there; OSError, naming the file, where the disk refuses.
     """
-    chosen = find_preset(preset) if isinstance(preset, str) else preset
+    chosen = with_laps(with_seed(find_preset(preset) if isinstance(preset, str) else preset, seed), laps)
     if format not in WRITERS:
         raise ConfigError(f"unknown format {format!r}", remedy=f"use one of {', '.join(WRITERS)}")
-    rig = sized_rig(size)
-    chosen = chosen if seed is None else chosen.model_copy(update={"seed": seed})
+    sized_rig(size)
+    numbers = chosen_drives(chosen, drives)
+    check_formats(chosen, numbers, format)
+    left = [number for number in numbers if not is_done(out_dir, chosen, number, format)]
     progress(0.0, "building the city")
-    world = build_world(chosen.seed, chosen.columns, chosen.rows, chosen.light, size, chosen.traffic)
-    frames = sum(plan.frames for plan in chosen.drives)
-    done, paths = 0, []
-    for number, plan in enumerate(chosen.drives):
-        writer = WRITERS[format](
-            out_dir / plan.vehicle_id, rig, rig_id=f"{SIMULATED_RIG}{chosen.name}-{plan.vehicle_id}", vehicle_id=plan.vehicle_id,
-            p_cam_gnss=np.array(plan.p_cam_gnss_m),
-        )  # fmt: skip
-        with writer:
-            for _ in write_drive(writer, world, rig, chosen, number, truth, threads):
-                done += 1
-                progress(SET_UP_SHARE + (1 - SET_UP_SHARE) * done / frames, f"{plan.vehicle_id}: frame {done} of {frames}")
-        paths.append(writer.path)
-    return paths
+    world = build_world(chosen.city, chosen.light, size)
+    planned = plan_drives(world.city, [way_of(plan, chosen) for plan in chosen.drives])
+    recordings = [plan_recording(chosen, number, planned[number], frames) for number in left]
+    out_dir.mkdir(parents=True, exist_ok=True)
+    with sole_run(out_dir):
+        check_record(out_dir, record_of(chosen, size, format, truth, frames))
+        total, done = sum(map(len, recordings)), 0
+        for recording in recordings:
+            for whole in write_drive(out_dir, world, chosen, recording, size, format, truth, threads):
+                what = f"{recording.plan.vehicle_id}: frame {whole} of {len(recording)}"
+                progress(SET_UP_SHARE + (1 - SET_UP_SHARE) * (done + whole) / total, what)
+            done += len(recording)
+    progress(1.0, "done")
+    return [folder_of(out_dir, chosen, number, format) for number in numbers]
 
 
-def plan_route(world: World, plan: DrivePlan, rate_hz: float) -> Route:
-    """The poses of a drive. Raises ConfigError where the path ends before the drive does."""
-    graph = world.city.graph
-    avenue = all(graph.street(a, b).is_avenue for a, b in zip(plan.nodes, plan.nodes[1:], strict=False))
-    path = lane_path(graph.nodes[list(plan.nodes)], AVENUE_LANE_M if avenue else LANE_M)
-    start = nearest_s(path, graph.nodes[plan.nodes[plan.reference]]) - plan.before_m
-    route = drive(path, start, plan.start_s, plan.frames, rate_hz, plan.fastest_m_s)
-    last = np.array([route.x[-1], route.y[-1]])
-    if start < 0 or np.hypot(*(last - path.xy[-1])) < 1.0:
-        what = f"{plan.vehicle_id} starts {start:.0f} m into a way of {path.length_m:.0f} m and drives off its end"
-        raise ConfigError(what, remedy="pass more crossings, or drive fewer frames")
-    return route
+def with_seed(preset: Preset, seed: int | None) -> Preset:
+    """The preset in the city of another seed."""
+    return preset if seed is None else preset.model_copy(update={"city": preset.city.model_copy(update={"seed": seed})})
+
+
+def with_laps(preset: Preset, laps: int | None) -> Preset:
+    """The preset with another number of laps. Raises ConfigError where it does not go in laps."""
+    if laps is None:
+        return preset
+    if preset.laps is None:
+        raise ConfigError(f"{preset.name} does not go in laps", record="--laps", remedy="take the preset long, or leave it out")
+    return preset.model_copy(update={"laps": laps})
+
+
+def check_formats(preset: Preset, numbers: tuple[int, ...], format: str) -> None:
+    """Raises ConfigError where a vehicle's images have distortion, for which the layout has no place."""
+    bent = [preset.drives[number].vehicle_id for number in numbers if preset.drives[number].vehicle.distortion is not None]
+    if bent and not WRITERS[format].holds_raw_images:
+        holding = ", ".join(key for key, writer in WRITERS.items() if writer.holds_raw_images)
+        raise ConfigError(f"the images of {bent[0]} are distorted, {format} holds rectified ones", remedy=f"use {holding}")
+
+
+def folder_of(out_dir: Path, preset: Preset, number: int, format: str) -> Path:
+    """Where a drive will be."""
+    plan = preset.drives[number]
+    return out_dir / WRITERS[format].folder_name(plan.vehicle_id, plan.vehicle.distortion is not None)
+
+
+def is_done(out_dir: Path, preset: Preset, number: int, format: str) -> bool:
+    """Whether a drive is there, by an earlier run. Raises LogError where something else is in its place."""
+    path = folder_of(out_dir, preset, number, format)
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        return False
+    if not path.is_dir() or not (out_dir / RECORD_NAME).is_file():
+        raise LogError("exists and is no empty folder", file=path, remedy="remove it or give another path")
+    return True
+
+
+def record_of(preset: Preset, size: str, format: str, truth: bool, frames: int | None) -> dict[str, Any]:
+    """All that the bytes of a run depend on."""
+    return {
+        "format_version": FORMAT_VERSION,
+        "wayloom": __version__,
+        "preset": preset.model_dump(mode="json"),
+        "size": size,
+        "format": format,
+        "truth": truth,
+        "frames": frames,
+    }
 
 
 def write_drive(
-    writer: DriveWriter, world: World, rig: StereoRig, preset: Preset, number: int, truth: bool, threads: int
+    out_dir: Path, world: World, preset: Preset, recording: Recording, size: str, format: str, truth: bool, threads: int
 ) -> Iterator[int]:
-    """Write drive `number` of a preset, frame by frame; yields each frame's index when it is written."""
-    plan = preset.drives[number]
-    route = plan_route(world, plan, preset.rate_hz)
-    t_ns = START_NS + np.rint(route.t_s * NS).astype(np.int64)
-    rng = np.random.default_rng([preset.seed, number, 1])
-    for packet in gnss.receive(t_ns, route.T_enu_cam, CITY_ORIGIN, np.array(plan.p_cam_gnss_m), plan.fix_plan, rng):
-        writer.add_gnss(packet)
-    for index, (left, right, truths) in enumerate(_frames(world, rig, route, preset, number, truth, threads)):
-        writer.add(StereoFrame(index, int(t_ns[index]), left, right), route.T_enu_cam[index])
-        if truths is not None:
-            write_truth(writer.folder / "truth", index, truths)
-        yield index
-    if truth:
-        write_poses_enu(writer.folder / "truth" / "poses_enu.txt", route.T_enu_cam)
-
-
-def _frames(
-    world: World, rig: StereoRig, route: Route, preset: Preset, number: int, truth: bool, threads: int
-) -> Iterator[tuple[Image, Image, tuple[Truth, Truth] | None]]:
-    """The exposed pairs in order. Drawing runs ahead in `threads` threads; exposure control goes from frame to frame."""
-    plan = preset.drives[number]
-    left_out = world.traffic.meeting(route.x, route.y, route.t_s, EGO_CLEARANCE_M)
-    gain: float | None = None
-    with ThreadPoolExecutor(threads) as pool:
-        ahead: deque[Future[Drawn]] = deque()
-        for index in range(len(route.t_s) + threads):
-            if index < len(route.t_s):
-                ahead.append(pool.submit(draw_pair, world, rig, route.T_enu_cam[index], float(route.t_s[index]), left_out, truth))
-            if index < threads:
-                continue
-            drawn, frame = ahead.popleft().result(), index - threads
-            gain = adapted(gain, wanted_gain(drawn.radiance[0]))
-            left, right = (
-                exposed(radiance, gain, rig.camera, Sensor(factor), np.random.default_rng([preset.seed, number, 2, frame, side]))
-                for side, (radiance, factor) in enumerate(zip(drawn.radiance, (1.0, plan.right_gain), strict=True))
-            )
-            yield left, right, drawn.truth
-
-
-def draw_pair(world: World, rig: StereoRig, T_world_left: np.ndarray, t_s: float, left_out: frozenset[int], truth: bool) -> Drawn:
-    """Both images of a pair at one moment, and their truth where asked for."""
-    scene = world.scene(rig.camera, T_world_left, t_s, left_out)
-    poses = (T_world_left, right_camera(T_world_left, rig))
-    left, right = (scene.image(rig.camera, T) for T in poses)
-    truths = (scene.truth(rig.camera, poses[0]), scene.truth(rig.camera, poses[1])) if truth else None
-    return Drawn((left, right), truths)
+    """Write one drive; yields how many of its frames are whole."""
+    plan, path = recording.plan, folder_of(out_dir, preset, recording.number, format)
+    vehicle = plan.vehicle
+    writer = WRITERS[format](
+        path, given_rig(vehicle, size), rig_id=f"{SIMULATED_RIG}{preset.name}-{vehicle.rig_name or plan.vehicle_id}",
+        vehicle_id=plan.vehicle_id,
+        p_cam_gnss=np.array(vehicle.p_cam_gnss_m), T_cam_imu=vehicle.T_cam_imu,
+        T_cam_lidar=None if vehicle.lidar is None else vehicle.T_cam_lidar, jpeg_quality=vehicle.jpeg_quality,
+        distortion=vehicle.distortion, resume=True,
+    )  # fmt: skip
+    journal = Journal(unfinished_folder(path) / "journal.txt")
+    folder = TruthFolder(writer.folder / TRUTH_FOLDER) if truth else None
+    try:
+        with writer:
+            yield from record(writer, journal, world, preset, recording, size, folder, writer.has_labels, threads)
+    finally:
+        journal.close()

@@ -5,16 +5,17 @@ from typing import Final
 
 import numpy as np
 
-from wayloom.simulation import paint_facades, paint_ground, paint_objects
+from wayloom.simulation import paint_facades, paint_ground, paint_objects, paint_vehicles
 from wayloom.simulation.canvas import Canvas, Image
 from wayloom.simulation.kernels.arrays import TextureStack
-from wayloom.simulation.materials import CUTOUTS, SMOOTH, Material, flags
+from wayloom.simulation.materials import CUTOUTS, SMOOTH, Material, flags, glows, reliefs
 
 Painter = Callable[[Canvas], Image]
 PAINTERS: Final[dict[Material, Painter]] = {
     **paint_ground.PAINTERS,
     **paint_facades.PAINTERS,
     **paint_objects.PAINTERS,
+    **paint_vehicles.PAINTERS,
 }
 STORED_GAMMA = 2.0
 """Texels keep the square root of linear colour, so that dark tones are not banded."""
@@ -31,7 +32,7 @@ def paint_textures(seed: int, size: int) -> TextureStack:
         _keep_coverage([level[m] for level in levels])
     offsets = np.cumsum([0, *(level.shape[0] * level.shape[1] * level.shape[2] for level in levels)]).astype(np.int64)
     texels = np.concatenate([_quantised(level).reshape(-1, 4) for level in levels])
-    return TextureStack(texels, offsets, size, flags(CUTOUTS), flags(SMOOTH))
+    return TextureStack(texels, offsets, size, flags(CUTOUTS), flags(SMOOTH), reliefs(), glows())
 
 
 def _keep_coverage(levels: list[Image]) -> None:

@@ -93,8 +93,10 @@ class Traffic:
         return out
 
 
-def build_traffic(city: City, columns: int, rows: int, models: Models, density: float = 1.0) -> Traffic:
+def build_traffic(city: City, models: Models) -> Traffic:
     """Vehicles on both lanes of every line of streets, trams on the avenues, people around every block."""
+    columns, rows, density = city.settings.columns, city.settings.rows, city.settings.traffic
+    people = city.settings.people
     rng = np.random.default_rng([city.seed, 5])
     movers: list[Mover] = []
     for chain in _lines(columns, rows):
@@ -109,7 +111,7 @@ def build_traffic(city: City, columns: int, rows: int, models: Models, density: 
         shape = block_shape(city.graph, loop)
         line = inset(shape.kerb, np.full(len(loop), SIDEWALK_MIDDLE_M))
         line = line if rng.random() < 0.5 else line[::-1]
-        _fill(movers, rng, lane_path(line, 0.0, 2.0, closed=True), "walk", density, models)
+        _fill(movers, rng, lane_path(line, 0.0, 2.0, closed=True), "walk", people, models)
     return Traffic(movers)
 
 
@@ -122,7 +124,7 @@ def _lines(columns: int, rows: int) -> list[list[int]]:
 def _fill(movers: list[Mover], rng: np.random.Generator, path: Path, kind: str, density: float, models: Models) -> None:
     """Movers of one kind along a path, all at one speed, so that none runs into the next."""
     speed, s = rng.uniform(*SPEED_M_S[kind]), rng.uniform(0, GAP_M[kind][0])
-    while s < path.length_m - GAP_M[kind][0] / 2:
+    while density > 0 and s < path.length_m - GAP_M[kind][0] / 2:
         frames, reach = _choose(kind, rng, models)
         movers.append(Mover(frames, path, s, speed, KERB_M if kind == "walk" else 0.0, reach))
         s += rng.uniform(*GAP_M[kind]) / density

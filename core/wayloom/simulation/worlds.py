@@ -1,6 +1,7 @@
-"""A whole world from a seed."""
+"""A whole world from its settings."""
 
 from wayloom.simulation.city import build_city
+from wayloom.simulation.city_settings import CitySettings
 from wayloom.simulation.light import CityLight, LightSettings
 from wayloom.simulation.models import Models
 from wayloom.simulation.renderer import World
@@ -11,9 +12,9 @@ TEXTURE_PX = {"full": 1024, "half": 512, "quarter": 256}
 """Edge of the textures for each image size."""
 
 
-def build_world(seed: int, columns: int, rows: int, light: LightSettings, size: str, density: float = 1.0) -> World:
+def build_world(city: CitySettings, light: LightSettings, size: str) -> World:
     """City, traffic, textures and light. Equal arguments give equal worlds."""
     models = Models()
-    city = build_city(seed, columns, rows, models)
-    textures = paint_textures(seed, TEXTURE_PX[size])
-    return World(city, build_traffic(city, columns, rows, models, density), textures, CityLight(city, textures, light))
+    built = build_city(city, models)
+    textures = paint_textures(city.seed, TEXTURE_PX[size])
+    return World(built, build_traffic(built, models), textures, CityLight(built, textures, light))

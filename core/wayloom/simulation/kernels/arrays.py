@@ -43,6 +43,8 @@ class TextureStack(NamedTuple):
     size     edge of level 0 in texels, a power of two
     cutout   (L,) uint8: 1 where coverage under one half is a hole
     smooth   (L,) uint8: 1 where no large-scale stain is laid over the texture
+    relief   (L,) float32: spread of what a rough surface throws towards a viewer, as a share; differs with his place
+    glow     (L,) float32: light that the texture gives of itself, as a factor on the square of its colour
     """
 
     texels: UInt8
@@ -50,6 +52,8 @@ class TextureStack(NamedTuple):
     size: int
     cutout: UInt8
     smooth: UInt8
+    relief: Float32
+    glow: Float32
 
 
 class DepthMap(NamedTuple):
@@ -69,11 +73,14 @@ class Light(NamedTuple):
     movers     DepthMap of moving things
     openness   DepthMap-like (H, W) share of the sky seen from the ground, and its place
     ground     (H, W) float32 m, height of the ground at the texels of openness
+    surface    (H, W) float32 m, height of the highest standing thing there
     clouds     (C, C) float32, C a power of two: tileable noise of zero mean, unit spread
     stains     (C, C) float32, likewise, for large-scale variation of surfaces
+    facets     (F, F) float32, likewise, for what differs with the viewer's place
     sun_rgb, sky_rgb, horizon_rgb  (3,) float32 linear radiance
     cloud_cover  0 clear … 1 overcast
     haze_per_m   extinction, 1/m
+    wetness      of the ground: 0 dry … 1 standing water
     """
 
     axes: Float32
@@ -82,13 +89,16 @@ class Light(NamedTuple):
     movers: DepthMap
     openness: DepthMap
     ground: Float32
+    surface: Float32
     clouds: Float32
     stains: Float32
+    facets: Float32
     sun_rgb: Float32
     sky_rgb: Float32
     horizon_rgb: Float32
     cloud_cover: float
     haze_per_m: float
+    wetness: float
 
 
 class View(NamedTuple):

@@ -112,11 +112,11 @@ def rasterise(edges: Float64, boxes: Int32, tri: Triangles, tex: TextureStack, i
             for k in range(3):
                 a, c = e[3 * k], e[3 * k + 1] * y + e[3 * k + 2]
                 if a > 0.0:
-                    q = -c / a
-                    lo = hi + 1 if q > hi else max(lo, math.ceil(q))
+                    q = min(max(-c / a, lo), hi + 1.0)  # an edge along the row crosses it beyond all integers
+                    lo = math.ceil(q)
                 elif a < 0.0:
-                    q = -c / a
-                    hi = lo - 1 if q < lo else min(hi, math.floor(q))
+                    q = max(min(-c / a, hi), lo - 1.0)
+                    hi = math.floor(q)
                 elif c < 0.0:
                     hi = lo - 1
             base = (e[1] + e[4] + e[7]) * y + e[2] + e[5] + e[8]

@@ -17,6 +17,16 @@ STEEPEST_FOOTPRINT = 0.2
 """A neighbouring pixel's ray may run at most this many times more grazing than the pixel's own."""
 STAIN_LARGE, STAIN_MIDDLE, STAIN_SMALL = 0.16, 0.10, 0.11
 STAIN_SMALL_TO_M = 25.0
+FACET_PX, FACET_TURN = 1.5, 75.0
+IN_SHADE = 0.45
+"""How much of the facets' spread remains without sun."""
+WAVY_GLASS, WAVE_PER_M = 0.02, 0.004
+"""Spread of a pane's normal, and texture repeats a metre of it: no pane mirrors quite as its neighbour."""
+DAMP_DARKENS, DAMP_GLOSS, POOL_GLOSS = 0.45, 0.35, 0.6
+FLAT_ENOUGH = 0.7
+MARCH_FIRST_M, MARCH_GROWTH, MARCH_STEPS = 1.2, 1.55, 10
+MARCH_SOFT_M = 0.5
+GLOW = 2.5
 SHADOW_OFFSET_M, SHADOW_OFFSET_PER_M = 0.05, 0.0015
 SHADOW_BIAS_M, FAR_BIAS_M, MOVER_BIAS_M = 0.06, 0.45, 0.04
 LEAF_LEAST_LIGHT = 0.15
@@ -27,8 +37,11 @@ OCCLUSION_FADE_M = 9.0
 BOUNCE = 0.14
 REFLECTANCE_AT_NORMAL = 0.04
 ROOFLINE, ROOFLINE_BLUR = 0.34, 0.10
-"""Upward share of a mirrored ray over which it meets the sky rather than house fronts."""
+"""Upward share of a ray that a dull surface mirrors over which it meets the sky rather than house fronts."""
+SHINES = 0.2
+"""Gloss above which a surface mirrors the houses that stand there, not a guess."""
 HIGHLIGHT, HIGHLIGHT_POWER = 5.0, 200
+SHEEN, SHEEN_POWER = 8.0, 12
 
 
 @njit(**INLINE)
@@ -62,15 +75,20 @@ def meet(tri: Triangles, t: int, view: View, dx: float, dy: float, dz: float) ->
 
 
 @njit(**INLINE)
-def stain(light: Light, px: float, py: float, pz: float, nx: float, ny: float, nz: float, depth: float) -> float:
-    """Factor near 1 that breaks the repeats of a texture, from the place in the world, on the plane the surface faces most."""
+def on_plane(x: Number, y: Number, z: Number, nx: Number, ny: Number, nz: Number) -> tuple[Number, Number]:
+    """The two coordinates along the plane that a surface with normal n faces most."""
     ax, ay, az = abs(nx), abs(ny), abs(nz)
+    u, v = x, z
     if az >= ax and az >= ay:
-        u, v = px, py
+        v = y
     elif ax > ay:
-        u, v = py, pz
-    else:
-        u, v = px, pz
+        u = y
+    return u, v
+
+
+@njit(**INLINE)
+def stain(light: Light, u: float, v: float, depth: float) -> float:
+    """Factor near 1 that breaks the repeats of a texture, from the place (u, v) m on the surface's plane."""
     f = (
         1.0
         + STAIN_LARGE * noise(light.stains, u * 0.013, v * 0.013)
@@ -79,6 +97,22 @@ def stain(light: Light, px: float, py: float, pz: float, nx: float, ny: float, n
     if depth < STAIN_SMALL_TO_M:
         f += STAIN_SMALL * (1.0 - depth / STAIN_SMALL_TO_M) * noise(light.stains, u * 0.8, v * 0.8)
     return max(f, 0.25)
+
+
+@njit(**INLINE)
+def facets(light: Light, u: float, v: float, du: float, dv: float, pixel_m: float) -> float:
+    """What the facets of a rough surface add for a viewer, zero mean and unit spread: detail down to the pixel at any distance.
+
+    (u, v) m is the place on the surface's plane, (du, dv) the view's direction along it. Another direction meets other facets: the
+    pattern moves by FACET_TURN texels a radian, which tells left from right. Two octaves are mixed, so that it changes smoothly.
+    """
+    octave = math.log2(max(FACET_PX * pixel_m, 1e-4))
+    k = math.floor(octave)
+    coarser = octave - k
+    scale = 2.0**-k / light.facets.shape[0]
+    su, sv = du * FACET_TURN / light.facets.shape[0], dv * FACET_TURN / light.facets.shape[0]
+    fine = noise(light.facets, u * scale + su, v * scale + sv)
+    return fine + coarser * (noise(light.facets, u * 0.5 * scale + su, v * 0.5 * scale + sv) - fine)
 
 
 @njit(**INLINE)
@@ -103,6 +137,36 @@ def sky_share(light: Light, px: float, py: float, pz: float) -> float:
     return share + (1.0 - share) * min(max(above / OCCLUSION_FADE_M, 0.0), 1.0)
 
 
+@njit(**KERNEL)
+def open_along(light: Light, px: float, py: float, pz: float, rx: float, ry: float, rz: float) -> float:
+    """How free the way from a point along the unit direction r is of standing things: 0 blocked … 1 open, soft at their tops."""
+    free, t = 1.0, MARCH_FIRST_M
+    for _ in range(MARCH_STEPS):
+        x = int((px + rx * t - light.openness.x0) * light.openness.texels_per_m)
+        y = int((py + ry * t - light.openness.y0) * light.openness.texels_per_m)
+        if x < 0 or y < 0 or x >= light.surface.shape[1] or y >= light.surface.shape[0]:
+            break
+        above = pz + rz * t - light.surface[y, x]
+        free = min(free, max(0.5 + above / MARCH_SOFT_M, 0.0))
+        t *= MARCH_GROWTH
+    return free
+
+
+@njit(**INLINE)
+def mirrored(light: Light, gloss: float, px: float, py: float, pz: float, rx: float, ry: float, rz: float) -> Rgb:
+    """Linear RGB that comes to a point from the unit direction r: sky over house fronts, looked up for what shines."""
+    front = np.float32(0.13 + 0.03 * noise(light.stains, (rx - ry) * 0.08 + px * 0.004, py * 0.004))
+    s0, s1, s2 = front * np.float32(1.1), front, front * np.float32(0.9)
+    if gloss > SHINES:
+        above = open_along(light, px, py, pz, rx, ry, rz) if rz > 0.0 else 0.0
+    else:
+        above = min(max((rz - ROOFLINE) / ROOFLINE_BLUR, 0.0), 1.0)
+    if above > 0.0:
+        k0, k1, k2 = sky_radiance(light, rx, ry, rz)
+        s0, s1, s2 = s0 + (k0 - s0) * above, s1 + (k1 - s1) * above, s2 + (k2 - s2) * above
+    return s0, s1, s2
+
+
 @njit(**INLINE)
 def reflect(
     light: Light,
@@ -110,9 +174,11 @@ def reflect(
     g: Number,
     b: Number,
     gloss: float,
+    pane: bool,
     share: float,
     px: float,
     py: float,
+    pz: float,
     dx: float,
     dy: float,
     dz: float,
@@ -121,26 +187,31 @@ def reflect(
     qz: float,
     facing: float,
 ) -> Rgb:
-    """Mix what a glossy surface mirrors (sky, house fronts, street, sun) into its colour. facing is d.q <= 0."""
+    """Mix what a glossy surface mirrors (sky, house fronts, sun) into its colour. facing is d.q <= 0."""
     rx, ry, rz = dx - 2 * facing * qx, dy - 2 * facing * qy, dz - 2 * facing * qz
     grazing = 1.0 + facing
-    if gloss < 0.5:
-        weight = gloss * (REFLECTANCE_AT_NORMAL + (1 - REFLECTANCE_AT_NORMAL) * grazing**5)
-    else:  # window panes and windscreens mirror more than paint
+    if pane:  # window panes and windscreens mirror more than paint and water
         weight = gloss * (0.22 + 0.78 * grazing**4)
-    front = np.float32(0.13 + 0.03 * noise(light.stains, (rx - ry) * 0.08 + px * 0.004, py * 0.004))
-    s0, s1, s2 = front * np.float32(1.1), front, front * np.float32(0.9)
-    roofs = ROOFLINE + 0.06 * noise(light.stains, (rx + 2 * ry) * 0.04, px * 0.003)
-    above = min(max((rz - roofs) / ROOFLINE_BLUR, 0.0), 1.0)
-    if above > 0.0:
-        k0, k1, k2 = sky_radiance(light, rx, ry, rz)
-        s0, s1, s2 = s0 + (k0 - s0) * above, s1 + (k1 - s1) * above, s2 + (k2 - s2) * above
+    else:
+        weight = gloss * (REFLECTANCE_AT_NORMAL + (1 - REFLECTANCE_AT_NORMAL) * grazing**5)
+    s0, s1, s2 = mirrored(light, gloss, px, py, pz, rx, ry, rz)
     r, g, b = r + (s0 - r) * weight, g + (s1 - g) * weight, b + (s2 - b) * weight
     toward_sun = rx * light.axes[2, 0] + ry * light.axes[2, 1] + rz * light.axes[2, 2]
-    if gloss > 0.2 and share > 0.0 and toward_sun > 0.0:
-        glint = share * gloss * HIGHLIGHT * toward_sun**HIGHLIGHT_POWER
+    if share > 0.0 and toward_sun > 0.0:
+        if gloss > 0.2:
+            glint = share * gloss * HIGHLIGHT * toward_sun**HIGHLIGHT_POWER
+        else:  # a rough surface spreads the sun's image wide; it is bright only where the view grazes it
+            glint = share * gloss * SHEEN * grazing**3 * toward_sun**SHEEN_POWER
         r, g, b = r + glint * light.sun_rgb[0], g + glint * light.sun_rgb[1], b + glint * light.sun_rgb[2]
     return r, g, b
+
+
+@njit(**INLINE)
+def wet(light: Light, px: float, py: float) -> tuple[float, float]:
+    """Share by which damp darkens flat ground at (px, py) m, and its gloss: a film of water, and pools where the ground is low."""
+    low = 0.6 * noise(light.stains, px * 0.011, py * 0.011) + 0.3 * noise(light.stains, px * 0.07 + 0.2, py * 0.07)
+    pool = min(max(2.0 * (light.wetness - 0.75) + low, 0.0), 1.0)
+    return DAMP_DARKENS * light.wetness, DAMP_GLOSS * light.wetness + POOL_GLOSS * pool
 
 
 @njit(**INLINE)
@@ -163,7 +234,8 @@ def surface_colour(
     inv_q = 1.0 / max(1e-6, math.sqrt(qx * qx + qy * qy + qz * qz))
     qx, qy, qz = qx * inv_q, qy * inv_q, qz * inv_q
     leafy = tex.cutout[layer] == 1 and tex.smooth[layer] == 0
-    facing = (dx * qx + dy * qy + dz * qz) * inv_len
+    dx, dy, dz = dx * inv_len, dy * inv_len, dz * inv_len
+    facing = dx * qx + dy * qy + dz * qz
     if facing > 0.0 and not leafy:
         qx, qy, qz, facing = -qx, -qy, -qz, -facing
     sun_cos = qx * light.axes[2, 0] + qy * light.axes[2, 1] + qz * light.axes[2, 2]
@@ -178,12 +250,28 @@ def surface_colour(
     open_sky = sky_share(light, px + qx * OPEN_OFFSET_M, py + qy * OPEN_OFFSET_M, pz)
     ambient, bounce = (0.55 + 0.45 * qz) * open_sky, BOUNCE * (0.5 - 0.5 * qz) * (0.4 + 0.6 * open_sky)
     direct = share * max(sun_cos, 0.0)
-    f = 1.0 if tex.smooth[layer] == 1 else stain(light, px, py, pz, qx, qy, qz, depth)
-    r *= tri.tint[t, 0] * f * (direct * light.sun_rgb[0] + ambient * light.sky_rgb[0] * 1.5 + bounce * light.sun_rgb[0] * 0.4)
-    g *= tri.tint[t, 1] * f * (direct * light.sun_rgb[1] + ambient * light.sky_rgb[1] * 1.35 + bounce * light.sun_rgb[1] * 0.4)
-    b *= tri.tint[t, 2] * f * (direct * light.sun_rgb[2] + ambient * light.sky_rgb[2] * 1.1 + bounce * light.sun_rgb[2] * 0.4)
-    if tex.cutout[layer] == 0 and al > 0.01:
-        r, g, b = reflect(light, r, g, b, al, share, px, py, dx * inv_len, dy * inv_len, dz * inv_len, qx, qy, qz, facing)
+    f = np.float32(1.0)
+    if tex.smooth[layer] == 0:
+        u, v = on_plane(px, py, pz, qx, qy, qz)
+        du, dv = on_plane(dx, dy, dz, qx, qy, qz)
+        spread = tex.relief[layer] * (IN_SHADE + (1.0 - IN_SHADE) * share)
+        f = stain(light, u, v, depth) * max(1.0 + spread * facets(light, u, v, du, dv, depth / view.fx), 0.2)
+    gloss, pane = al, al >= 0.5 and tex.cutout[layer] == 0
+    if light.wetness > 0.0 and qz > FLAT_ENOUGH and not leafy and not pane:
+        darker, gloss = wet(light, px, py)
+        f *= 1.0 - darker
+    if pane:
+        qx += WAVY_GLASS * noise(light.stains, px * WAVE_PER_M, (py + pz) * WAVE_PER_M)
+        qy += WAVY_GLASS * noise(light.stains, py * WAVE_PER_M, (px + pz) * WAVE_PER_M)
+        qz += WAVY_GLASS * noise(light.stains, (px + py) * WAVE_PER_M, pz * WAVE_PER_M)
+    r0, g0, b0 = r * tri.tint[t, 0], g * tri.tint[t, 1], b * tri.tint[t, 2]
+    r = r0 * f * (direct * light.sun_rgb[0] + ambient * light.sky_rgb[0] * 1.5 + bounce * light.sun_rgb[0] * 0.4)
+    g = g0 * f * (direct * light.sun_rgb[1] + ambient * light.sky_rgb[1] * 1.35 + bounce * light.sun_rgb[1] * 0.4)
+    b = b0 * f * (direct * light.sun_rgb[2] + ambient * light.sky_rgb[2] * 1.1 + bounce * light.sun_rgb[2] * 0.4)
+    if tex.cutout[layer] == 0 and gloss > 0.01:
+        r, g, b = reflect(light, r, g, b, gloss, pane, share, px, py, pz, dx, dy, dz, qx, qy, qz, facing)
+    if tex.glow[layer] > 0.0:
+        r, g, b = r + GLOW * tex.glow[layer] * r0 * r0, g + GLOW * tex.glow[layer] * g0 * g0, b + GLOW * tex.glow[layer] * b0 * b0
     fog = 1.0 - math.exp(-light.haze_per_m * depth / inv_len)
     r, g, b = r + (light.horizon_rgb[0] - r) * fog, g + (light.horizon_rgb[1] - g) * fog, b + (light.horizon_rgb[2] - b) * fog
     return np.float32(r), np.float32(g), np.float32(b)
