@@ -6,7 +6,6 @@ Ordinary frames are aligned once and leave here after a few comparisons.
 """
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,15 +75,14 @@ def is_blank(image: Image, min_contrast: float) -> bool:
     return float(image[::4].std()) < min_contrast
 
 
+def fits_badly(fit: Alignment, usual_rms: float, settings: OdometrySettings) -> bool:
+    """Whether a good part of the image does not agree with the alignment."""
+    return not fit.rms <= WORSE_THAN_USUAL * usual_rms or fit.visible < settings.min_visible or fit.saturated > SATURATED
+
+
 def is_doubtful(fit: Alignment, sought: Sought, settings: OdometrySettings) -> bool:
     """Whether other motions should be tried beside the one that gave this alignment."""
-    return (
-        sought.starting
-        or sought.since_s > LONG_GAP_S
-        or not fit.rms <= WORSE_THAN_USUAL * sought.usual_rms
-        or fit.visible < settings.min_visible
-        or fit.saturated > SATURATED
-    )
+    return sought.starting or sought.since_s > LONG_GAP_S or fits_badly(fit, sought.usual_rms, settings)
 
 
 def fit_failure(fit: Alignment, settings: OdometrySettings) -> str | None:
@@ -157,7 +155,7 @@ class Recovery:
         """
         newest, T_world_newest = references[-1], _T_world_keyframe(window, references[-1].keyframe)
         fit = self._aligned(sought, newest, sought.T_expected @ T_world_newest, sought.brightness)
-        if not is_doubtful(fit, sought, self.settings) and self._failure(fit, newest.keyframe, sought, window, True) is None:
+        if not self._in_question(fit, newest.keyframe, sought, window):
             return Found(fit, newest.keyframe, None)
         return self._search(fit, sought, references, window)
 
@@ -167,21 +165,21 @@ class Recovery:
         T_world_newest = _T_world_keyframe(window, newest.keyframe)
         guesses = further_guesses(sought.T_expected, sought.T_last, se3.inverse(T_world_newest), sought.dt_s, sought.starting)
         fit = best_alignment(sought.images, newest, guesses, sought.brightness, fit, T_world_newest, self.cameras, s)
-        doubtful = is_doubtful(fit, sought, s)
-        failure = self._failure(fit, newest.keyframe, sought, window, doubtful)
-        best, tried = Found(fit, newest.keyframe, failure, 1 + len(guesses)), 1 + len(guesses)
-        if not doubtful and self._failure(fit, newest.keyframe, sought, window, True) is None:
+        failure, tried = self._failure(fit, newest.keyframe, sought, window), 1 + len(guesses)
+        best = Found(fit, newest.keyframe, failure, tried)
+        surprised = self._surprises(fit, newest.keyframe, sought, window)
+        if failure is None and not (sought.starting or sought.since_s > LONG_GAP_S or surprised):
             return best
         seen = relocalise.find_features(sought.left)
-        for index in self._candidates(window):
+        for index in self._candidates(window)[: 1 if failure is None else None]:
             found = self._by_features(index, seen, sought, references, window)
-            if found is not None:
+            if found is not None and (failure is not None or found.fit.rms < fit.rms):
                 return Found(found.fit, found.keyframe, None, tried + 1, found.features)
         if failure is None:
             return best
         grid = self._best_of_grid(sought, newest, T_world_newest)
         fit = best_alignment(sought.images, newest, grid, sought.brightness, fit, T_world_newest, self.cameras, s)
-        failure = self._failure(fit, newest.keyframe, sought, window, True)
+        failure = self._failure(fit, newest.keyframe, sought, window)
         return Found(fit, newest.keyframe, failure, tried + len(GRID_TURNS_RAD) * len(GRID_WAYS))
 
     def _aligned(self, sought: Sought, reference: Reference, T_frame_keyframe: FloatArray, brightness: FloatArray) -> Alignment:
@@ -189,18 +187,30 @@ class Recovery:
             sought.images, reference, T_frame_keyframe, brightness, self.cameras, len(self.cameras) - 1, 0, self.settings
         )  # fmt: skip
 
-    def _failure(self, fit: Alignment, keyframe: int, sought: Sought, window: Window, steady: bool) -> str | None:
-        """Why an alignment cannot be believed, or None. steady: whether it must continue the motion before it."""
+    def _failure(self, fit: Alignment, keyframe: int, sought: Sought, window: Window) -> str | None:
+        """Why an alignment cannot be believed, or None. A motion that does not go on as it was is believed where the whole image
+        agrees: half an image may be a bus that passes."""
         failure = fit_failure(fit, self.settings)
         index = _index_of(window, keyframe)
         failure = failure or gain_failure(fit, sought.left, window.images.left[window.frames.slot[index]])
         if failure is not None:
             return failure
-        T_expected = sought.T_expected if steady and not sought.starting else None
-        T_cam_world = fit.T_frame_keyframe @ window.frames.T_cam_world[index]
-        return motion_failure(T_cam_world, sought.T_tracked, T_expected, max(sought.since_s, sought.dt_s), self.settings)
+        free = sought.starting or not fits_badly(fit, sought.usual_rms, self.settings)
+        T_cam_world, dt_s = fit.T_frame_keyframe @ window.frames.T_cam_world[index], max(sought.since_s, sought.dt_s)
+        return motion_failure(T_cam_world, sought.T_tracked, None if free else sought.T_expected, dt_s, self.settings)
 
-    def _candidates(self, window: Window) -> Iterable[int]:
+    def _in_question(self, fit: Alignment, keyframe: int, sought: Sought, window: Window) -> bool:
+        """Whether more should be tried: the alignment fits badly, cannot be believed, or leads elsewhere than the motion so far."""
+        if is_doubtful(fit, sought, self.settings) or self._failure(fit, keyframe, sought, window) is not None:
+            return True
+        return self._surprises(fit, keyframe, sought, window)
+
+    def _surprises(self, fit: Alignment, keyframe: int, sought: Sought, window: Window) -> bool:
+        """Whether an alignment, right or not, leads away from where constant motion does."""
+        T_cam_world, dt_s = fit.T_frame_keyframe @ window.frames.T_cam_world[_index_of(window, keyframe)], sought.since_s
+        return motion_failure(T_cam_world, sought.T_tracked, sought.T_expected, max(dt_s, sought.dt_s), self.settings) is not None
+
+    def _candidates(self, window: Window) -> range:
         """Places in the window of the keyframes to be looked for, newest first; features of others are forgotten."""
         self.landmarks = {row: known for row, known in self.landmarks.items() if row in window.keyframe}
         return range(len(window) - 1, max(-1, len(window) - 2 - OLDER_KEYFRAMES), -1)
@@ -221,7 +231,7 @@ class Recovery:
         fit = align(
             sought.images, reference, sighting.T_frame_keyframe, sighting.brightness, self.cameras, top, 0, self.settings
         )  # fmt: skip
-        if self._failure(fit, row, sought, window, False) is not None or not _agree(fit, sighting):
+        if self._failure(fit, row, sought, window) is not None or not _agree(fit, sighting):
             return None
         return Found(fit, row, None, 1, sighting.inliers)
 

@@ -67,7 +67,7 @@ class OdometrySettings(Settings):
     max_saturated: float = Field(
         0.5, ge=0, le=1, description="share of the reference beyond the cut-off, above which a frame is lost"
     )
-    max_gain: float = Field(4.0, gt=1, description="between a frame and its keyframe, up or down")
+    max_gain: float = Field(10.0, gt=1, description="between a frame and its keyframe, up or down")
     max_acceleration: float = Field(25.0, gt=0, description="m/s^2, of a believable motion")
     max_turn_rate: float = Field(3.0, gt=0, description="rad/s, of a believable motion")
     min_contrast: float = Field(2.0, ge=0, description="grey levels, standard deviation of an image that is not blank")
