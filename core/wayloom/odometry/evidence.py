@@ -25,12 +25,12 @@ FloatArray = NDArray[np.float64]
 TARGETS = 2
 DISTANCES_M, ANGLES_RAD = (1.0, 2.5), (0.06, 0.15)
 """A target is the first keyframe that has moved or turned so far from the host."""
-SPACING_M = 3.0
-MOST_SNIPPETS = 40
-MOST_POINTS = 160
+SPACING_M = 2.0
+MOST_SNIPPETS = 48
+MOST_POINTS = 240
 LEAST_POINTS = 20
 SMOOTHING_PX = 1.0
-MIN_EIGENVALUE = 4.0
+MIN_EIGENVALUE = 10.0
 """grey^2/px^2 of the smoothed patch's structure tensor, a pixel: corners and textures, no edges."""
 DEPTH_DOUBT_PX = 2.0
 """How wrong a first disparity may be: a target is searched along its epipolar line so far."""
