@@ -73,19 +73,21 @@ class Harvest:
             keyframe = np.full(len(seen), window.keyframe[t])
             self.observations.append(np.column_stack([window.point_id[seen], keyframe, right]))
 
-    def add_points(self, window: Window, gone: BoolArray, bf: float, grey_sigma: float, disparity_sigma: float) -> None:
-        """Keep the leaving points in gone (N,) as last estimated.
+    def add_points(
+        self, window: Window, points: PointColumns, ids: NDArray[np.int64], information: FloatArray, bf: float, grey_sigma: float,
+        disparity_sigma: float,
+    ) -> None:  # fmt: skip
+        """Keep leaving points (N) with their numbers and information (N,) as last estimated.
 
         variance = grey_sigma^2 / information + (disparity_sigma / bf)^2: the second part is the error common to all views (rows,
         lens, rectification), which the Hessian does not know.
         """
-        p = window.points
-        variance = grey_sigma**2 / np.maximum(window.information[gone], 1e-9) + (disparity_sigma / bf) ** 2
-        grey = np.clip(np.round(p.colour[gone, CENTRE]), 0, 255).astype(np.uint8)
+        variance = grey_sigma**2 / np.maximum(information, 1e-9) + (disparity_sigma / bf) ** 2
+        grey = np.clip(np.round(points.colour[:, CENTRE]), 0, 255).astype(np.uint8)
         self.points.append(
             {
-                "id": window.point_id[gone], "host": window.keyframe[p.host[gone]], "uv": p.uv[gone], "rho": p.rho[gone],
-                "variance": variance, "grey": grey, "host_right": p.has_static[gone] > 0,
+                "id": ids, "host": window.keyframe[points.host], "uv": points.uv, "rho": points.rho, "variance": variance,
+                "grey": grey, "host_right": points.has_static > 0,
             }
         )  # fmt: skip
 

@@ -15,7 +15,20 @@ from wayloom.config.progress import Progress, silent
 from wayloom.geometry import se3
 from wayloom.geometry.lens import IDENTITY, RightLens
 from wayloom.logs.types import DriveLog, StereoFrame
-from wayloom.odometry import ablation, adjust, feed, keyframing, marginalise, pyramid, recovery, rows, selection, stereo, window
+from wayloom.odometry import (
+    ablation,
+    activation,
+    adjust,
+    feed,
+    immature,
+    keyframing,
+    marginalise,
+    pyramid,
+    recovery,
+    rows,
+    selection,
+    window,
+)
 from wayloom.odometry import track as tracking
 from wayloom.odometry.evidence import EvidenceCollector
 from wayloom.odometry.harvest import FrameRow, Harvest, KeyframeRow
@@ -150,7 +163,16 @@ class Odometry:
         dt, since = (1e-9 * (self.t_ns[-1] - self.t_ns[i]) for i in (-2, tracked))
         T_last, T_tracked = self.harvest.T_cam_world(n - 1), self.harvest.T_cam_world(tracked)
         sought = recovery.Sought(
-            left, images, T_expected, T_last, T_tracked, dt, since, n - self.segment_frames[-1] <= 1, self.brightness, self.smoothed_rms
+            left,
+            images,
+            T_expected,
+            T_last,
+            T_tracked,
+            dt,
+            since,
+            n - self.segment_frames[-1] <= 1,
+            self.brightness,
+            self.smoothed_rms,
         )
         return self.recovery.align(sought, self.references, self.window)
 
@@ -171,9 +193,10 @@ class Odometry:
     def _start_segment(self, frame: StereoFrame, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
         """Begin anew from static stereo at the expected pose; where stereo finds too little the frame is lost."""
         right = self._aligned_right(frame)
-        pixels, _ = self._stereo_points(left, right, np.zeros((0, 2)))
-        if len(pixels) < self.settings.min_points:
-            self._hold(frame, T_expected, f"stereo finds depth at {len(pixels)} points only")
+        _, found = activation.stereo_candidates(left, right, np.zeros((0, 2)), self.cell, self.settings, self.stopwatch)
+        matched = int((found[:, 0] > 0).sum())
+        if matched < self.settings.min_points:
+            self._hold(frame, T_expected, f"stereo finds depth at {matched} points only")
             return
         self.segment_frames.append(frame.index)
         self.failed, self.last_tracked = 0, len(self.harvest.frames)
@@ -189,7 +212,7 @@ class Odometry:
         """Every live point leaves into the result; the window is emptied, the disparity bias stays known."""
         if self.collector is not None:
             self.collector.interrupt()
-        self._harvest_points(np.ones(len(self.window.point_id), bool))
+        self._harvest_points(np.ones(len(self.window.point_id), bool), np.ones(len(self.window.immature.low), bool))
         self._reset(float(self.window.delta[0]), RESTART_BIAS_INFORMATION * self.settings.bias_prior)
 
     # ------------------------------------------------------------------ keyframes
@@ -204,11 +227,13 @@ class Odometry:
         window.add_keyframe(self.window, left, right, T_cam_world, affine, row)
         if self.imu is not None:
             self.imu.extend(self.window, self._keyframe_times())
-        self._activate_points(left, right)
+        self._give_points(left, right)
         if len(self.window) > 1:
             with self.stopwatch("adjust"):
                 adjust.adjust(self.window, self.rig, self.robust, s.affine_prior, s.adjust_iterations)
                 adjust.cull(self.window)
+            with self.stopwatch("trace"):
+                self.harvest.observations.append(immature.trace(self.window, self.rig, self.robust))
         self.harvest.update_keyframes(self.window)
         if self.collector is not None:
             with self.stopwatch("evidence"):
@@ -233,46 +258,32 @@ class Odometry:
             right = pyramid.grey(frame.right)
             return self.right_images.align(right)
 
-    def _stereo_points(self, left: Image, right: Image, uv_taken: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
-        """Pixels (n, 2) of the left image where no point is yet, and their disparities (n,) px."""
-        s = self.settings
-        with self.stopwatch("select"):
-            pixels = selection.select_candidates(left, uv_taken, round(self.cell), s.block, s.gradient_margin, s.border)
-        with self.stopwatch("stereo"):
-            found = stereo.match(left, right, pixels, s.max_disparity, s.uniqueness, s.max_cost, s.slope_cap)
-        good = (found[:, 0] > s.min_disparity) & (found[:, 1] < s.max_sigma)
-        return pixels[good], found[good, 0]
-
-    def _activate_points(self, left: Image, right: Image) -> None:
-        """New points in the newest keyframe, as many as the view wants."""
-        s, newest = self.settings, len(self.window) - 1
-        projected = window.project_into(self.window, newest, self.rig, s.border)
-        uv_taken = projected[~np.isnan(projected[:, 0]), :2]
-        pixels, disparity = self._stereo_points(left, right, uv_taken)
-        self.window.frames.gain_right[newest] = stereo.right_gain(left, right, pixels, disparity)
+    def _give_points(self, left: Image, right: Image) -> None:
+        """New points for the newest keyframe; the rows of the right images follow what stereo finds."""
+        given = activation.give_points(
+            self.window, left, right, self.rig, self.robust, self.cell, self.harvest.next_point, self.settings, self.stopwatch
+        )  # fmt: skip
+        self.harvest.next_point, self.cell = given.next_id, given.cell
         with self.stopwatch("rows"):
-            self.right_images.follow(left, right, pixels, disparity)
-        room = s.points if newest == 0 else max(min(s.new_points, s.points - len(uv_taken)), s.min_new_points)
-        self.cell = selection.next_cell(self.cell, len(pixels), room)
-        chosen = selection.spread_sample(pixels, room, s.seed)
-        rho = np.maximum(disparity[chosen] - self.window.delta[0], 0.1) / self.stereo_rig.bf
-        window.add_points(self.window, pixels[chosen], rho, s.gradient_scale, self.harvest.next_point)
-        self.harvest.next_point += len(chosen)
+            self.right_images.follow(left, right, given.pixels, given.disparity)
 
     def _marginalise_one(self) -> None:
         """One keyframe leaves the window, with its points and those out of sight."""
         j = marginalise.leaving_keyframe(self.window.frames, self.window.points.host)
         gone = marginalise.leaving_points(self.window, j)
         self.harvest.add_observations(self.window, ~gone, self.rig, self.robust, [j])
-        self._harvest_points(gone)
+        self._harvest_points(gone, self.window.immature.points.host == j)
         marginalise.marginalise(self.window, j, gone, self.rig, self.robust, self.settings.affine_prior)
         ablation.weaken_prior(self.window, self.settings.ablation, self.settings.bias_prior)
 
-    def _harvest_points(self, gone: NDArray[np.bool_]) -> None:
-        """Keep the points in gone (N,) in the result."""
-        s = self.settings
-        self.harvest.add_observations(self.window, gone, self.rig, self.robust, list(range(len(self.window))))
-        self.harvest.add_points(self.window, gone, self.stereo_rig.bf, s.grey_sigma, s.disparity_sigma)
+    def _harvest_points(self, gone: NDArray[np.bool_], gone_immature: NDArray[np.bool_]) -> None:
+        """Keep the live points in gone (N,) and the immature ones in gone_immature (M,) in the result."""
+        s, now, bf = self.settings, self.window, self.stereo_rig.bf
+        self.harvest.add_observations(now, gone, self.rig, self.robust, list(range(len(now))))
+        points = window.chosen(now.points, gone)
+        self.harvest.add_points(now, points, now.point_id[gone], now.information[gone], bf, s.grey_sigma, s.disparity_sigma)
+        left = immature.take(now, gone_immature)
+        self.harvest.add_points(now, left.points, left.id, left.information, bf, s.grey_sigma, s.disparity_sigma)
 
     # ------------------------------------------------------------------ result
     def finish(self) -> OdometryResult:

@@ -36,6 +36,8 @@ class OdometrySettings(Settings):
     points: int = Field(800, ge=50, le=5000, description="points wanted in view of a keyframe")
     new_points: int = Field(400, ge=20, le=5000, description="at most activated at a keyframe")
     min_new_points: int = Field(150, ge=10, le=5000, description="activated even where enough are in view")
+    traced_share: float = Field(0.3, ge=0, le=1, description="of the new live points, those that were traced in several keyframes")
+    immature_points: int = Field(500, ge=0, le=20000, description="candidates of a keyframe that may wait beside the live points")
     candidates: int = Field(1600, ge=50, le=20000, description="pixels tried by stereo at the first keyframe; sets the cell size")
     levels: int = Field(5, ge=1, le=8, description="pyramid levels; fewer in small images")
     track_iterations: tuple[int, ...] = Field((50, 50, 50, 20, 10, 10, 10, 10), description="at most, finest level first")
