@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,7 @@ class Calibration:
     worst_px, rms_px   how far the lens moves pixels, at most and on average, its mean shift of the columns taken off: a drive's own
                   disparity bias takes that
     unsure_px     the largest standard deviation of where it moves a pixel, on the same terms
+    common_radial k1 of a radial error that both lenses seem to share; rectification left it, the rig's file does not hold it
     doubts        what speaks against the result, in words
     """
 
@@ -55,6 +56,7 @@ class Calibration:
     worst_px: float
     rms_px: float
     unsure_px: float
+    common_radial: float
     doubts: tuple[str, ...]
 
 
@@ -71,17 +73,19 @@ def learn_rig(
     used, left_out, doubts = _usable(evidence, known, settings)
     progress(0.0, f"adjusting {sum(len(e) for e in used)} points of {len(used)} drives")
     prior_H = np.diag(1.0 / settings.lens.sigmas**2)
-    old_H, old_g = (np.zeros((LENS, LENS)), np.zeros(LENS)) if known is None else (known.information, known.pull)
-    start = RightLens() if known is None else known.lens
+    start, old_H, old_g = RightLens(), np.zeros((LENS, LENS)), np.zeros(LENS)
+    if known is not None:
+        start, old_H, old_g = known.lens, known.information[:LENS, :LENS], known.pull[:LENS]
     fit = adjust([drive_of(e) for e in used], settings, prior_H + old_H, old_g, start)
     if not fit.converged:
         doubts = (*doubts, "the adjustment did not settle: the drives may be of different rigs, or their matches wrong")
     rig = _rig_file(used, fit, known, settings)
     progress(1.0, "done")
     worst, rms = field_size(rig.lens, rig.rig.camera)
-    unsure = field_sigma(rig.lens, rig.rig.camera, _covariance(rig.information, rig.radial, settings))
+    covariance, radial = _covariance(rig, settings)
+    unsure = field_sigma(rig.lens, rig.rig.camera, covariance)
     outcomes = tuple(_outcome(e, fit, d) for d, e in enumerate(used))
-    return Calibration(rig, outcomes, left_out, worst, rms, unsure, doubts)
+    return Calibration(rig, outcomes, left_out, worst, rms, unsure, radial, doubts)
 
 
 def _usable(
@@ -117,27 +121,26 @@ def _rig_file(used: list[Evidence], fit: Adjustment, known: RigFile | None, sett
     What the drives say is weakened by how much their snippets contradict each other beyond the noise of single matches.
     """
     H, g = lens_information(fit, settings)
-    old_H = np.zeros((LENS, LENS)) if known is None else known.information
-    scores = np.concatenate([snippet_scores(fit, d, settings) for d in range(len(used))])
     prior = np.diag(1.0 / settings.lens.sigmas**2)
+    old_H = 0.0 if known is None else known.information[:LENS, :LENS]
+    scores = np.concatenate([snippet_scores(fit, d, settings) for d in range(len(used))])
     sandwich, model = _sandwich(H[:LENS, :LENS] + old_H + prior, scores), np.linalg.inv(H[:LENS, :LENS] + prior)
     weaker = max(1.0, float(np.median(np.diag(sandwich) / np.diag(model))))
-    x = fit.lens.values - RightLens().values
-    information, pull, radial = H[:LENS, :LENS] / weaker, (g[:LENS] + H[:LENS, :LENS] @ x) / weaker, H[:LENS, LENS] / weaker
-    drives: tuple[str, ...] = tuple(e.name for e in used)
+    x = np.append(fit.lens.values - RightLens().values, 0.0)
+    information, pull = 0.5 * (H + H.T) / weaker, (g + H @ x) / weaker
+    drives = tuple(e.name for e in used)
     matches = sum(int(np.isfinite(e.uv_right[:, 0]).sum() + np.isfinite(e.uv_left_target[..., 0]).sum()) for e in used)
+    rig_id, rig = next((e.rig_id for e in used if e.rig_id is not None), None), used[0].rig
     if known is not None:
-        information, pull, radial = information + known.information, pull + known.pull, radial + known.radial
+        information, pull = information + known.information, pull + known.pull
         drives, matches = (*known.drives, *drives), matches + known.matches
-    covariance = _covariance(information, radial, settings)
-    sigma = np.maximum(np.sqrt(np.diag(covariance)), np.sqrt(np.diag(sandwich)))
-    named = next((e.rig_id for e in used if e.rig_id is not None), None)
-    return RigFile(
-        named if known is None or known.rig_id is None else known.rig_id,
-        used[0].rig if known is None else known.rig,
-        tuple(sorted(drives)), fit.lens, sigma, sigma < settings.least_information * settings.lens.sigmas,
-        0.5 * (information + information.T), pull, radial, matches, float(fit.noise_px[0]),
+        rig_id, rig = known.rig_id or rig_id, known.rig
+    learnt = RigFile(
+        rig_id, rig, tuple(sorted(drives)), fit.lens, np.zeros(LENS), np.zeros(LENS, bool), information, pull, matches,
+        float(fit.noise_px[0]),
     )  # fmt: skip
+    sigma = np.sqrt(np.maximum(np.diag(_covariance(learnt, settings)[0]), np.diag(sandwich)))
+    return replace(learnt, sigma=sigma, determined=sigma < settings.least_information * settings.lens.sigmas)
 
 
 def _sandwich(H: FloatArray, scores: FloatArray) -> FloatArray:
@@ -147,11 +150,18 @@ def _sandwich(H: FloatArray, scores: FloatArray) -> FloatArray:
     return np.asarray(inverse @ (scores.T @ scores) @ inverse * S / max(S - 1, 1))
 
 
-def _covariance(information: FloatArray, radial: FloatArray, settings: CalibrationSettings) -> FloatArray:
-    """(10, 10) of the parameters by information (10, 10) and prior, and by the unknown radial error that both lenses share."""
-    inverse = np.linalg.inv(information + np.diag(1.0 / settings.lens.sigmas**2))
-    shift = inverse @ radial * settings.common_radial
-    return np.asarray(inverse + np.outer(shift, shift))
+def _covariance(rig: RigFile, settings: CalibrationSettings) -> tuple[FloatArray, float]:
+    """(10, 10) of the parameters by what the drives say and the prior, and the radial error that both lenses seem to share.
+
+    That error is not part of the lens, so the lens is learnt as if there were none; what it then does to the parameters is added to
+    the covariance: shift shift^T (kappa^2 + sigma_kappa^2), shift = -d lens / d kappa.
+    """
+    H, coupling = rig.information[:LENS, :LENS] + np.diag(1.0 / settings.lens.sigmas**2), rig.information[:LENS, LENS]
+    inverse = np.linalg.inv(H)
+    shift = inverse @ coupling
+    variance = 1.0 / (rig.information[LENS, LENS] - coupling @ shift + 1.0 / settings.common_radial**2)
+    kappa = variance * (rig.pull[LENS] - shift @ rig.pull[:LENS])
+    return np.asarray(inverse + np.outer(shift, shift) * (kappa**2 + variance)), float(kappa)
 
 
 def _outcome(evidence: Evidence, fit: Adjustment, d: int) -> DriveOutcome:

@@ -60,5 +60,6 @@ def facts(calibration: Calibration) -> dict[str, Any]:
         "worst_px": calibration.worst_px,
         "rms_px": calibration.rms_px,
         "unsure_px": calibration.unsure_px,
+        "common_radial": calibration.common_radial,
         "warnings": warnings(calibration),
     }

@@ -46,7 +46,7 @@ class CalibrationSettings(Settings):
 
     lens: LensPrior = LensPrior()
     drive: DrivePrior = DrivePrior()
-    common_radial: float = Field(0.01, ge=0, description="sigma of a k1 that both lenses share, which rectification left")
+    common_radial: float = Field(0.02, gt=0, description="sigma of a k1 that both lenses share, which rectification left")
     iterations: int = Field(30, ge=1, le=200)
     robust_scale: float = Field(2.0, gt=0, description="of a match's Cauchy weight, in units of the matches' own noise")
     least_noise_px: float = Field(0.03, gt=0, description="px, below which no match is believed")

@@ -20,6 +20,8 @@ from wayloom.logs.types import DriveLog
 FloatArray = NDArray[np.float64]
 VERSION: Final = 1
 COUNT: Final = len(PARAMETERS)
+SAID: Final = COUNT + 1
+"""What drives speak of: the parameters, and a radial error k1 that both lenses share."""
 SAME_RIG, SAME_CALIBRATION = 0.05, 1e-3
 """Relative differences of focal length, baseline and size: above the first it is another rig, above the second
 another calibration of it."""
@@ -36,9 +38,8 @@ class RigFile:
     rig          the rectified rig that the lens is relative to: the calibration of the first drive
     drives       names of the drives that it was learnt from, sorted
     lens, sigma, determined   the parameters; (10,) standard deviations; (10,) whether the drives determined them
-    information, pull   (10, 10) and (10,): what the drives say without any prior, as energy 1/2 x^T information x - pull^T x of the
-                 parameters' difference x from the ideal camera's; later drives are added to it
-    radial       (10,) how what the drives say couples with a radial error that both lenses share: information's eleventh column
+    information, pull   (11, 11) and (11,): what the drives say without any prior, as energy 1/2 x^T information x - pull^T x; x is the
+                 parameters' difference from the ideal camera's and a radial error k1 that both lenses share; later drives are added
     matches, noise_px   how many matches it rests on, and how well one fits, px
     """
 
@@ -48,9 +49,8 @@ class RigFile:
     lens: RightLens
     sigma: FloatArray
     determined: NDArray[np.bool_]
-    information: FloatArray = field(default_factory=lambda: np.zeros((COUNT, COUNT)))
-    pull: FloatArray = field(default_factory=lambda: np.zeros(COUNT))
-    radial: FloatArray = field(default_factory=lambda: np.zeros(COUNT))
+    information: FloatArray = field(default_factory=lambda: np.zeros((SAID, SAID)))
+    pull: FloatArray = field(default_factory=lambda: np.zeros(SAID))
     matches: int = 0
     noise_px: float = 0.0
 
@@ -147,10 +147,9 @@ def text_of(rig: RigFile) -> str:
         "[right_lens.determined]",
         *(f"{name} = {str(bool(known)).lower()}" for name, known in zip(PARAMETERS, rig.determined, strict=True)),
         "",
-        "# What the drives say without any prior, about the ideal camera: more drives are added to it.",
+        "# What the drives say without any prior, of the lens's difference from the ideal one and a radial error of both.",
         "[evidence]",
         f"pull = {_row(rig.pull)}",
-        f"radial = {_row(rig.radial)}",
         "information = [",
         *(f"  {_row(row)}," for row in rig.information),
         "]",
@@ -181,13 +180,13 @@ class _Reader:
             name = PARAMETERS[int(np.argmax(offsets / LARGEST))]
             raise self._bad(f"right_lens.{name}", "is impossible for a rectified pair")
         information = self._matrix("evidence.information")
-        pull, radial = (self._floats(f"evidence.{name}", COUNT) for name in ("pull", "radial"))
+        pull = self._floats("evidence.pull", SAID)
         sigma = self._ten("right_lens.sigma")
         if (sigma < 0).any():
             raise self._bad("right_lens.sigma", "is negative")
         return RigFile(
             self._rig_id(), self._rig(), self._drives(), lens_from_values(values), sigma, self._determined(), information, pull,
-            radial, int(self._number("matches", 0.0)), self._number("noise_px", 0.0),
+            int(self._number("matches", 0.0)), self._number("noise_px", 0.0),
         )  # fmt: skip
 
     def _get(self, key: str) -> Any:
@@ -217,11 +216,11 @@ class _Reader:
 
     def _matrix(self, key: str) -> FloatArray:
         rows = self._get(key)
-        if not isinstance(rows, list) or len(rows) != COUNT:
-            raise self._bad(key, f"must be {COUNT} rows")
-        matrix = np.array([row if isinstance(row, list) and len(row) == COUNT else [math.nan] * COUNT for row in rows], float)
+        if not isinstance(rows, list) or len(rows) != SAID:
+            raise self._bad(key, f"must be {SAID} rows")
+        matrix = np.array([row if isinstance(row, list) and len(row) == SAID else [math.nan] * SAID for row in rows], float)
         if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-6, atol=1e-6 * np.abs(matrix).max()):
-            raise self._bad(key, f"is no symmetric matrix of {COUNT} finite rows and columns")
+            raise self._bad(key, f"is no symmetric matrix of {SAID} finite rows and columns")
         return matrix
 
     def _determined(self) -> NDArray[np.bool_]:
