@@ -30,6 +30,7 @@ from wayloom.odometry import (
     window,
 )
 from wayloom.odometry import track as tracking
+from wayloom.odometry.debug import Debug
 from wayloom.odometry.evidence import EvidenceCollector
 from wayloom.odometry.harvest import FrameRow, Harvest, KeyframeRow
 from wayloom.odometry.kernels.arrays import Robust
@@ -48,17 +49,19 @@ RESTART_BIAS_INFORMATION = 10.0
 
 def track(
     log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
-    lens: RightLens = IDENTITY, collector: EvidenceCollector | None = None,
+    lens: RightLens = IDENTITY, collector: EvidenceCollector | None = None, debug: Debug | None = None,
 ) -> OdometryResult:  # fmt: skip
     """Track a whole drive. One pose for every frame; the result is the same, bit for bit, for any number of threads.
 
     With threads > 1 the next pair is decoded while this one is tracked. lens : of the rig, where it is known; collector : gathers
-    what the drive knows of its rig. Raises LogError for frames that cannot be read or that do not have the rig's size.
+    what the drive knows of its rig; debug : is told of every decision.
+
+    Raises LogError for frames that cannot be read or that do not have the rig's size.
     """
     with feed.one_opencv_thread():
         progress(0.0, f"aligning the rows of left and right{COMPILING}")
         right_images = rows.RightImages(log.rig, lens, feed.fit_rows(log, settings.row_frames, lens))
-        odometry = Odometry(right_images, settings, for_log(log, settings), collector)
+        odometry = Odometry(right_images, settings, for_log(log, settings), collector, debug)
         for frame in feed.frames(log, threads, odometry.stopwatch):
             odometry.process(frame)
             keyframes = len(odometry.harvest.keyframes)
@@ -73,9 +76,11 @@ class Odometry:
 
     def __init__(
         self, right_images: rows.RightImages, settings: OdometrySettings, imu: VisualInertial | None = None,
-        collector: EvidenceCollector | None = None,
+        collector: EvidenceCollector | None = None, debug: Debug | None = None,
     ) -> None:  # fmt: skip
-        self.settings, self.right_images, self.collector = settings, right_images, collector
+        self.settings, self.right_images, self.collector, self.debug = settings, right_images, collector, debug
+        self.found: recovery.Found | None = None  # the last frame's alignment, where one was tried
+        self.keyframe_reason = ""
         self.stereo_rig = rig = right_images.rig
         self.rig = pyramid.rig_numbers(rig.camera, rig.t_right_left)
         self.levels = pyramid.level_count(rig.camera, settings.levels)
@@ -103,18 +108,20 @@ class Odometry:
         self.t_ns.append(frame.t_ns)
         with self.stopwatch("pyramid"):
             images = pyramid.build(left, self.levels)
-        T_expected = self._expected_pose()
+        T_expected, self.found, self.keyframe_reason = self._expected_pose(), None, "first of a segment"
         if recovery.is_blank(left, self.settings.min_contrast):
             self._hold(frame, T_expected, "the image is blank")
         elif not len(self.window):
             self._start_segment(frame, left, images, T_expected)
         else:
             self._follow(frame, left, images, T_expected)
+        if self.debug is not None:
+            self.debug.frame(self, frame, left)
 
     def _follow(self, frame: StereoFrame, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
         """Align a frame with the window; make it a keyframe if it is due, or start anew after too many failures."""
         with self.stopwatch("track"):
-            found = self._align(left, images, T_expected)
+            found = self.found = self._align(left, images, T_expected)
         fit, keyframe, failure = found.fit, found.keyframe, found.failure
         if failure is not None:
             self.failed += 1
@@ -129,14 +136,16 @@ class Odometry:
         self._accept(fit)
         newest = self.references[-1]
         extent = left.shape[0] + left.shape[1]
-        if keyframe == newest.keyframe and not keyframing.is_due(
-            fit, newest, self.cameras[0], self.first_rms, extent, self.settings
-        ):
+        why: str | None = "found by an older keyframe"
+        if keyframe == newest.keyframe:
+            why = keyframing.reason(fit, newest, self.cameras[0], self.first_rms, extent, self.settings)
+        if why is None:
             self.harvest.frames.append(FrameRow(keyframe, fit.T_frame_keyframe, True, self._segment()))
             return
         base = int(np.flatnonzero(self.window.keyframe == keyframe)[0])
         T_cam_world = fit.T_frame_keyframe @ self.window.frames.T_cam_world[base]
         orthonormalise(T_cam_world)
+        self.keyframe_reason = why
         self._add_keyframe(frame, left, images, T_cam_world, _affine_after(self.window.frames.affine[base], fit.brightness))
 
     # ------------------------------------------------------------------ motion
@@ -229,6 +238,8 @@ class Odometry:
             self.imu.extend(self.window, self._keyframe_times())
         self._give_points(left, right)
         if len(self.window) > 1:
+            if self.debug is not None:
+                self.debug.adjustment(self)
             with self.stopwatch("adjust"):
                 adjust.adjust(self.window, self.rig, self.robust, s.affine_prior, s.adjust_iterations)
                 adjust.cull(self.window)
@@ -289,6 +300,8 @@ class Odometry:
     def finish(self) -> OdometryResult:
         """The tracked drive; every point that is still alive leaves into it."""
         delta = float(self.window.delta[0])
+        if self.debug is not None:
+            self.debug.finish(self)
         self._end_segment()
         trajectory = self.harvest.trajectory(np.array(self.t_ns, np.int64))
         points = self.harvest.final_points(self.settings.min_observations, self.settings.max_relative_sigma)
