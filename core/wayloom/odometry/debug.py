@@ -24,8 +24,8 @@ Image = NDArray[np.uint8]
 PARTS = ("decode", "pyramid", "track", "rows", "select", "stereo", "adjust", "marginalise", "reference")
 FRAME_COLUMNS = (
     "frame", "t_ns", "outcome", "loss", "segment", "reference_keyframe", "rms_grey", "usual_rms_grey", "visible", "saturated",
-    "gain", "offset_grey", "motions_tried", "features", "flow_px", "shift_px", "keyframe_reason", "keyframes", "window", "live_points",
-    "points_in_newest", "inlier_share", "energy", "bias_px", "row_c0_px", "row_c1_px", "row_c2_px",
+    "gain", "offset_grey", "motions_tried", "features", "flow_px", "shift_px", "keyframe_reason", "keyframes", "window",
+    "live_points", "points_in_newest", "inlier_share", "energy", "bias_px", "row_c0_px", "row_c1_px", "row_c2_px",
     *(f"{part}_ms" for part in PARTS), "other_ms",
 )  # fmt: skip
 ENERGY_COLUMNS = ("keyframe", "frame", "iteration", "energy")

@@ -22,6 +22,7 @@ FloatArray = NDArray[np.float64]
 NEAR_M, RESIDUAL_GREY = 3.0, 20.0
 VIEW_PX, VIEW_AHEAD_M, VIEW_BEHIND_M = 600, 60.0, 20.0
 FIELD_STEP_PX = 16
+TITLE_PX = 18
 INK = (40, 30, 20)
 
 
@@ -52,9 +53,9 @@ def dots(canvas: Image, uv: FloatArray, colours: NDArray[np.int64], radius: int 
 
 
 def titled(canvas: Image, text: str) -> Image:
-    """The canvas with a line of text."""
-    cv2.putText(canvas, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.55, INK, 3, cv2.LINE_AA)
-    cv2.putText(canvas, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (255, 255, 255), 1, cv2.LINE_AA)
+    """The canvas with a line of text on a dark bar."""
+    canvas[:TITLE_PX] = INK
+    cv2.putText(canvas, text, (6, TITLE_PX - 5), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (255, 255, 255), 1, cv2.LINE_AA)
     return canvas
 
 
@@ -141,6 +142,10 @@ def write_row_field(file: Path, rig: StereoRig, moved: FloatArray) -> None:
     figure.savefig(file, format="png")
 
 
+NEVER_BELOW_ZERO = ("flow, px", "ms")
+"""Panels whose rare peaks may leave the picture."""
+
+
 def write_drive_plot(file: Path, frames: Sequence[dict[str, Any]]) -> None:
     """Curves over the frames: residual, points, brightness, bias, rows, time."""
     from matplotlib.figure import Figure
@@ -158,6 +163,9 @@ def write_drive_plot(file: Path, frames: Sequence[dict[str, Any]]) -> None:
     for axes, (title, names) in zip(all_axes, panels, strict=True):
         for name in names:
             axes.plot(at, [number(values.get(name)) for values in frames], label=name, linewidth=0.9)
+        shown = [value for name in names for value in (number(values.get(name)) for values in frames) if np.isfinite(value)]
+        if title in NEVER_BELOW_ZERO and shown:
+            axes.set_ylim(0.0, 1.5 * float(np.percentile(shown, 98)) + 1e-3)
         axes.plot(lost, np.full(len(lost), axes.get_ylim()[0]), "rx", label="lost" if lost else None)
         axes.set_ylabel(title)
         axes.legend(loc="upper right", fontsize="x-small")

@@ -109,7 +109,11 @@ class Harvest:
         )
 
     def final_points(self, min_observations: int, max_relative_sigma: float) -> Points:
-        """The points that ended well: seen by enough keyframes beside the host and of sure depth; ordered by number."""
+        """The points that ended well: seen by enough keyframes beside the host and of sure depth; ordered by number.
+
+        In a segment with fewer keyframes than that, all the others must have seen a point; where its host is the only one, the
+        host's right image must agree.
+        """
         if not self.points:
             return _points_of({}, np.zeros((0, 3), np.int64))
         column = {name: np.concatenate([part[name] for part in self.points]) for name in self.points[0]}
@@ -117,7 +121,10 @@ class Harvest:
         seen = seen[np.lexsort((seen[:, 1], seen[:, 0]))]
         counts = np.bincount(seen[:, 0], minlength=self.next_point)[column["id"]]
         sure = np.sqrt(column["variance"]) < max_relative_sigma * column["rho"]
-        good = np.flatnonzero((counts >= min_observations) & sure)
+        segment = np.array([row.segment for row in self.keyframes], np.int64)
+        others = np.bincount(segment)[segment[column["host"].astype(np.int64)]] - 1
+        confirmed = (counts >= np.minimum(min_observations, others)) & ((others > 0) | (column["host_right"] > 0))
+        good = np.flatnonzero(confirmed & sure)
         good = good[np.argsort(column["id"][good], kind="stable")]
         return _points_of({name: values[good] for name, values in column.items()}, seen)
 

@@ -221,6 +221,8 @@ class Odometry:
         """Every live point leaves into the result; the window is emptied, the disparity bias stays known."""
         if self.collector is not None:
             self.collector.interrupt()
+        if len(self.window) == 1:  # a car that stood: what its own pair says of the points is all there is
+            adjust.adjust(self.window, self.rig, self.robust, self.settings.affine_prior, self.settings.adjust_iterations)
         self._harvest_points(np.ones(len(self.window.point_id), bool), np.ones(len(self.window.immature.low), bool))
         self._reset(float(self.window.delta[0]), RESTART_BIAS_INFORMATION * self.settings.bias_prior)
 
