@@ -1,35 +1,102 @@
-"""Times of the odometry: a whole clip beside the prototype in the same run, its parts, and kernels beside their naive twins.
+"""The odometry's accuracy, times, density and depths on every recording, what each of its parts is worth, and other programs
+on the same recordings in the same run.
 
-    python benchmarks/odometry.py [LOG] [--frames 100] [--kernels-only]
+    python benchmarks/odometry.py [--data FOLDER] [--drive FOLDER …] [--simulate PRESET …] [--seeds 5] [--ablations]
+                                  [--peer COMMAND …] [--json FILE] [--write] [--kernels-only]
 
-The prototype is looked for in WAYLOOM_PROTOTYPES (default ../shared/prototypes); without it that row is left out. It reads KITTI
-odometry folders with image_0 and image_1 only. CPU seconds of one thread; kernels are compiled or loaded before anything is timed.
+--data      the recordings as docs/results.md describes them; default is what WAYLOOM_DATA names, else ../shared/data
+--drive     more drives with their own poses (and truth images), as `wayloom simulate --truth` writes them
+--simulate  presets of `wayloom simulate` that are made, half size, where they do not yet lie in the cache folder
+--only      recordings of these names
+--ablations also a run for each part left out
+--peer      a program to compare with: its command with {log} (KITTI odometry layout) and {out} (poses)
+--write     the tables into docs/odometry.md, the numbers into benchmarks/odometry.json, to which a test holds the odometry
+
+The prototype is looked for in WAYLOOM_PROTOTYPES (default ../shared/prototypes); without it its rows are left out.
+CPU times are those of one thread, images decoded within them, kernels compiled or loaded before.
 """
 
 import argparse
+import json
 import os
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy loads its BLAS
+    os.environ.setdefault(name, "1")
 ROOT = Path(__file__).resolve().parents[1]
-CLIP_A = Path(os.environ.get("WAYLOOM_DATA", ROOT / "../shared/data")) / "kitti_odometry" / "sequences" / "00"
 sys.path[:0] = [str(ROOT / "core"), str(ROOT / "tests" / "odometry")]
 
 import naive  # noqa: E402
 import numpy as np  # noqa: E402
 from made_window import NUMBERS, ROBUST, made_window  # noqa: E402
 
+from wayloom.errors import InputError, WayloomError  # noqa: E402
+from wayloom.evaluation import odometry_peers, odometry_table  # noqa: E402
+from wayloom.evaluation.odometry import ABLATIONS, SEEDS, Summary, measured, peak_memory_mb, warm_up  # noqa: E402
+from wayloom.evaluation.odometry_recordings import Recording, clip_recordings, recording_of  # noqa: E402
 from wayloom.geometry import se3  # noqa: E402
-from wayloom.logs.registry import open_log  # noqa: E402
-from wayloom.odometry import feed, pyramid  # noqa: E402
+from wayloom.odometry import pyramid  # noqa: E402
 from wayloom.odometry.kernels import adjustment, equations, linear, patch, tracking  # noqa: E402
-from wayloom.odometry.odometry import Odometry  # noqa: E402
-from wayloom.odometry.settings import OdometrySettings  # noqa: E402
+from wayloom.simulation.simulate import simulate  # noqa: E402
+
+PAGE, NUMBERS_FILE = ROOT / "docs" / "odometry.md", ROOT / "benchmarks" / "odometry.json"
+BEGIN, END = "<!-- odometry benchmark: begin -->\n", "<!-- odometry benchmark: end -->\n"
+
+
+def say(share: float, what: str) -> None:
+    """Progress, to stderr."""
+    sys.stderr.write(f"odometry benchmark: {what}\n")
+
+
+def recordings(options: argparse.Namespace) -> list[Recording]:
+    """The clips, the given drives and the simulated ones, those of them that were asked for."""
+    found = clip_recordings(options.data) if options.data.is_dir() else []
+    found += [recording_of(folder) for folder in options.drive]
+    for preset in options.simulate:
+        for folder in simulated(preset, options.cache):
+            found.append(recording_of(folder, f"{preset} {folder.name}"))
+    return [recording for recording in found if not options.only or recording.name in options.only]
+
+
+def simulated(preset: str, cache: Path) -> list[Path]:
+    """The folders of a preset's drives in the cache, made where they are not yet there."""
+    folder = cache / f"{preset}-half"
+    if not folder.is_dir():
+        unfinished = cache / f"{preset}-half.unfinished-{os.getpid()}"
+        simulate(preset, unfinished, truth=True, progress=lambda share, what: None)
+        unfinished.rename(folder)
+    return sorted(path for path in folder.iterdir() if path.is_dir())
+
+
+def measured_all(options: argparse.Namespace) -> list[Summary]:
+    """Every recording with the product, its ablations, the prototype and the peers."""
+    prototypes = Path(os.environ.get("WAYLOOM_PROTOTYPES", ROOT / "../shared/prototypes"))
+    seeds, found = SEEDS[: options.seeds], []
+    for recording in recordings(options):
+        warm_up(recording)
+        own = measured(recording, seeds=seeds, progress=say)
+        own.median["peak memory MB"], own.spread["peak memory MB"] = peak_memory_mb(recording.log.path), 0.0
+        found.append(own)
+        found += foreign(partial(odometry_peers.prototype_measured, recording, prototypes, seeds))
+        for command in options.peer:
+            found += foreign(partial(odometry_peers.peer_measured, recording, command))
+        if options.ablations:
+            found += [measured(recording, variant, seeds, say) for variant in ABLATIONS]
+    return found
+
+
+def foreign(other: Callable[[], Summary | None]) -> list[Summary]:
+    """What another program gives; where it fails that is said and no more."""
+    try:
+        summary = other()
+    except InputError as problem:
+        say(0.0, str(problem))
+        return []
+    return [] if summary is None else [summary]
 
 
 def best_ms(work: Callable[[], object], repeats: int) -> float:
@@ -42,38 +109,6 @@ def best_ms(work: Callable[[], object], repeats: int) -> float:
             work()
         rounds.append(1e3 * (time.process_time() - start) / repeats)
     return min(rounds)
-
-
-def run_clip(path: Path, frames: int) -> tuple[Odometry, float]:
-    """The odometry after `frames` frames, and its CPU ms a frame, decoding included."""
-    log = open_log(path)
-    count = min(frames, len(log))
-    odometry = Odometry(log.rig, feed.fit_rows(log, OdometrySettings().row_frames), OdometrySettings())
-    start = time.process_time()
-    for index in range(count):
-        with odometry.stopwatch("decode"):
-            frame = log.frame(index)
-        odometry.process(frame)
-    return odometry, 1e3 * (time.process_time() - start) / count
-
-
-def clip_table(path: Path, frames: int) -> None:
-    """One row for the product, one for the prototype on the whole clip, and the product's parts."""
-    run_clip(path, 25)
-    odometry, ms = run_clip(path, frames)
-    count = len(odometry.harvest.frames)
-    print("| whole clip | CPU ms a frame |\n| --- | --- |")
-    print(f"| wayloom, {count} frames, {len(odometry.harvest.keyframes)} keyframes | {ms:.1f} |")
-    prototype = Path(os.environ.get("WAYLOOM_PROTOTYPES", ROOT / "../shared/prototypes")) / "direct-odometry" / "odometry.py"
-    if prototype.is_file():
-        with tempfile.TemporaryDirectory() as scratch:
-            environment = {**os.environ, "NUMBA_CACHE_DIR": scratch, "PYTHONDONTWRITEBYTECODE": "1"}
-            command = [sys.executable, str(prototype), str(path), "--out", f"{scratch}/poses.txt"]
-            said = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
-        print(f"| prototype, fast preset: {said.splitlines()[0]} | {said.split('CPU ')[1].split(' ms')[0]} |")
-    print("\n| part | wall ms a frame |\n| --- | --- |")
-    for part, seconds in sorted(odometry.stopwatch.seconds.items(), key=lambda item: -item[1]):
-        print(f"| {part} | {1e3 * seconds / count:.2f} |")
 
 
 def kernel_table() -> None:
@@ -110,14 +145,45 @@ def kernel_table() -> None:
     print(f"| linearise, 4 keyframes, 400 points | {linearised:.3f} | | {1e3 * linearised / residuals:.2f} µs a residual slot |")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description="times of the odometry")
-    parser.add_argument("log", type=Path, nargs="?", default=CLIP_A, help="default: clip A of the folder that WAYLOOM_DATA names")
-    parser.add_argument("--frames", type=int, default=100)
+def write_page(text: str) -> None:
+    """Replace what stands between the two marks of docs/odometry.md."""
+    before, rest = PAGE.read_text().split(BEGIN)
+    PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.split(END)[1]}")
+
+
+def arguments() -> argparse.ArgumentParser:
+    """What can be asked for."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "wayloom" / "benchmark-drives"
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=Path(os.environ.get("WAYLOOM_DATA", ROOT.parent / "shared" / "data")))
+    parser.add_argument("--drive", type=Path, nargs="+", default=[], metavar="FOLDER")
+    parser.add_argument("--simulate", nargs="+", default=[], metavar="PRESET")
+    parser.add_argument("--cache", type=Path, default=cache, help="of simulated drives")
+    parser.add_argument("--only", nargs="+", metavar="NAME")
+    parser.add_argument("--seeds", type=int, choices=range(1, len(SEEDS) + 1), default=len(SEEDS))
+    parser.add_argument("--ablations", action="store_true")
+    parser.add_argument("--peer", nargs="+", default=[], metavar="COMMAND")
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--write", action="store_true")
     parser.add_argument("--kernels-only", action="store_true")
-    options = parser.parse_args()
+    return parser
+
+
+def main() -> None:
+    """Measure, print, and where asked for write."""
+    options = arguments().parse_args()
     if not options.kernels_only:
-        clip_table(options.log, options.frames)
+        try:
+            summaries = measured_all(options)
+        except WayloomError as problem:
+            sys.exit(f"odometry benchmark: {problem}")
+        text = odometry_table.page(summaries, options.seeds)
+        print(text)
+        numbers = json.dumps([summary.as_json() for summary in summaries], indent=1) + "\n"
+        for file in filter(None, (options.json, NUMBERS_FILE if options.write else None)):
+            file.write_text(numbers)
+        if options.write:
+            write_page(text)
     kernel_table()
 
 

@@ -96,10 +96,10 @@ def test_marginalising_does_not_move_the_window() -> None:
 
 def test_first_estimates_stay_once_they_are_set() -> None:
     window = made_window(3, 5)
-    marginalise.fix_first_estimates(window.frames)
+    marginalise.fix_first_estimates(window.frames, window.inertial)
     first = window.frames.T_first.copy()
     window.frames.T_cam_world[1] = np.eye(4)
-    marginalise.fix_first_estimates(window.frames)
+    marginalise.fix_first_estimates(window.frames, window.inertial)
     np.testing.assert_array_equal(window.frames.T_first, first)
 
 

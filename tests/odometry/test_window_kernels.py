@@ -6,6 +6,7 @@ from made_window import BIAS_PX, NUMBERS, ROBUST, made_window
 
 from odometry.naive import patch_terms, project, sample, schur
 from wayloom.geometry import se3
+from wayloom.odometry.inertial import NO_IMU
 from wayloom.odometry.kernels import adjustment, equations, linear, patch
 from wayloom.odometry.kernels.arrays import PATTERN
 from wayloom.odometry.window import Window
@@ -170,7 +171,18 @@ def test_adjustment_brings_a_disturbed_window_back_to_the_truth() -> None:
     robust = ROBUST._replace(max_energy=500.0)
     before = window.points.rho / truth.points.rho - 1.0
     inlier, own, _ = adjustment.adjust_window(
-        window.images, NUMBERS, window.frames, window.points, window.delta, *prior, np.array([1e3, 1.0]), 1.0, robust, 30, 1e-4
+        window.images,
+        NUMBERS,
+        window.frames,
+        window.points,
+        NO_IMU,
+        window.delta,
+        *prior,
+        np.array([1e3, 1.0]),
+        1.0,
+        robust,
+        30,
+        1e-4,
     )
     after = window.points.rho / truth.points.rho - 1.0
     way = np.linalg.norm(se3.inverse(window.frames.T_cam_world)[:, :3, 3] - se3.inverse(truth.frames.T_cam_world)[:, :3, 3], axis=1)
@@ -186,7 +198,7 @@ def test_adjusting_again_never_raises_the_energy() -> None:
     window, energies = made_window(3, 20), []
     for _ in range(3):
         *_, energy = adjustment.adjust_window(
-            window.images, NUMBERS, window.frames, window.points, window.delta, np.zeros((25, 25)), np.zeros(25),
+            window.images, NUMBERS, window.frames, window.points, NO_IMU, window.delta, np.zeros((25, 25)), np.zeros(25),
             np.array([1e3, 1.0]), 1.0, ROBUST, 4, 1e-4,
         )  # fmt: skip
         energies.append(energy)
@@ -227,7 +239,7 @@ def test_the_deviation_is_the_left_perturbation_since_the_first_estimate() -> No
     frames.has_first[1], frames.affine_first[1] = 1, frames.affine[1] - [0.1, 2.0]
     frames.T_first[1] = np.linalg.inv(se3.exp(xi)) @ frames.T_cam_world[1]
     z = np.ones(25)
-    adjustment.deviation(frames, 0.7, z)
+    adjustment.deviation(frames, 0.7, NO_IMU, z)
     np.testing.assert_allclose(z[9:17], [*xi, 0.1, 2.0], atol=1e-12)
     assert z[0] == 0.7
     assert not z[1:9].any()

@@ -33,21 +33,39 @@ def odometry_command(
     json: Annotated[Path | None, typer.Option(help="Also write segments, losses, counts and times to this file.")] = None,
     threads: Annotated[int, typer.Option(min=1, help="More than one: decode ahead. The result is the same.")] = 1,
     gnss: Annotated[Path | None, typer.Option(help="A GNSS log kept elsewhere; the odometry does not use it.")] = None,
+    rig: Annotated[Path | None, typer.Option(help="What `wayloom calibrate` learnt of the rig: a RIG.toml.")] = None,
+    evidence: Annotated[
+        Path | None, typer.Option(help="Also write what the drive knows of its rig, for `wayloom calibrate`.")
+    ] = None,
+    debug: Annotated[
+        Path | None, typer.Option(help="Also write into this folder what decided each frame: tables, pictures, plots.")
+    ] = None,
 ) -> None:
     """Track a drive from its stereo pairs alone. Exit status 0 with a warning where parts of it were lost."""
     from wayloom.logs.atomic import check_writable
     from wayloom.logs.registry import check_outside, open_log
+    from wayloom.logs.rig_file import lens_for_log
+    from wayloom.odometry.debug import Debug
+    from wayloom.odometry.evidence import EvidenceCollector
+    from wayloom.odometry.evidence_file import save_evidence
     from wayloom.odometry.odometry import track
     from wayloom.pipeline.folders import writing_to
 
     drive = open_log(log, gnss=gnss)
-    check_outside(drive, out, points, json)
+    check_outside(drive, out, points, json, evidence, debug)
+    lens, doubts = lens_for_log(rig, drive)
+    for doubt in doubts:
+        sys.stderr.write(f"wayloom: warning: {doubt}\n")
+    collector = None if evidence is None else EvidenceCollector(drive.rig)
     with writing_to(out):
-        for file in filter(None, (out, points, json)):
+        for file in filter(None, (out, points, json, evidence)):
             check_writable(file)
+        written = None if debug is None else Debug(debug)
         with shown_progress() as progress:
-            result = track(drive, progress=progress, threads=threads)
+            result = track(drive, progress=progress, threads=threads, lens=lens, collector=collector, debug=written)
         write_results(result, out, format, points, json)
+        if collector is not None and evidence is not None:
+            save_evidence(collector.evidence(drive), evidence)
     warn_of_losses(result.report)
     typer.echo(f"{result.report['tracked']} of {len(drive)} frames tracked, {result.report['keyframes']} keyframes: {out}")
 

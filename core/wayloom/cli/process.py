@@ -21,6 +21,9 @@ def process_command(
         str | None, typer.Option(envvar="WAYLOOM_MODEL", help="Network: a name of `wayloom models`, or a TOML or ONNX file.")
     ] = None,
     gnss: Annotated[Path | None, typer.Option(help="A GNSS log kept elsewhere: a KITTI …_sync folder or a gnss.csv.")] = None,
+    rig: Annotated[
+        Path | None, typer.Option(help="What `wayloom calibrate` learnt of the rig: a RIG.toml, or a folder of them.")
+    ] = None,
     threads: Annotated[int | None, typer.Option(min=1, max=64, help="Threads; default all cores.")] = None,
     origin: Annotated[
         str | None, typer.Option(metavar="LON,LAT,H", help="Origin of the map frame; default the centre of the degree cell.")
@@ -32,7 +35,7 @@ def process_command(
     from wayloom.reports.drive_report import JSON_FILE, write_report
     from wayloom.reports.facts import warnings
 
-    settings = settings_from(model, threads, origin)
+    settings = settings_from(model, threads, origin, rig)
     with shown_progress() as progress:
         result = process_drive(log, out, settings, gnss, progress, write_report)
     for warning in warnings(result):
@@ -43,7 +46,7 @@ def process_command(
         typer.echo(summary(result, out))
 
 
-def settings_from(model: str | None, threads: int | None, origin: str | None) -> "ProcessSettings":
+def settings_from(model: str | None, threads: int | None, origin: str | None, rig: Path | None = None) -> "ProcessSettings":
     """The settings of a run. Raises ConfigError that names the option."""
     from pydantic import ValidationError
 
@@ -52,7 +55,10 @@ def settings_from(model: str | None, threads: int | None, origin: str | None) ->
     remedy = "give LON,LAT,HEIGHT: degrees, degrees, ellipsoidal metres"
     try:
         place = None if origin is None else tuple(float(part) for part in origin.split(","))
-        return ProcessSettings.model_validate({"model": model, "threads": threads or default_threads(), "map_origin": place})
+        known = None if rig is None else str(rig)
+        return ProcessSettings.model_validate(
+            {"model": model, "threads": threads or default_threads(), "map_origin": place, "rig": known}
+        )
     except ValidationError as problem:
         raise ConfigError(problem.errors(include_url=False)[0]["msg"], record="--origin", remedy=remedy) from None
     except ValueError:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import CalibrationError, LogError
+from wayloom.geometry.lens import IDENTITY, RightLens, displaced
 from wayloom.logs.types import DriveLog, StereoFrame
 from wayloom.odometry import pyramid, rows
 from wayloom.odometry.stopwatch import Stopwatch
@@ -78,9 +79,9 @@ def frames(log: DriveLog, threads: int, stopwatch: Stopwatch) -> Iterator[Stereo
             yield frame
 
 
-def fit_rows(log: DriveLog, indices: tuple[int, ...]) -> NDArray[np.float64]:
-    """(3,) px: the rows' misalignment from the pairs `indices`, those that the log has."""
-    return rows.fit(first_matches(log, indices), log.rig)
+def fit_rows(log: DriveLog, indices: tuple[int, ...], lens: RightLens = IDENTITY) -> NDArray[np.float64]:
+    """(3,) px: the rows' misalignment from the pairs `indices`, those that the log has, beside what the lens does."""
+    return rows.fit(rows.through_lens(first_matches(log, indices), log.rig, lens), displaced(log.rig, lens))
 
 
 def first_matches(log: DriveLog, indices: tuple[int, ...]) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from wayloom.errors import InputError
 from wayloom.geometry.camera import PinholeCamera, StereoRig
+from wayloom.geometry.lens import PARAMETERS, RightLens
 from wayloom.logs.atomic import write_atomically
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 
@@ -58,6 +59,7 @@ def load_odometry(path: Path) -> OdometryResult:
         disparity_bias_px=meta["disparity_bias_px"],
         row_coefficients=np.array(meta["row_coefficients"], np.float64),
         report=meta["report"],
+        lens=RightLens(**{name: float(meta["right_lens"][name]) for name in PARAMETERS}) if "right_lens" in meta else RightLens(),
         **groups,
     )
 
@@ -75,6 +77,7 @@ def _meta(result: OdometryResult) -> dict[str, Any]:
         "t_right_left": [float(t) for t in result.rig.t_right_left],
         "disparity_bias_px": float(result.disparity_bias_px),
         "row_coefficients": [float(c) for c in result.row_coefficients],
+        "right_lens": {name: float(getattr(result.lens, name)) for name in PARAMETERS},
         "report": {key: value for key, value in result.report.items() if key not in NOT_OF_THE_DRIVE},
     }
 

@@ -73,19 +73,21 @@ class Harvest:
             keyframe = np.full(len(seen), window.keyframe[t])
             self.observations.append(np.column_stack([window.point_id[seen], keyframe, right]))
 
-    def add_points(self, window: Window, gone: BoolArray, bf: float, grey_sigma: float, disparity_sigma: float) -> None:
-        """Keep the leaving points in gone (N,) as last estimated.
+    def add_points(
+        self, window: Window, points: PointColumns, ids: NDArray[np.int64], information: FloatArray, bf: float, grey_sigma: float,
+        disparity_sigma: float,
+    ) -> None:  # fmt: skip
+        """Keep leaving points (N) with their numbers and information (N,) as last estimated.
 
         variance = grey_sigma^2 / information + (disparity_sigma / bf)^2: the second part is the error common to all views (rows,
         lens, rectification), which the Hessian does not know.
         """
-        p = window.points
-        variance = grey_sigma**2 / np.maximum(window.information[gone], 1e-9) + (disparity_sigma / bf) ** 2
-        grey = np.clip(np.round(p.colour[gone, CENTRE]), 0, 255).astype(np.uint8)
+        variance = grey_sigma**2 / np.maximum(information, 1e-9) + (disparity_sigma / bf) ** 2
+        grey = np.clip(np.round(points.colour[:, CENTRE]), 0, 255).astype(np.uint8)
         self.points.append(
             {
-                "id": window.point_id[gone], "host": window.keyframe[p.host[gone]], "uv": p.uv[gone], "rho": p.rho[gone],
-                "variance": variance, "grey": grey, "host_right": p.has_static[gone] > 0,
+                "id": ids, "host": window.keyframe[points.host], "uv": points.uv, "rho": points.rho, "variance": variance,
+                "grey": grey, "host_right": points.has_static > 0,
             }
         )  # fmt: skip
 
@@ -107,7 +109,11 @@ class Harvest:
         )
 
     def final_points(self, min_observations: int, max_relative_sigma: float) -> Points:
-        """The points that ended well: seen by enough keyframes beside the host and of sure depth; ordered by number."""
+        """The points that ended well: seen by enough keyframes beside the host and of sure depth; ordered by number.
+
+        In a segment with fewer keyframes than that, all the others must have seen a point; where its host is the only one, the
+        host's right image must agree.
+        """
         if not self.points:
             return _points_of({}, np.zeros((0, 3), np.int64))
         column = {name: np.concatenate([part[name] for part in self.points]) for name in self.points[0]}
@@ -115,7 +121,10 @@ class Harvest:
         seen = seen[np.lexsort((seen[:, 1], seen[:, 0]))]
         counts = np.bincount(seen[:, 0], minlength=self.next_point)[column["id"]]
         sure = np.sqrt(column["variance"]) < max_relative_sigma * column["rho"]
-        good = np.flatnonzero((counts >= min_observations) & sure)
+        segment = np.array([row.segment for row in self.keyframes], np.int64)
+        others = np.bincount(segment)[segment[column["host"].astype(np.int64)]] - 1
+        confirmed = (counts >= np.minimum(min_observations, others)) & ((others > 0) | (column["host_right"] > 0))
+        good = np.flatnonzero(confirmed & sure)
         good = good[np.argsort(column["id"][good], kind="stable")]
         return _points_of({name: values[good] for name, values in column.items()}, seen)
 

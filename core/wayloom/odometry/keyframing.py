@@ -9,16 +9,30 @@ from wayloom.odometry.kernels.tracking import mean_flow
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.track import Alignment, Reference
 
+FIT_FACTOR = 2.0
+STILL_PX = 1.0
+"""Flow under which the car stands: what moves then is others, and would give no depth."""
 
-def is_due(
+
+def reason(
     fit: Alignment, reference: Reference, camera: NDArray[float64], first_rms: float, image_extent: int, settings: OdometrySettings
-) -> bool:
-    """Whether the view has changed enough: flow, flow without rotation (occlusions) and brightness together (Engel et al. 2018,
-    sec. 3.1), or half of the points out of view, or a residual twice that of the first frame after the keyframe.
+) -> str | None:
+    """Why the view has changed enough for a keyframe, or None: flow, flow without rotation (occlusions) and brightness together
+    (Engel et al. 2018, sec. 3.1), or half of the points out of view, or, while the car moves, a residual twice that of the first
+    frame after the keyframe.
 
     camera (4,) of the finest level; image_extent: width + height in px, of which the thresholds are shares.
     """
     flow, shift = mean_flow(reference.levels[0], fit.T_frame_keyframe, camera)
-    change = flow / (settings.keyframe_flow * image_extent) + shift / (settings.keyframe_shift * image_extent)
-    change += abs(math.log(max(fit.brightness[0], 1e-3))) / settings.keyframe_brightness
-    return bool(change > 1.0 or fit.visible < 0.5 or fit.rms > 2.0 * first_rms)
+    shares = {
+        "flow": flow / (settings.keyframe_flow * image_extent),
+        "parallax": shift / (settings.keyframe_shift * image_extent),
+        "brightness": abs(math.log(max(fit.brightness[0], 1e-3))) / settings.keyframe_brightness,
+    }
+    if sum(shares.values()) > 1.0:
+        return max(shares, key=lambda name: shares[name])
+    if fit.visible < 0.5:
+        return "points out of view"
+    if fit.rms > FIT_FACTOR * first_rms and flow > STILL_PX:
+        return "residual"
+    return None

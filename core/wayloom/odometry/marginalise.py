@@ -4,8 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geometry import se3
+from wayloom.odometry.inertial import inertial_rows, is_inertial, without_keyframe
 from wayloom.odometry.kernels.adjustment import deviation, reduced_equations
 from wayloom.odometry.kernels.arrays import Frames, PointColumns, Rig, Robust
+from wayloom.odometry.kernels.inertial import Inertial, add_links
 from wayloom.odometry.window import Window, keep_points, remove_keyframe
 
 FloatArray = NDArray[np.float64]
@@ -34,11 +36,11 @@ def leaving_points(window: Window, j: int) -> BoolArray:
     return np.asarray((p.host == j) | ((p.host < F - 2) & (p.closed[:, F - 2 : F] == 1).all(axis=1)))
 
 
-def fix_first_estimates(frames: Frames) -> None:
+def fix_first_estimates(frames: Frames, inertial: Inertial) -> None:
     """From now on the prior speaks of these keyframes: their Jacobians stay where they are."""
     new = frames.has_first == 0
     frames.T_first[new], frames.affine_first[new] = frames.T_cam_world[new], frames.affine[new]
-    frames.has_first[:] = 1
+    frames.has_first[new] = 1
 
 
 def eliminate(H: FloatArray, g: FloatArray, out: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
@@ -55,15 +57,31 @@ def eliminate(H: FloatArray, g: FloatArray, out: NDArray[np.int64]) -> tuple[Flo
 def fold_points(window: Window, fold: BoolArray, rig: Rig, robust: Robust) -> None:
     """Add the residuals of the points in fold (N,) to the prior, the points eliminated."""
     first_prior = not window.has_prior
-    fix_first_estimates(window.frames)
+    fix_first_estimates(window.frames, window.inertial)
     points = PointColumns(*(column[fold] for column in window.points))
     H, g = reduced_equations(window.images, rig, window.frames, points, window.delta[0], robust)
     if first_prior:
         H[1:7, 1:7] += GAUGE * np.eye(6)  # the drive's first pose is the origin
-    z = np.zeros(len(g))
-    deviation(window.frames, window.delta[0], z)
-    window.prior_H = window.prior_H + H
-    window.prior_g = window.prior_g + g + np.einsum("ij,j->i", H, z)
+    add_to_prior(window, H, g)
+
+
+def fold_links(window: Window, j: int) -> None:
+    """Add the IMU's links that keyframe j is an end of to the prior."""
+    inertial, n = window.inertial, len(window.prior_g)
+    ends = np.isin(np.arange(len(window)), (j - 1, j))
+    H, g = np.zeros((n, n)), np.zeros(n)
+    add_links(window.frames, inertial._replace(has_link=inertial.has_link * ends), H, g)
+    add_to_prior(window, H, g)
+    inertial.has_link[ends] = 0
+
+
+def add_to_prior(window: Window, H: FloatArray, g: FloatArray) -> None:
+    """Add normal equations of the present state, of all unknowns or of the first ones, to the prior."""
+    n, z = len(g), np.zeros(len(window.prior_g))
+    deviation(window.frames, window.delta[0], window.inertial, z)
+    window.prior_H, window.prior_g = window.prior_H.copy(), window.prior_g.copy()
+    window.prior_H[:n, :n] += H
+    window.prior_g[:n] = window.prior_g[:n] + g + np.einsum("ij,j->i", H, z[:n])
 
 
 def marginalise(window: Window, j: int, gone: BoolArray, rig: Rig, robust: Robust, affine_prior: tuple[float, float]) -> None:
@@ -74,6 +92,11 @@ def marginalise(window: Window, j: int, gone: BoolArray, rig: Rig, robust: Robus
     a, b = 7 + 8 * j, 8 + 8 * j
     window.prior_H[[a, b], [a, b]] += affine_prior
     window.prior_g[[a, b]] -= np.array(affine_prior) * window.frames.affine_first[j]
-    window.prior_H, window.prior_g = eliminate(window.prior_H, window.prior_g, np.arange(1 + 8 * j, 9 + 8 * j))
+    out = np.arange(1 + 8 * j, 9 + 8 * j)
+    if is_inertial(window.inertial):
+        fold_links(window, j)
+        out = np.concatenate([out, inertial_rows(F, j)])
+        window.inertial = without_keyframe(window.inertial, j)
+    window.prior_H, window.prior_g = eliminate(window.prior_H, window.prior_g, out)
     keep_points(window, ~gone)
     remove_keyframe(window, j)

@@ -5,6 +5,7 @@ Stereo DSO, ICCV 2017. docs/odometry.md tells the energy, the unknowns and the r
 """
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -12,16 +13,32 @@ from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry import se3
-from wayloom.geometry.camera import StereoRig
+from wayloom.geometry.lens import IDENTITY, RightLens
 from wayloom.logs.types import DriveLog, StereoFrame
-from wayloom.odometry import adjust, feed, keyframing, marginalise, pyramid, recovery, rows, selection, stereo, window
+from wayloom.odometry import (
+    ablation,
+    activation,
+    adjust,
+    feed,
+    immature,
+    keyframing,
+    marginalise,
+    pyramid,
+    recovery,
+    rows,
+    selection,
+    window,
+)
 from wayloom.odometry import track as tracking
+from wayloom.odometry.debug import Debug
+from wayloom.odometry.evidence import EvidenceCollector
 from wayloom.odometry.harvest import FrameRow, Harvest, KeyframeRow
 from wayloom.odometry.kernels.arrays import Robust
 from wayloom.odometry.kernels.linear import orthonormalise
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.stopwatch import Stopwatch
 from wayloom.odometry.types import OdometryResult
+from wayloom.odometry.visual_inertial import VisualInertial, for_log
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -31,16 +48,20 @@ RESTART_BIAS_INFORMATION = 10.0
 
 
 def track(
-    log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1
-) -> OdometryResult:
+    log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
+    lens: RightLens = IDENTITY, collector: EvidenceCollector | None = None, debug: Debug | None = None,
+) -> OdometryResult:  # fmt: skip
     """Track a whole drive. One pose for every frame; the result is the same, bit for bit, for any number of threads.
 
-    With threads > 1 the next pair is decoded while this one is tracked. Raises LogError for frames that cannot be read or that
-    do not have the rig's size.
+    With threads > 1 the next pair is decoded while this one is tracked. lens : of the rig, where it is known; collector : gathers
+    what the drive knows of its rig; debug : is told of every decision.
+
+    Raises LogError for frames that cannot be read or that do not have the rig's size.
     """
     with feed.one_opencv_thread():
         progress(0.0, f"aligning the rows of left and right{COMPILING}")
-        odometry = Odometry(log.rig, feed.fit_rows(log, settings.row_frames), settings)
+        right_images = rows.RightImages(log.rig, lens, feed.fit_rows(log, settings.row_frames, lens))
+        odometry = Odometry(right_images, settings, for_log(log, settings), collector, debug)
         for frame in feed.frames(log, threads, odometry.stopwatch):
             odometry.process(frame)
             keyframes = len(odometry.harvest.keyframes)
@@ -53,14 +74,20 @@ def track(
 class Odometry:
     """Feed the pairs of a drive in order to `process`; `finish` gives the result."""
 
-    def __init__(self, rig: StereoRig, row_coefficients: FloatArray, settings: OdometrySettings) -> None:
-        self.settings, self.stereo_rig, self.row_coefficients = settings, rig, row_coefficients
+    def __init__(
+        self, right_images: rows.RightImages, settings: OdometrySettings, imu: VisualInertial | None = None,
+        collector: EvidenceCollector | None = None, debug: Debug | None = None,
+    ) -> None:  # fmt: skip
+        self.settings, self.right_images, self.collector, self.debug = settings, right_images, collector, debug
+        self.found: recovery.Found | None = None  # the last frame's alignment, where one was tried
+        self.keyframe_reason = ""
+        self.stereo_rig = rig = right_images.rig
         self.rig = pyramid.rig_numbers(rig.camera, rig.t_right_left)
         self.levels = pyramid.level_count(rig.camera, settings.levels)
         self.cameras = pyramid.level_cameras(rig.camera, self.levels)
-        self.row_maps = rows.maps(row_coefficients, rig) if row_coefficients.any() else None
         self.robust = Robust(settings.huber, settings.max_energy, settings.static_weight, settings.observer_right_weight)
-        self.harvest, self.stopwatch = Harvest(), Stopwatch()
+        self.imu, self.harvest, self.stopwatch = imu, Harvest(), Stopwatch()
+        self.recovery = recovery.Recovery(settings, rig, self.rig, self.cameras)
         self.t_ns: list[int] = []
         self.losses: list[dict[str, Any]] = []
         self.segment_frames: list[int] = []
@@ -81,18 +108,21 @@ class Odometry:
         self.t_ns.append(frame.t_ns)
         with self.stopwatch("pyramid"):
             images = pyramid.build(left, self.levels)
-        T_expected = self._expected_pose()
+        T_expected, self.found, self.keyframe_reason = self._expected_pose(), None, "first of a segment"
         if recovery.is_blank(left, self.settings.min_contrast):
             self._hold(frame, T_expected, "the image is blank")
         elif not len(self.window):
             self._start_segment(frame, left, images, T_expected)
         else:
             self._follow(frame, left, images, T_expected)
+        if self.debug is not None:
+            self.debug.frame(self, frame, left)
 
     def _follow(self, frame: StereoFrame, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
         """Align a frame with the window; make it a keyframe if it is due, or start anew after too many failures."""
         with self.stopwatch("track"):
-            fit, keyframe, failure = self._align(images, T_expected)
+            found = self.found = self._align(left, images, T_expected)
+        fit, keyframe, failure = found.fit, found.keyframe, found.failure
         if failure is not None:
             self.failed += 1
             gap_s = 1e-9 * (frame.t_ns - self.t_ns[self.last_tracked])
@@ -106,14 +136,16 @@ class Odometry:
         self._accept(fit)
         newest = self.references[-1]
         extent = left.shape[0] + left.shape[1]
-        if keyframe == newest.keyframe and not keyframing.is_due(
-            fit, newest, self.cameras[0], self.first_rms, extent, self.settings
-        ):
+        why: str | None = "found by an older keyframe"
+        if keyframe == newest.keyframe:
+            why = keyframing.reason(fit, newest, self.cameras[0], self.first_rms, extent, self.settings)
+        if why is None:
             self.harvest.frames.append(FrameRow(keyframe, fit.T_frame_keyframe, True, self._segment()))
             return
         base = int(np.flatnonzero(self.window.keyframe == keyframe)[0])
         T_cam_world = fit.T_frame_keyframe @ self.window.frames.T_cam_world[base]
         orthonormalise(T_cam_world)
+        self.keyframe_reason = why
         self._add_keyframe(frame, left, images, T_cam_world, _affine_after(self.window.frames.affine[base], fit.brightness))
 
     # ------------------------------------------------------------------ motion
@@ -121,49 +153,37 @@ class Odometry:
         return max(len(self.segment_frames) - 1, 0)
 
     def _expected_pose(self) -> FloatArray:
-        """(4, 4) T_cam_world of the new frame by constant motion of the last two, in their real time; identity at the start."""
+        """(4, 4) T_cam_world of the new frame by what the IMU felt, else by constant motion of the last two, in their
+        real time; identity at the start."""
         n = len(self.harvest.frames)
         if n < 2:
             return self.harvest.T_cam_world(0) if n else np.eye(4)
+        if self.imu is not None:
+            T_world_cam = tuple(se3.inverse(self.harvest.T_cam_world(i)) for i in (n - 2, n - 1))
+            foretold = self.imu.expected_pose((T_world_cam[0], T_world_cam[1]), (self.t_ns[-3], self.t_ns[-2], self.t_ns[-1]))
+            if foretold is not None:
+                return se3.inverse(foretold)
         dt_before, dt = (1e-9 * (self.t_ns[i] - self.t_ns[i - 1]) for i in (-2, -1))
         return tracking.constant_motion(self.harvest.T_cam_world(n - 1), self.harvest.T_cam_world(n - 2), dt_before, dt)
 
-    def _align(self, images: pyramid.Pyramid, T_expected: FloatArray) -> tuple[tracking.Alignment, int, str | None]:
-        """The frame's alignment, the row of the keyframe that it refers to, and why it is lost if it is."""
-        s, reference, n = self.settings, self.references[-1], len(self.harvest.frames)
-        T_world_keyframe = se3.inverse(self.harvest.keyframes[reference.keyframe].T_cam_world)
-        fit = tracking.align(
-            images, reference, T_expected @ T_world_keyframe, self.brightness, self.cameras, self.levels - 1, 0, s
-        )  # fmt: skip
-        starting = n - self.segment_frames[-1] <= 1
-        dt = 1e-9 * (self.t_ns[-1] - self.t_ns[-2])
-        T_last = self.harvest.T_cam_world(n - 1)
-        guesses = tracking.further_guesses(T_expected, T_last, se3.inverse(T_world_keyframe), dt, starting)
-        if starting or fit.rms > 1.5 * self.smoothed_rms or fit.visible < s.min_visible or fit.saturated > 0.15:
-            fit = tracking.best_alignment(images, reference, guesses, self.brightness, fit, T_world_keyframe, self.cameras, s)
-        failure = self._failure(fit, reference.keyframe, T_last, T_expected, dt, starting)
-        if failure is None:
-            return fit, reference.keyframe, None
-        for older in self.references[-2::-1]:
-            T_world_older = se3.inverse(self.harvest.keyframes[older.keyframe].T_cam_world)
-            start = tracking.align(
-                images, older, T_expected @ T_world_older, self.brightness, self.cameras, self.levels - 1, 0, s
-            )  # fmt: skip
-            other = tracking.best_alignment(images, older, guesses, self.brightness, start, T_world_older, self.cameras, s)
-            if self._failure(other, older.keyframe, T_last, T_expected, dt, starting) is None:
-                return other, older.keyframe, None
-        return fit, reference.keyframe, failure
-
-    def _failure(
-        self, fit: tracking.Alignment, keyframe: int, T_last: FloatArray, T_expected: FloatArray, dt: float, starting: bool
-    ) -> str | None:
-        """Why the alignment cannot be believed, or None."""
-        failure = recovery.fit_failure(fit, self.settings)
-        if failure is not None:
-            return failure
-        since = 1e-9 * (self.t_ns[-1] - self.t_ns[self.last_tracked])
-        T_cam_world = fit.T_frame_keyframe @ self.harvest.keyframes[keyframe].T_cam_world
-        return recovery.motion_failure(T_cam_world, T_last, T_expected, max(since, dt), starting, self.settings)
+    def _align(self, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> recovery.Found:
+        """The frame's alignment with a keyframe of the window, and why it is lost if it is."""
+        n, tracked = len(self.harvest.frames), self.last_tracked
+        dt, since = (1e-9 * (self.t_ns[-1] - self.t_ns[i]) for i in (-2, tracked))
+        T_last, T_tracked = self.harvest.T_cam_world(n - 1), self.harvest.T_cam_world(tracked)
+        sought = recovery.Sought(
+            left,
+            images,
+            T_expected,
+            T_last,
+            T_tracked,
+            dt,
+            since,
+            n - self.segment_frames[-1] <= 1,
+            self.brightness,
+            self.smoothed_rms,
+        )
+        return self.recovery.align(sought, self.references, self.window)
 
     def _accept(self, fit: tracking.Alignment) -> None:
         """The frame is tracked: keep what the next frame is judged by."""
@@ -182,17 +202,28 @@ class Odometry:
     def _start_segment(self, frame: StereoFrame, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
         """Begin anew from static stereo at the expected pose; where stereo finds too little the frame is lost."""
         right = self._aligned_right(frame)
-        pixels, _ = self._stereo_points(left, right, np.zeros((0, 2)))
-        if len(pixels) < self.settings.min_points:
-            self._hold(frame, T_expected, f"stereo finds depth at {len(pixels)} points only")
+        _, found = activation.stereo_candidates(left, right, np.zeros((0, 2)), self.cell, self.settings, self.stopwatch)
+        matched = int((found[:, 0] > 0).sum())
+        if matched < self.settings.min_points:
+            self._hold(frame, T_expected, f"stereo finds depth at {matched} points only")
             return
         self.segment_frames.append(frame.index)
         self.failed, self.last_tracked = 0, len(self.harvest.frames)
         self._add_keyframe(frame, left, images, T_expected, np.zeros(2))
 
+    def _collect(self, frame: StereoFrame, left: Image) -> None:
+        """Give the newest keyframe to the evidence of the rig."""
+        if self.collector is not None:
+            right, newest = pyramid.grey(frame.right), self.window.frames.T_cam_world[-1]
+            self.collector.keyframe(frame.index, left, right, newest, self.right_images, float(self.window.delta[0]))
+
     def _end_segment(self) -> None:
         """Every live point leaves into the result; the window is emptied, the disparity bias stays known."""
-        self._harvest_points(np.ones(len(self.window.point_id), bool))
+        if self.collector is not None:
+            self.collector.interrupt()
+        if len(self.window) == 1:  # a car that stood: what its own pair says of the points is all there is
+            adjust.adjust(self.window, self.rig, self.robust, self.settings.affine_prior, self.settings.adjust_iterations)
+        self._harvest_points(np.ones(len(self.window.point_id), bool), np.ones(len(self.window.immature.low), bool))
         self._reset(float(self.window.delta[0]), RESTART_BIAS_INFORMATION * self.settings.bias_prior)
 
     # ------------------------------------------------------------------ keyframes
@@ -205,74 +236,80 @@ class Odometry:
         self.harvest.keyframes.append(KeyframeRow(frame.index, self._segment(), T_cam_world, np.zeros(4)))
         self.harvest.frames.append(FrameRow(row, np.eye(4), True, self._segment()))
         window.add_keyframe(self.window, left, right, T_cam_world, affine, row)
-        self._activate_points(left, right)
+        if self.imu is not None:
+            self.imu.extend(self.window, self._keyframe_times())
+        self._give_points(left, right)
         if len(self.window) > 1:
+            if self.debug is not None:
+                self.debug.adjustment(self)
             with self.stopwatch("adjust"):
                 adjust.adjust(self.window, self.rig, self.robust, s.affine_prior, s.adjust_iterations)
                 adjust.cull(self.window)
+            with self.stopwatch("trace"):
+                self.harvest.observations.append(immature.trace(self.window, self.rig, self.robust))
         self.harvest.update_keyframes(self.window)
+        if self.collector is not None:
+            with self.stopwatch("evidence"):
+                self._collect(frame, left)
         with self.stopwatch("marginalise"):
             while len(self.window) > s.window:
                 self._marginalise_one()
+        if self.imu is not None:
+            self.imu.learn(self.window, self._keyframe_times())
         with self.stopwatch("reference"):
             newest = tracking.make_reference(self.window, len(self.window) - 1, images, self.cameras, self.rig, s.border)
         self.references = [r for r in self.references[-2:] if r.keyframe in self.window.keyframe] + [newest]
         self.brightness, self.first_rms = np.array([1.0, 0.0]), math.inf
 
+    def _keyframe_times(self) -> list[int]:
+        """Time stamps (ns) of the window's keyframes."""
+        return [self.t_ns[self.harvest.keyframes[row].frame] for row in self.window.keyframe]
+
     def _aligned_right(self, frame: StereoFrame) -> Image:
         """The right image (h, w), its rows on the left's."""
         with self.stopwatch("rows"):
             right = pyramid.grey(frame.right)
-            return right if self.row_maps is None else rows.align(right, self.row_maps)
+            return self.right_images.align(right)
 
-    def _stereo_points(self, left: Image, right: Image, uv_taken: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
-        """Pixels (n, 2) of the left image where no point is yet, and their disparities (n,) px."""
-        s = self.settings
-        with self.stopwatch("select"):
-            pixels = selection.select_candidates(left, uv_taken, round(self.cell), s.block, s.gradient_margin, s.border)
-        with self.stopwatch("stereo"):
-            found = stereo.match(left, right, pixels, s.max_disparity, s.uniqueness, s.max_cost, s.slope_cap)
-        good = (found[:, 0] > s.min_disparity) & (found[:, 1] < s.max_sigma)
-        return pixels[good], found[good, 0]
-
-    def _activate_points(self, left: Image, right: Image) -> None:
-        """New points in the newest keyframe, as many as the view wants."""
-        s, newest = self.settings, len(self.window) - 1
-        projected = window.project_into(self.window, newest, self.rig, s.border)
-        uv_taken = projected[~np.isnan(projected[:, 0]), :2]
-        pixels, disparity = self._stereo_points(left, right, uv_taken)
-        self.window.frames.gain_right[newest] = stereo.right_gain(left, right, pixels, disparity)
-        room = s.points if newest == 0 else max(min(s.new_points, s.points - len(uv_taken)), s.min_new_points)
-        self.cell = selection.next_cell(self.cell, len(pixels), room)
-        chosen = selection.spread_sample(pixels, room)
-        rho = np.maximum(disparity[chosen] - self.window.delta[0], 0.1) / self.stereo_rig.bf
-        window.add_points(self.window, pixels[chosen], rho, s.gradient_scale, self.harvest.next_point)
-        self.harvest.next_point += len(chosen)
+    def _give_points(self, left: Image, right: Image) -> None:
+        """New points for the newest keyframe; the rows of the right images follow what stereo finds."""
+        given = activation.give_points(
+            self.window, left, right, self.rig, self.robust, self.cell, self.harvest.next_point, self.settings, self.stopwatch
+        )  # fmt: skip
+        self.harvest.next_point, self.cell = given.next_id, given.cell
+        with self.stopwatch("rows"):
+            self.right_images.follow(left, right, given.pixels, given.disparity)
 
     def _marginalise_one(self) -> None:
         """One keyframe leaves the window, with its points and those out of sight."""
         j = marginalise.leaving_keyframe(self.window.frames, self.window.points.host)
         gone = marginalise.leaving_points(self.window, j)
         self.harvest.add_observations(self.window, ~gone, self.rig, self.robust, [j])
-        self._harvest_points(gone)
+        self._harvest_points(gone, self.window.immature.points.host == j)
         marginalise.marginalise(self.window, j, gone, self.rig, self.robust, self.settings.affine_prior)
+        ablation.weaken_prior(self.window, self.settings.ablation, self.settings.bias_prior)
 
-    def _harvest_points(self, gone: NDArray[np.bool_]) -> None:
-        """Keep the points in gone (N,) in the result."""
-        s = self.settings
-        self.harvest.add_observations(self.window, gone, self.rig, self.robust, list(range(len(self.window))))
-        self.harvest.add_points(self.window, gone, self.stereo_rig.bf, s.grey_sigma, s.disparity_sigma)
+    def _harvest_points(self, gone: NDArray[np.bool_], gone_immature: NDArray[np.bool_]) -> None:
+        """Keep the live points in gone (N,) and the immature ones in gone_immature (M,) in the result."""
+        s, now, bf = self.settings, self.window, self.stereo_rig.bf
+        self.harvest.add_observations(now, gone, self.rig, self.robust, list(range(len(now))))
+        points = window.chosen(now.points, gone)
+        self.harvest.add_points(now, points, now.point_id[gone], now.information[gone], bf, s.grey_sigma, s.disparity_sigma)
+        left = immature.take(now, gone_immature)
+        self.harvest.add_points(now, left.points, left.id, left.information, bf, s.grey_sigma, s.disparity_sigma)
 
     # ------------------------------------------------------------------ result
     def finish(self) -> OdometryResult:
         """The tracked drive; every point that is still alive leaves into it."""
         delta = float(self.window.delta[0])
+        if self.debug is not None:
+            self.debug.finish(self)
         self._end_segment()
         trajectory = self.harvest.trajectory(np.array(self.t_ns, np.int64))
         points = self.harvest.final_points(self.settings.min_observations, self.settings.max_relative_sigma)
         return OdometryResult(
-            self.stereo_rig, trajectory, self.harvest.final_keyframes(), points, delta, self.row_coefficients,
-            self._report(len(points), delta),
+            self.stereo_rig, trajectory, self.harvest.final_keyframes(), points, delta, self.right_images.all_rows(),
+            self._report(len(points), delta), self.right_images.lens,
         )  # fmt: skip
 
     def _report(self, points: int, delta: float) -> dict[str, Any]:
@@ -288,7 +325,9 @@ class Odometry:
             "segments": [{"first_frame": a, "last_frame": b - 1} for a, b in zip(self.segment_frames, ends, strict=False)],
             "losses": self.losses,
             "disparity_bias_px": delta,
-            "row_coefficients_px": [float(c) for c in self.row_coefficients],
+            "row_coefficients_px": [float(c) for c in self.right_images.coefficients],
+            "right_lens": None if self.right_images.lens.is_ideal else asdict(self.right_images.lens),
+            "imu": None if self.imu is None else self.imu.report(),
             "seconds": {part: round(seconds, 4) for part, seconds in sorted(self.stopwatch.seconds.items())},
         }
 

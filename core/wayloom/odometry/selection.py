@@ -42,10 +42,11 @@ def select_candidates(
     return points[: select_pixels(size, gradient_thresholds(size, block, margin), block, cell, border, taken, points)]
 
 
-def spread_sample(pixels: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Indices of at most `count` of the pixels (n, 2), spread at random but always the same way, increasing."""
+def spread_sample(pixels: NDArray[np.int64], count: int, seed: int = 0) -> NDArray[np.int64]:
+    """Indices of at most `count` of the pixels (n, 2), spread at random but always the same way for a seed, increasing."""
     u, v = pixels.astype(np.uint64).T
-    mixed = (u * np.uint64(0x9E3779B97F4A7C15)) ^ (v * np.uint64(0xC2B2AE3D27D4EB4F))
+    salt = np.uint64(0x165667B19E3779F9 * seed & 2**64 - 1)
+    mixed = (u * np.uint64(0x9E3779B97F4A7C15)) ^ (v * np.uint64(0xC2B2AE3D27D4EB4F)) ^ salt
     mixed = (mixed ^ (mixed >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
     order = np.argsort(mixed ^ (mixed >> np.uint64(32)), kind="stable")
     return np.sort(order[:count])

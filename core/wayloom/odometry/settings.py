@@ -5,6 +5,30 @@ from pydantic import Field
 from wayloom.config.settings import Settings
 
 
+class Ablation(Settings):
+    """What can be taken away from the prior to see what it is worth; all True in earnest."""
+
+    marginalisation_prior: bool = Field(True, description="what leaves the window stays as a prior")
+    bias_in_prior: bool = Field(True, description="the disparity bias is an unknown of that prior, no random walk beside it")
+    first_estimates: bool = Field(True, description="Jacobians of keyframes that the prior knows are those of their first estimate")
+
+
+class ImuSettings(Settings):
+    """How a log's IMU is used. Noises are those of a car's MEMS unit; a better unit loses little by them."""
+
+    use: bool = Field(True, description="use the IMU of logs that have one")
+    time_offset_s: float = Field(0.0, ge=-1, le=1, description="the IMU's clock minus the camera's")
+    gyroscope_noise: float = Field(2e-3, gt=0, description="rad/s/sqrt(Hz)")
+    accelerometer_noise: float = Field(2e-2, gt=0, description="m/s^2/sqrt(Hz)")
+    gyroscope_walk: float = Field(1e-4, gt=0, description="rad/s^2/sqrt(Hz), of the bias")
+    accelerometer_walk: float = Field(1e-3, gt=0, description="m/s^3/sqrt(Hz), of the bias")
+    gyroscope_bias: float = Field(0.02, gt=0, description="rad/s, sigma of the bias found at the start")
+    accelerometer_bias: float = Field(0.3, gt=0, description="m/s^2, sigma of the bias about zero")
+    max_gap_s: float = Field(0.05, gt=0, description="seconds without a sample that are bridged")
+    start_span_s: float = Field(1.0, gt=0, description="seconds of the window's poses from which gravity may be found")
+    start_gravity_m_s2: float = Field(0.7, gt=0, description="m/s^2 by which the found gravity may be off in length")
+
+
 class OdometrySettings(Settings):
     """Everything that can be chosen. Grey levels are 0 to 255; shares of the image refer to width + height."""
 
@@ -12,6 +36,8 @@ class OdometrySettings(Settings):
     points: int = Field(800, ge=50, le=5000, description="points wanted in view of a keyframe")
     new_points: int = Field(400, ge=20, le=5000, description="at most activated at a keyframe")
     min_new_points: int = Field(150, ge=10, le=5000, description="activated even where enough are in view")
+    traced_share: float = Field(0.3, ge=0, le=1, description="of the new live points, those that were traced in several keyframes")
+    immature_points: int = Field(500, ge=0, le=20000, description="candidates of a keyframe that may wait beside the live points")
     candidates: int = Field(1600, ge=50, le=20000, description="pixels tried by stereo at the first keyframe; sets the cell size")
     levels: int = Field(5, ge=1, le=8, description="pyramid levels; fewer in small images")
     track_iterations: tuple[int, ...] = Field((50, 50, 50, 20, 10, 10, 10, 10), description="at most, finest level first")
@@ -43,7 +69,7 @@ class OdometrySettings(Settings):
     max_saturated: float = Field(
         0.5, ge=0, le=1, description="share of the reference beyond the cut-off, above which a frame is lost"
     )
-    max_gain: float = Field(4.0, gt=1, description="between a frame and its keyframe, up or down")
+    max_gain: float = Field(10.0, gt=1, description="between a frame and its keyframe, up or down")
     max_acceleration: float = Field(25.0, gt=0, description="m/s^2, of a believable motion")
     max_turn_rate: float = Field(3.0, gt=0, description="rad/s, of a believable motion")
     min_contrast: float = Field(2.0, ge=0, description="grey levels, standard deviation of an image that is not blank")
@@ -54,3 +80,6 @@ class OdometrySettings(Settings):
     grey_sigma: float = Field(8.0, gt=0, description="grey levels, for a point's variance")
     disparity_sigma: float = Field(0.15, ge=0, description="px, the part of a point's sigma that more views do not lower")
     max_relative_sigma: float = Field(0.2, gt=0, description="sigma of a kept point's inverse depth over the inverse depth")
+    seed: int = Field(0, ge=0, lt=2**31, description="of the choice among equal points; results of other seeds show the noise")
+    imu: ImuSettings = ImuSettings()
+    ablation: Ablation = Ablation()

@@ -46,8 +46,8 @@ class Alignment:
 
 def make_reference(window: Window, index: int, pyramid: Pyramid, cameras: list[FloatArray], rig: Rig, border: int) -> Reference:
     """The live points seen in keyframe `index` of the window, averaged down its pyramid."""
-    projected = project_into(window, index, rig, border)
     points = window.points
+    projected = project_into(window, points, index, rig, border)
     seen = ~np.isnan(projected[:, 0]) & ((points.host == index) | (points.closed[:, index] == 0))
     uv, rho = projected[seen, :2], projected[seen, 2]
     levels = []

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geometry.camera import StereoRig
+from wayloom.geometry.lens import IDENTITY, RightLens
 
 FloatArray = NDArray[np.float64]
 
@@ -77,9 +78,11 @@ class Points:
 class OdometryResult:
     """A tracked drive.
 
-    rig     the rectified rig of the log
+    rig     the rectified rig of the log, with the displacement of the lens
     disparity_bias_px  δ of u_right = u_left - bf * inverse_depth - δ, as last estimated (0 where the log is perfect)
-    row_coefficients   (3,) px: the right image's row offset dv = c0 (1 + y^2) + c1 x + c2 x y, x and y normalised coordinates
+    row_coefficients   (3,) px: the right image's row offset dv = c0 (1 + y^2) + c1 x + c2 x y, x and y normalised coordinates;
+            what the lens does to the rows is in it
+    lens    the rig's, that was undone in the right images
     report  JSON-ready facts: segments, losses and their reasons, keyframe counts, stage times
     """
 
@@ -90,6 +93,7 @@ class OdometryResult:
     disparity_bias_px: float
     row_coefficients: FloatArray
     report: dict[str, Any] = field(default_factory=dict)
+    lens: RightLens = IDENTITY
 
     def points_world(self) -> FloatArray:
         """(P, 3) m: every point in the drive's world frame."""

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.odometry.inertial import NO_IMU
 from wayloom.odometry.kernels.arrays import PATTERN, Frames, Images, PointColumns, Rig
 from wayloom.odometry.kernels.equations import relative_poses
+from wayloom.odometry.kernels.inertial import Inertial
 from wayloom.odometry.kernels.tracking import project_points
 
 FloatArray = NDArray[np.float64]
@@ -29,6 +31,32 @@ def _no_points(capacity: int) -> PointColumns:
 
 
 @dataclass(slots=True)
+class ImmaturePoints:
+    """Points of the window's keyframes that take no part in its adjustment: their poses are given, only their depth is sought.
+
+    points       as the live ones; closed is not used; rho 0 where nothing is known yet
+    id           (N,) number of each point, counted through the drive with the live ones
+    low, high    (N,) 1/m, between which the inverse depth lies
+    information  (N,) of the inverse depth in the energy's units, 0 where it is not known
+    traced, failures  (N,) searches that gave a new interval, and those that found nothing that fits
+    """
+
+    points: PointColumns
+    id: IntArray
+    low: FloatArray
+    high: FloatArray
+    information: FloatArray
+    traced: IntArray
+    failures: IntArray
+
+
+def no_immature_points(capacity: int) -> ImmaturePoints:
+    """None of them."""
+    none, nothing = np.zeros(0, np.int64), np.zeros(0)
+    return ImmaturePoints(_no_points(capacity), none, nothing, nothing, nothing, none, none)
+
+
+@dataclass(slots=True)
 class Window:
     """The state that outlives a frame.
 
@@ -36,8 +64,11 @@ class Window:
     keyframe     (F,) row of each frame in the result's keyframes
     point_id     (N,) number of each live point, counted through the drive
     delta        (1,) px, the disparity bias
-    prior_H, prior_g  (1 + 8F): energy z^T H z - 2 g^T z of the state's deviation z from the first estimates
+    prior_H, prior_g  (1 + 8F, with an IMU 1 + 17F + 2): energy z^T H z - 2 g^T z of the state's deviation z from the first
+                      estimates
     inlier, information  (N, F + 1) and (N,), of the last adjustment
+    immature     points beside the live ones
+    inertial     velocities, biases and gravity once the IMU is in use
     """
 
     images: Images
@@ -48,8 +79,10 @@ class Window:
     delta: FloatArray
     prior_H: FloatArray
     prior_g: FloatArray
+    immature: ImmaturePoints
     inlier: IntArray = field(default_factory=lambda: np.zeros((0, 1), np.int64))
     information: FloatArray = field(default_factory=lambda: np.zeros(0))
+    inertial: Inertial = NO_IMU
 
     def __len__(self) -> int:
         return len(self.keyframe)
@@ -65,7 +98,7 @@ def empty_window(shape: tuple[int, ...], capacity: int, delta: float, bias_infor
     return Window(
         Images(np.zeros((capacity, *shape), np.uint8), np.zeros((capacity, *shape), np.uint8)),
         _no_frames(), _no_points(capacity), np.zeros(0, np.int64), np.zeros(0, np.int64), np.array([delta]),
-        np.array([[bias_information]]), np.array([bias_information * delta]),
+        np.array([[bias_information]]), np.array([bias_information * delta]), no_immature_points(capacity),
     )  # fmt: skip
 
 
@@ -79,47 +112,70 @@ def add_keyframe(
     new = (slot, T_cam_world, T_cam_world, 0, affine, affine, np.array([1.0, 0.0]))
     window.frames = Frames(*(np.concatenate([old, np.asarray(n)[None]]) for old, n in zip(frames, new, strict=True)))
     window.keyframe = np.append(window.keyframe, keyframe)
-    window.prior_H, window.prior_g = np.pad(window.prior_H, (0, 8)), np.pad(window.prior_g, (0, 8))
+    before = len(window.keyframe) - 1
+    window.prior_H, window.prior_g = with_rows(window.prior_H, window.prior_g, 1 + 8 * before, 8)
 
 
-def add_points(window: Window, pixels: IntArray, rho: FloatArray, gradient_scale: float, first_id: int) -> None:
-    """Points at pixels (n, 2) of the newest keyframe with inverse depths rho (n,) 1/m, numbered from first_id.
-    What the last adjustment knew of the points is void until the next."""
+def with_rows(H: FloatArray, g: FloatArray, at: int, count: int) -> tuple[FloatArray, FloatArray]:
+    """H (n, n) and g (n,) with `count` unknowns that nothing is known of, put in before unknown `at`."""
+    for axis in (0, 1):
+        H = np.insert(H, [at] * count, 0.0, axis=axis)
+    return H, np.insert(g, [at] * count, 0.0)
+
+
+def new_points(window: Window, pixels: IntArray, rho: FloatArray, gradient_scale: float) -> PointColumns:
+    """Points at pixels (n, 2) of the newest keyframe with inverse depths rho (n,) 1/m."""
     n, newest = len(pixels), len(window) - 1
     left = window.images.left[window.frames.slot[newest]].astype(np.float32)
     x, y = pixels[:, :1] + PATTERN[:, 0], pixels[:, 1:] + PATTERN[:, 1]
     gradient2 = 0.25 * ((left[y, x + 1] - left[y, x - 1]) ** 2 + (left[y + 1, x] - left[y - 1, x]) ** 2)
     scale2 = np.float32(gradient_scale**2)
-    new = PointColumns(
+    return PointColumns(
         np.full(n, newest, np.int64), pixels.astype(np.float64), rho, left[y, x], scale2 / (scale2 + gradient2),
         np.ones(n, np.int64), np.zeros((n, window.points.closed.shape[1]), np.int64),
     )  # fmt: skip
-    window.points = PointColumns(*(np.concatenate([a, b]) for a, b in zip(window.points, new, strict=True)))
-    window.point_id = np.append(window.point_id, np.arange(first_id, first_id + n))
-    window.inlier, window.information = np.zeros((len(window.point_id), newest + 2), np.int64), np.zeros(len(window.point_id))
+
+
+def joined(first: PointColumns, second: PointColumns) -> PointColumns:
+    """The points of both, in that order."""
+    return PointColumns(*(np.concatenate([a, b]) for a, b in zip(first, second, strict=True)))
+
+
+def chosen(points: PointColumns, rows: IntArray | BoolArray) -> PointColumns:
+    """Some of the points."""
+    return PointColumns(*(column[rows] for column in points))
+
+
+def add_points(window: Window, points: PointColumns, first_id: int) -> None:
+    """Make points live, numbered from first_id. What the last adjustment knew of the live points is void until the next."""
+    window.points = joined(window.points, points)
+    window.point_id = np.append(window.point_id, np.arange(first_id, first_id + len(points.rho)))
+    window.inlier, window.information = np.zeros((len(window.point_id), len(window) + 1), np.int64), np.zeros(len(window.point_id))
 
 
 def keep_points(window: Window, mask: BoolArray) -> None:
     """Forget the points that are not in mask (N,)."""
-    window.points = PointColumns(*(column[mask] for column in window.points))
+    window.points = chosen(window.points, mask)
     window.point_id = window.point_id[mask]
     window.inlier, window.information = window.inlier[mask], window.information[mask]
 
 
 def remove_keyframe(window: Window, j: int) -> None:
-    """Take frame j out; no live point may be hosted in it. The prior's rows are the caller's."""
+    """Take frame j out; no live or immature point may be hosted in it. The prior's rows are the caller's."""
     window.frames = Frames(*(np.delete(column, j, axis=0) for column in window.frames))
     window.keyframe = np.delete(window.keyframe, j)
     p = window.points
     closed = np.column_stack([np.delete(p.closed, j, axis=1), np.zeros(len(p.rho), np.int64)])
     window.points = p._replace(host=p.host - (p.host > j), closed=closed)
+    waiting = window.immature.points
+    window.immature.points = waiting._replace(host=waiting.host - (waiting.host > j))
     window.inlier = np.delete(window.inlier, j, axis=1)
 
 
-def project_into(window: Window, target: int, rig: Rig, border: float) -> FloatArray:
-    """(N, 3): u, v px and inverse depth of the live points in keyframe `target`; u is NaN where out of view."""
-    out = np.zeros((len(window.points.rho), 3))
+def project_into(window: Window, points: PointColumns, target: int, rig: Rig, border: float) -> FloatArray:
+    """(N, 3): u, v px and inverse depth of points in keyframe `target`; u is NaN where out of view."""
+    out = np.zeros((len(points.rho), 3))
     T = np.ascontiguousarray(relative_poses(window.frames, 0)[:, target])
     h, w = window.images.left.shape[1:]
-    project_points(window.points.host, window.points.uv, window.points.rho, T, rig, h, w, border, out)
+    project_points(points.host, points.uv, points.rho, T, rig, h, w, border, out)
     return out

@@ -21,7 +21,16 @@ from wayloom.pipeline.folders import discard, new_folders, put_in_place, sole_wr
 from wayloom.pipeline.ingest import read_log_file
 from wayloom.pipeline.keys import is_undamaged, read_stage_file
 from wayloom.pipeline.settings import ProcessSettings
-from wayloom.pipeline.stages import GEOREFERENCE_FILE, LABELS_FILE, ODOMETRY_FILE, STAGES, finished_key, run_stage, stage_key
+from wayloom.pipeline.stages import (
+    GEOREFERENCE_FILE,
+    LABELS_FILE,
+    ODOMETRY_FILE,
+    STAGES,
+    finished_key,
+    lens_of,
+    run_stage,
+    stage_key,
+)
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model
 from wayloom.segmentation.network import Network
 from wayloom.segmentation.stage import KeyframeLabels
@@ -92,6 +101,7 @@ def process_drive(
         find_model(settings.model or DEFAULT_MODEL), device=settings.device
     )  # one that cannot be used is told now, not after the odometry
     progress("ingest", 0.0, "looking at the first pairs")
+    lens_of(settings, log)  # a rig file that cannot be used, too
     first_matches(log, settings.odometry.row_frames)  # a rig that cannot be tracked with is told before anything is made
     with writing_to(out_dir), new_folders(stages_dir), sole_writer(stages_dir):
         sweep(stages_dir)

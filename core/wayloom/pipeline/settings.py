@@ -31,6 +31,7 @@ class ProcessSettings(Settings):
     map_origin: tuple[Longitude, Latitude, Height] | None = Field(
         None, description="origin of the map frame: lon, lat in degrees, ellipsoidal height in m; default the place's own cell"
     )
+    rig: str | None = Field(None, description="what is known of rigs: a RIG.toml, or a folder with one named <rig_id>.toml a rig")
     threads: int = Field(1, ge=1, le=64, description="threads of one stage; results do not depend on it")
 
     def map_frame(self) -> MapFrame | None:

@@ -2,7 +2,7 @@
 
 stage         reads                            leaves (beside stage.json, which says that it is whole)
 ingest        the log                          log.json
-odometry      the log                          odometry.npz, report.json
+odometry      the log                          odometry.npz, evidence.npz, report.json
 segmentation  the log, odometry                left/, right/ (PNG, named by frame), model.json
 labelling     odometry, segmentation           labels.npz
 georeference  the log, odometry                georeference.npz, report.json
@@ -22,12 +22,16 @@ import numpy as np
 
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError, TooFewKeyframesError
+from wayloom.geometry.lens import RightLens
 from wayloom.georeference.alignment import georeference
 from wayloom.georeference.files import load_georeference, save_georeference
 from wayloom.labelling.files import load_labels, save_labels
 from wayloom.labelling.tcl import label_points, voting_frames
 from wayloom.logs.registry import open_log
+from wayloom.logs.rig_file import lens_for_log
 from wayloom.logs.types import DriveLog
+from wayloom.odometry.evidence import EvidenceCollector
+from wayloom.odometry.evidence_file import save_evidence
 from wayloom.odometry.files import load_odometry, save_odometry
 from wayloom.odometry.odometry import track
 from wayloom.odometry.types import OdometryResult
@@ -44,6 +48,7 @@ from wayloom.submaps.split import make_submaps
 
 STAGES: Final = ("ingest", "odometry", "segmentation", "labelling", "georeference", "submaps")
 ODOMETRY_FILE: Final = "odometry.npz"
+EVIDENCE_FILE: Final = "evidence.npz"
 LABELS_FILE: Final = "labels.npz"
 GEOREFERENCE_FILE: Final = "georeference.npz"
 PREVIEW_FILE: Final = "preview.png"
@@ -157,6 +162,8 @@ def _key(name: str, call: StageCall) -> str:
         inputs["files"] = fingerprint(call.log())
     else:
         inputs |= _log_inputs(name, call)
+        if name == "odometry":
+            inputs["lens"] = keys.sha256_of_json(lens_of(call.settings, call.log())[0].values.tolist())
     return keys.stage_key(name, inputs, stage.parameters(call.settings), keys.code_version(stage.rooms))
 
 
@@ -178,11 +185,19 @@ def _ingest(call: StageCall, out_dir: Path, progress: Progress) -> None:
 
 
 def _odometry(call: StageCall, out_dir: Path, progress: Progress) -> None:
-    result = track(call.log(), call.settings.odometry, progress, call.settings.threads)
+    log = call.log()
+    lens, collector = lens_of(call.settings, log)[0], EvidenceCollector(log.rig)
+    result = track(log, call.settings.odometry, progress, call.settings.threads, lens, collector)
     if not np.isfinite(result.trajectory.T_world_cam).all():
         raise StageError("the odometry gave poses that are not finite: please report this drive as a fault of wayloom")
     save_odometry(result, out_dir / ODOMETRY_FILE)
+    save_evidence(collector.evidence(log), out_dir / EVIDENCE_FILE)
     _write_report(out_dir, result.report)
+
+
+def lens_of(settings: ProcessSettings, log: DriveLog) -> tuple[RightLens, tuple[str, ...]]:
+    """The lens of the log's rig as far as it is known, and doubts about it. Raises CalibrationError for another rig's file."""
+    return lens_for_log(None if settings.rig is None else Path(settings.rig), log)
 
 
 def _segmentation(call: StageCall, out_dir: Path, progress: Progress) -> None:

@@ -14,10 +14,13 @@ from wayloom.odometry.kernels.equations import (
     relative_poses,
     right_of,
 )
+from wayloom.odometry.kernels.inertial import add_links, links_energy
 from wayloom.odometry.kernels.linear import exp_se3, log_se3, multiply, orthonormalise, relative, solve_spd
 from wayloom.odometry.kernels.patch import gain_between, make_scratch, patch_residual
 
 GAUGE = 1e12
+UNLINKED = 1e-4
+"""Information that holds each step of a velocity, bias or gravity that nothing speaks of, in their own units."""
 
 
 @jit
@@ -30,8 +33,9 @@ def make_terms(N, F):  # type: ignore[no-untyped-def]
 
 
 @jit
-def deviation(frames, delta, z):  # type: ignore[no-untyped-def]
-    """Fills z (1 + 8F): delta, then each keyframe's left perturbation and a, b since its first estimate; 0 where it has none."""
+def deviation(frames, delta, inertial, z):  # type: ignore[no-untyped-def]
+    """Fills z (1 + 8F): delta, then each keyframe's left perturbation and a, b since its first estimate; 0 where it has none.
+    With an IMU (1 + 17F + 2): then each keyframe's velocity and biases since their first estimate, and gamma."""
     z[:] = 0.0
     z[0] = delta
     for f in range(frames.slot.shape[0]):
@@ -39,6 +43,15 @@ def deviation(frames, delta, z):  # type: ignore[no-untyped-def]
             z[1 + 8 * f : 7 + 8 * f] = log_se3(relative(frames.T_cam_world[f], frames.T_first[f]))
             z[7 + 8 * f] = frames.affine[f, 0] - frames.affine_first[f, 0]
             z[8 + 8 * f] = frames.affine[f, 1] - frames.affine_first[f, 1]
+    F = inertial.velocity.shape[0]
+    for f in range(F):
+        if frames.has_first[f]:
+            for k in range(3):
+                z[1 + 8 * F + 9 * f + k] = inertial.velocity[f, k] - inertial.velocity_first[f, k]
+            for k in range(6):
+                z[4 + 8 * F + 9 * f + k] = inertial.bias[f, k] - inertial.bias_first[f, k]
+    if F:
+        z[1 + 17 * F], z[2 + 17 * F] = inertial.gamma[0], inertial.gamma[1]
 
 
 @jit
@@ -82,11 +95,18 @@ def normal_equations(frames, points, terms, V, damping, H, g, inverse):  # type:
 
 
 @jit
-def take_step(frames, points, terms, V, inverse, x, min_rho):  # type: ignore[no-untyped-def]
-    """Apply the state's step x (1 + 8F) but delta, and the inverse depths' own step that follows from it, each limited."""
+def take_step(frames, points, inertial, terms, V, inverse, x, min_rho):  # type: ignore[no-untyped-def]
+    """Apply the state's step x (1 + 8F, or 1 + 17F + 2) but delta, and the inverse depths' own that follows from it, limited."""
+    F = inertial.velocity.shape[0]
+    for f in range(F):
+        inertial.velocity[f] += x[1 + 8 * F + 9 * f : 4 + 8 * F + 9 * f]
+        inertial.bias[f] += x[4 + 8 * F + 9 * f : 10 + 8 * F + 9 * f]
+    if F:
+        inertial.gamma[0] += x[1 + 17 * F]
+        inertial.gamma[1] += x[2 + 17 * F]
     for i in range(points.host.shape[0]):
         s = terms.own[i, 1]
-        for k in range(x.shape[0]):
+        for k in range(V.shape[1]):
             s -= V[i, k] * x[k]
         limit = 0.3 * points.rho[i] + 0.01
         points.rho[i] = max(points.rho[i] + max(-limit, min(limit, inverse[i] * s)), min_rho)
@@ -98,10 +118,10 @@ def take_step(frames, points, terms, V, inverse, x, min_rho):  # type: ignore[no
 
 
 @jit
-def largest_step(x):  # type: ignore[no-untyped-def]
-    """Largest translation (m) and rotation (rad) component of the keyframes in a step x (1 + 8F)."""
+def largest_step(x, F):  # type: ignore[no-untyped-def]
+    """Largest translation (m) and rotation (rad) component of the F keyframes in a step x."""
     way, turn = 0.0, 0.0
-    for f in range((x.shape[0] - 1) // 8):
+    for f in range(F):
         for k in range(3):
             way = max(way, abs(x[1 + 8 * f + k]))
             turn = max(turn, abs(x[4 + 8 * f + k]))
@@ -109,24 +129,34 @@ def largest_step(x):  # type: ignore[no-untyped-def]
 
 
 @jit
-def adjust_window(images, rig, frames, points, delta, prior_H, prior_g, affine_prior, hold_first, robust, iterations, min_rho):  # type: ignore[no-untyped-def]
-    """Minimise the window's energy in place: frames.T_cam_world, frames.affine, points.rho and delta (1,).
+def adjust_window(  # type: ignore[no-untyped-def]
+    images, rig, frames, points, inertial, delta, prior_H, prior_g, affine_prior, hold_first, robust, iterations, min_rho
+):
+    """Minimise the window's energy in place: frames.T_cam_world, frames.affine, points.rho, the inertial state and delta (1,).
 
-    prior_H, prior_g (1 + 8F): z^T H z - 2 g^T z left by marginalisation; affine_prior (2,) information of a and b about zero;
+    prior_H, prior_g (1 + 8F, with an IMU 1 + 17F + 2): z^T H z - 2 g^T z left by marginalisation;
+    affine_prior (2,) information of a and b about zero;
     hold_first 1 fixes keyframe 0, for windows without a prior. Returns inlier and own of Terms at the final state and
     the energy there.
     """
     N, F = points.host.shape[0], frames.slot.shape[0]
-    n = 1 + 8 * F
+    seen, n = 1 + 8 * F, prior_g.shape[0]
     current, new = make_terms(N, F), make_terms(N, F)
-    V, inverse, H, g, x, z = np.zeros((N, n)), np.zeros(N), np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n)
-    deviation(frames, delta[0], z)
-    best = linearise(images, rig, frames, points, delta[0], robust, current)
+    V, inverse, H_seen, g_seen = np.zeros((N, seen)), np.zeros(N), np.zeros((seen, seen)), np.zeros(seen)
+    H, g, x, z = np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n)
+    deviation(frames, delta[0], inertial, z)
+    best = linearise(images, rig, frames, points, delta[0], robust, current) + links_energy(frames, inertial)
     best += prior_energy(z, prior_H, prior_g, frames.affine, affine_prior)
     damping = 1e-2
     for _ in range(iterations):
-        normal_equations(frames, points, current, V, damping, H, g, inverse)
-        deviation(frames, delta[0], z)
+        normal_equations(frames, points, current, V, damping, H_seen, g_seen, inverse)
+        H[:], g[:] = 0.0, 0.0
+        H[:seen, :seen], g[:seen] = H_seen, g_seen
+        if n > seen:
+            add_links(frames, inertial, H, g)
+            for k in range(seen, n):
+                H[k, k] += UNLINKED * inertial.weight
+        deviation(frames, delta[0], inertial, z)
         add_prior(z, prior_H, prior_g, frames.affine, affine_prior, H, g)
         for k in range(1, n):  # delta is not damped: it is known by all points together
             H[k, k] *= 1.0 + damping
@@ -136,12 +166,13 @@ def adjust_window(images, rig, frames, points, delta, prior_H, prior_g, affine_p
             damping *= 10.0
             continue
         T_before, affine_before, rho_before = frames.T_cam_world.copy(), frames.affine.copy(), points.rho.copy()
+        velocity_before, bias_before, gamma_before = inertial.velocity.copy(), inertial.bias.copy(), inertial.gamma.copy()
         delta[0] += x[0]
-        take_step(frames, points, current, V, inverse, x, min_rho)
-        deviation(frames, delta[0], z)
-        energy = linearise(images, rig, frames, points, delta[0], robust, new)
+        take_step(frames, points, inertial, current, V, inverse, x, min_rho)
+        deviation(frames, delta[0], inertial, z)
+        energy = linearise(images, rig, frames, points, delta[0], robust, new) + links_energy(frames, inertial)
         energy += prior_energy(z, prior_H, prior_g, frames.affine, affine_prior)
-        way, turn = largest_step(x)
+        way, turn = largest_step(x, F)
         small = way < 2e-4 and turn < 2e-5
         if energy < best:
             small = small or best - energy < 1e-4 * abs(best)
@@ -150,6 +181,7 @@ def adjust_window(images, rig, frames, points, delta, prior_H, prior_g, affine_p
         else:
             delta[0] -= x[0]
             frames.T_cam_world[:], frames.affine[:], points.rho[:] = T_before, affine_before, rho_before
+            inertial.velocity[:], inertial.bias[:], inertial.gamma[:] = velocity_before, bias_before, gamma_before
             damping *= 10.0
         if small or damping > 10.0:
             break

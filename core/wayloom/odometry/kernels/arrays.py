@@ -34,8 +34,8 @@ class Frames(NamedTuple):
     """The keyframes of the window.
 
     slot (F,) place in Images; T_cam_world, T_first (F, 4, 4) current and first estimate; has_first (F,) 1 once a prior holds the
-    frame to its first estimate; affine, affine_first (F, 2) a and b of I = exp(a) I_scene + b;
-    gain_right (F, 2) right = gain left + offset.
+    frame to its first estimate (2: the same, but Jacobians are taken at the current one); affine, affine_first (F, 2) a and b of
+    I = exp(a) I_scene + b; gain_right (F, 2) right = gain left + offset.
     """
 
     slot: np.ndarray

@@ -130,9 +130,9 @@ def relative_poses(frames, first):  # type: ignore[no-untyped-def]
     F = frames.slot.shape[0]
     out = np.empty((F, F, 4, 4))
     for h in range(F):
-        T_host = frames.T_first[h] if first and frames.has_first[h] else frames.T_cam_world[h]
+        T_host = frames.T_first[h] if first and frames.has_first[h] == 1 else frames.T_cam_world[h]
         for t in range(F):
-            T_target = frames.T_first[t] if first and frames.has_first[t] else frames.T_cam_world[t]
+            T_target = frames.T_first[t] if first and frames.has_first[t] == 1 else frames.T_cam_world[t]
             out[h, t] = relative(T_target, T_host)
     return out
 

@@ -1,0 +1,216 @@
+"""Bundle adjustment of several drives' snippets with one lens: Gauss-Newton, points, poses and drives eliminated in turn.
+
+Each residual's weight is 1/s^2 1/(1 + |r|^2 / (c s)^2) (Cauchy), s being the noise of its kind of match, by the residuals. A
+snippet's points leave by the Schur complement, then its poses, then the drive's offsets; what stays is (11, 11) for the lens and
+kappa, which is held at zero.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.calibration.residuals import (
+    DRIVE,
+    KAPPA,
+    KEPT,
+    LENS,
+    MATCHES,
+    POSES,
+    UNKNOWNS,
+    Drive,
+    DriveState,
+    first_state,
+    jacobians,
+    residuals,
+)
+from wayloom.calibration.settings import CalibrationSettings
+from wayloom.geometry import se3
+from wayloom.geometry.lens import RightLens, lens_from_values
+from wayloom.odometry.evidence import TARGETS
+
+FloatArray = NDArray[np.float64]
+STAY = [*range(LENS), LENS + DRIVE]
+LEAVE = list(range(LENS, LENS + DRIVE))
+"""Columns of lens and kappa, and of the drive's offsets."""
+KINDS = (slice(0, 1), slice(1, 1 + TARGETS), slice(1 + TARGETS, MATCHES))
+"""Matches that share one noise: right of the host, left of the targets, right of the targets."""
+FIRST_NOISE_PX = 0.5
+SMALLEST_STEP = 1e-2
+"""sigmas: a smaller step of every lens parameter ends the iteration."""
+POSE_PRIOR = np.diag([1e2] * 3 + [1e4] * 3)
+"""1/m^2 and 1/rad^2, of each step: 10 cm, 0.6 degrees; it matters for targets without matches only."""
+RHO_PRIOR = 1.0
+"""m^2, of each step: keeps a point without temporal matches where it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class SnippetEquations:
+    """What a snippet says of lens, drive and kappa (14) after points and poses left: H (14, 14), g (14,), H x = g; the way back:
+    poses = pose_step - pose_gain @ x, rho = rho_step - rho_gain @ (x, poses)."""
+
+    H: FloatArray
+    g: FloatArray
+    pose_step: FloatArray
+    pose_gain: FloatArray
+    rho_step: FloatArray
+    rho_gain: FloatArray
+
+
+@dataclass(slots=True)
+class Adjustment:
+    """State and outcome. equations: of each drive's snippets, at the last linearisation; noise_px (3,) of KINDS;
+    weights: (P, 5) of each drive's matches, 0 to 1; converged: whether the last step was small."""
+
+    lens: RightLens
+    states: list[DriveState]
+    noise_px: FloatArray
+    equations: list[list[SnippetEquations]]
+    weights: list[FloatArray]
+    converged: bool = False
+
+
+def adjust(
+    drives: list[Drive], settings: CalibrationSettings, prior_H: FloatArray, prior_g: FloatArray, lens: RightLens = RightLens()
+) -> Adjustment:
+    """Minimise over lens, offsets, poses and inverse depths.
+
+    prior_H (10, 10), prior_g (10,): energy 1/2 x^T H x - g^T x of the lens's difference x from the ideal camera's.
+    """
+    fit = Adjustment(lens, [first_state(drive) for drive in drives], np.full(len(KINDS), FIRST_NOISE_PX), [], [])
+    for k in range(settings.iterations):
+        _linearise(fit, drives, settings)
+        step = _lens_step(fit, settings, prior_H, prior_g)
+        sigma = np.sqrt(np.diag(np.linalg.inv(lens_information(fit, settings)[0][:LENS, :LENS] + prior_H)))
+        fit.lens = lens_from_values(fit.lens.values + step)
+        for drive, state, equations in zip(drives, fit.states, fit.equations, strict=True):
+            _step_back(drive, state, equations, step, settings)
+        fit.noise_px = _noise(fit, drives, settings)
+        fit.converged = k > 2 and bool((np.abs(step) < SMALLEST_STEP * sigma).all())
+        if fit.converged:
+            break
+    _linearise(fit, drives, settings)
+    return fit
+
+
+def drive_information(fit: Adjustment, d: int, settings: CalibrationSettings) -> tuple[FloatArray, FloatArray]:
+    """(11, 11) and (11,) of lens and kappa by one drive: its snippets and its offsets' prior, the offsets eliminated."""
+    H, g = _drive_sums(fit, d, settings)
+    gain = _offset_gain(H)
+    return H[np.ix_(STAY, STAY)] - gain @ H[np.ix_(LEAVE, STAY)], g[STAY] - gain @ g[LEAVE]
+
+
+def lens_information(fit: Adjustment, settings: CalibrationSettings) -> tuple[FloatArray, FloatArray]:
+    """(11, 11) and (11,) of lens and kappa by all drives, without the lens's prior, about the present lens."""
+    parts = [drive_information(fit, d, settings) for d in range(len(fit.equations))]
+    return sum((H for H, _ in parts), np.zeros((len(STAY), len(STAY)))), sum((g for _, g in parts), np.zeros(len(STAY)))
+
+
+def snippet_scores(fit: Adjustment, d: int, settings: CalibrationSettings) -> FloatArray:
+    """(S, 10): each snippet's own pull on the lens, the drive's offsets eliminated; with the prior's they cancel."""
+    gain = _offset_gain(_drive_sums(fit, d, settings)[0])[:LENS]
+    return np.array([s.g[:LENS] - gain @ s.g[LEAVE] for s in fit.equations[d]]).reshape(-1, LENS)
+
+
+def _offset_gain(H: FloatArray) -> FloatArray:
+    """(11, 3): what eliminating the offsets takes from lens and kappa, of a drive's H (14, 14)."""
+    return np.asarray(np.linalg.solve(H[np.ix_(LEAVE, LEAVE)], H[np.ix_(LEAVE, STAY)]).T, np.float64)
+
+
+def _drive_sums(fit: Adjustment, d: int, settings: CalibrationSettings) -> tuple[FloatArray, FloatArray]:
+    """(14, 14) and (14,) of a drive's snippets and of the prior of its offsets."""
+    H, g = np.zeros((KEPT, KEPT)), np.zeros(KEPT)
+    for snippet in fit.equations[d]:
+        H += snippet.H
+        g += snippet.g
+    information = 1.0 / settings.drive.sigmas**2
+    H[LEAVE, LEAVE] += information
+    g[LEAVE] -= information * fit.states[d].offsets
+    return H, g
+
+
+def _lens_step(fit: Adjustment, settings: CalibrationSettings, prior_H: FloatArray, prior_g: FloatArray) -> FloatArray:
+    H, g = (part[:LENS, ...] for part in lens_information(fit, settings))
+    x = fit.lens.values - RightLens().values
+    return np.asarray(np.linalg.solve(H[:, :LENS] + prior_H, g + prior_g - prior_H @ x), np.float64)
+
+
+def _linearise(fit: Adjustment, drives: list[Drive], settings: CalibrationSettings) -> None:
+    """Renew equations and weights."""
+    fit.equations, fit.weights = [], []
+    for drive, state in zip(drives, fit.states, strict=True):
+        r = residuals(drive, fit.lens, state)
+        J, J_rho = jacobians(drive, fit.lens, state)
+        noise = _noise_of_match(fit.noise_px)
+        weight = 1.0 / (1.0 + (r**2).sum(axis=2) / (settings.robust_scale * noise) ** 2)
+        known = np.isfinite(r).all(axis=2) & np.isfinite(J).all(axis=(2, 3)) & np.isfinite(J_rho).all(axis=2)
+        weight = np.where(known, weight, 0.0)
+        root = np.sqrt(weight / noise**2)[:, :, None]
+        zero = np.asarray(~known)[:, :, None]
+        r, J_rho = np.where(zero, 0.0, r * root), np.where(zero, 0.0, J_rho * root)
+        J = np.where(zero[..., None], 0.0, J * root[..., None])
+        starts = np.searchsorted(drive.evidence.snippet, np.arange(drive.evidence.snippets + 1))
+        slices = [slice(a, b) for a, b in pairwise(starts)]
+        fit.equations.append([_snippet_equations(r[s], J[s], J_rho[s]) for s in slices])
+        fit.weights.append(weight)
+
+
+def _snippet_equations(r: FloatArray, J: FloatArray, J_rho: FloatArray) -> SnippetEquations:
+    """Eliminate points and poses of a snippet from weighted residuals r (n, 5, 2) and J (n, 5, 2, 26), J_rho (n, 5, 2)."""
+    n = len(r)
+    r, J, J_rho = r.reshape(n, -1), J.reshape(n, -1, UNKNOWNS), J_rho.reshape(n, -1)
+    flat = J.reshape(-1, UNKNOWNS)
+    H, g = flat.T @ flat, -flat.T @ r.ravel()
+    own = (J_rho**2).sum(axis=1) + RHO_PRIOR
+    coupling = np.einsum("nk,nkj->nj", J_rho, J)
+    rho_gain: FloatArray = coupling / own[:, None]
+    rho_step: FloatArray = -(J_rho * r).sum(axis=1) / own
+    H -= coupling.T @ rho_gain
+    g -= coupling.T @ rho_step
+    P = slice(KEPT, UNKNOWNS)
+    H[P, P] += np.kron(np.eye(TARGETS), POSE_PRIOR)
+    solved = np.asarray(np.linalg.solve(H[P, P], np.column_stack([g[P], H[P, :KEPT]])), np.float64)
+    pose_step, pose_gain = solved[:, 0], solved[:, 1:]
+    own_H, own_g = H[:KEPT, :KEPT] - H[:KEPT, P] @ pose_gain, g[:KEPT] - H[:KEPT, P] @ pose_step
+    return SnippetEquations(own_H, own_g, pose_step, pose_gain, rho_step, rho_gain)
+
+
+def _step_back(
+    drive: Drive, state: DriveState, equations: list[SnippetEquations], lens_step: FloatArray, settings: CalibrationSettings
+) -> None:
+    """Move a drive's offsets, poses and inverse depths by what follows from the lens's step (10,)."""
+    information = 1.0 / settings.drive.sigmas**2
+    H = sum((e.H for e in equations), np.zeros((KEPT, KEPT)))
+    g = sum((e.g for e in equations), np.zeros(KEPT))
+    right = g[LEAVE] - information * state.offsets - H[LEAVE, :LENS] @ lens_step
+    offsets = np.linalg.solve(H[np.ix_(LEAVE, LEAVE)] + np.diag(information), right)
+    state.offsets += offsets
+    kept, rho = np.concatenate([lens_step, offsets, np.zeros(KAPPA)]), []
+    for s, e in enumerate(equations):
+        poses = e.pose_step - e.pose_gain @ kept
+        rho.append(e.rho_step - e.rho_gain @ np.concatenate([kept, poses]))
+        state.T_target_host[s] = se3.exp(poses.reshape(TARGETS, POSES // TARGETS)) @ state.T_target_host[s]
+    state.rho += np.concatenate([np.zeros(0), *rho])
+
+
+def _noise_of_match(noise_px: FloatArray) -> FloatArray:
+    """(5,) px, of each of a point's matches."""
+    out = np.empty(MATCHES)
+    for kind, noise in zip(KINDS, noise_px, strict=True):
+        out[kind] = noise
+    return out
+
+
+def _noise(fit: Adjustment, drives: list[Drive], settings: CalibrationSettings) -> FloatArray:
+    """(3,) px: the spread of each kind of match, by median absolute residuals; what the fit took up is given back."""
+    found = [residuals(drive, fit.lens, state) for drive, state in zip(drives, fit.states, strict=True)]
+    points, matched = sum(len(r) for r in found), sum(int(np.isfinite(r).sum()) for r in found)
+    share = max(1.0 - points / max(matched, 1), 0.2)  # each point's depth takes one of its residuals
+    out = np.full(len(KINDS), FIRST_NOISE_PX)
+    for k, kind in enumerate(KINDS):
+        sizes = np.abs(np.concatenate([r[:, kind].ravel() for r in found]))
+        sizes = sizes[np.isfinite(sizes)]
+        if len(sizes):
+            out[k] = 1.4826 * np.median(sizes) / np.sqrt(share)
+    return np.asarray(np.maximum(out, settings.least_noise_px), np.float64)

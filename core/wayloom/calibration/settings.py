@@ -1,0 +1,56 @@
+"""What the calibration believes before it sees a drive, and how it treats residuals. docs/calibration.md gives the reasons."""
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from wayloom.config.settings import Settings
+from wayloom.geometry.lens import PARAMETERS
+
+
+class LensPrior(Settings):
+    """Standard deviations about the ideal camera, one for each parameter of `RightLens`."""
+
+    pitch_rad: float = Field(0.005, gt=0)
+    yaw_rad: float = Field(0.01, gt=0)
+    roll_rad: float = Field(0.005, gt=0)
+    ty: float = Field(0.01, gt=0, description="share of the baseline")
+    tz: float = Field(0.01, gt=0, description="share of the baseline")
+    focal_ratio: float = Field(0.004, gt=0)
+    cx_shift_px: float = Field(8.0, gt=0, description="px")
+    k1: float = Field(0.01, gt=0)
+    p1: float = Field(0.004, gt=0)
+    p2: float = Field(0.004, gt=0)
+
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """(10,) in the order of PARAMETERS."""
+        return np.array([getattr(self, name) for name in PARAMETERS])
+
+
+class DrivePrior(Settings):
+    """Standard deviations of how one drive differs from its rig."""
+
+    disparity_bias_px: float = Field(0.5, gt=0, description="px")
+    pitch_rad: float = Field(3e-4, gt=0)
+    roll_rad: float = Field(3e-4, gt=0)
+
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """(3,) disparity bias, pitch, roll."""
+        return np.array([self.disparity_bias_px, self.pitch_rad, self.roll_rad])
+
+
+class CalibrationSettings(Settings):
+    """Everything that can be chosen."""
+
+    lens: LensPrior = LensPrior()
+    drive: DrivePrior = DrivePrior()
+    common_radial: float = Field(0.02, gt=0, description="sigma of a k1 that both lenses share, which rectification left")
+    iterations: int = Field(30, ge=1, le=200)
+    robust_scale: float = Field(2.0, gt=0, description="of a match's Cauchy weight, in units of the matches' own noise")
+    least_noise_px: float = Field(0.03, gt=0, description="px, below which no match is believed")
+    least_information: float = Field(
+        0.5, gt=0, lt=1, description="posterior over prior sigma from which on a parameter is undetermined"
+    )
+    least_snippets: int = Field(3, ge=1, description="of all drives together, without which nothing is learnt")

@@ -1,0 +1,91 @@
+"""`wayloom calibrate`: a rig's relative lens from several of its drives."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from wayloom.calibration.learn import Calibration
+    from wayloom.odometry.evidence import Evidence
+
+IN_STAGES = Path("stages", "odometry", "evidence.npz")
+
+
+def calibrate_command(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(metavar="LOG…", help="Drive logs; evidence files; folders of them; folders that `wayloom process` made."),
+    ],
+    out: Annotated[Path, typer.Option(help="Where the rig's file goes: a RIG.toml.")],
+    rig: Annotated[Path | None, typer.Option(help="What is known of the rig already; the drives are added to it.")] = None,
+    json: Annotated[Path | None, typer.Option(help="Also write the result to this file.")] = None,
+    threads: Annotated[int, typer.Option(min=1, help="More than one: decode ahead. The result is the same.")] = 1,
+) -> None:
+    """Learn how the right camera of a rig differs from the ideal one. Logs are tracked first; evidence is used as it is."""
+    from wayloom.calibration.learn import learn_rig
+    from wayloom.calibration.report import facts, lines
+    from wayloom.logs.atomic import check_writable, write_atomically
+    from wayloom.logs.rig_file import read_rig_file, write_rig_file
+    from wayloom.pipeline.folders import writing_to
+
+    known = None if rig is None else read_rig_file(rig)
+    with writing_to(out):
+        for file in filter(None, (out, json)):
+            check_writable(file)
+        evidence = [drive for source in sources for drive in evidence_of(source, threads, (out, json))]
+        calibration = learn_rig(evidence, known=known)
+        write_rig_file(calibration.rig, out)
+        if json is not None:
+            write_atomically(json, _json(facts(calibration)))
+    warn(calibration)
+    for line in lines(calibration):
+        typer.echo(line)
+    typer.echo(f"written: {out}")
+
+
+def evidence_of(source: Path, threads: int, outputs: tuple[Path | None, ...]) -> "Iterator[Evidence]":
+    """The evidence that a path holds, or that its drive gives when it is tracked. Raises InputError."""
+    from wayloom.odometry.evidence_file import is_evidence, load_evidence
+
+    if is_evidence(source):
+        yield load_evidence(source)
+    elif (source / IN_STAGES).is_file():
+        yield load_evidence(source / IN_STAGES)
+    elif files := [file for file in sorted(source.glob("*.npz")) if is_evidence(file)]:
+        for file in files:
+            yield load_evidence(file)
+    else:
+        yield _track(source, threads, outputs)
+
+
+def _track(path: Path, threads: int, outputs: tuple[Path | None, ...]) -> "Evidence":
+    """Track a drive log for its evidence alone."""
+    from wayloom.cli.odometry import shown_progress
+    from wayloom.logs.registry import check_outside, open_log
+    from wayloom.odometry.evidence import EvidenceCollector
+    from wayloom.odometry.odometry import track
+
+    log = open_log(path)
+    check_outside(log, *outputs)
+    collector = EvidenceCollector(log.rig)
+    sys.stderr.write(f"tracking {log.name}\n")
+    with shown_progress() as progress:
+        track(log, progress=progress, threads=threads, collector=collector)
+    return collector.evidence(log)
+
+
+def warn(calibration: "Calibration") -> None:
+    """What the user should know beside the result, on stderr."""
+    from wayloom.calibration.report import warnings
+
+    for warning in warnings(calibration):
+        sys.stderr.write(f"wayloom: warning: {warning}\n")
+
+
+def _json(content: dict[str, Any]) -> bytes:
+    import json
+
+    return (json.dumps(content, indent=2) + "\n").encode()

@@ -1,0 +1,160 @@
+"""The odometry on a recording, in numbers: what `benchmarks/odometry.py` puts in its table.
+
+One run gives a flat dict of numbers; a few runs that differ in nothing but the seed of the choice of points give each number's
+median and spread. Differences below the spread mean nothing.
+"""
+
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.progress import Progress, silent
+from wayloom.evaluation.odometry_density import density
+from wayloom.evaluation.odometry_depth import depth_errors
+from wayloom.evaluation.odometry_recordings import Recording, Thinned, thinned
+from wayloom.evaluation.trajectory import evaluate, path_length
+from wayloom.odometry.odometry import track
+from wayloom.odometry.settings import OdometrySettings
+from wayloom.odometry.types import OdometryResult
+
+FloatArray = NDArray[np.float64]
+Numbers = dict[str, float]
+SEEDS = (0, 1, 2, 3, 4)
+WARM_UP_FRAMES = 12
+DEFAULT = "wayloom"
+EVERY_SECOND_FRAME = "every second frame dropped"
+NOTHING_CALIBRATED: dict[str, Any] = {"row_frames": (), "bias_prior": 1e15}
+ABLATIONS: dict[str, dict[str, Any]] = {
+    "no static stereo terms": {"static_weight": 0.0, "observer_right_weight": 0.0},
+    "no observers' right images": {"observer_right_weight": 0.0},
+    "no self-calibration": NOTHING_CALIBRATED,
+    "no disparity bias": {"bias_prior": 1e15},
+    "no rows": {"row_frames": ()},
+    "bias not in the prior": {"ablation": {"bias_in_prior": False}},
+    "no marginalisation prior": {"ablation": {"marginalisation_prior": False}},
+    "no first-estimate Jacobians": {"ablation": {"first_estimates": False}},
+    "no gradient weight": {"gradient_scale": 1e6},
+    "no affine brightness in the window": {"affine_prior": (1e9, 1e9)},
+    EVERY_SECOND_FRAME: {},
+}
+"""Name of a column to the settings that differ from the default's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Median of each number over the runs, and the largest minus the smallest."""
+
+    recording: str
+    variant: str
+    runs: int
+    median: Numbers
+    spread: Numbers
+
+    def as_json(self) -> dict[str, Any]:
+        """NaN becomes None."""
+        groups = {name: {key: _json(value) for key, value in getattr(self, name).items()} for name in ("median", "spread")}
+        return {**asdict(self), **groups}
+
+
+def _json(value: float) -> float | None:
+    return round(value, 6) if np.isfinite(value) else None
+
+
+def timed_track(recording: Recording, settings: OdometrySettings) -> tuple[OdometryResult, FloatArray]:
+    """The result of one thread, and the CPU time (N - 1,) ms of each frame but the first, images decoded within it.
+
+    The first frame's time is that of loading kernels and of fitting rows: it is left out.
+    """
+    marks: list[float] = []
+    result = track(recording.log, settings, lambda share, what: marks.append(time.process_time()))
+    frames = len(recording.log)
+    return result, 1e3 * np.diff(marks[-frames:])
+
+
+def measures(recording: Recording, result: OdometryResult, cpu_ms: FloatArray) -> Numbers:
+    """All numbers of one run; of truth `name` under `ATE m (name)` and so on."""
+    trajectory, way = result.trajectory, path_length(result.trajectory.T_world_cam[:, :3, 3])
+    numbers: Numbers = {
+        "frames": len(trajectory),
+        "tracked": int(trajectory.tracked.sum()),
+        "segments": len(np.unique(trajectory.segment)),
+        "keyframes": len(result.keyframes),
+        "bias px": result.disparity_bias_px,
+        "cpu median ms": float(np.median(cpu_ms)),
+        "cpu mean ms": float(np.mean(cpu_ms)),
+        "cpu p95 ms": float(np.percentile(cpu_ms, 95)),
+    }
+    for name, truth in recording.truths.items():
+        errors = evaluate(trajectory.T_world_cam, truth)
+        numbers |= {
+            f"ATE m ({name})": errors.ate_m,
+            f"t_rel % ({name})": errors.t_rel_percent,
+            f"r_rel deg/100 m ({name})": errors.r_rel_deg_per_100m,
+            f"frame mm ({name})": 1e3 * errors.frame_translation_m,
+            f"frame mdeg ({name})": 1e3 * errors.frame_rotation_deg,
+            f"length ratio ({name})": errors.length_ratio,
+        }
+    dense = density(result, recording.log, way)
+    numbers |= {"points/m": dense.points_per_m, "blocks covered": dense.blocks_covered, "horizontal edges": dense.horizontal_edges}
+    if recording.depth is not None:
+        numbers |= {
+            f"depth {name}": float(value)
+            for name, value in asdict(depth_errors(result, recording.depth, recording.numbers)).items()
+        }
+    seconds: Mapping[str, float] = result.report["seconds"]
+    return numbers | {f"part {part} ms": 1e3 * value / len(trajectory) for part, value in seconds.items()}
+
+
+def summarise(recording: str, variant: str, runs: Sequence[Numbers]) -> Summary:
+    """Median and spread over runs; numbers that a run lacks are NaN there and left out of both."""
+    names = list(dict.fromkeys(name for run in runs for name in run))
+    table = np.array([[run.get(name, np.nan) for name in names] for run in runs], dtype=float).reshape(len(runs), len(names))
+    median, spread = {}, {}
+    for name, column in zip(names, table.T, strict=True):
+        known = column[np.isfinite(column)]
+        median[name] = float(np.median(known)) if len(known) else float("nan")
+        spread[name] = float(np.ptp(known)) if len(known) else float("nan")
+    return Summary(recording, variant, len(runs), median, spread)
+
+
+def measured(recording: Recording, variant: str = DEFAULT, seeds: Sequence[int] = SEEDS, progress: Progress = silent) -> Summary:
+    """The recording tracked once for each seed with a variant's settings: DEFAULT or a key of ABLATIONS."""
+    changes = {} if variant == DEFAULT else ABLATIONS[variant]
+    seen = thinned(recording, 2) if variant == EVERY_SECOND_FRAME else recording
+    runs = []
+    for i, seed in enumerate(seeds):
+        progress(i / len(seeds), f"{recording.name}, {variant}, seed {seed}")
+        settings = OdometrySettings.model_validate({**changes, "seed": seed})
+        runs.append(measures(seen, *timed_track(seen, settings)))
+    return summarise(recording.name, variant, runs)
+
+
+def warm_up(recording: Recording) -> None:
+    """Load or compile every kernel, so that no run is timed with it."""
+    kept = np.arange(0, len(recording.log), 2)[:WARM_UP_FRAMES]
+    track(Thinned(recording.log, kept), OdometrySettings(window=3))
+
+
+def peak_memory_mb(log: Path) -> float:
+    """Largest resident memory in MB of `wayloom odometry LOG` as a process of its own; NaN where it fails."""
+    with tempfile.TemporaryDirectory() as scratch:
+        status, usage = run_measured([sys.executable, "-m", "wayloom.cli.main", "odometry", str(log), "--out", f"{scratch}/t.tum"])
+    return usage.ru_maxrss / 1024 if status == 0 else float("nan")
+
+
+def run_measured(command: Sequence[str], environment: Mapping[str, str] | None = None) -> tuple[int, "resource.struct_rusage"]:
+    """Exit status of a command, and what it used of the machine. What it says goes to stderr."""
+    process = subprocess.Popen(list(command), stdout=sys.stderr, env=None if environment is None else dict(environment))
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    return process.returncode, usage

@@ -1,0 +1,247 @@
+"""What a drive knows of its rig: refined matches between left and right and between keyframes, few enough to keep for ever.
+
+A snippet is a host keyframe, up to two later keyframes, and points of the host found in the host's right image and in both images
+of the later ones. Right pixels are those of the log's own right image, before rows or lens are corrected: evidence stays valid
+whatever is learnt of the rig later. `wayloom calibrate` learns from it; docs/calibration.md.
+"""
+
+import hashlib
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.geometry import se3
+from wayloom.geometry.camera import StereoRig
+from wayloom.logs.types import DriveLog
+from wayloom.odometry import selection, stereo
+from wayloom.odometry.kernels.matches import BORDER, HALF, match_patches
+from wayloom.odometry.kernels.stereo import NO_MATCH
+from wayloom.odometry.rows import RightImages
+
+Image = NDArray[np.uint8]
+FloatArray = NDArray[np.float64]
+TARGETS = 2
+DISTANCES_M, ANGLES_RAD = (1.0, 2.5), (0.06, 0.15)
+"""A target is the first keyframe that has moved or turned so far from the host."""
+SPACING_M = 2.0
+MOST_SNIPPETS = 48
+MOST_POINTS = 240
+LEAST_POINTS = 20
+SMOOTHING_PX = 1.0
+MIN_EIGENVALUE = 10.0
+"""grey^2/px^2 of the smoothed patch's structure tensor, a pixel: corners and textures, no edges."""
+DEPTH_DOUBT_PX = 2.0
+"""How wrong a first disparity may be: a target is searched along its epipolar line so far."""
+MAX_REACH_PX = 12.0
+MAX_RMS = 6.0
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Matches of one drive; S snippets, P points, T = 2 targets.
+
+    name, rig_id   of the log, the name as `drive_name` gives it
+    rig            the log's own calibration
+    host_frame     (S,) int32, frame of the host
+    target_frame   (S, T) int32, frames of the targets, -1 where there is none
+    T_target_host  (S, T, 4, 4), as the odometry estimated it: a first guess
+    snippet        (P,) int32, rising
+    uv_host        (P, 2) pixels in the host's left image, whole numbers
+    uv_right       (P, 2) float32, the match in the host's right image as the log gives it
+    uv_left_target, uv_right_target   (P, T, 2) float32, the matches in the targets' left and right images; NaN where there is none
+    """
+
+    name: str
+    rig_id: str | None
+    rig: StereoRig
+    host_frame: NDArray[np.int32]
+    target_frame: NDArray[np.int32]
+    T_target_host: FloatArray
+    snippet: NDArray[np.int32]
+    uv_host: NDArray[np.int32]
+    uv_right: NDArray[np.float32]
+    uv_left_target: NDArray[np.float32]
+    uv_right_target: NDArray[np.float32]
+
+    @property
+    def snippets(self) -> int:
+        """Number of snippets."""
+        return len(self.host_frame)
+
+    def __len__(self) -> int:
+        return len(self.snippet)
+
+
+@dataclass(slots=True)
+class Snippet:
+    """A snippet that grows: its host's smoothed left image and its points; pixels (n, 2), inverse depths rho (n,) 1/m."""
+
+    frame: int
+    T_cam_world: FloatArray
+    left: NDArray[np.float32]
+    pixels: NDArray[np.int64]
+    rho: FloatArray
+    uv_right: FloatArray
+    at_m: float
+    targets: list[tuple[int, FloatArray, FloatArray, FloatArray]] = field(default_factory=list)
+    """frame, T_target_host (4, 4), left (n, 2) and right (n, 2) matches"""
+
+
+class EvidenceCollector:
+    """Fed with every keyframe in order; `evidence` gives what was gathered. The same drive gives the same bytes."""
+
+    def __init__(self, rig: StereoRig) -> None:
+        self.rig = rig
+        self.finished: list[Snippet] = []
+        self.open: Snippet | None = None
+        self.stride, self.seen, self.way_m = 1, 0, 0.0
+        self.T_last: FloatArray | None = None
+
+    def interrupt(self) -> None:
+        """The drive was lost: what is open has no targets any more."""
+        self.open, self.T_last = None, None
+
+    def keyframe(
+        self, frame: int, left: Image, right: Image, T_cam_world: FloatArray, right_images: RightImages, delta: float
+    ) -> None:
+        """A keyframe: images (h, w) as the log gives them, pose (4, 4), what is known of the right camera, bias in px."""
+        if self.T_last is not None:
+            self.way_m += float(np.linalg.norm(se3.inverse(T_cam_world)[:3, 3] - se3.inverse(self.T_last)[:3, 3]))
+        self.T_last = T_cam_world.copy()
+        if self.open is not None:
+            self._extend(self.open, frame, left, right, T_cam_world, right_images, delta)
+        if self.open is None and (not self.finished or self.way_m - self.finished[-1].at_m >= SPACING_M * self.stride):
+            self.open = self._begin(frame, left, right, T_cam_world, right_images, delta)
+
+    def _begin(
+        self, frame: int, left: Image, right: Image, T_cam_world: FloatArray, right_images: RightImages, delta: float
+    ) -> Snippet | None:
+        """A new snippet, None where stereo finds too little."""
+        cell = max(4, round(selection.first_cell(left.shape, 8 * MOST_POINTS)))
+        pixels = selection.select_candidates(left, np.zeros((0, 2)), cell, 32, 7.0, HALF + int(BORDER) + 2)
+        found = stereo.match(left, right_images.align(right), pixels, left.shape[1] // 4, 0.85, 12.0, 60)
+        good = found[:, 1] < NO_MATCH
+        pixels, disparity = pixels[good], found[good, 0]
+        pixels, disparity = (a[selection.spread_sample(pixels, 3 * MOST_POINTS)] for a in (pixels, disparity))
+        smooth = smoothed(left)
+        start = right_images.real_pixels(np.column_stack([pixels[:, 0] - disparity, pixels[:, 1]]))
+        uv_right = matched(smooth, smoothed(right), pixels, start, np.ones(len(pixels)))
+        known = np.flatnonzero(np.isfinite(uv_right[:, 0]))
+        known = known[selection.spread_sample(pixels[known], MOST_POINTS)]
+        if len(known) < LEAST_POINTS:
+            return None
+        rho = np.asarray((disparity[known] - delta) / self.rig.bf, np.float64)
+        return Snippet(frame, T_cam_world.copy(), smooth, pixels[known], rho, uv_right[known], self.way_m)
+
+    def _extend(
+        self,
+        snippet: Snippet,
+        frame: int,
+        left: Image,
+        right: Image,
+        T_cam_world: FloatArray,
+        right_images: RightImages,
+        delta: float,
+    ) -> None:
+        """Match the open snippet in this keyframe if it is far enough; close it when it has all its targets or lost its points."""
+        T = T_cam_world @ se3.inverse(snippet.T_cam_world)
+        moved, turned = float(np.linalg.norm(T[:3, 3])), float(np.linalg.norm(se3.log(T)[3:]))
+        k = len(snippet.targets)
+        if moved < DISTANCES_M[k] and turned < ANGLES_RAD[k]:
+            return
+        target, target_right = smoothed(left), smoothed(right)
+        in_left = self._match_left(snippet, T, target)
+        in_right = self._match_right(snippet, T, in_left, target_right, right_images, delta)
+        enough = np.isfinite(in_left[:, 0]).sum() >= LEAST_POINTS
+        if enough:
+            snippet.targets.append((frame, T, in_left, in_right))
+        if len(snippet.targets) == TARGETS or not enough:
+            self._close(snippet)
+
+    def _match_left(self, snippet: Snippet, T: FloatArray, target: NDArray[np.float32]) -> FloatArray:
+        """(n, 2) px of the snippet's points in a target's smoothed left image, T (4, 4) from the host; NaN where not found."""
+        camera = self.rig.camera
+        q = camera.rays(snippet.pixels.astype(float)) @ T[:3, :3].T + snippet.rho[:, None] * T[:3, 3]
+        start, scale = camera.project(q), 1.0 / np.maximum(q[:, 2], 1e-6)
+        slope = np.column_stack(
+            [camera.fx * (T[0, 3] - q[:, 0] * scale * T[2, 3]) * scale, camera.fy * (T[1, 3] - q[:, 1] * scale * T[2, 3]) * scale]
+        )  # d(u, v)/d rho
+        length = np.maximum(np.hypot(slope[:, 0], slope[:, 1]), 1e-12)
+        reach = np.minimum(length * DEPTH_DOUBT_PX / self.rig.bf, MAX_REACH_PX)
+        start[(scale < 0.5) | (scale > 3.0)] = np.nan
+        return matched(snippet.left, target, snippet.pixels, start, scale, slope / length[:, None], reach)
+
+    def _match_right(
+        self,
+        snippet: Snippet,
+        T: FloatArray,
+        in_left: FloatArray,
+        target_right: NDArray[np.float32],
+        right_images: RightImages,
+        delta: float,
+    ) -> FloatArray:
+        """(n, 2) px of the points in a target's right image, for those with a match in_left (n, 2) px."""
+        z = (self.rig.camera.rays(snippet.pixels.astype(float)) @ T[:3, :3].T)[:, 2] + snippet.rho * T[2, 3]
+        scale = 1.0 / np.maximum(z, 1e-6)
+        disparity = self.rig.bf * snippet.rho * scale + delta
+        start = right_images.real_pixels(in_left - np.column_stack([disparity, np.zeros(len(disparity))]))
+        return matched(snippet.left, target_right, snippet.pixels, start, scale)
+
+    def _close(self, snippet: Snippet) -> None:
+        """Keep the snippet if it has a target; where there are too many, every second goes and the next come half as often."""
+        self.open = None
+        if not snippet.targets:
+            return
+        snippet.left = np.zeros((0, 0), np.float32)
+        self.finished.append(snippet)
+        if len(self.finished) > MOST_SNIPPETS:
+            del self.finished[1::2]
+            self.stride *= 2
+
+    def evidence(self, log: DriveLog) -> Evidence:
+        """What was gathered of this log."""
+        S, done = len(self.finished), self.finished
+        frames, T = np.full((S, TARGETS), -1, np.int32), np.tile(np.eye(4), (S, TARGETS, 1, 1))
+        columns: list[tuple[FloatArray, ...]] = [(np.zeros((0, 2)), np.zeros((0, 2)), *(2 * [np.zeros((0, TARGETS, 2))]))]
+        for s, snippet in enumerate(done):
+            matches = np.full((2, len(snippet.pixels), TARGETS, 2), np.nan)
+            for t, (frame, T_target_host, in_left, in_right) in enumerate(snippet.targets):
+                frames[s, t], T[s, t], matches[0, :, t], matches[1, :, t] = frame, T_target_host, in_left, in_right
+            columns.append((snippet.pixels.astype(float), snippet.uv_right, matches[0], matches[1]))
+        pixels, right, left_target, right_target = (np.concatenate(column) for column in zip(*columns, strict=True))
+        return Evidence(
+            drive_name(log), log.rig_id, self.rig, np.array([s.frame for s in done], np.int32), frames, T,
+            np.repeat(np.arange(S, dtype=np.int32), [len(s.pixels) for s in done]), pixels.astype(np.int32),
+            right.astype(np.float32), left_target.astype(np.float32), right_target.astype(np.float32),
+        )  # fmt: skip
+
+
+def drive_name(log: DriveLog) -> str:
+    """The log's name and eight digits of its time stamps' SHA-256: folders of different drives may have one name."""
+    return f"{log.name}#{hashlib.sha256(np.ascontiguousarray(log.t_ns, '<i8').tobytes()).hexdigest()[:8]}"
+
+
+def smoothed(image: Image) -> NDArray[np.float32]:
+    """(h, w) uint8 to float32, smoothed so that interpolation errs by under a hundredth of a pixel."""
+    return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTHING_PX), np.float32)
+
+
+def matched(
+    host: NDArray[np.float32],
+    target: NDArray[np.float32],
+    pixels: NDArray[np.int64],
+    start: FloatArray,
+    scale: FloatArray,
+    directions: FloatArray | None = None,
+    reach: FloatArray | None = None,
+) -> FloatArray:
+    """(n, 2) px of the patches around pixels (n, 2) of host (h, w) in target (h, w), NaN where they are not found.
+
+    start (n, 2) px; scale (n,); first searched within +-reach (n,) px along directions (n, 2).
+    """
+    n, out = len(pixels), np.empty((len(pixels), 3))
+    directions, reach = (np.zeros((n, 2)), np.zeros(n)) if directions is None or reach is None else (directions, reach)
+    match_patches(host, target, pixels, start, scale, directions, reach, MIN_EIGENVALUE, out)
+    return np.where(out[:, 2:] <= MAX_RMS, out[:, :2], np.nan)

@@ -1,0 +1,66 @@
+import numpy as np
+from made_window import NUMBERS, ROBUST, made_window
+
+from wayloom.odometry import immature
+from wayloom.odometry.window import Window
+
+STRICT = ROBUST._replace(max_energy=70.0)
+
+
+def waiting_window(known: bool) -> tuple[Window, np.ndarray]:
+    """A window whose newest keyframe's points wait, and their true inverse depths."""
+    window = made_window(4, 80, disturbed=False)
+    mine = window.points.host == 3
+    pixels, truth = window.points.uv[mine].astype(np.int64), window.points.rho[mine].copy()
+    immature.add(window, pixels, truth * 1.02 if known else 0 * truth, 1000, 50.0, NUMBERS, STRICT)
+    return window, truth
+
+
+def test_matched_points_are_known_at_once_and_others_when_an_older_keyframe_shows_them() -> None:
+    window, _ = waiting_window(True)
+    assert immature.known(window.immature).mean() > 0.5
+    window, truth = waiting_window(False)
+    assert not immature.known(window.immature).any()
+    immature.trace(window, NUMBERS, STRICT)
+    known = immature.known(window.immature)
+    assert known.sum() > 15
+    rows = window.immature.id - 1000
+    assert np.median(np.abs(window.immature.points.rho / truth[rows] - 1.0)[known]) < 0.03
+
+
+def test_looking_at_more_keyframes_makes_depths_better_and_surer() -> None:
+    window, truth = waiting_window(True)
+    before, information = window.immature.points.rho.copy(), window.immature.information.copy()
+    immature.trace(window, NUMBERS, STRICT)
+    rows = window.immature.id - 1000
+    improved = window.immature.information > information[rows]
+    assert improved.mean() > 0.5
+    error = [np.median(np.abs(rho / truth[rows] - 1.0)) for rho in (before[rows], window.immature.points.rho)]
+    assert error[1] <= error[0]
+
+
+def test_observations_name_the_point_and_the_keyframe() -> None:
+    window, _ = waiting_window(True)
+    observations = immature.trace(window, NUMBERS, STRICT)
+    assert set(observations[:, 1]) == {0, 1, 2}
+    assert set(observations[:, 0]) <= set(range(1000, 1080))
+    assert len(np.unique(observations[:, :2], axis=0)) == len(observations)
+    assert observations[:, 2].mean() > 0.7
+
+
+def test_points_that_fit_nowhere_are_forgotten() -> None:
+    window, _ = waiting_window(False)
+    window.immature.points.colour[:] = np.random.default_rng(0).uniform(0, 255, window.immature.points.colour.shape)
+    immature.trace(window, NUMBERS, STRICT)
+    assert len(window.immature.id) < 40
+
+
+def test_taking_points_out_gives_the_known_ones_and_forgets_the_rest() -> None:
+    window, _ = waiting_window(False)
+    immature.trace(window, NUMBERS, STRICT)
+    known = immature.known(window.immature)
+    gone = np.arange(len(known)) % 2 == 0
+    taken = immature.take(window, gone)
+    np.testing.assert_array_equal(len(taken.id), (known & gone).sum())
+    assert (taken.information > 0).all()
+    assert len(window.immature.id) == (~gone).sum()
