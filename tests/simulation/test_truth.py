@@ -5,10 +5,12 @@ import pytest
 
 from simulation.naive import pixel_ray, ray_hits
 from wayloom.config.classes import CLASS_ID, SKY
+from wayloom.geometry.lens import RightLens
 from wayloom.simulation.materials import CUTOUTS
 from wayloom.simulation.mesh import join
+from wayloom.simulation.optics import T_left_right
 from wayloom.simulation.renderer import Scene, World
-from wayloom.simulation.rigs import right_camera, sized_rig
+from wayloom.simulation.rigs import sized_rig
 from wayloom.simulation.traffic import FIRST_MOVER
 
 RIG = sized_rig("quarter")
@@ -44,7 +46,7 @@ def test_the_right_images_truth_lands_on_the_left_within_a_tenth_of_a_pixel(worl
     off: list[float] = []
     for T in poses:
         scene = world.scene(camera, T, 2.0)
-        left, right = scene.truth(camera, T), scene.truth(camera, right_camera(T, RIG))
+        left, right = scene.truth(camera, T), scene.truth(camera, T @ T_left_right(RIG, RightLens()))
         for v in range(0, camera.height, 2):
             for u in range(2, camera.width - 2):
                 if not on_one_plane(right.depth[v, u - 1 : u + 2], right.instance[v, u - 1 : u + 2]):

@@ -16,8 +16,6 @@ RESPONSE_GAMMA = 1.2
 """Machine vision cameras answer almost linearly: deep shadows, blown out light, noise that grows with brightness."""
 TARGET_MEAN = 0.23
 GAIN_LIMITS = (0.35, 2.6)
-ADAPTED_SHARE = 0.12
-"""How much of the way to the wanted gain the exposure control goes in one frame."""
 METERED_FROM = 0.35
 """Exposure is metered below this share of the image's height: the sky does not count."""
 
@@ -27,11 +25,6 @@ def wanted_gain(radiance: Radiance) -> float:
     metered = radiance[int(METERED_FROM * len(radiance)) :: 4, ::4].mean(axis=-1)
     mean = float(np.exp(np.log(np.maximum(metered, 1e-3)).mean()))
     return float(np.clip((TARGET_MEAN / mean) ** 0.75, *GAIN_LIMITS))
-
-
-def adapted(previous: float | None, wanted: float) -> float:
-    """Gain of the next frame."""
-    return wanted if previous is None else previous * (wanted / previous) ** ADAPTED_SHARE
 
 
 def exposed(

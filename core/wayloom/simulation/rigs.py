@@ -42,13 +42,6 @@ def given_rig(vehicle: VehicleSettings, size: str) -> StereoRig:
     return sized_rig(size, RIGS[vehicle.rig])
 
 
-def right_camera(T_world_left: F64, rig: StereoRig) -> F64:
-    """T_world_right (4, 4)."""
-    out = T_world_left.copy()
-    out[:3, 3] -= T_world_left[:3, :3] @ np.array(rig.t_right_left)
-    return out
-
-
 def camera_on_ground(x: float, y: float, yaw: float, travelled_m: float = 0.0) -> F64:
     """T_world_cam (4, 4) of a vehicle at x, y (m), yaw (rad) that rolls, pitches and heaves a little as it goes."""
     roll, pitch = (
