@@ -3,14 +3,13 @@
 from pathlib import Path
 from typing import Final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geometry import se3
 from wayloom.logs.accumulation import Scan, accumulate
 from wayloom.logs.atomic import link_or_copy, write_atomically
-from wayloom.logs.drive_writer import DriveWriter, FloatArray, numbers_text, projection_texts
+from wayloom.logs.drive_writer import DriveWriter, FloatArray, encoded_map, numbers_text, projection_texts
 from wayloom.logs.images import read_image
 from wayloom.logs.kitti_360 import CAM0_TO_WORLD, POSES, R_UNIT_POSE
 from wayloom.logs.kitti_360_clouds import CAM_TO_POSE, CAM_TO_VELO, PERSPECTIVE, read_scan
@@ -61,7 +60,7 @@ class Kitti360Writer(DriveWriter):
         """class_id (h, w) train ids and things (h, w), numbered from 1 on, 0 for none, of the left (0) or right (1) image."""
         ids = label_ids(class_id)
         for kind, image in (("semantic", ids), ("instance", instance_numbers(ids, things).astype(np.uint16))):
-            write_atomically(self.sequence.label_image(kind, index, side), bytes(cv2.imencode(".png", image)[1]))
+            write_atomically(self.sequence.label_image(kind, index, side), encoded_map(image))
 
     def repeat(self, index: int, source: int) -> None:
         """The labels too."""

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +16,7 @@ from wayloom.georeference.geodesy import lonlatheight_from_enu
 from wayloom.logs import simulated_truth as files
 from wayloom.logs.accumulation import Thinner
 from wayloom.logs.atomic import link_or_copy, write_atomically
-from wayloom.logs.drive_writer import numbers_text
+from wayloom.logs.drive_writer import encoded_map, numbers_text
 from wayloom.logs.ply import write_vertices
 from wayloom.logs.simulated_truth import CAMERAS, DEPTH_PER_M, IMAGE_KINDS
 from wayloom.simulation.city import City
@@ -53,7 +52,7 @@ class TruthFolder:
             images: tuple[NDArray[np.integer], ...] = (depth, truth.class_id, truth.instance)
             for kind, image in zip(IMAGE_KINDS, images, strict=True):
                 file = files.image_file(self.folder, kind, camera, index)
-                write_atomically(file, bytes(cv2.imencode(".png", image)[1]))
+                write_atomically(file, encoded_map(image))
 
     def write_scan_labels(self, index: int, class_id: NDArray[np.uint8], instance: NDArray[np.uint16]) -> None:
         """Class and instance (N,) of each point of a scan."""
