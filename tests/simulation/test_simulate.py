@@ -145,8 +145,11 @@ def test_a_full_disk_is_told_and_the_run_goes_on_when_there_is_space(
 def test_a_drive_that_is_there_is_not_drawn_again(written: dict[str, Path], preset: Preset, city: World) -> None:
     drive = written["kitti"]
     before = {f: f.stat().st_mtime_ns for f in drive.rglob("*")}
+    left_over = drive.parent / ".one.unfinished" / "spool"
+    left_over.mkdir(parents=True)
     assert simulate(preset, drive.parent, "quarter", truth=True, world=city) == [drive]
     assert {f: f.stat().st_mtime_ns for f in drive.rglob("*")} == before
+    assert not left_over.parent.exists()
 
 
 def test_a_folder_of_other_settings_is_refused_with_the_difference(written: dict[str, Path], preset: Preset, city: World) -> None:

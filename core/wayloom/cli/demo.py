@@ -104,11 +104,15 @@ def simulated(out: Path) -> Fleet:
     folder = out / "drives"
     made_by = f"wayloom {__version__} {SIZE} {PRESETS[PRESET].model_dump_json()}\n"
     stamp = folder / "made-by.txt"
-    if stamp.is_file() and stamp.read_text() == made_by:
+    logs = [folder / plan.vehicle_id for plan in PRESETS[PRESET].drives]
+    if not stamp.is_file() or stamp.read_text() != made_by:
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        stamp.write_text(made_by)  # now: what a demo that is stopped has drawn is used by the next
+    if all(log.is_dir() for log in logs):
         say(f"the simulated drives are in {folder}")
     else:
         say("simulating two drives of the same streets (the first run compiles its kernels)")
-        shutil.rmtree(folder, ignore_errors=True)
         columns = (TextColumn("{task.description}"), BarColumn(28), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())
         console = Console(file=sys.stderr)
         with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
@@ -118,8 +122,6 @@ def simulated(out: Path) -> Fleet:
                 PRESET, folder, SIZE, threads=threads,
                 progress=lambda share, what: bars.update(bar, completed=share, description=what),
             )  # fmt: skip
-        stamp.write_text(made_by)
-    logs = [folder / plan.vehicle_id for plan in PRESETS[PRESET].drives]
     return Fleet(logs, None, {"WAYLOOM_MAP_ORIGIN": origin})
 
 

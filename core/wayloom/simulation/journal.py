@@ -16,19 +16,27 @@ Factors = tuple[float, float]
 
 
 def check_record(out_dir: Path, record: dict[str, Any]) -> None:
-    """Write what out_dir is made with, or compare it with what is written there. Raises LogError where they differ."""
-    file = out_dir / RECORD_NAME
-    text = json.dumps(record, indent=1, sort_keys=True) + "\n"
+    """Compare with what out_dir is made, if anything is there. Raises LogError where it differs."""
+    file, wanted = out_dir / RECORD_NAME, json.loads(record_text(record))
     if not file.exists():
-        write_atomically(file, text.encode())
         return
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         found = None
-    if found != json.loads(text):
-        what = f"the folder was simulated with other settings ({difference(found, json.loads(text))})"
+    if found != wanted:
+        what = f"the folder was simulated with other settings ({difference(found, wanted)})"
         raise LogError(what, file=file, remedy="give another folder, or remove this one")
+
+
+def write_record(out_dir: Path, record: dict[str, Any]) -> None:
+    """Write with what out_dir is made."""
+    write_atomically(out_dir / RECORD_NAME, record_text(record).encode())
+
+
+def record_text(record: dict[str, Any]) -> str:
+    """As it stands in the file."""
+    return json.dumps(record, indent=1, sort_keys=True) + "\n"
 
 
 def difference(found: Any, wanted: Any, where: str = "") -> str:

@@ -1,5 +1,6 @@
 """Drives of the simulated city, written as logs."""
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +18,7 @@ from wayloom.logs.mcap_writer import McapWriter
 from wayloom.logs.sidecar import SIMULATED_RIG
 from wayloom.logs.simulated_truth import FOLDER as TRUTH_FOLDER
 from wayloom.simulation.drives import plan_drives
-from wayloom.simulation.journal import RECORD_NAME, Journal, check_record, sole_run
+from wayloom.simulation.journal import RECORD_NAME, Journal, check_record, sole_run, write_record
 from wayloom.simulation.presets import Preset, chosen_drives, find_preset
 from wayloom.simulation.recording import Recording, plan_recording, record, way_of
 from wayloom.simulation.renderer import World
@@ -72,14 +73,20 @@ def simulate(
     sized_rig(size)
     numbers = chosen_drives(chosen, drives)
     check_formats(chosen, numbers, format)
+    said = record_of(chosen, size, format, truth, frames)
+    check_record(out_dir, said)
+    paths = [folder_of(out_dir, chosen, number, format) for number in numbers]
     left = [number for number in numbers if not is_done(out_dir, chosen, number, format)]
+    if not left:
+        return paths
     progress(0.0, "building the city")
     world = build_world(chosen.city, chosen.light, size) if world is None else world
     planned = plan_drives(world.city, [way_of(plan, chosen) for plan in chosen.drives])
     recordings = [plan_recording(chosen, number, planned[number], frames) for number in left]
     out_dir.mkdir(parents=True, exist_ok=True)
     with sole_run(out_dir):
-        check_record(out_dir, record_of(chosen, size, format, truth, frames))
+        check_record(out_dir, said)
+        write_record(out_dir, said)
         total, done = sum(map(len, recordings)), 0
         for recording in recordings:
             for whole in write_drive(out_dir, world, chosen, recording, size, format, truth, threads):
@@ -87,7 +94,7 @@ def simulate(
                 progress(SET_UP_SHARE + (1 - SET_UP_SHARE) * (done + whole) / total, what)
             done += len(recording)
     progress(1.0, "done")
-    return [folder_of(out_dir, chosen, number, format) for number in numbers]
+    return paths
 
 
 def with_seed(preset: Preset, seed: int | None) -> Preset:
@@ -125,6 +132,7 @@ def is_done(out_dir: Path, preset: Preset, number: int, format: str) -> bool:
         return False
     if not path.is_dir() or not (out_dir / RECORD_NAME).is_file():
         raise LogError("exists and is no empty folder", file=path, remedy="remove it or give another path")
+    shutil.rmtree(unfinished_folder(path), ignore_errors=True)  # of a run that was killed between its last two steps
     return True
 
 
