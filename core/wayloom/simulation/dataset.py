@@ -20,22 +20,33 @@ from wayloom.simulation.worlds import build_world
 CITY_COLUMNS, CITY_ROWS = 5, 5
 FIRST_TRAINING_SEED = 1000
 """Training cities have seeds from here on; those of the presets that are driven and judged lie below."""
+WET_SHARE, RAIN_SHARE, FOG_SHARE = 0.15, 0.06, 0.05
 EVERYDAY: Final = VehicleSettings(
-    right=SensorSettings(gain=1.02, offset=2.0, gamma_ratio=1.02, vignette=0.42, vignette_centre=(0.05, -0.03), blur_px=0.57),
+    right=SensorSettings(gain=1.02, offset=2.0, gamma_ratio=1.02, vignette=0.42, vignette_centre=(0.05, -0.03), blur_px=0.55),
     right_lens=RightLensSettings(pitch_rad=0.0007, roll_rad=0.0006, cx_shift_px=0.3, k1=0.0012, p1=0.0004, p2=-0.0003),
 )
 """A pair as real ones are: two lenses and two sensors that differ a little, and a calibration that is a little wrong."""
 
 
 def random_light(rng: np.random.Generator) -> LightSettings:
-    """Any time of day from early morning on, clear to overcast."""
+    """Any time of day from early morning on, clear to overcast; sometimes on a wet road, seldom in rain or fog."""
     overcast = float(rng.beta(1.2, 1.2))
+    wetness, rain_mm_h, haze_per_m = 0.0, 0.0, float(rng.uniform(0.0008, 0.005))
+    what = rng.random()
+    if what < WET_SHARE:
+        wetness = float(rng.uniform(0.3, 1.0))
+    if what < RAIN_SHARE:
+        rain_mm_h, overcast = float(rng.uniform(0.5, 10.0)), 1.0
+    elif what > 1 - FOG_SHARE:
+        haze_per_m, overcast = float(rng.uniform(0.008, 0.025)), 1.0
     return LightSettings(
         sun_azimuth_deg=float(rng.uniform(-180, 180)),
-        sun_elevation_deg=float(rng.uniform(18, 68)),
-        sun_strength=float(rng.uniform(2.0, 3.2) * (1 - 0.85 * max(0.0, overcast - 0.45) / 0.55)),
+        sun_elevation_deg=float(rng.uniform(9, 68)),
+        sun_strength=float(rng.uniform(2.0, 3.2) * (1 - 0.93 * max(0.0, overcast - 0.45) / 0.55)),
         cloud_cover=overcast,
-        haze_per_m=float(rng.uniform(0.0008, 0.005)),
+        haze_per_m=haze_per_m,
+        wetness=wetness,
+        rain_mm_h=rain_mm_h,
     )
 
 

@@ -77,7 +77,7 @@ class CityLight:
     """Makes the `Light` for each view. Shadow maps belong to squares of the city and are made when first needed."""
 
     def __init__(self, city: City, textures: TextureStack, settings: LightSettings) -> None:
-        self._city, self._textures, self._settings = city, textures, settings
+        self._city, self._textures, self.settings = city, textures, settings
         self._axes = _sun_axes(settings)
         rng = np.random.default_rng([city.seed, 9])
         self._clouds, self._stains = spectral_noise(rng, NOISE_SIZE, 2.6), spectral_noise(rng, NOISE_SIZE, 1.9)
@@ -91,7 +91,7 @@ class CityLight:
             near = self._map("near", x, y, NEAR_STEP_M)
             far = self._map("far", x, y, FAR_STEP_M)
             sky_map = self._map("open", x, y, OPEN_STEP_M)
-        s = self._settings
+        s = self.settings
         overcast = s.cloud_cover
         sun = np.array([1.0, 0.93, 0.80], np.float32) * np.float32(s.sun_strength)
         sky = np.array([0.30, 0.43, 0.74], np.float32) * np.float32(1 - 0.5 * overcast) + np.float32(0.5 * overcast) * np.array(

@@ -105,24 +105,24 @@ SMOOTH: Final = (
 
 
 ROUGH: Final = {
-    Material.STREET: 0.16,
-    Material.AVENUE: 0.16,
-    Material.ASPHALT: 0.16,
-    Material.CROSSING: 0.16,
-    Material.PAVERS: 0.14,
+    Material.STREET: 0.13,
+    Material.AVENUE: 0.13,
+    Material.ASPHALT: 0.13,
+    Material.CROSSING: 0.13,
+    Material.PAVERS: 0.12,
     Material.COBBLES: 0.2,
-    Material.LAWN: 0.3,
-    Material.SOIL: 0.25,
+    Material.LAWN: 0.22,
+    Material.SOIL: 0.2,
     Material.CLINKER: 0.12,
     Material.SANDSTONE: 0.12,
     Material.ROOF_TILES: 0.15,
     Material.BRICK: 0.15,
     Material.RUBBLE: 0.2,
     Material.CONCRETE: 0.1,
-    Material.BARK: 0.25,
-    Material.LEAVES: 0.3,
-    Material.NEEDLES: 0.3,
-    Material.HEDGE: 0.3,
+    Material.BARK: 0.2,
+    Material.LEAVES: 0.22,
+    Material.NEEDLES: 0.22,
+    Material.HEDGE: 0.22,
 }
 """Spread of what a surface throws towards a viewer, as a share. Other rough surfaces have PLASTER_RELIEF, smooth ones none."""
 PLASTER_RELIEF = 0.08

@@ -13,6 +13,7 @@ from wayloom.simulation.kernels import raster, shade
 from wayloom.simulation.kernels.arrays import Light, TextureStack, View
 from wayloom.simulation.light import MOVER_REACH_M, CityLight
 from wayloom.simulation.mesh import Mesh, empty, join
+from wayloom.simulation.rain import with_rain
 from wayloom.simulation.traffic import Traffic
 
 F64 = NDArray[np.float64]
@@ -32,11 +33,13 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What is near enough to be seen at one moment: triangles, nearest chunks first, and the light."""
+    """What is near enough to be seen at one moment t_s: triangles, nearest chunks first, the light, and rain in the air."""
 
     mesh: Mesh
     light: Light
     textures: TextureStack
+    rain_mm_h: float = 0.0
+    t_s: float = 0.0
 
     def image(self, camera: PinholeCamera, T_world_cam: F64) -> NDArray[np.float32]:
         """(h, w, 3) linear radiance, four samples of coverage a pixel."""
@@ -52,6 +55,8 @@ class Scene:
         """(h, w, 3) linear radiance of what `fine_ids` says is seen."""
         out, view = np.empty((camera.height, camera.width, 3), np.float32), _view(camera, T_world_cam)
         shade.shade_samples(fine_ids, self.mesh.triangles(), self.textures, self.light, view, out, *_scratch())
+        if self.rain_mm_h > 0:
+            return with_rain(out, camera, T_world_cam, self.rain_mm_h, self.t_s, self.light.horizon_rgb)
         return out
 
     def truth(self, camera: PinholeCamera, T_world_cam: F64) -> Truth:
@@ -96,7 +101,7 @@ class World:
         chunks = visible_chunks(self.city, planes, reach, T_world_cam[:3, 3])
         casters = [m.mesh for m in movers if np.hypot(m.centre[0] - x, m.centre[1] - y) < MOVER_REACH_M + m.radius_m]
         light = self.light.at(x, y, join(casters) if casters else empty())
-        return Scene(join([*seen, self.city.chunks(chunks)]), light, self.textures)
+        return Scene(join([*seen, self.city.chunks(chunks)]), light, self.textures, self.light.settings.rain_mm_h, t_s)
 
 
 def view_planes(camera: PinholeCamera, T_world_cam: F64) -> tuple[F64, F64]:

@@ -47,7 +47,7 @@ class SensorSettings(Settings):
     gamma_ratio: float = Field(default=1.0, gt=0.4, lt=2.5, description="exponent on the response curve")
     vignette: float = Field(default=0.35, ge=0, le=4, description="brightness falls as (1 + r^2)^-vignette; 2 is cos^4")
     vignette_centre: tuple[float, float] = Field(default=(0.0, 0.0), description="where it is brightest, x/z and y/z")
-    blur_px: float = Field(default=0.464, ge=0, le=0.577, description="standard deviation of the lens's blur")
+    blur_px: float = Field(default=0.525, ge=0, le=0.577, description="standard deviation of the lens's blur")
     noise: float = Field(default=1.0, ge=0, le=20, description="factor on the standard deviation of all noise")
 
 

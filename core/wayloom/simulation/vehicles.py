@@ -173,7 +173,7 @@ def _tram(length: float) -> Mesh:
         tip, base = way * x1, way * (x1 - nose)
         outline: Outline = ((base, low), (base, high), (tip - way * 0.3, high - 0.1), (tip, 1.5), (tip, low))
         _lofted(m, outline if way > 0 else outline[::-1], half - 0.06, frozenset(), cls)
-        _slanted_face(m, (tip + 0.012 * way, tip - way * 0.33), half - 0.08, (low, high - 0.12), way, cls)
+        _slanted_face(m, (tip + 0.015 * way, tip - way * 0.275), half - 0.08, (low, high - 0.12), way, cls)
         for y in (0.85, -0.85):
             box(m, (tip - 0.04, y - 0.16, 0.85), (tip + 0.04, y + 0.16, 1.05), Material.PAINT, cls, 0, WHITE_LAMP)
     box(m, (x0 + 1, -1.0, 0.06), (x1 - 1, 1.0, low), Material.PAINT, cls, 0, RUBBER)
