@@ -16,8 +16,9 @@ import pytest
 from wayloom.config.classes import CLASS_COUNT
 from wayloom.errors import ConfigError, ConflictError, LogError
 from wayloom.geometry import se3
+from wayloom.georeference.geodesy import enu_from_lonlatheight
 from wayloom.logs.registry import open_log
-from wayloom.logs.simulated_truth import open_truth
+from wayloom.logs.simulated_truth import FIX_COLUMNS, open_truth
 from wayloom.simulation.city_settings import CitySettings
 from wayloom.simulation.drives import plan_drives
 from wayloom.simulation.presets import CITY_ORIGIN, PRESETS, START_NS, DrivePlan, Preset
@@ -260,6 +261,17 @@ def test_truth_tells_the_rig_the_frames_and_the_city(written: dict[str, Path], p
     assert 0 < np.abs(frames.imu_bias).max() < 0.5
     for name in ("objects.geojson", "areas.geojson"):
         assert json.loads((truth.folder / name).read_text())["type"] == "FeatureCollection"
+
+
+def test_truth_tells_how_far_each_fix_is_off(written: dict[str, Path]) -> None:
+    rows = np.genfromtxt(written["kitti"] / "truth" / "fixes.csv", delimiter=",", names=True, dtype=None, encoding="ascii")
+    log = open_log(written["kitti"])
+    assert log.gnss is not None
+    assert len(rows) == len(log.gnss)
+    place, error = (np.column_stack([rows[name] for name in names]) for names in (FIX_COLUMNS[1:4], FIX_COLUMNS[4:7]))
+    np.testing.assert_allclose(place + error, enu_from_lonlatheight(log.gnss.lon_lat_height, CITY_ORIGIN), atol=1e-4)
+    antenna = open_truth(written["kitti"]).T_enu_cam[0] @ np.append(log.p_cam_gnss, 1.0)
+    np.testing.assert_allclose(place[0], antenna[:3], atol=1e-5)
 
 
 def test_what_is_unknown_is_refused_with_the_known(tmp_path: Path, preset: Preset) -> None:

@@ -6,6 +6,7 @@ class_{left,right}/%06d.png     Cityscapes train ids
 instance_{left,right}/%06d.png  16 bit; a number a thing, the same in all drives of a city; 0 ground and sky, from 60000 on movers
 lidar/%06d.label                uint32 for each point of a scan: class in the lower 16 bits, instance in the upper
 frames.csv                      per frame: exposure and gain of left and right, and the IMU's biases
+fixes.csv                       per fix: its true time, the antenna's true place (ENU), its error, true sigma, whether multipath
 vehicle.json                    the rig as given and as it is, clock, places of the sensors, all settings of the vehicle
 surface.ply                     what the left camera saw of all that stands still, ENU, with class and instance
 objects.geojson, areas.geojson  poles, signs, lights; roads and sidewalks; with their coordinates in ENU too
@@ -33,6 +34,8 @@ DEPTH_PER_M: Final = 256
 CAMERAS: Final = ("left", "right")
 IMAGE_KINDS: Final = ("depth", "class", "instance")
 POSES_NAME, FRAMES_NAME, VEHICLE_NAME, SURFACE_NAME = "poses_enu.txt", "frames.csv", "vehicle.json", "surface.ply"
+FIXES_NAME: Final = "fixes.csv"
+FIX_COLUMNS: Final = ("t_ns", "east_m", "north_m", "up_m", "error_e_m", "error_n_m", "error_u_m", "sigma_m", "multipath")
 OBJECTS_NAME, AREAS_NAME = "objects.geojson", "areas.geojson"
 EXPOSURE_COLUMNS: Final = ("left_exposure_s", "left_gain", "right_exposure_s", "right_gain")
 BIAS_COLUMNS: Final = ("fx_bias_m_s2", "fy_bias_m_s2", "fz_bias_m_s2", "wx_bias_rad_s", "wy_bias_rad_s", "wz_bias_rad_s")

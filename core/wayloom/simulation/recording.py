@@ -14,6 +14,7 @@ from wayloom.simulation.capture import Captured, StereoCamera, capture
 from wayloom.simulation.clock import stamps_ns
 from wayloom.simulation.drives import Drive, Way
 from wayloom.simulation.exposure import exposure_of
+from wayloom.simulation.gnss import GnssRecord
 from wayloom.simulation.imu import ImuRecord
 from wayloom.simulation.journal import Journal
 from wayloom.simulation.motion import camera_poses
@@ -147,7 +148,7 @@ def record(
     for t_ns, T in zip(recording.t_ns.tolist(), recording.T_enu_cam, strict=True):
         writer.count(t_ns, T)
     inertia = inertial(preset, recording)
-    position(writer, preset, recording, inertia)
+    fixes = position(writer, preset, recording, inertia)
     exposures = [tuple(exposure_of(f, vehicle.exposure) for f in factors) for factors in journal.factors]
     shown = [exposures[index % recording.drawn] for index in range(len(recording))]
     if vehicle.exposure.logged:
@@ -155,6 +156,8 @@ def record(
     if truth is not None:
         truth.write_poses(recording.T_enu_cam)
         truth.write_frames(recording.t_ns, shown, recording.t_s, inertia)
+        if fixes is not None:
+            truth.write_fixes(fixes, START_NS)
         truth.write_vehicle(vehicle, size, camera.cameras)
         truth.write_surface(camera.cameras[0], recording.T_enu_cam[: recording.drawn])
         truth.write_city(world.city, recording.T_enu_cam)
@@ -169,8 +172,8 @@ def inertial(preset: Preset, recording: Recording) -> ImuRecord | None:
     return imu.recorded(recording.motion, vehicle.T_body_cam @ vehicle.T_cam_imu, vehicle.imu, rng)
 
 
-def position(writer: DriveWriter, preset: Preset, recording: Recording, inertia: ImuRecord | None) -> None:
-    """Give the writer the fixes and the IMU's samples, in the form that its layout has them."""
+def position(writer: DriveWriter, preset: Preset, recording: Recording, inertia: ImuRecord | None) -> GnssRecord | None:
+    """Give the writer the fixes and the IMU's samples, in the form that its layout has them; the fixes as they came about."""
     vehicle, motion, start_ns = recording.plan.vehicle, recording.motion, recording.start_ns
     stream = [preset.city.seed, recording.number]
     fixes = gnss.received(motion, vehicle, np.random.default_rng([*stream, GNSS_STREAM]))
@@ -183,3 +186,4 @@ def position(writer: DriveWriter, preset: Preset, recording: Recording, inertia:
     if inertia is not None:
         t_ns = stamps_ns(inertia.t_s, motion.start_s, start_ns, vehicle.clock)
         writer.set_imu(ImuTrack(t_ns, inertia.force, inertia.rate))
+    return fixes

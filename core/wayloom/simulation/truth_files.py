@@ -21,6 +21,7 @@ from wayloom.logs.ply import write_vertices
 from wayloom.logs.simulated_truth import CAMERAS, DEPTH_PER_M, IMAGE_KINDS
 from wayloom.simulation.city import City
 from wayloom.simulation.exposure import Exposure
+from wayloom.simulation.gnss import GnssRecord
 from wayloom.simulation.imu import ImuRecord
 from wayloom.simulation.objects import Area
 from wayloom.simulation.optics import TrueCamera
@@ -84,6 +85,18 @@ class TruthFolder:
         rows = zip(t_ns.tolist(), *columns, strict=True)
         lines = (",".join([str(t), *(repr(float(value)) for value in values)]) + "\n" for t, *values in rows)
         write_atomically(self.folder / files.FRAMES_NAME, f"{','.join(['t_ns', *names])}\n{''.join(lines)}".encode())
+
+    def write_fixes(self, fixes: GnssRecord, zero_ns: int) -> None:
+        """For each fix its true time on the cameras' clock, where the antenna was, and how far and why the fix is off. zero_ns: of
+        the city's time zero."""
+        rows = zip(
+            fixes.t_s, fixes.antenna_enu, fixes.measured_enu - fixes.antenna_enu, fixes.sigma_m, fixes.multipath, strict=True
+        )
+        lines = (
+            ",".join([str(zero_ns + round(t * 1e9)), *(f"{v:.6f}" for v in (*place, *error, sigma)), str(int(multipath))]) + "\n"
+            for t, place, error, sigma, multipath in rows
+        )
+        write_atomically(self.folder / files.FIXES_NAME, f"{','.join(files.FIX_COLUMNS)}\n{''.join(lines)}".encode())
 
     def write_vehicle(self, vehicle: VehicleSettings, size: str, cameras: tuple[TrueCamera, TrueCamera]) -> None:
         """The rig as given and as it is, and all settings of the vehicle."""
