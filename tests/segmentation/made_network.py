@@ -100,6 +100,17 @@ def ids_network(side: int, classes: int = 3) -> bytes:
     )
 
 
+def ids_of_any_size() -> bytes:
+    """float32 NCHW of any size to the arg max of each pixel."""
+    steps = [node("Conv", ["image", "w"], "logits"), node("ArgMax", ["logits"], "ids", integer("axis", 1), integer("keepdims", 0))]
+    return model(
+        steps,
+        [tensor("w", colour_weights(3))],
+        [value("image", FLOAT, 1, 3, "h", "w")],
+        [value("ids", INT64, 1, "h", "w")],
+    )
+
+
 def put(folder: Path, name: str, data: bytes, toml: str) -> Path:
     """Write NAME.onnx and NAME.toml; the TOML's path."""
     (folder / f"{name}.onnx").write_bytes(data)

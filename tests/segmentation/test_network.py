@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from made_network import FLOAT, IDS, PLAIN, THREE, ids_network, logits_network, model, node, put, value
+from made_network import FLOAT, IDS, PLAIN, THREE, ids_network, ids_of_any_size, logits_network, model, node, put, value
 
 from wayloom.errors import ModelError
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, MODELS, find_model
@@ -97,6 +97,19 @@ def test_a_pair_gets_the_labels_and_scores_of_its_images(several: bool, tmp_path
         assert np.array_equal(labelled.scores.classes, alone.classes)
         assert np.array_equal(labelled.scores.steps, alone.steps)
         assert labelled.scores.covered == (40, 56)
+
+
+@pytest.mark.parametrize("zoom", [0.5, 1.25, 2.0])
+def test_an_enlarged_frame_is_labelled_in_its_own_size(zoom: float, tmp_path: Path) -> None:
+    toml = put(tmp_path, "made", logits_network(pool=4), THREE + f"zoom = {zoom}\n")
+    network = Network(find_model(toml))
+    labels = network.labels(painted(60, 120))
+    wrong = np.flatnonzero((labels != truth(60, 120, SKY)).any(axis=0))
+    assert labels.shape == (60, 120)
+    assert all(min(abs(column - 39.5), abs(column - 79.5)) < 3 / min(zoom, 1) for column in wrong)
+    assert network.scores(painted(60, 120)).covered == (60, 120)
+    ids = Network(find_model(put(tmp_path, "ids", ids_of_any_size(), THREE + f'output = "ids"\nzoom = {zoom}\n')))
+    assert (ids.labels(painted(60, 120)) == truth(60, 120, SKY)).mean() > 0.95
 
 
 def test_a_device_that_is_not_there_is_told_before_the_work(tmp_path: Path) -> None:

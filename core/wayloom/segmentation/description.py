@@ -40,6 +40,12 @@ class ModelDescription(Settings):
         "dynamic", description="dynamic: the whole frame, padded; tiles: near-square overlapping tiles, each resized to the input"
     )
     multiple: int = Field(32, ge=1, le=1024, description="dynamic: height and width must be multiples of this, pixels")
+    zoom: float = Field(
+        1.0,
+        ge=0.25,
+        le=4,
+        description="dynamic: the frame is resized by about this (to whole multiples) before the network sees it",
+    )
     tile_px: int = Field(513, ge=32, le=4096, description="tiles: height and width of the input, pixels")
     output: Literal["logits", "ids"] = Field(
         "logits", description="logits at any stride, or the arg max for each pixel of the input"

@@ -96,7 +96,7 @@ class Network:
         images = (left, right)
         if not self.gives_scores:
             return Labelled(self.labels(left), None), Labelled(self.labels(right), None)
-        padded = [_padded(_as_rgb(image), self.description.multiple) for image in images]
+        padded = [self._prepared(_as_rgb(image)) for image in images]
         if self._takes_several:
             grids = list(self._run(*padded)[0])
         else:
@@ -111,9 +111,10 @@ class Network:
         """The whole frame, padded by its own border to the network's multiple, at once."""
         height, width = rgb.shape[:2]
         if self.description.output == "ids":
-            padded = _padded(rgb, self.description.multiple)
-            ids = _as_plane(self._run(padded)[0])
-            return _in_train_ids(self._train_ids, ids)[:height, :width]
+            labels = _in_train_ids(self._train_ids, _as_plane(self._run(self._prepared(rgb))[0]))
+            if self.description.zoom != 1:
+                return np.asarray(cv2.resize(labels, (width, height), interpolation=cv2.INTER_NEAREST_EXACT), np.uint8)
+            return labels[:height, :width]
         return self._labels_of_logits(self._logits(rgb), rgb)
 
     def _labels_of_tiles(self, rgb: Image) -> Labels:
@@ -150,14 +151,25 @@ class Network:
     def _scores(self, logits: NDArray[np.float32], image: Image, k: int) -> Scores:
         return scores_from_logits(logits, self._train_ids, self._covered(image), k)
 
+    def _prepared(self, rgb: Image) -> Image:
+        """The frame as the network sees it: padded to its multiple, or resized to one."""
+        d = self.description
+        if d.zoom == 1:
+            return _padded(rgb, d.multiple)
+        height, width = (max(1, round(n * d.zoom / d.multiple)) * d.multiple for n in rgb.shape[:2])
+        return np.asarray(cv2.resize(rgb, (width, height), interpolation=cv2.INTER_LINEAR), np.uint8)
+
     def _covered(self, image: Image) -> tuple[int, int]:
-        """Height and width in pixels of the image as the network sees it."""
+        """Height and width, in pixels of the image, of what the network sees."""
+        height, width = image.shape[:2]
+        if self.description.zoom != 1:
+            return height, width
         multiple = self.description.multiple
-        return -(-image.shape[0] // multiple) * multiple, -(-image.shape[1] // multiple) * multiple
+        return -(-height // multiple) * multiple, -(-width // multiple) * multiple
 
     def _logits(self, rgb: Image) -> NDArray[np.float32]:
-        """(gh, gw, C) logits of the padded frame."""
-        return self._channels_last(self._run(_padded(rgb, self.description.multiple))[0][0])
+        """(gh, gw, C) logits of the frame as it is prepared."""
+        return self._channels_last(self._run(self._prepared(rgb))[0][0])
 
     def _channels_last(self, grid: NDArray[Any]) -> NDArray[np.float32]:
         return np.ascontiguousarray(grid if self.description.layout == "NHWC" else grid.transpose(1, 2, 0), np.float32)

@@ -25,6 +25,7 @@ class Conversion:
     licence: str
     source: str
     multiple: int
+    zoom: float
 
 
 CONVERSIONS: Final[dict[str, Conversion]] = {
@@ -34,6 +35,7 @@ CONVERSIONS: Final[dict[str, Conversion]] = {
         licence="Apache-2.0 (trained on Cityscapes, whose own terms are for non-commercial research)",
         source="han-cai/efficientvit-seg on Hugging Face, by the authors at mit-han-lab",
         multiple=32,
+        zoom=1.25,  # trained on frames of 2048 x 1024: smaller ones are better enlarged
     )
 }
 
@@ -84,6 +86,7 @@ mean = [0.485, 0.456, 0.406]
 std = [0.229, 0.224, 0.225]
 size = "dynamic"
 multiple = {kind.multiple}
+zoom = {kind.zoom}
 output = "logits"
 colour = true
 '''
