@@ -32,11 +32,12 @@ CAMVID_CLASSES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class ImageScores:
-    """Mean IoU over the classes that the truth holds and accuracy, in percent, over `images` images."""
+    """Mean IoU over the classes that the truth holds and accuracy, in percent, over `images` images; iou of each such class."""
 
     images: int
     miou: float
     accuracy: float
+    iou: dict[int, float]
 
 
 def scores_on_kitti(network: Network, folder: Path) -> ImageScores:
@@ -70,5 +71,6 @@ def _scores(network: Network, folder: Path, truth_of: Image, found_of: Image, cl
         confusion += np.bincount(pairs[truth != 255], minlength=classes * 256).reshape(classes, 256)
     hits, of_class = np.diag(confusion), confusion.sum(axis=1)
     there = of_class > 0
-    iou = hits[there] / (of_class + confusion.sum(axis=0)[:classes] - hits)[there]
-    return ImageScores(len(files), 100.0 * float(iou.mean()), 100.0 * float(hits.sum() / confusion.sum()))
+    iou = 100.0 * hits[there] / (of_class + confusion.sum(axis=0)[:classes] - hits)[there]
+    of_classes = dict(zip(np.nonzero(there)[0].tolist(), iou.tolist(), strict=True))
+    return ImageScores(len(files), float(iou.mean()), 100.0 * float(hits.sum() / confusion.sum()), of_classes)
