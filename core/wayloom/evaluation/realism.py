@@ -131,7 +131,7 @@ def share_of_strong_gradients(image: Image) -> float:
 
 
 def stereo_residuals(left: Image, right: Image, settings: OdometrySettings) -> tuple[float, FloatArray]:
-    """Share of candidate pixels of a pair (h, w) with aligned rows that match, and |differences| around the matches, grey levels."""
+    """Share of candidate pixels of a pair (h, w) with aligned rows that match, and |left - right| around them, grey levels."""
     s = settings
     pixels = selection.select_candidates(left, np.zeros((0, 2)), CANDIDATE_CELL_PX, s.block, s.gradient_margin, s.border)
     found = stereo.match(left, right, pixels, s.max_disparity, s.uniqueness, s.max_cost, s.slope_cap)
