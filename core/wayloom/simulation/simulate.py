@@ -90,7 +90,8 @@ def simulate(
         total, done = sum(map(len, recordings)), 0
         for recording in recordings:
             for whole in write_drive(out_dir, world, chosen, recording, size, format, truth, threads):
-                what = f"{recording.plan.vehicle_id}: frame {whole} of {len(recording)}"
+                last = ", putting the drive together" if whole == len(recording) else ""
+                what = f"{recording.plan.vehicle_id}: frame {whole} of {len(recording)}{last}"
                 progress(SET_UP_SHARE + (1 - SET_UP_SHARE) * (done + whole) / total, what)
             done += len(recording)
     progress(1.0, "done")
