@@ -20,6 +20,8 @@ Mask = NDArray[np.bool_]
 
 LOOKS_SIDE: Final = 3
 """A point's looks are 3 x 3 grey values of the small images, a small pixel of the host apart."""
+LEAST_LIKENESS: Final = 0.3
+"""Where the correlation of looks is less, the point is not seen."""
 CELL_PX: Final = 8.0
 """Within a cell of this size, what stands nearer hides what stands behind …"""
 MARGIN: Final = 0.15
@@ -134,6 +136,7 @@ def _visibility(
         scale = nearness[rows] / points.inverse_depth[rows]
         alike = likeness(points.looks[rows], _looks(voter.small[side], uv[rows], scale))
         visible[:] = 0.0
+        alike[alike < LEAST_LIKENESS] = 0.0
         visible[rows] = alike ** np.float32(settings.likeness_power)
     return visible
 
