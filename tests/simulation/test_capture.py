@@ -35,12 +35,14 @@ EVERYTHING = VehicleSettings(
 
 @pytest.fixture(scope="module")
 def route(world: World) -> Route:
-    way = Way(nodes=(4, 5, 6, 10), reference=2, before_m=25.0, start_s=3.0, duration_s=2.0)
+    way = Way(nodes=(4, 5, 6, 10), reference=2, before_m=25.0, start_s=7.0, duration_s=2.0)
     return plan_drives(world.city, [way])[0].route
 
 
-def pairs(world: World, route: Route, vehicle: VehicleSettings, count: int = 3, threads: int = 1) -> list[Captured]:
-    t_s = route.start_s + 0.1 * np.arange(count)
+def pairs(
+    world: World, route: Route, vehicle: VehicleSettings, count: int = 3, threads: int = 1, after_s: float = 0.0
+) -> list[Captured]:
+    t_s = route.start_s + after_s + 0.1 * np.arange(count)
     return list(capture(StereoCamera(vehicle, "quarter", route), world, t_s, frozenset(), True, (1, 2), threads))
 
 
@@ -85,7 +87,7 @@ def test_gain_of_the_right_camera_shows_and_is_the_same_in_all_frames(world: Wor
 
 def test_dimmed_light_darkens_the_image_until_exposure_follows(world: World, route: Route) -> None:
     settings = ExposureSettings(time_constant_s=0.15, compensation=1.0)
-    fall = (LightChange(from_s=0.1, to_s=9.0, factor=0.25, ramp_s=0.0),)
+    fall = (LightChange(from_s=0.05, to_s=9.0, factor=0.25, ramp_s=0.0),)
     plain = pairs(world, route, VehicleSettings(exposure=settings), 8)
     dimmed = pairs(world, route, VehicleSettings(exposure=settings.model_copy(update={"light_changes": fall})), 8)
     means = np.array([[c.left.mean() for c in drive] for drive in (plain, dimmed)])
@@ -100,8 +102,10 @@ def test_motion_blur_takes_fine_detail_along_and_leaves_the_far_alone(world: Wor
     slow = ExposureSettings(unit_s=0.03, longest_s=0.05, shortest_s=0.03)
     quiet = SensorSettings(noise=0.0)
     settings = {"exposure": slow, "left": quiet, "right": quiet}
-    sharp = pairs(world, route, VehicleSettings(**settings), 1)[0]
-    smeared = pairs(world, route, VehicleSettings(**settings, motion_blur=True), 1)[0]
+    after_s = np.arange(0.0, 24.0, 0.5)
+    fastest_s = float(after_s[np.argmax(route.travelled(route.start_s + after_s, 1))])
+    sharp = pairs(world, route, VehicleSettings(**settings), 1, after_s=fastest_s)[0]
+    smeared = pairs(world, route, VehicleSettings(**settings, motion_blur=True), 1, after_s=fastest_s)[0]
     assert sharp.truth is not None
     depth = sharp.truth[0].depth
     change = np.abs(sharp.left.astype(float) - smeared.left).mean(axis=2)
