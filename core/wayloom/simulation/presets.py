@@ -86,14 +86,14 @@ DEMO: Final = Preset(
     about="Two vehicles in the same streets: one turns a corner, the other comes the opposite way and goes straight on.",
     city=CitySettings(seed=7),
     drives=(
-        DrivePlan(vehicle_id="car-1", nodes=(5, 6, 7, 12), reference=2, before_m=58.0, frames=72, start_s=12.0),
+        DrivePlan(vehicle_id="car-1", nodes=(5, 6, 7, 12), reference=2, before_m=58.0, frames=72, start_s=56.0),
         DrivePlan(
             vehicle_id="car-2",
             nodes=(9, 8, 7, 6, 5),
             reference=2,
             before_m=26.0,
             frames=72,
-            start_s=400.0,
+            start_s=404.0,
             vehicle=VehicleSettings(p_cam_gnss_m=(-0.20, -0.48, -1.25), right=SensorSettings(gain=1.02), gnss=OUTAGE),
         ),
     ),
@@ -188,11 +188,11 @@ BENCHMARK: Final = Preset(
 PHOTOMETRY: Final = Preset(
     name="photometry",
     about="A low sun, quick exposure control, sides that differ, glare, a tunnel's darkness, open shutters.",
-    city=CitySettings(seed=23),
+    city=CitySettings(seed=23, traffic=0.6),
     light=LightSettings(sun_azimuth_deg=12.0, sun_elevation_deg=14.0, sun_strength=3.4, cloud_cover=0.25, haze_per_m=0.004),
     drives=(
         DrivePlan(
-            vehicle_id="car-1", nodes=(5, 6, 7, 8, 13), reference=1, before_m=50.0, frames=180, start_s=30.0,
+            vehicle_id="car-1", nodes=(5, 6, 7, 8, 13), reference=1, before_m=50.0, frames=180, start_s=54.0,
             vehicle=VehicleSettings(
                 right=SensorSettings(gain=1.18, offset=3.0, gamma_ratio=1.08, vignette=1.2, vignette_centre=(0.1, -0.05)),
                 exposure=ExposureSettings(
@@ -203,7 +203,7 @@ PHOTOMETRY: Final = Preset(
             ),
         ),
         DrivePlan(
-            vehicle_id="car-2", nodes=(8, 7, 6, 5), reference=1, before_m=50.0, frames=150, start_s=300.0,
+            vehicle_id="car-2", nodes=(8, 7, 6, 5), reference=1, before_m=50.0, frames=150, start_s=348.0,
             vehicle=VehicleSettings(
                 exposure=ExposureSettings(time_constant_s=0.4, each_for_itself=True, logged=True),
                 right=SensorSettings(gain=0.85, noise=2.5),
@@ -226,18 +226,18 @@ MOVERS: Final = Preset(
     ),
 )  # fmt: skip
 RIG_WAYS: Final = (
-    ((5, 6, 7, 12, 17), 2, 55.0, 40.0),
-    ((17, 12, 11, 6, 7), 1, 45.0, 120.0),
-    ((10, 11, 12, 13, 14), 1, 40.0, 200.0),
-    ((8, 7, 6, 11, 16), 2, 60.0, 280.0),
-    ((22, 17, 12, 7, 2), 1, 40.0, 360.0),
+    ((5, 6, 7, 12, 17), 2, 55.0, 58.0),
+    ((17, 12, 11, 6, 7), 1, 45.0, 134.0),
+    ((10, 11, 12, 13, 14), 1, 40.0, 218.0),
+    ((8, 7, 6, 11, 16), 2, 60.0, 294.0),
+    ((22, 17, 12, 7, 2), 1, 40.0, 374.0),
 )
-"""Crossings, reference, metres before it, start time: a turn left, two turns, straight on, a turn late, straight on across."""
+"""Crossings, reference, metres before it, start time: a turn left, two turns, a roundabout, a turn late, straight on."""
 RIG_DRIVES: Final = {"lens": 5, "perfect": 5, "worn": 3, "rows": 2, "offset": 2}
 RIG: Final = Preset(
     name="rig",
     about="Rigs whose calibration is a little wrong, each in its own way, and a perfect one: straight ways and turns.",
-    city=CitySettings(seed=13),
+    city=CitySettings(seed=13, traffic=0.3),
     drives=tuple(
         DrivePlan(
             vehicle_id=f"{fault}-{number}", nodes=nodes, reference=reference, before_m=before_m, frames=120, start_s=start_s,
