@@ -36,7 +36,7 @@ def poses(world: World) -> list[np.ndarray]:
 @pytest.fixture(scope="session")
 def short_preset() -> Preset:
     """Two drives of five frames."""
-    plan = DrivePlan(vehicle_id="one", nodes=(4, 5, 6, 10), reference=2, before_m=25.0, frames=5, start_s=3.0)
+    plan = DrivePlan(vehicle_id="one", nodes=(4, 5, 6, 10), reference=2, before_m=25.0, frames=5, start_s=7.0)
     right = VehicleSettings(right=SensorSettings(gain=1.03))
     other = plan.model_copy(update={"vehicle_id": "two", "nodes": (7, 6, 5, 4), "start_s": 90.0, "vehicle": right})
     return Preset(name="short", about="for tests", city=CITY, drives=(plan, other))

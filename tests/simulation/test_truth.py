@@ -68,7 +68,7 @@ def test_culling_leaves_the_picture_as_it_is(world: World, poses: list[np.ndarra
     camera, T = RIG.camera, poses[1]
     culled = world.scene(camera, T, 2.0)
     movers = [m.mesh for m in world.traffic.around(float(T[0, 3]), float(T[1, 3]), 2.0)]
-    whole = Scene(join([*movers, world.city.mesh]), culled.light, world.textures)
+    whole = Scene(join([*movers, world.city.whole()]), culled.light, world.textures)
     assert len(culled.mesh) < 0.6 * len(whole.mesh)
     np.testing.assert_array_equal(culled.truth(camera, T).depth, whole.truth(camera, T).depth)
     np.testing.assert_array_equal(culled.image(camera, T), whole.image(camera, T))
@@ -91,15 +91,15 @@ def test_the_same_place_is_drawn_alike_whatever_was_drawn_before(world: World, p
 
 
 def test_all_nineteen_classes_are_in_the_city(world: World) -> None:
-    standing = set(np.unique(world.city.mesh.class_id).tolist())
-    moving = {int(c) for mover in world.traffic.movers for c in np.unique(mover.frames[0].class_id)}
+    standing = set(np.unique(world.city.whole().class_id).tolist())
+    moving = {int(c) for t in (5.0, 60.0) for p in world.traffic.around(0.0, 0.0, t) for c in np.unique(p.mesh.class_id)}
     assert standing | moving | {SKY} == set(range(19))
-    assert CLASS_ID["train"] in moving
+    assert {CLASS_ID["train"], CLASS_ID["rider"], CLASS_ID["person"], CLASS_ID["bus"]} <= moving
 
 
 def test_standing_and_moving_things_have_numbers_of_their_own(world: World) -> None:
-    assert 0 < world.city.mesh.instance.max() < FIRST_MOVER
-    placed = world.traffic.around(0.0, 0.0, 3.0)
+    assert 0 < world.city.whole().instance.max() < FIRST_MOVER
+    placed = [p for p in world.traffic.around(0.0, 0.0, 3.0) if int(p.mesh.class_id[0]) != CLASS_ID["traffic light"]]
     numbers = [int(p.mesh.instance[0]) for p in placed]
     assert len(set(numbers)) == len(numbers)
     assert min(numbers) >= FIRST_MOVER

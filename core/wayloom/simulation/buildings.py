@@ -1,6 +1,7 @@
 """Buildings: town houses in rows, and detached houses with gardens."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,6 +18,8 @@ FOOT_M = -1.0
 """Walls reach below the ground, which may slope."""
 EAVES_M = 0.45
 ROOF_TILE_M = 6.0
+STONE = (1.25, 1.15, 0.95)
+FAMILY_FRONTS = (Material.PLASTER_CREAM, Material.PLASTER_WHITE, Material.PLASTER_OCHRE, Material.CLINKER)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,10 +159,20 @@ def _balconies(m: MeshBuilder, foot: Footprint, first_z: float, floors: int, num
             m.quads([quad], [[(0, 1), (1.15, 1), (1.15, 0), (0, 0)]], Material.RAILS, BUILDING, number)
 
 
-def town_house(m: MeshBuilder, foot: Footprint, floors: int, number: int, rng: np.random.Generator) -> None:
-    """A house of a closed row: shop or door at the foot, fronts of windows, balconies, cornice, roof."""
-    style = Material(FACADES[rng.integers(len(FACADES))])
-    tint = rng.uniform(0.75, 1.1) * np.array([1.0, rng.uniform(0.94, 1.03), rng.uniform(0.88, 1.05)])
+def _front(rng: np.random.Generator, styles: tuple[Material, ...], repaint: np.random.Generator | None) -> tuple[Material, F64]:
+    """Material and tint of a house's front; with `repaint`, others than rng gives, which goes on as ever."""
+    chosen, tints = int(rng.integers(len(styles))), rng.uniform((0.75, 0.94, 0.88), (1.1, 1.03, 1.05))
+    if repaint is not None:
+        chosen = (chosen + int(repaint.integers(1, len(styles)))) % len(styles)
+        tints = repaint.uniform((0.5, 0.85, 0.7), (1.2, 1.1, 1.1))
+    return styles[chosen], tints[0] * np.array([1.0, tints[1], tints[2]])
+
+
+def town_house(
+    m: MeshBuilder, foot: Footprint, floors: int, number: int, rng: np.random.Generator, repaint: np.random.Generator | None = None
+) -> None:
+    """A house of a closed row: shop or door at the foot, fronts of windows, balconies, cornice, roof. See `_front` for repaint."""
+    style, tint = _front(rng, FACADES, repaint)
     base = SHOP_M if rng.random() < 0.35 else 0.5
     top = base + floors * FLOOR_M
     _walls(m, foot, (base, top), style, style, tint, number, float(rng.integers(BAYS)) / BAYS)
@@ -221,13 +234,27 @@ def _awning(m: MeshBuilder, foot: Footprint, number: int, rng: np.random.Generat
     m.quads([quad], [[(0, 1), (3, 1), (3, 0), (0, 0)]], Material.CLOTH, BUILDING, number, tint)
 
 
-def detached_house(m: MeshBuilder, foot: Footprint, floors: int, number: int, rng: np.random.Generator) -> None:
-    """A family house: one or two floors, steep roof, a garage beside it where there is room."""
-    style = (Material.PLASTER_CREAM, Material.PLASTER_WHITE, Material.PLASTER_OCHRE, Material.CLINKER)[rng.integers(4)]
-    tint = rng.uniform(0.85, 1.12) * np.array([1.0, rng.uniform(0.95, 1.02), rng.uniform(0.88, 1.03)])
+def detached_house(
+    m: MeshBuilder, foot: Footprint, floors: int, number: int, rng: np.random.Generator, repaint: np.random.Generator | None = None
+) -> None:
+    """A family house: one or two floors and a steep roof. See `_front` for repaint."""
+    style, tint = _front(rng, FAMILY_FRONTS, repaint)
     top = 0.4 + floors * FLOOR_M
     _walls(m, foot, (0.4, top), style, style, tint, number, float(rng.integers(BAYS)) / BAYS)
     _walls(m, foot, (FOOT_M, 0.4), Material.CONCRETE, Material.CONCRETE, tint, number, 0.0)
     _door(m, foot, foot.width_m * 0.42, number)
     roof_tint = rng.uniform(0.55, 1.2) * np.array([1.0, rng.uniform(0.9, 1.7), rng.uniform(0.9, 2.2)])
     _gable_roof(m, foot, top, foot.depth_m * rng.uniform(0.38, 0.55), style, tint, roof_tint, number, rng)
+
+
+def monument(m: MeshBuilder, at: F64, number: int) -> None:
+    """A stone pillar with a ball on three steps."""
+    place = (float(at[0]), float(at[1]))
+    for k, half in enumerate((1.5, 1.1, 0.7)):
+        box(m, (-half, -half, 0.3), (half, half, 0.75 + 0.22 * k), Material.CONCRETE, BUILDING, number, STONE, 4.0, place)
+    box(m, (-0.35, -0.35, 1.1), (0.35, 0.35, 4.2), Material.CONCRETE, BUILDING, number, STONE, 4.0, place)
+    box(m, (-0.45, -0.45, 4.2), (0.45, 0.45, 4.4), Material.CONCRETE, BUILDING, number, at=place, bottom=True)
+    angles = np.linspace(-np.pi / 2, np.pi / 2, 7)
+    for low, high in pairwise(angles):
+        z, radii = 4.9 + 0.5 * np.sin([low, high]), 0.5 * np.cos([low, high])
+        tube(m, (*at, z[0]), (*at, z[1]), (radii[0], radii[1]), Material.METAL, BUILDING, number, (1.4, 1.2, 0.6), 10)

@@ -1,119 +1,195 @@
-"""The city: built from a seed, laid over the hills, and cut into chunks so that only what is seen is drawn."""
+"""The city: built block by block where somebody looks, laid over the hills, cut into chunks so that only what is seen is drawn."""
 
+import threading
+from collections import OrderedDict
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.errors import ConfigError
-from wayloom.simulation import terrain
-from wayloom.simulation.blocks import KIND_SHARES, Kind, Numbers, Site, build_block
+from wayloom.simulation import polygons
+from wayloom.simulation.blocks import SURROUNDINGS_M, SignalFace, build_block
 from wayloom.simulation.city_settings import CitySettings
-from wayloom.simulation.ground import underlay
-from wayloom.simulation.mesh import Mesh, MeshBuilder, empty, join
+from wayloom.simulation.mesh import Mesh, empty, join
 from wayloom.simulation.models import Models
 from wayloom.simulation.objects import Area, Change, TrueArea, TrueObject
-from wayloom.simulation.streets import StreetGraph, block_shape, clearances, grid_graph
-from wayloom.simulation.terrain import Terrain
-from wayloom.simulation.vegetation import broadleaf
+from wayloom.simulation.streets import F64, StreetGraph
+from wayloom.simulation.terrain import FLAT, HILLS, Terrain
 
 CHUNK_M = 24.0
-MOST_THINGS = 60_000
-"""Instance numbers fit 16 bits, and those from here on belong to what moves."""
-SURROUNDINGS_M = 90.0
-TREES_PER_M_OF_BORDER = 0.12
+FINE_M, FARTHEST_M = 210.0, 480.0
+"""Up to which distance blocks are seen in full, and up to which at all, m."""
+TALLEST_M, DEEPEST_M, OVERHANG_M = 30.0, 3.0, 4.0
+"""What stands in a block stays within these heights over and under its corners, and so far outside its streets' middles."""
+STEEPEST = 0.08
+BORDER_M = SURROUNDINGS_M + 16.0
+"""How far a block's outskirts reach; streets do not run straight along the city's border."""
+FINE_KEPT, COARSE_KEPT = 96, 220
+"""How many blocks are kept: about 3 MB each, and 1 MB."""
 
 
 @dataclass(frozen=True, slots=True)
-class City:
-    """mesh is ordered by chunk: chunk c holds its triangles starts[c] to starts[c + 1], within low[c] to high[c] (C, 3) m."""
+class Tile:
+    """A block over the hills. mesh is ordered by chunk: chunk c holds its triangles starts[c] to starts[c + 1], within low[c] to
+    high[c] (C, 3) m."""
 
-    settings: CitySettings
-    graph: StreetGraph
-    clear: dict[tuple[int, int], float]
     mesh: Mesh
     starts: NDArray[np.int64]
     low: NDArray[np.float32]
     high: NDArray[np.float32]
-    models: Models
+    objects: tuple[TrueObject, ...]
+    changes: tuple[Change, ...]
+    faces: tuple[SignalFace, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Chunks:
+    """Chosen chunks: (tile, number of the chunk in it), in order."""
+
+    chosen: list[tuple[Tile, int]]
+
+    def __len__(self) -> int:
+        return len(self.chosen)
+
+
+class City:
+    """Blocks are built when first needed, each from its own random stream: the same whatever was built before. Few are kept."""
+
+    def __init__(self, settings: CitySettings, models: Models) -> None:
+        self.settings, self.models = settings, models
+        self.graph = StreetGraph(settings)
+        self.ground: Terrain = FLAT if settings.hard else HILLS
+        self._kept: dict[bool, OrderedDict[int, Tile]] = {False: OrderedDict(), True: OrderedDict()}
+        self._lock = threading.Lock()
 
     @property
     def seed(self) -> int:
         """Of all its random streams."""
         return self.settings.seed
 
-    @property
-    def ground(self) -> Terrain:
-        """The hills below."""
-        return terrain.HILLS
+    def tile(self, block: int, coarse: bool = False) -> Tile:
+        """A block in full, or as it is seen from afar."""
+        kept = self._kept[coarse]
+        with self._lock:
+            if block not in kept:
+                kept[block] = self._built(block, coarse)
+                while len(kept) > (COARSE_KEPT if coarse else FINE_KEPT):
+                    kept.popitem(last=False)
+            kept.move_to_end(block)
+            return kept[block]
 
-    def chunks(self, chosen: NDArray[np.int64]) -> Mesh:
+    def chunks(self, chosen: Chunks) -> Mesh:
         """The triangles of the chunks chosen, in that order."""
-        parts = [self.mesh.rows(slice(int(self.starts[c]), int(self.starts[c + 1]))) for c in chosen]
+        parts = [tile.mesh.rows(slice(int(tile.starts[c]), int(tile.starts[c + 1]))) for tile, c in chosen.chosen]
         return join(parts) if parts else empty()
 
-    def objects(self, area: Area | None = None) -> list[TrueObject]:
-        """Poles, signs and lights in an area (whole city without one), in a fixed order."""
-        return []
+    def around(self, x: float, y: float, reach_m: float) -> Chunks:
+        """Chunks that overlap a square of half edge reach_m; those of blocks farther than FINE_M as seen from afar."""
+        out: list[tuple[Tile, int]] = []
+        for block, distance in self._blocks(x, y, reach_m):
+            tile = self.tile(block, distance > FINE_M)
+            near = (tile.low[:, 0] < x + reach_m) & (tile.high[:, 0] > x - reach_m)
+            near &= (tile.low[:, 1] < y + reach_m) & (tile.high[:, 1] > y - reach_m)
+            out += [(tile, int(c)) for c in np.nonzero(near)[0]]
+        return Chunks(out)
 
-    def areas(self, area: Area | None = None) -> list[TrueArea]:
-        """Roads, sidewalks and lawns that touch an area (whole city without one), as rings."""
-        return []
+    def visible(self, planes: F64, reach: F64, origin: F64) -> Chunks:
+        """Chunks not wholly outside one of the planes of the view from `origin` (3,) m, nearest first.
+
+        planes (6, 3) inward unit normals, reach (6,) m how far outside of each one still sees; nothing beyond FARTHEST_M.
+        """
+        found: list[tuple[Tile, NDArray[np.int64]]] = []
+        for block, distance in self._blocks(float(origin[0]), float(origin[1]), FARTHEST_M):
+            if distance < FARTHEST_M and len(_inside(*self._box(block), planes, reach, origin)):
+                tile = self.tile(block, distance > FINE_M)
+                found.append((tile, _inside(tile.low, tile.high, planes, reach, origin)))
+        gaps = [np.linalg.norm(np.clip(origin, tile.low[rows], tile.high[rows]) - origin, axis=1) for tile, rows in found]
+        if not gaps:
+            return Chunks([])
+        chosen = [(tile, int(c)) for tile, rows in found for c in rows]
+        return Chunks([chosen[i] for i in np.argsort(np.concatenate(gaps), kind="stable")])
+
+    def objects(self, area: Area | None = None) -> list[TrueObject]:
+        """Poles, signs and heads of lights in an area (the whole city without one), in a fixed order."""
+        found = (thing for block in self._blocks_of(area) for thing in self.tile(block).objects)
+        return [thing for thing in found if area is None or area.holds(*thing.foot[:2])]
 
     def changes(self, area: Area | None = None) -> list[Change]:
-        """What differs in a changed city from the same seed's unchanged one."""
-        return []
+        """What differs in a changed city from the unchanged one of the same seed; none in that one."""
+        found = (change for block in self._blocks_of(area) for change in self.tile(block).changes)
+        return [change for change in found if area is None or area.holds(*change.foot[:2])]
 
-    def around(self, x: float, y: float, reach_m: float) -> NDArray[np.int64]:
-        """Chunks that overlap a square of half edge reach_m."""
-        near = (self.low[:, 0] < x + reach_m) & (self.high[:, 0] > x - reach_m)
-        near &= (self.low[:, 1] < y + reach_m) & (self.high[:, 1] > y - reach_m)
-        return np.nonzero(near)[0]
+    def areas(self, area: Area | None = None) -> list[TrueArea]:
+        """Roads, sidewalks and lawns of all blocks that touch an area (the whole city without one)."""
+        return polygons.areas(self.settings, self.graph, self.ground, self._blocks_of(area))
+
+    def faces(self, x: float, y: float, reach_m: float) -> list[SignalFace]:
+        """Signal heads near x, y, m."""
+        found = (face for block, _ in self._blocks(x, y, reach_m) for face in self.tile(block).faces)
+        return [face for face in found if np.hypot(face.at[0] - x, face.at[1] - y) < reach_m]
+
+    def whole(self) -> Mesh:
+        """All triangles of the city in full, block by block; for small cities."""
+        return join([self.tile(block).mesh for block in range(self.graph.block_count)])
+
+    def _blocks_of(self, area: Area | None) -> list[int]:
+        if area is None:
+            return list(range(self.graph.block_count))
+        return self.graph.blocks_within(np.array(area.low) - OVERHANG_M, np.array(area.high) + OVERHANG_M)
+
+    def _blocks(self, x: float, y: float, reach_m: float) -> list[tuple[int, float]]:
+        """Blocks, outskirts included, that may reach into a square of half edge reach_m, each with its distance from x, y, m."""
+        here, reach = np.array([x, y]), reach_m + BORDER_M
+        out = []
+        for block in self.graph.blocks_within(here - reach, here + reach):
+            low, high = self._box(block)
+            gap = np.maximum(0.0, np.maximum(low[0, :2] - here, here - high[0, :2]))
+            if gap.max() < reach_m:
+                out.append((block, float(np.hypot(*gap))))
+        return out
+
+    def _box(self, block: int) -> tuple[F64, F64]:
+        """(1, 3) each: what holds a block with its outskirts, without building it."""
+        corners = self.graph.nodes[list(self.graph.loop(block))]
+        z = self.ground.height(corners[:, 0], corners[:, 1])
+        wide = BORDER_M if self.graph.is_at_border(block) else OVERHANG_M
+        hills = STEEPEST * wide  # beyond the corners
+        low = np.append(corners.min(axis=0) - wide, z.min() - DEEPEST_M - hills)
+        high = np.append(corners.max(axis=0) + wide, z.max() + TALLEST_M + hills)
+        return low[None], high[None]
+
+    def _built(self, block: int, coarse: bool) -> Tile:
+        built = build_block(self.settings, self.graph, self.models, block, coarse)
+        mesh, starts, low, high = _chunked(_lifted(built.mesh, self.ground))
+        objects = tuple(replace(thing, foot=self._lifted_point(thing.foot)) for thing in built.objects)
+        changes = tuple(replace(change, foot=self._lifted_point(change.foot)) for change in built.changes)
+        faces = tuple(replace(face, at=self._lifted_point(face.at)) for face in built.faces)
+        return Tile(mesh, starts, low, high, objects, changes, faces)
+
+    def _lifted_point(self, p: F64) -> F64:
+        return np.array([p[0], p[1], p[2] + float(self.ground.height(p[0], p[1]))])
 
 
 def build_city(settings: CitySettings, models: Models) -> City:
-    """A city of columns x rows crossings. Each block has its own random stream, so that blocks do not depend on each other.
-
-    Raises ConfigError where the city holds more things than there are instance numbers.
-    """
-    seed, columns, rows = settings.seed, settings.columns, settings.rows
-    graph = grid_graph(np.random.default_rng([seed, 0]), columns, rows)
-    shapes = [block_shape(graph, nodes) for nodes in graph.blocks]
-    clear = clearances(shapes)
-    kinds = np.random.default_rng([seed, 1]).choice(len(Kind), len(shapes), p=KIND_SHARES)
-    numbers, m = Numbers(), MeshBuilder()
-    for index, shape in enumerate(shapes):
-        rng = np.random.default_rng([seed, 2, index])
-        count = len(shape.nodes)
-        ends = [(shape.nodes[k], shape.nodes[(k + 1) % count]) for k in range(count)]
-        build_block(Site(m, shape, rng, numbers, models), Kind(int(kinds[index])), [(clear[a, b], clear[b, a]) for a, b in ends])
-    _surroundings(m, graph, numbers, np.random.default_rng([seed, 3]))
-    if numbers.next() >= MOST_THINGS:
-        raise ConfigError(f"{columns} x {rows} crossings hold more than {MOST_THINGS} things", remedy="build a smaller city")
-    mesh, starts, low, high = _chunked(_on_hills(m.build()))
-    return City(settings, graph, clear, mesh, starts, low, high, models)
+    """A city of which nothing is built yet."""
+    return City(settings, models)
 
 
-def _surroundings(m: MeshBuilder, graph: StreetGraph, numbers: Numbers, rng: np.random.Generator) -> None:
-    """Meadows and a belt of trees around the outermost streets."""
-    low, high = graph.nodes.min(axis=0), graph.nodes.max(axis=0)
-    underlay(m, low - SURROUNDINGS_M, high + SURROUNDINGS_M)
-    size = high - low
-    for _ in range(int(2 * size.sum() * TREES_PER_M_OF_BORDER)):
-        out, along = rng.uniform(14, 40), rng.random()
-        x, y = (
-            (low[0] - out, low[1] + along * size[1]),
-            (high[0] + out, low[1] + along * size[1]),
-            (low[0] + along * size[0], low[1] - out),
-            (low[0] + along * size[0], high[1] + out),
-        )[rng.integers(4)]
-        broadleaf(m, rng, float(x), float(y), numbers.next(), rng.uniform(1.4, 2.2))
+def _inside(
+    low: NDArray[np.float32] | F64, high: NDArray[np.float32] | F64, planes: F64, reach: F64, origin: F64
+) -> NDArray[np.int64]:
+    """Rows of the boxes low to high (B, 3) m that are not wholly outside one of the planes."""
+    kept = np.ones(len(low), bool)
+    for plane, beyond in zip(planes, reach, strict=True):
+        farthest = np.where(plane > 0, high, low)  # the corner of each box that lies farthest inside
+        kept &= (farthest - origin) @ plane > -beyond
+    return np.nonzero(kept)[0]
 
 
-def _on_hills(mesh: Mesh) -> Mesh:
+def _lifted(mesh: Mesh, ground: Terrain) -> Mesh:
     """The flat city lifted by the height of the ground under each corner. Uprights stay upright; slopes are too gentle to tilt."""
     corners = mesh.corners.copy()
-    corners[..., 2] += terrain.height(corners[..., 0].astype(float), corners[..., 1].astype(float)).astype(np.float32)
+    corners[..., 2] += ground.height(corners[..., 0].astype(float), corners[..., 1].astype(float)).astype(np.float32)
     return replace(mesh, corners=corners)
 
 

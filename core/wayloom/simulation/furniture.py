@@ -1,5 +1,7 @@
 """What stands on sidewalks: lamps, signs, traffic lights, bollards, bins, shelters, and the fences and walls of gardens."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from wayloom.config.classes import CLASS_ID
@@ -15,10 +17,15 @@ FENCE, WALL, BUILDING = CLASS_ID["fence"], CLASS_ID["wall"], CLASS_ID["building"
 SIGN_KINDS = SIGN_COLUMNS * SIGN_ROWS
 GREY = (0.7, 0.7, 0.7)
 BACK_OF_SIGN = (0.3, 0.3, 0.3)
+LAMP_TOP_M, SIGN_POST_TOP_M, SIGN_M, BOLLARD_TOP_M = 6.64, 2.75, (2.08, 2.74), 0.97
 FENCE_LIGHTEST = {Material.RAILS: 5.0, Material.PICKETS: 2.4, Material.MESH: 2.5}
 """Factor on the material's colour: galvanised rails, pickets painted white."""
 PIER_EVERY_M, PIER_M = 3.0, 0.42
-SIGNAL_M = 1.15
+SIGNAL_M, SIGNAL_HALF_M, LENS_M = 1.15, 0.14, 0.137
+"""Height of a signal's head, from its middle to its face, radius of a lamp."""
+LAMP_TINTS = ((1.0, 0.05, 0.02), (1.0, 0.45, 0.02), (0.05, 0.95, 0.35))
+UNLIT_TINTS = ((0.12, 0.015, 0.012), (0.16, 0.10, 0.02), (0.01, 0.10, 0.05))
+LENS_UV = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
 BOARD = ((-0.18, 0.40, 0.20, (0.1, 0.1, 0.1)), (-0.17, 0.40, 0.20, (2.6, 2.6, 2.6)), (-0.165, 0.35, 0.15, (0.1, 0.1, 0.1)))
 """Layers behind a signal over the road, back to front: place m, half width, how far they stand out above and below, tint."""
 
@@ -46,44 +53,67 @@ def _plate(m: MeshBuilder, at: F64, facing: F64, z: tuple[float, float], half_m:
 
 def sign_post(m: MeshBuilder, at: F64, facing: F64, kind: int, post_number: int, sign_number: int) -> None:
     """A sign, 0.66 m wide, on a post."""
-    post(m, at[0], at[1], (0, 2.75), (0.032, 0.032), Material.METAL, POLE, post_number, (1.2, 1.2, 1.2), 6)
-    _plate(m, at, facing, (2.08, 2.74), 0.33, kind, sign_number)
+    post(m, at[0], at[1], (0, SIGN_POST_TOP_M), (0.032, 0.032), Material.METAL, POLE, post_number, (1.2, 1.2, 1.2), 6)
+    _plate(m, at, facing, SIGN_M, 0.33, kind, sign_number)
 
 
-def traffic_light(m: MeshBuilder, at: F64, facing: F64, to_street: F64, arm_m: float, post_number: int, light_number: int) -> None:
-    """Signal heads on a post, and, where arm_m > 0, one more over the road."""
-    tall = 3.5 if arm_m == 0 else 5.9
+def signal_post_m(arm_m: float) -> float:
+    """Height of a traffic light's post."""
+    return 3.5 if arm_m == 0 else 5.9
+
+
+def traffic_light(
+    m: MeshBuilder, at: F64, facing: F64, to_street: F64, arm_m: float, post_number: int, numbers: Sequence[int]
+) -> list[tuple[F64, int]]:
+    """Signal heads on a post and, where arm_m > 0, one more over the road; each with a number from `numbers`.
+
+    Returns the foot (3,) of each head's face, and its number; what is lit is added when the time is known.
+    """
+    tall = signal_post_m(arm_m)
     post(m, at[0], at[1], (0, tall), (0.08, 0.07), Material.METAL, POLE, post_number)
-    _signal_head(m, at + facing * 0.22, facing, 2.45, light_number, False)
+    heads = [(at + facing * 0.22, 2.45, False)]
     if arm_m > 0:
         end = at + to_street * arm_m
         tube(m, (*at, tall - 0.1), (*end, tall + 0.15), (0.06, 0.04), Material.METAL, POLE, post_number, sides=6)
-        _signal_head(m, end + facing * 0.16, facing, tall - 0.75, light_number, True)
+        heads.append((end + facing * 0.16, tall - 0.75, True))
+    return [
+        (_signal_head(m, place, facing, foot, number, board), number)
+        for (place, foot, board), number in zip(heads, numbers, strict=True)
+    ]
 
 
-def _signal_head(m: MeshBuilder, at: F64, facing: F64, foot_m: float, number: int, board: bool) -> None:
-    """A box of three lamps of 0.3 m under visors with its foot at foot_m, where wanted before a black board with a white rim."""
+def _signal_head(m: MeshBuilder, at: F64, facing: F64, foot_m: float, number: int, board: bool) -> F64:
+    """A box of three dark lamps under visors, where wanted before a black board with a white rim; returns its face's foot (3,)."""
     yaw = float(np.arctan2(facing[1], facing[0]))
     place, dark = (float(at[0]), float(at[1])), (0.12, 0.13, 0.12)
     low, high = foot_m, foot_m + SIGNAL_M
     for x, half, over, tint in BOARD if board else ():
         lo, hi = (x, -half, low - over), (x + 0.01, half, high + over)
         box(m, lo, hi, Material.METAL, LIGHT, number, tint, 1, place, yaw, bottom=True)
-    box(m, (-0.155, -0.20, low), (0.14, 0.20, high), Material.METAL, LIGHT, number, dark, 1, place, yaw, bottom=True)
-    face, to_its_right = at + facing * 0.146, np.array([-facing[1], facing[0]]) * 0.19
-    a, b = face - to_its_right, face + to_its_right
-    quad = [(*a, low + 0.02), (*b, low + 0.02), (*b, high - 0.02), (*a, high - 0.02)]
-    m.quads([quad], [[(0, 1), (1, 1), (1, 0), (0, 0)]], Material.LAMPS, LIGHT, number)
-    for k in range(3):
+    lo, hi = (-0.155, -0.20, low), (SIGNAL_HALF_M, 0.20, high)
+    box(m, lo, hi, Material.METAL, LIGHT, number, dark, 1, place, yaw, bottom=True)
+    face = np.array([*(at + facing * SIGNAL_HALF_M), foot_m])
+    for k, unlit in enumerate(UNLIT_TINTS):
+        m.quads(lens(face, facing, k, 0.006), [LENS_UV] * 3, Material.PAINT, LIGHT, number, unlit)
         z = low + (k + 0.9) * SIGNAL_M / 3
         box(m, (0.146, -0.14, z), (0.28, 0.14, z + 0.015), Material.METAL, LIGHT, number, dark, 1, place, yaw, bottom=True)
+    return face
+
+
+def lens(face: F64, facing: F64, which: int, out_m: float) -> F64:
+    """(3, 4, 3) the eight-cornered lens of a signal's lamp (0 red, 1 amber, 2 green), out_m m before its face."""
+    angle = np.pi / 8 + np.arange(9) * np.pi / 4
+    to_its_left = np.array([facing[1], -facing[0]])  # as who looks at it sees it
+    middle = face + np.array([*(facing * out_m), (2.5 - which) * SIGNAL_M / 3])
+    rim = middle - LENS_M * (np.cos(angle)[:, None] * [*to_its_left, 0.0]) + LENS_M * np.sin(angle)[:, None] * (0.0, 0.0, 1.0)
+    return np.stack([rim[[0, 1, 2, 3]], rim[[3, 4, 7, 0]], rim[[4, 5, 6, 7]]])
 
 
 def bollard(m: MeshBuilder, at: F64, number: int) -> None:
     """A post of 0.95 m with a white band."""
     post(m, at[0], at[1], (0, 0.75), (0.055, 0.055), Material.METAL, POLE, number, (0.45, 0.45, 0.45))
     post(m, at[0], at[1], (0.75, 0.86), (0.057, 0.057), Material.PAINT, POLE, number, (0.8, 0.8, 0.8))
-    post(m, at[0], at[1], (0.86, 0.97), (0.055, 0.04), Material.METAL, POLE, number, (0.45, 0.45, 0.45))
+    post(m, at[0], at[1], (0.86, BOLLARD_TOP_M), (0.055, 0.04), Material.METAL, POLE, number, (0.45, 0.45, 0.45))
 
 
 def cabinet(m: MeshBuilder, at: F64, yaw: float, number: int, rng: np.random.Generator) -> None:

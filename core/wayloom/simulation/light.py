@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from wayloom.config.settings import Settings
-from wayloom.simulation import terrain
 from wayloom.simulation.city import City
 from wayloom.simulation.kernels import shadow
 from wayloom.simulation.kernels.arrays import DepthMap, Light, TextureStack, Triangles
@@ -126,7 +125,7 @@ class CityLight:
         return _depth_map(casters.triangles(), self._textures, self._axes, self._centre(x, y), reach_m, texels_per_m)
 
     def _centre(self, x: float, y: float) -> tuple[float, float]:
-        p = np.array([x, y, float(terrain.height(np.array(x), np.array(y)))])
+        p = np.array([x, y, float(self._city.ground.height(np.array(x), np.array(y)))])
         return float(self._axes[0] @ p), float(self._axes[1] @ p)
 
     def _open(self, x: float, y: float) -> _Square:
@@ -136,7 +135,7 @@ class CityLight:
         surface = _depth_map(solid.triangles(), self._textures, VERTICAL, (x, y), OPEN_REACH_M, OPEN_TEXELS_PER_M)
         column = surface.x0 + (np.arange(surface.values.shape[1]) + 0.5) / OPEN_TEXELS_PER_M
         row = surface.y0 + (np.arange(surface.values.shape[0]) + 0.5) / OPEN_TEXELS_PER_M
-        ground = terrain.height(column[None, :].astype(float), row[:, None].astype(float)).astype(np.float32)
+        ground = self._city.ground.height(column[None, :].astype(float), row[:, None].astype(float)).astype(np.float32)
         openness, top = np.empty_like(ground), np.maximum(surface.values, ground)
         shadow.measure_openness(top, ground, OPEN_TEXELS_PER_M, openness)
         return _Square(DepthMap(openness, surface.x0, surface.y0, OPEN_TEXELS_PER_M), ground, top)

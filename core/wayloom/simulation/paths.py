@@ -9,8 +9,8 @@ from wayloom.simulation.streets import F64
 SAMPLE_M = 0.1
 EASE_M = 8.0
 """Over how many metres heading is smoothed, as a driver steers."""
-LANE_M, CYCLE_LANE_M = 1.85, 3.15
-AVENUE_LANE_M, TRAM_LANE_M = 5.1, 1.75
+LANE_M, CYCLE_LANE_M = 1.75, 3.3
+AVENUE_LANE_M, TRAM_LANE_M = 4.9, 1.75
 TURN_RADIUS_M = 9.0
 
 
@@ -74,6 +74,26 @@ def _rounded(corners: F64, radius_m: float, closed: bool) -> F64:
     out += [] if closed else [corners[-1:]]
     line = np.vstack(out)
     return np.vstack([line, line[:1]]) if closed else line
+
+
+def rounded_line(corners: F64, radius_m: float) -> F64:
+    """A line of corners (N, 2) with arcs instead of its inner ones."""
+    return _rounded(corners, radius_m, False)
+
+
+def eased_line(line: F64, before: F64, after: F64, step_m: float, ease_m: float = 4.0) -> F64:
+    """(M, 2) points every step_m or so along a line, its bends eased over ease_m; before and after it goes on straight, along the
+    directions (2,) given. Its ends stay where they are if its last ease_m / 2 are straight."""
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    count = max(2, round(s[-1] / step_m)) + 1
+    even = np.linspace(0.0, s[-1], count)
+    step = even[1]
+    points = np.column_stack([np.interp(even, s, line[:, k]) for k in (0, 1)])
+    half = int(ease_m / step / 2)
+    far = step * np.arange(1, half + 1)[:, None]
+    padded = np.vstack([points[0] - before * far[::-1], points, points[-1] + after * far])
+    window = np.hanning(2 * half + 3)[1:-1]
+    return np.column_stack([np.convolve(padded[:, k], window / window.sum(), "valid") for k in (0, 1)])
 
 
 def _sampled(line: F64) -> F64:

@@ -98,7 +98,7 @@ class World:
         planes, reach = view_planes(camera, T_world_cam)
         movers = self.traffic.around(x, y, t_s, left_out)
         seen = [m.mesh for m in movers if np.all(planes @ (m.centre - T_world_cam[:3, 3]) > -(reach + m.radius_m))]
-        chunks = visible_chunks(self.city, planes, reach, T_world_cam[:3, 3])
+        chunks = self.city.visible(planes, reach, T_world_cam[:3, 3])
         casters = [m.mesh for m in movers if np.hypot(m.centre[0] - x, m.centre[1] - y) < MOVER_REACH_M + m.radius_m]
         light = self.light.at(x, y, join(casters) if casters else empty())
         return Scene(join([*seen, self.city.chunks(chunks)]), light, self.textures, self.light.settings.rain_mm_h, t_s)
@@ -114,17 +114,6 @@ def view_planes(camera: PinholeCamera, T_world_cam: F64) -> tuple[F64, F64]:
     reach = np.full(6, STEREO_MARGIN_M)
     reach[5] = FAR_M
     return planes_cam @ T_world_cam[:3, :3].T, reach
-
-
-def visible_chunks(city: City, planes: F64, reach: F64, origin: F64) -> NDArray[np.int64]:
-    """Chunks whose box is not wholly outside one of the planes of the view from `origin` (3,) m, nearest first."""
-    kept = np.ones(len(city.low), bool)
-    for plane, beyond in zip(planes, reach, strict=True):
-        farthest = np.where(plane > 0, city.high, city.low)  # the corner of each box that lies farthest inside
-        kept &= (farthest - origin) @ plane > -beyond
-    chosen = np.nonzero(kept)[0]
-    nearest = np.clip(origin, city.low[chosen], city.high[chosen])
-    return chosen[np.argsort(np.linalg.norm(nearest - origin, axis=1), kind="stable")]
 
 
 def _scratch() -> tuple[NDArray[np.int32], F64]:

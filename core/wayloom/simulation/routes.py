@@ -1,13 +1,11 @@
 """How a vehicle goes along its path, at any moment: poses smooth enough that an IMU can be derived from them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, make_interp_spline
 
-from wayloom.simulation.paths import Path
 from wayloom.simulation.streets import F64
 from wayloom.simulation.terrain import Terrain
 
@@ -18,6 +16,11 @@ SIDEWAYS_M_S2 = 2.6
 """Sideways acceleration up to which a driver takes a corner."""
 ROLL_RAD, PITCH_RAD, HEAVE_M = 0.005, 0.006, 0.010
 """Amplitudes of the body's sway on an uneven road."""
+PULL_M_S2, BRAKE_M_S2 = 1.6, 1.8
+LAP_UNIT_S, LAP_EASE_M, TIME_STEP_S = 0.1, 10.0, 0.2
+EASE_STEPS = 5
+MARGIN_S = 0.6
+"""How long a motion goes on before its start and after its end, so that it has derivatives there."""
 ROLL_PER_M_S2, PITCH_PER_M_S2 = 0.004, -0.004
 """The body leans out of corners, and dips its nose when braking: rad for each m/s^2."""
 
@@ -55,11 +58,12 @@ def smooth_line(s_m: F64, xy: F64, closed: bool = False) -> Line:
     return Line(make_interp_spline(s_m, xy, k=SPLINE_DEGREE), float(s_m[-1]), False)
 
 
-def line_of(path: Path, closed: bool = False) -> Line:
-    """The line through a path's points, one every KNOT_M or so."""
-    count = max(SPLINE_DEGREE + 2, round(path.length_m / KNOT_M) + 1)
-    s = np.linspace(0.0, path.length_m, count)
-    return smooth_line(s, np.column_stack([np.interp(s, path.s, path.xy[:, k]) for k in (0, 1)]), closed)
+def line_through(s_m: F64, xy: F64, around_m: float | None = None) -> Line:
+    """The line through a polyline of places xy (N, 2) at s (N,), taken every KNOT_M or so; with around_m its first part, closed."""
+    length = float(s_m[-1]) if around_m is None else around_m
+    count = max(SPLINE_DEGREE + 2, round(length / KNOT_M) + 1)
+    s = np.linspace(0.0, length, count)
+    return smooth_line(s, np.column_stack([np.interp(s, s_m, xy[:, k]) for k in (0, 1)]), around_m is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,15 +95,15 @@ class Route:
     def travelled(self, t_s: ArrayLike, derivative: int = 0) -> F64:
         """(M,) m along the line at times t_s (M,), or its derivative by time (1 speed, 2 acceleration along the way).
 
-        Before the start and after the end the vehicle stands still, unless it goes in laps.
+        Motion goes on for MARGIN_S before the start and after the end; beyond, the vehicle stands, unless it goes in laps.
         """
         t = np.atleast_1d(np.asarray(t_s, float))
         if self.lap_s is None:
-            inside = np.clip(t, self.start_s, self.end_s)
+            inside = np.clip(t, self.start_s - MARGIN_S, self.end_s + MARGIN_S)
             return np.asarray(self.way(inside, derivative) * ((t == inside) | (derivative == 0)))
         laps = np.floor((t - self.start_s) / self.lap_s)
         way = self.way(t - laps * self.lap_s, derivative)
-        return np.asarray(way + laps * self.length_m if derivative == 0 else way)
+        return np.asarray(way + laps * self.line.length_m if derivative == 0 else way)
 
     def places(self, t_s: ArrayLike) -> F64:
         """(M, 2) x, y m."""
@@ -140,32 +144,30 @@ def timed(t_s: F64, way_m: F64) -> BSpline:
     return make_interp_spline(t_s, way_m, k=SPLINE_DEGREE)
 
 
-def nearest_s(path: Path, point: NDArray[np.float64]) -> float:
-    """Where on the path, m from its start, it comes nearest to a point (2,) m."""
-    return float(path.s[np.argmin(np.linalg.norm(path.xy - point, axis=1))])
-
-
 def fastest_along(line: Line, s_m: F64, fastest_m_s: float) -> F64:
     """(M,) m/s: how fast a driver takes each place of a line."""
     return np.asarray(np.minimum(fastest_m_s, np.sqrt(SIDEWAYS_M_S2 / np.maximum(np.abs(line.curvature(s_m)), 1e-6))))
 
 
-def driven_alone(
-    line: Line, ground: Terrain, start_m: float, start_s: float, duration_s: float, fastest_m_s: float, step_s: float = 0.1
-) -> Route:
-    """A drive from start_m on an empty street: as fast as corners allow, with braking and pulling away of at most 2 m/s^2 or so."""
-    s = np.arange(0.0, line.length_m, 0.5)
-    speed = _reachable(s, fastest_along(line, s, fastest_m_s))
-    t = start_s + step_s * np.arange(-EASE_STEPS, int(np.ceil(duration_s / step_s)) + EASE_STEPS + 1)
-    way = np.empty(len(t))
-    at = start_m - EASE_STEPS * step_s * float(np.interp(start_m, s, speed))
-    for k in range(len(t)):
-        way[k] = at
-        at += step_s * float(np.interp(at, s, speed))
-    return Route(line, timed(t, eased(way)), ground, start_s, start_s + duration_s)
-
-
-EASE_STEPS = 8
+def lap_route(line: Line, ground: Terrain, start_m: float, start_s: float, fastest_m_s: float) -> Route:
+    """Around a closed line without an end: as fast as bends allow, each lap like the others, in a whole number of LAP_UNIT_S."""
+    count = 2 * round(line.length_m)
+    s = np.linspace(0.0, line.length_m, count, endpoint=False)
+    ds = line.length_m / count
+    thrice = _reachable(ds, np.tile(fastest_along(line, s, fastest_m_s), 3))[count : 2 * count]
+    window = np.hanning(2 * round(LAP_EASE_M / ds) + 3)[1:-1]
+    pad = len(window) // 2
+    speed = np.convolve(np.concatenate([thrice[-pad:], thrice, thrice[:pad]]), window / window.sum(), "valid")
+    after = np.concatenate([[0.0], np.cumsum(ds * 2 / (speed + np.roll(speed, -1)))])
+    lap = float(np.ceil(after[-1] / LAP_UNIT_S) * LAP_UNIT_S)
+    times, places = after * (lap / after[-1]), np.append(s, line.length_m)
+    beyond = 40 * TIME_STEP_S  # the spline's ends no longer matter within
+    t = np.linspace(-beyond, lap + beyond, round((lap + 2 * beyond) / TIME_STEP_S) + 1)
+    three_times = np.concatenate([times[:-1] - lap, times[:-1], times + lap])
+    three_places = np.concatenate([places[:-1] - line.length_m, places[:-1], places + line.length_m])
+    begin = float(np.interp(start_m, three_places, three_times))
+    way = np.interp(t + begin, three_times, three_places)
+    return Route(line, timed(t + start_s, way), ground, start_s, start_s + lap, lap)
 
 
 def eased(way_m: F64) -> F64:
@@ -176,16 +178,11 @@ def eased(way_m: F64) -> F64:
     return np.asarray(np.convolve(np.concatenate([before, way_m, after]), window / window.sum(), "valid"))
 
 
-def _reachable(s: F64, limit: F64, accelerate: float = 1.8, brake: float = 2.0) -> F64:
-    """The limit (N,) m/s lowered to what bounded acceleration allows: v^2 changes by at most 2 a ds."""
-    v2, ds = limit**2, np.diff(s)
-    for k in range(len(ds)):
-        v2[k + 1] = min(v2[k + 1], v2[k] + 2 * accelerate * ds[k])
-    for k in range(len(ds) - 1, -1, -1):
-        v2[k] = min(v2[k], v2[k + 1] + 2 * brake * ds[k])
+def _reachable(ds_m: float, limit: F64) -> F64:
+    """The limit (N,) m/s at places ds_m apart lowered to what bounded acceleration allows: v^2 changes by at most 2 a ds."""
+    v2 = limit**2
+    for k in range(len(v2) - 1):
+        v2[k + 1] = min(v2[k + 1], v2[k] + 2 * PULL_M_S2 * ds_m)
+    for k in range(len(v2) - 2, -1, -1):
+        v2[k] = min(v2[k], v2[k + 1] + 2 * BRAKE_M_S2 * ds_m)
     return np.asarray(np.sqrt(v2))
-
-
-def length_of(points: Sequence[F64]) -> float:
-    """Of a polyline of points (2,) m."""
-    return float(np.linalg.norm(np.diff(np.array(points), axis=0), axis=1).sum())

@@ -3,9 +3,12 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wayloom.simulation.mesh import WHITE, MeshBuilder
+from wayloom.simulation.mesh import WHITE, MeshBuilder, cross
 
 F64 = NDArray[np.float64]
+ACROSS_X, ACROSS_Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+COARSE_EVERY = 4
+"""Of a far spray's cards one in so many is drawn, larger."""
 BOX_SIDES = np.array([(0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (4, 5, 6, 7), (3, 2, 1, 0)])
 """Corners of a box's sides (four walls, top, bottom); corners 0 to 3 run counter-clockwise at the foot, 4 to 7 above them."""
 
@@ -52,9 +55,9 @@ def tube(
     axis = b - a
     length = float(np.linalg.norm(axis))
     axis /= length
-    side = np.cross(axis, (1.0, 0.0, 0.0) if abs(axis[0]) < 0.7 else (0.0, 0.0, 1.0))
+    side = cross(axis, ACROSS_X if abs(axis[0]) < 0.7 else ACROSS_Z)
     side /= np.linalg.norm(side)
-    other = np.cross(axis, side)
+    other = cross(axis, side)
     angle = np.arange(sides + 1) * (2 * np.pi / sides)
     ring = np.cos(angle)[:, None] * side + squash * np.sin(angle)[:, None] * other
     low, high = a + radii[0] * ring, b + radii[1] * ring
@@ -132,9 +135,14 @@ def cards(
     """Square cards turned at random around their centres (N, 3), half_sizes (N,), shaded as if they faced normals (N, 3)."""
     a = rng.normal(size=centres.shape)
     a /= np.linalg.norm(a, axis=1, keepdims=True)
-    b = np.cross(a, rng.normal(size=centres.shape))
+    b = cross(a, rng.normal(size=centres.shape))
     b /= np.linalg.norm(b, axis=1, keepdims=True)
     a, b = a * half_sizes[:, None], b * half_sizes[:, None]
+    tints = np.broadcast_to(np.asarray(tints, float), (len(centres), 3))
+    if m.coarse:
+        grown = np.sqrt(COARSE_EVERY)
+        centres, normals, tints = centres[::COARSE_EVERY], normals[::COARSE_EVERY], tints[::COARSE_EVERY]
+        a, b = grown * a[::COARSE_EVERY], grown * b[::COARSE_EVERY]
     corners = np.stack([centres - a - b, centres + a - b, centres + a + b, centres - a + b], axis=1)
     uv = np.broadcast_to(np.array([(0, 1), (1, 1), (1, 0), (0, 0)], float), (len(centres), 4, 2))
     m.quads(corners, uv, material, class_id, instance, tints, np.repeat(normals[:, None], 4, axis=1))

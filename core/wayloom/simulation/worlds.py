@@ -2,19 +2,22 @@
 
 from wayloom.simulation.city import build_city
 from wayloom.simulation.city_settings import CitySettings
+from wayloom.simulation.crowds import Background
 from wayloom.simulation.light import CityLight, LightSettings
 from wayloom.simulation.models import Models
 from wayloom.simulation.renderer import World
 from wayloom.simulation.textures import paint_textures
-from wayloom.simulation.traffic import build_traffic
+from wayloom.simulation.traffic import Traffic
 
 TEXTURE_PX = {"full": 1024, "half": 512, "quarter": 256}
 """Edge of the textures for each image size."""
 
 
 def build_world(city: CitySettings, light: LightSettings, size: str) -> World:
-    """City, traffic, textures and light. Equal arguments give equal worlds."""
-    models = Models()
-    built = build_city(city, models)
+    """City, textures, light, and the traffic around the city's middle, for pictures without a drive (`drives` make their own).
+
+    Equal arguments give equal worlds.
+    """
+    built = build_city(city, Models())
     textures = paint_textures(city.seed, TEXTURE_PX[size])
-    return World(built, build_traffic(built, models), textures, CityLight(built, textures, light))
+    return World(built, Traffic(built, Background(built)), textures, CityLight(built, textures, light))
