@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from wayloom.simulation.kernels.arrays import Float32, Float64, Int32, View
+from wayloom.simulation.kernels.arrays import Float32, Float64, Int32, Number, View
 from wayloom.simulation.kernels.options import INLINE, KERNEL
 
 MOST_TAPS = 24
@@ -20,7 +20,7 @@ STILL_PX = 0.3
 
 
 @njit(**INLINE)
-def filter_weight(x: float, b: float) -> float:
+def filter_weight(x: Number, b: Number) -> Number:
     """Weight at distance x >= 0 from the sample's place."""
     c = np.float32(0.5) * (np.float32(1.0) - b)
     if x < np.float32(1.0):
