@@ -11,6 +11,7 @@ from made_drive import CAMERA, RIG, HeldImages, even_images, made_drive, random_
 
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError
+from wayloom.geometry.lens import RightLens
 from wayloom.labelling.settings import PAPER, LabellingSettings
 from wayloom.labelling.tcl import label_points
 from wayloom.labelling.types import PointLabels
@@ -84,6 +85,17 @@ def test_labels_and_votes_are_those_of_the_naive_twin(seed: int) -> None:
         assert votes_of(labels, p) == pytest.approx(naive_votes(drive, images, p, 2.0, True), rel=1e-6)
     assert (labels.mono != labels.baseline).any()
     assert (labels.stereo != labels.mono).any()
+
+
+def test_the_right_image_is_read_where_the_right_lens_sends_the_point() -> None:
+    drive, images = made_drive(9), random_images(9)
+    shifted = replace(drive, lens=RightLens(cx_shift_px=6.0))
+    moved = HeldImages(images.lefts, [np.roll(image, 6, axis=1) for image in images.rights])
+    one, other = by_the_paper(drive, images), by_the_paper(shifted, moved)
+    # All but points whose pixels the roll brought round the border.
+    assert (one.stereo == other.stereo).mean() > 0.9
+    assert (one.stereo == by_the_paper(shifted, images).stereo).mean() < 0.9
+    assert np.array_equal(one.mono, other.mono)
 
 
 @FEW

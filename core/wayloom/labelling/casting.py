@@ -107,13 +107,20 @@ def _looks(small: Image, uv: FloatArray, scale: FloatArray) -> NDArray[np.float3
 def _projected(
     inverse_depth: FloatArray, points: HostedPoints, T_voter_host: FloatArray, odometry: OdometryResult, settings: LabellingSettings
 ) -> tuple[FloatArray, Weights]:
+    """Pixels (2, N, 2) and nearness (2, N) in the voter's images as they are.
+
+    Of the right camera's lens, the columns are moved here: what it does to the rows and its displacement are in the odometry's row
+    field and rig.
+    """
     camera = odometry.rig.camera
-    result: tuple[FloatArray, Weights] = project(
+    uv, nearness = project(
         points.rays, inverse_depth, T_voter_host, np.array(odometry.rig.t_right_left),
         np.array([camera.fx, camera.fy, camera.cx, camera.cy]), float(odometry.disparity_bias_px),
         np.asarray(odometry.row_coefficients, np.float64), 1.0 / settings.dist_min_m,
     )  # fmt: skip
-    return result
+    if not odometry.lens.is_ideal:
+        uv[1, :, 0] = odometry.lens.real_pixels(camera, odometry.rig.baseline_m, uv[1])[:, 0]
+    return uv, nearness
 
 
 def _visibility(
