@@ -9,6 +9,7 @@ from wayloom.simulation.lidar import LidarScan, directions, scan
 from wayloom.simulation.materials import CUTOUTS
 from wayloom.simulation.mesh import join
 from wayloom.simulation.renderer import World
+from wayloom.simulation.rigs import sized_rig
 from wayloom.simulation.vehicle_settings import LidarSettings, VehicleSettings
 
 EXACT = LidarSettings(rings=32, columns=512, range_noise_m=0.0, dropout=0.0)
@@ -47,6 +48,21 @@ def test_points_are_where_rays_meet_the_triangles_first(world: World, poses: lis
             off.append(not same or mesh.class_id[nearest] != turn.class_id[k])
     assert len(off) > 70
     assert np.mean(off) < 0.06  # at borders a shot may meet the neighbour, less than a pixel of the drawn turn away
+
+
+def test_scan_and_image_tell_the_same(world: World, poses: list[np.ndarray], turn: LidarScan) -> None:
+    camera = sized_rig("half").camera
+    truth = world.scene(camera, poses[0], 2.0).truth(camera, poses[0])
+    p_cam = turn.points @ T_CAM_LIDAR[:3, :3].T + T_CAM_LIDAR[:3, 3]
+    ahead = np.flatnonzero((p_cam[:, 2] > 1) & (p_cam[:, 2] < 40))
+    uv = camera.project(p_cam[ahead])
+    inside = camera.contains(uv)
+    u, v = np.rint(uv[inside]).astype(int).T
+    depth, k = truth.depth[v, u], ahead[inside]
+    near = np.abs(depth - p_cam[k, 2]) < 0.02 * p_cam[k, 2]
+    assert len(k) > 1000
+    assert near.mean() > 0.75  # the scanner stands higher: it sees what the camera does not, and the other way
+    assert np.mean(truth.class_id[v, u][near] == turn.class_id[k[near]]) > 0.97
 
 
 def test_points_lie_on_all_sides_and_within_reach(turn: LidarScan) -> None:
