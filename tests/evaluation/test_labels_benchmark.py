@@ -13,7 +13,7 @@ from wayloom.errors import InputError
 from wayloom.evaluation.label_consistency import consistency
 from wayloom.evaluation.label_pictures import best_keyframes, write_figure
 from wayloom.evaluation.label_truth import find_labelled_drives
-from wayloom.evaluation.labels import ROWS, LabelBenchmark, LabelledPoints, benchmark_labels
+from wayloom.evaluation.labels import ROWS, LabelBenchmark, LabelledPoints, benchmark_labels, labels_folder
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, MODELS
 from wayloom.segmentation.network import Network
 from wayloom.segmentation.stage import KeyframeLabels
@@ -90,7 +90,7 @@ def test_the_picture_shows_truth_image_and_vote_of_each_keyframe(done: tuple[Lab
 def test_labels_of_neighbours_agree_more_after_the_vote(done: tuple[LabelBenchmark, LabelledPoints], work: Path) -> None:
     _, labelled = done
     frames = labelled.odometry.keyframes.frame
-    images = KeyframeLabels(work / labelled.drive.name / "labels", frames)
+    images = KeyframeLabels(labels_folder(work / labelled.drive.name, Network(MODELS[DEFAULT_MODEL])), frames)
     measured = consistency(labelled.odometry, images, labelled.labels)
     assert measured.steps > 1000
     assert 0 < measured.flips < 0.3

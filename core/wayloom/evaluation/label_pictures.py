@@ -58,11 +58,12 @@ def _panel(done: LabelledPoints, k: int, kind: str, title: str, row: str) -> Ima
     for p in every.tolist():
         u, v = (round(float(x)) for x in done.odometry.points.uv_host[p])
         colour = tuple(int(c) for c in PALETTE_WITH_VOID[labels[p]])
-        cv2.circle(picture, (u, v), 3, colour, -1, cv2.LINE_AA)
+        cv2.circle(picture, (u, v), 5, (255, 255, 255), -1, cv2.LINE_AA)
+        cv2.circle(picture, (u, v), 4, colour, -1, cv2.LINE_AA)
         if kind == "best" and truth[p] != VOID:
             was, now = done.labels["baseline"][p] == truth[p], labels[p] == truth[p]
             if not now or not was:
-                cv2.rectangle(picture, (u - 6, v - 6), (u + 6, v + 6), GREEN if now else RED, 1)
+                cv2.rectangle(picture, (u - 8, v - 8), (u + 8, v + 8), GREEN if now else RED, 2)
     caption = np.full((CAPTION_PX, picture.shape[1], 3), 255, np.uint8)
     text = f"{title}, {done.drive.name}, frame {frame.index}"
     cv2.putText(caption, text, (6, CAPTION_PX - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (20, 20, 20), 1, cv2.LINE_AA)

@@ -127,18 +127,24 @@ def _labelled(
     odometry = _tracked(drive, settings, folder, threads, lambda share, what: progress(0.4 * share, what))
     if len(odometry.keyframes) < 2:
         raise StageError("the odometry found fewer than 2 keyframes")
+    labels_dir = labels_folder(folder, network)
     widest = max(forms.values(), key=lambda form: form.between_keyframes)
     frames = voting_frames(odometry, widest)
-    segment_keyframes(drive.log, frames, network, folder / "labels", lambda share, what: progress(0.4 + 0.4 * share, what))
+    segment_keyframes(drive.log, frames, network, labels_dir, lambda share, what: progress(0.4 + 0.4 * share, what))
     matches = match_points(odometry, drive.truth, match, lambda share, what: progress(0.8 + 0.1 * share, what))
     progress(0.9, "votes")
-    by_paper = label_points(odometry, KeyframeLabels(folder / "labels", odometry.keyframes.frame), PAPER)
+    by_paper = label_points(odometry, KeyframeLabels(labels_dir, odometry.keyframes.frame), PAPER)
     labels = {row: getattr(by_paper, form) for row, form in FORMS.items()}
     for row, form in forms.items():
-        images = KeyframeLabels(folder / "labels", voting_frames(odometry, form))
+        images = KeyframeLabels(labels_dir, voting_frames(odometry, form))
         labels[row] = label_points(odometry, images, form).stereo
     progress(1.0, "labelled")
     return LabelledPoints(drive, odometry, matches, labels)
+
+
+def labels_folder(folder: Path, network: Network) -> Path:
+    """Where the label images of a network lie below a drive's folder."""
+    return folder / f"labels-{network.description.name}-{network.sha256[:12]}"
 
 
 def _tracked(drive: LabelledDrive, settings: OdometrySettings, folder: Path, threads: int, progress: Progress) -> OdometryResult:
