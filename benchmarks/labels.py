@@ -13,6 +13,7 @@ from wayloom.evaluation.label_scores import LabelScores
 from wayloom.evaluation.label_tables import PAPER_ROWS
 from wayloom.evaluation.label_truth import find_labelled_drives
 from wayloom.evaluation.labels import LabelBenchmark, benchmark_labels
+from wayloom.segmentation.catalogue import MODELS
 
 BEGIN, END = "<!-- label benchmark: begin -->\n", "<!-- label benchmark: end -->\n"
 TITLES = {"baseline": "single image", "tcl_mono": "TCL mono", "tcl_stereo": "TCL stereo", "best": "default form"}
@@ -23,12 +24,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--work", type=Path, help="keep tracks and label images here")
+    parser.add_argument("--models", nargs="+", default=list(MODELS), help="names of the catalogue, or TOML files")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--write", action="store_true", help="put the tables into docs/results.md")
     options = parser.parse_args()
     drives = find_labelled_drives(options.dataset)
     results = []
-    for network in found_networks():
+    for network in found_networks(options.models):
         results.append(benchmark_labels(drives, network, work_dir=options.work, threads=options.threads))
     text = table(results)
     print(text, end="")

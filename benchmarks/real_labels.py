@@ -16,6 +16,7 @@ from real_clips import RESULTS, ROOT
 from wayloom.config.classes import PALETTE_WITH_VOID
 from wayloom.errors import ModelError
 from wayloom.evaluation.label_consistency import Consistency, consistency
+from wayloom.evaluation.label_truth import part_of
 from wayloom.evaluation.labelled_images import scores_on_camvid, scores_on_kitti
 from wayloom.labelling.settings import PAPER
 from wayloom.labelling.tcl import label_points
@@ -23,7 +24,7 @@ from wayloom.logs.registry import open_log
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.odometry import track
 from wayloom.odometry.types import OdometryResult
-from wayloom.segmentation.catalogue import MODELS
+from wayloom.segmentation.catalogue import MODELS, find_model
 from wayloom.segmentation.network import Network
 from wayloom.segmentation.stage import segment_keyframes
 
@@ -36,9 +37,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("WAYLOOM_DATA", ROOT.parent / "shared" / "data")))
     parser.add_argument("--pictures", type=Path)
+    parser.add_argument("--models", nargs="+", default=list(MODELS), help="names of the catalogue")
+    parser.add_argument("--frames", type=int, help="of each clip; default all")
     parser.add_argument("--write", action="store_true", help="put the tables into docs/results.md")
     options = parser.parse_args()
-    networks = found_networks()
+    networks = found_networks(options.models)
     lines = ["| network | KITTI, 5 frames: mIoU / accuracy | CamVid, 39 frames: mIoU / accuracy |", "| --- | --- | --- |"]
     for network in networks:
         kitti = scores_on_kitti(network, options.data / "labelled" / "kitti")
@@ -52,7 +55,7 @@ def main() -> None:
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     for name, folder in CLIPS.items():
-        log = open_log(options.data / folder)
+        log = part_of(open_log(options.data / folder), 0, options.frames)
         odometry = track(log)
         for network in networks:
             measured = labelled(log, odometry, network, options.pictures, name[0])
@@ -64,12 +67,12 @@ def main() -> None:
         RESULTS.write_text(before + BEGIN + "\n" + "\n".join(lines) + "\n\n" + END + rest.split(END)[1])
 
 
-def found_networks() -> list[Network]:
+def found_networks(names: list[str]) -> list[Network]:
     """Those of the catalogue whose files are here."""
     found = []
-    for description in MODELS.values():
+    for name in names:
         try:
-            found.append(Network(description, 2))
+            found.append(Network(find_model(name), 2))
         except ModelError as error:
             print(error)
     return found

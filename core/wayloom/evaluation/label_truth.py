@@ -148,18 +148,22 @@ def _drawn(dataset: Path) -> list[LabelledDrive]:
 
 
 def _part(drive: LabelledDrive, first: int, stop: int | None) -> LabelledDrive:
-    log = drive.log
-    if (first == 0 and stop is None) or not isinstance(log, ImageFolderLog):
+    if first == 0 and stop is None:
         return drive
+    return LabelledDrive(drive.name, part_of(drive.log, first, stop), _From(drive.truth, first))
+
+
+def part_of(log: DriveLog, first: int, stop: int | None) -> DriveLog:
+    """The frames from `first` to before `stop` of a log of image files. Raises InputError for other logs, and without frames."""
+    if not isinstance(log, ImageFolderLog):
+        raise InputError(f"no part can be taken of a {log.format} log", file=log.path, remedy="take the whole drive")
     rows = slice(first, stop)
     if len(log.t_ns[rows]) < 2:
         raise InputError(f"has {len(log)} frames, none from {first} to {stop}", file=log.path, remedy="choose other frames")
-    pairs = ImagePairs(numbers=log.pairs.numbers[rows], left=log.pairs.left[rows], right=log.pairs.right[rows])
-    part = replace(
+    return replace(
         log,
         t_ns=log.t_ns[rows],
         truth=None if log.truth is None else log.truth[rows],
         exposure_s=None if log.exposure_s is None else log.exposure_s[rows],
-        pairs=pairs,
+        pairs=ImagePairs(numbers=log.pairs.numbers[rows], left=log.pairs.left[rows], right=log.pairs.right[rows]),
     )
-    return LabelledDrive(drive.name, part, _From(drive.truth, first))
