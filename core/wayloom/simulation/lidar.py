@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from wayloom.geometry.camera import PinholeCamera
 from wayloom.simulation.kernels import optics as kernels
 from wayloom.simulation.kernels import raster
-from wayloom.simulation.kernels.arrays import View
-from wayloom.simulation.renderer import Scene, World
+from wayloom.simulation.kernels.arrays import TextureStack, View
+from wayloom.simulation.mesh import Mesh, join
+from wayloom.simulation.renderer import World, triangle_ids, view_planes
+from wayloom.simulation.traffic import Placed
 from wayloom.simulation.vehicle_settings import AXES_CAM_BODY, LidarSettings
 
 F32 = NDArray[np.float32]
@@ -66,11 +68,12 @@ def scan(
 ) -> LidarScan:
     """One turn at time t_s from T_enu_lidar (4, 4), without some movers."""
     parts = []
+    movers = world.traffic.around(float(T_enu_lidar[0, 3]), float(T_enu_lidar[1, 3]), t_s, left_out)
     for k in range(VIEWS):
         camera, T_lidar_view = _view(settings, k)
-        scene = world.scene(camera, T_enu_lidar @ T_lidar_view, t_s, left_out)
-        shots = _shots(scene, camera, T_enu_lidar, T_lidar_view, settings, k)
-        parts.append(_measured(scene, shots, T_enu_lidar, settings, rng))
+        mesh = _within_reach(world, camera, T_enu_lidar @ T_lidar_view, movers, settings.farthest_m)
+        shots = _shots(mesh, world.textures, camera, T_enu_lidar, T_lidar_view, settings, k)
+        parts.append(_measured(mesh, shots, T_enu_lidar, settings, rng))
     joined = LidarScan(*(np.concatenate([getattr(p, name) for p in parts]) for name in LidarScan.__slots__))
     order = np.argsort(joined.ring, kind="stable")
     return LidarScan(*(getattr(joined, name)[order] for name in LidarScan.__slots__))
@@ -103,38 +106,48 @@ def directions(settings: LidarSettings, number: int) -> tuple[F64, NDArray[np.in
     return np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]), ring
 
 
+def _within_reach(world: World, camera: PinholeCamera, T_world_view: F64, movers: list[Placed], reach_m: float) -> Mesh:
+    """What stands or moves within a view and no farther than reach_m."""
+    planes, reach = view_planes(camera, T_world_view)
+    reach[-1] = reach_m
+    origin = T_world_view[:3, 3]
+    moving = [m.mesh for m in movers if np.all(planes @ (m.centre - origin) > -(reach + m.radius_m))]
+    return join([*moving, world.city.chunks(world.city.visible(planes, reach, origin))])
+
+
 def _shots(
-    scene: Scene, camera: PinholeCamera, T_enu_lidar: F64, T_lidar_view: F64, settings: LidarSettings, number: int
-) -> _Shots:
+    mesh: Mesh, textures: TextureStack, camera: PinholeCamera, T_enu_lidar: F64, T_lidar_view: F64, settings: LidarSettings,
+    number: int,
+) -> _Shots:  # fmt: skip
     """What the shots of one quarter meet within the scanner's reach."""
     direction, ring = directions(settings, number)
     rays = direction @ T_lidar_view[:3, :3]
     uv = camera.project(rays)
     view = View(camera.fx, camera.fy, camera.cx, camera.cy, T_enu_lidar @ T_lidar_view)
-    ids = scene.ids(view, camera.width, camera.height)
+    ids = triangle_ids(mesh, textures, view, camera.width, camera.height)
     place = np.rint(uv).astype(np.int64)
     seen = ids[place[:, 1], place[:, 0]]
     depth = np.empty(len(seen), np.float32)
     u, v = (np.ascontiguousarray(uv[:, k], np.float32) for k in (0, 1))
-    kernels.depth_along(seen, u, v, view, scene.mesh.corners, depth)
+    kernels.depth_along(seen, u, v, view, mesh.corners, depth)
     range_m = depth / rays[:, 2]
     kept = (seen != raster.NO_TRIANGLE) & (range_m > settings.nearest_m) & (range_m < settings.farthest_m)
     return _Shots(direction[kept], range_m[kept], seen[kept].astype(np.int64), ring[kept])
 
 
-def _measured(scene: Scene, shots: _Shots, T_enu_lidar: F64, settings: LidarSettings, rng: np.random.Generator) -> LidarScan:
+def _measured(mesh: Mesh, shots: _Shots, T_enu_lidar: F64, settings: LidarSettings, rng: np.random.Generator) -> LidarScan:
     """Hits with range noise, less those that give no echo."""
-    corners = scene.mesh.corners[shots.triangle].astype(np.float64)
+    corners = mesh.corners[shots.triangle].astype(np.float64)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ T_enu_lidar[:3, :3]
     cosine = np.abs(np.sum(normal * shots.direction, axis=1)) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
     kept = rng.random(len(cosine)) < (1 - settings.dropout) * cosine / (cosine + GLANCING) * (1 + GLANCING)
     range_m = shots.range_m + rng.normal(size=len(cosine)) * settings.range_noise_m
     triangle = shots.triangle[kept]
-    reflectance = np.clip(cosine[kept] * scene.mesh.tint[triangle].mean(axis=1) * 0.6, 0, 1)
+    reflectance = np.clip(cosine[kept] * mesh.tint[triangle].mean(axis=1) * 0.6, 0, 1)
     return LidarScan(
         (shots.direction[kept] * range_m[kept, None]).astype(np.float32),
         reflectance.astype(np.float32),
-        scene.mesh.class_id[triangle].astype(np.uint8),
-        scene.mesh.instance[triangle].astype(np.uint16),
+        mesh.class_id[triangle].astype(np.uint8),
+        mesh.instance[triangle].astype(np.uint16),
         shots.ring[kept].astype(np.uint8),
     )

@@ -74,13 +74,16 @@ class Scene:
 
     def ids(self, view: View, width: int, height: int) -> NDArray[np.int32]:
         """(height, width) row of the triangle that each sample sees."""
-        edges, boxes = np.empty((len(self.mesh), 9)), np.empty((len(self.mesh), 4), np.int32)
-        raster.project_triangles(
-            self.mesh.corners, view, se3.inverse(view.T_world_cam), width, height, edges, boxes, np.empty((3, 3))
-        )
-        inv_z, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
-        raster.rasterise(edges, boxes, self.mesh.triangles(), self.textures, inv_z, ids)
-        return ids
+        return triangle_ids(self.mesh, self.textures, view, width, height)
+
+
+def triangle_ids(mesh: Mesh, textures: TextureStack, view: View, width: int, height: int) -> NDArray[np.int32]:
+    """(height, width) row of the mesh's triangle that each pixel of a view sees, NO_TRIANGLE where none."""
+    edges, boxes = np.empty((len(mesh), 9)), np.empty((len(mesh), 4), np.int32)
+    raster.project_triangles(mesh.corners, view, se3.inverse(view.T_world_cam), width, height, edges, boxes, np.empty((3, 3)))
+    inv_z, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
+    raster.rasterise(edges, boxes, mesh.triangles(), textures, inv_z, ids)
+    return ids
 
 
 @dataclass(frozen=True, slots=True)
