@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from wayloom.config.classes import CLASS_COUNT
 from wayloom.errors import ConfigError, ConflictError, LogError
@@ -316,3 +317,44 @@ def test_the_demo_drives_share_most_of_their_way() -> None:
     assert np.mean(gap.min(axis=1) < 8.0) > 0.5
     for way in (one, two):
         assert 60 < np.linalg.norm(np.diff(way, axis=0), axis=1).sum() < 110
+
+
+@pytest.mark.parametrize("layout", ["kitti", "mcap"])
+def test_laps_are_drawn_once_and_join_without_a_seam(layout: str, tmp_path: Path) -> None:
+    vehicle = VehicleSettings(imu=ImuSettings(), exposure=ExposureSettings(compensation=0.0))
+    plan = DrivePlan(vehicle_id="one", nodes=(5, 6, 10, 9), closed=True, start_s=3.0, vehicle=vehicle)
+    still = CitySettings(seed=11, columns=4, rows=4, traffic=0.0, people=0.0)
+    around = Preset(name="around", about="for tests", city=still, laps=2, rate_hz=0.2, drives=(plan,))
+    (drive,) = simulate(around, tmp_path / "out", "quarter", truth=layout == "kitti", laps=3, format=layout)
+    log = open_log(drive)
+    lap = len(log) // 3
+    assert (len(log) % 3, lap > 3) == (0, True)
+    assert log.truth is not None
+    assert log.gnss is not None
+    assert log.imu is not None
+    np.testing.assert_allclose(log.truth[lap:], log.truth[:-lap], atol=1e-8)
+    steps_m = np.linalg.norm(np.diff(log.truth[:, :3, 3], axis=0), axis=1)
+    assert steps_m[lap - 1] == pytest.approx(steps_m[2 * lap - 1])
+    assert np.ptp(np.diff(log.t_ns)) <= 1
+    assert log.gnss.t_ns[-1] == pytest.approx(log.t_ns[-1], abs=1e8)
+    jumps = np.linalg.norm(np.diff(log.imu.specific_force, axis=0), axis=1)
+    seam = np.abs(log.imu.t_ns[1:] - log.t_ns[lap]) < 2e8
+    assert jumps[seam].max() <= jumps[~seam].max()
+    for index in (0, lap - 1):
+        np.testing.assert_array_equal(log.frame(index).left, log.frame(index + 2 * lap).left)
+    if layout == "kitti":
+        name = (drive / "image_2" / "000001.png", drive / "image_2" / f"{lap + 1:06d}.png")
+        assert name[0].samefile(name[1])
+        truth = open_truth(drive)
+        np.testing.assert_array_equal(truth.depth_m(1), truth.depth_m(1 + 2 * lap))
+        assert len(truth) == len(truth.frames().t_ns) == len(log)
+
+
+def test_a_preset_in_laps_is_of_a_still_city_and_closed_ways() -> None:
+    long = PRESETS["long"]
+    with pytest.raises(ValidationError, match="laps need whole closed drives, and a city without traffic"):
+        Preset.model_validate({**long.model_dump(), "city": {**long.city.model_dump(), "traffic": 1.0}})
+    with pytest.raises(ValidationError, match="a drive that does not close needs a number of frames"):
+        DrivePlan(vehicle_id="one", nodes=(5, 6), start_s=0.0)
+    with pytest.raises(ValidationError, match="two drives have the same vehicle_id"):
+        Preset.model_validate({**long.model_dump(), "drives": [long.drives[0].model_dump()] * 2})

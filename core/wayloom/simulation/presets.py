@@ -79,7 +79,7 @@ NONE, SINGLE, FLOAT, FIXED = FixType.NONE, FixType.SINGLE, FixType.FLOAT, FixTyp
 OUTAGE: Final = GnssSettings(steps=gnss_steps((0.0, FIXED), (0.40, FLOAT), (0.50, NONE), (0.62, SINGLE), (0.72, FIXED)))
 LOOP_NODES: Final = (6, 7, 12, 11)
 """Around the block in the middle of 5 x 5 crossings: about 300 m."""
-LOOP: Final = DrivePlan(vehicle_id="car-1", nodes=LOOP_NODES, closed=True, start_s=12.0, vehicle=VehicleSettings(imu=ImuSettings()))
+LOOP: Final = DrivePlan(vehicle_id="car-1", nodes=LOOP_NODES, closed=True, start_s=20.0, vehicle=VehicleSettings(imu=ImuSettings()))
 
 DEMO: Final = Preset(
     name="demo",
