@@ -249,7 +249,11 @@ def bicycle() -> Mesh:
     box(m, (0.40, -0.04, 0.78), (0.46, 0.04, 0.86), Material.PAINT, cls, 0, WHITE_LAMP)
     for y in (0.11, -0.11):  # panniers
         box(m, (-0.72, y - 0.05, 0.46), (-0.44, y + 0.05, 0.74), Material.CLOTH, cls, 0, (0.16, 0.14, 0.12), 0.6, bottom=True)
-    box(m, (-0.50, -0.045, 0.27), (0.10, -0.035, 0.38), Material.PAINT, cls, 0, dark)
+    box(m, (-0.50, -0.045, 0.25), (0.12, -0.035, 0.40), Material.PAINT, cls, 0, dark)  # chain case
+    for y in (0.035, -0.035):  # skirt guards over the rear wheel
+        rim = [(-0.52 - 0.33 * np.cos(a), y, 0.35 + 0.33 * np.sin(a)) for a in np.linspace(0.25, 0.75, 5) * np.pi]
+        guard = [[(-0.52, y, 0.42), a, b, b] for a, b in pairwise(rim if y < 0 else rim[::-1])]
+        m.quads(guard, np.zeros((len(guard), 4, 2)), Material.CLOTH, cls, 0, dark)
     for y, x, z in ((0.13, 0.12, 0.18), (-0.13, -0.12, 0.42)):
         box(m, (x - 0.05, y - 0.05, z), (x + 0.05, y + 0.05, z + 0.03), Material.PAINT, cls, 0, dark, bottom=True)
     return m.build()
