@@ -73,6 +73,8 @@ def cast(
     if ballot.is_host:
         uv[0] = points.uv
     left_labels: NDArray[np.uint8] = read_labels(voter.labels[0], uv[0])
+    if not nearness.any():
+        return left_labels  # every point lies behind it, or too near
     for side, seen_here in enumerate((ballot.left, ballot.right)):
         weight = nearness[side] ** np.float32(settings.nearness_power)
         own = ballot.is_host and side == 0

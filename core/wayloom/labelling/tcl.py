@@ -42,11 +42,12 @@ MOST_HELD = 256
 
 @dataclass(frozen=True, slots=True)
 class _Electorate:
-    """Who may vote. frame (V,) the log's frame of each voter, increasing; T_world_cam (V, 4, 4); segment (V,);
+    """Who may vote. frame (V,) the log's frame of each voter, increasing; T_world_cam and T_cam_world (V, 4, 4); segment (V,);
     of_keyframe (K,) the voter that each keyframe is."""
 
     frame: NDArray[np.int32]
     T_world_cam: NDArray[np.float64]
+    T_cam_world: NDArray[np.float64]
     segment: NDArray[np.int32]
     of_keyframe: NDArray[np.int64]
 
@@ -100,7 +101,7 @@ def _electorate(odometry: OdometryResult, settings: LabellingSettings) -> _Elect
     of_keyframe = np.searchsorted(frame, keyframes.frame)
     T_world_cam, segment = trajectory.T_world_cam[frame].copy(), trajectory.segment[frame].copy()
     T_world_cam[of_keyframe], segment[of_keyframe] = keyframes.T_world_cam, keyframes.segment
-    return _Electorate(frame, T_world_cam, segment, of_keyframe)
+    return _Electorate(frame, T_world_cam, np.linalg.inv(T_world_cam), segment, of_keyframe)
 
 
 def _held(odometry: OdometryResult, electorate: _Electorate, settings: LabellingSettings) -> int:
@@ -133,7 +134,7 @@ def _votes_on(
     votes = np.zeros((2, len(rows), CLASS_COUNT))
     baseline = np.full(len(rows), VOID, np.uint8)
     for voter, left, right, within_reach in _ballots(odometry, k, rows, electorate, settings):
-        T_voter_host = np.linalg.inv(electorate.T_world_cam[voter]) @ electorate.T_world_cam[host]
+        T_voter_host = electorate.T_cam_world[voter] @ electorate.T_world_cam[host]
         is_host = voter == host
         ballot = Ballot(is_host, left, right, within_reach, seen.nearest(electorate, voter) if seen else None)
         labels = cast(votes, hosted, np.eye(4) if is_host else T_voter_host, voters[voter], ballot, odometry, settings)
@@ -186,7 +187,7 @@ class _SeenPoints:
         if k >= len(electorate.of_keyframe) or electorate.of_keyframe[k] != voter:
             return None
         if k not in self._grids:
-            T = np.linalg.inv(electorate.T_world_cam[voter])
+            T = electorate.T_cam_world[voter]
             p = self._world[self._point[self._bounds[k] : self._bounds[k + 1]]] @ T[:3, :3].T + T[:3, 3]
             p = p[p[:, 2] > 0]
             size = (math.ceil(self._camera.height / CELL_PX), math.ceil(self._camera.width / CELL_PX))

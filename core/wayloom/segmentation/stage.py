@@ -61,7 +61,7 @@ def _segment_pair(log: DriveLog, network: Network, out_dir: Path, index: int, sh
     frame = log.frame(index)
     images = (frame.left, frame.right)
     for side, image, labelled in zip(SIDES, images, network.label_pair(*images), strict=True):
-        _write_png(_path(out_dir, f"{side}_small", index), small_grey(image))
+        _write_png(_path(out_dir, f"{side}_small", index), small_grey(image), compression=0)
         if labelled.scores is not None:
             write_atomically(scores_path(out_dir, side, index), encode_scores(labelled.scores))
         _write_png(label_path(out_dir, side, index), labelled.labels)
@@ -205,8 +205,8 @@ def _read_scores(path: Path) -> Scores | None:
         return None
 
 
-def _write_png(path: Path, labels: Labels) -> None:
-    written, data = cv2.imencode(".png", labels, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+def _write_png(path: Path, labels: Labels, compression: int = 3) -> None:
+    written, data = cv2.imencode(".png", labels, [cv2.IMWRITE_PNG_COMPRESSION, compression])
     if not written:
         raise StageError(f"{path}: the label image could not be encoded")
     write_atomically(path, data.tobytes())
