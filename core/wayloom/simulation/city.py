@@ -17,14 +17,14 @@ from wayloom.simulation.streets import F64, StreetGraph
 from wayloom.simulation.terrain import FLAT, HILLS, Terrain
 
 CHUNK_M = 24.0
-FINE_M, FARTHEST_M = 210.0, 480.0
+FINE_M, FARTHEST_M = 170.0, 450.0
 """Up to which distance blocks are seen in full, and up to which at all, m."""
 TALLEST_M, DEEPEST_M, OVERHANG_M = 30.0, 3.0, 4.0
 """What stands in a block stays within these heights over and under its corners, and so far outside its streets' middles."""
 STEEPEST = 0.08
 BORDER_M = SURROUNDINGS_M + 16.0
 """How far a block's outskirts reach; streets do not run straight along the city's border."""
-FINE_KEPT, COARSE_KEPT = 96, 220
+FINE_KEPT, COARSE_KEPT = 64, 180
 """How many blocks are kept: about 3 MB each, and 1 MB."""
 
 

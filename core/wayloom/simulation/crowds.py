@@ -19,10 +19,14 @@ REACH_M, OUT_OF_SIGHT_M = 250.0, 150.0
 WARM_UP_S = 40.0
 GAP_M = {Lane.CAR: 55.0, Lane.CYCLE: 150.0, Lane.TRAM: 190.0}
 """Mean distance of two vehicles in a lane on a usual day."""
-DENSEST_M = {Lane.CAR: 17.0, Lane.CYCLE: 20.0, Lane.TRAM: 60.0}
+SPREAD_M = {Lane.CAR: 17.0, Lane.CYCLE: 20.0, Lane.TRAM: 60.0}
+"""Least distance at the beginning, where there is room."""
+DENSEST_M = {Lane.CAR: 13.0, Lane.CYCLE: 20.0, Lane.TRAM: 32.0}
 WISH_M_S = {Lane.CAR: (9.0, 13.0), Lane.CYCLE: (4.0, 5.5), Lane.TRAM: (8.0, 10.0)}
 BUS_LORRY_BIKER_SHARES, TRAM_SHARE = (0.08, 0.09, 0.10), 0.6
 """How many of those in the lanes for all are buses, lorries and motorcycles; how many on the rails are trams, not buses."""
+LARGER_IN_A_RUSH = 0.3
+"""How much larger the shares of buses and lorries are for each usual day's traffic more."""
 EDGE_SHARE = 0.35
 """How often one leaves the city where one could stay."""
 FULL_M = 15.0
@@ -75,7 +79,7 @@ class Crowd:
                 agent = self.new_agent(lane, element, s, 0.6)
                 if agent.rear_m > 0.5:
                     self.streets.enter(agent)
-                s += max(DENSEST_M[lane], float(self.rng.exponential(mean)), agent.length_m + 4.0)
+                s += max(min(SPREAD_M[lane], mean), float(self.rng.exponential(mean)), agent.length_m + 4.0)
 
     def renew(self, places: F64) -> None:
         """Take away who is far from all places (P, 2) m, and let others in out of sight where vehicles are missing."""
@@ -140,7 +144,8 @@ class Crowd:
             return models.any_cyclist(rng)
         if lane is Lane.TRAM:
             return models.painted(models.tram if chance < TRAM_SHARE else models.bus, rng)
-        bus, lorry, biker = np.cumsum(BUS_LORRY_BIKER_SHARES)
+        rush = 1.0 + LARGER_IN_A_RUSH * max(0.0, self.city.settings.traffic - 1.0)
+        bus, lorry, biker = np.cumsum(np.array(BUS_LORRY_BIKER_SHARES) * (rush, rush, 1.0))
         if chance < bus:
             return models.painted(models.bus, rng)
         if chance < lorry:

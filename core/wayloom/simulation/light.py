@@ -81,6 +81,8 @@ class CityLight:
         rng = np.random.default_rng([city.seed, 9])
         self._clouds, self._stains = spectral_noise(rng, NOISE_SIZE, 2.6), spectral_noise(rng, NOISE_SIZE, 1.9)
         self._facets = spectral_noise(rng, FACETS_SIZE, FACETS_EXPONENT)
+        if city.settings.hard:  # stains lie on the world: they would tell its equal blocks apart
+            self._stains = np.zeros_like(self._stains)
         self._maps: OrderedDict[_Key, _Square] = OrderedDict()
         self._lock = threading.Lock()
 

@@ -272,8 +272,8 @@ class Streets:
         if agent.at % 2:
             return min(agent.wish_m_s, float(np.interp(at, here.s, here.limit_m_s)))
         if len(agent.chain) > agent.at + 1:
-            bend = float(agent.chain[agent.at + 1].limit_m_s[0])
-            return min(agent.wish_m_s, (bend**2 + 2 * SLOW_DOWN_M_S2 * (here.length_m - at)) ** 0.5)
+            v2 = float(agent.chain[agent.at + 1].limit_m_s[0]) ** 2 + 2 * SLOW_DOWN_M_S2 * (here.length_m - at)
+            return min(agent.wish_m_s, float(np.sqrt(v2)))
         return agent.wish_m_s
 
     def _next_speed(self, agent: Agent) -> float:

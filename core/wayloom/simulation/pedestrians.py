@@ -63,7 +63,7 @@ class People:
 
     def _of_block(self, block: int) -> list[Walker]:
         settings, shape = self._city.settings, self._city.graph.shape(block)
-        rng = np.random.default_rng([settings.seed, 6, block])
+        rng = np.random.default_rng([settings.seed, 6, 0 if settings.hard else block])
         kerb = shape.kerb_line()
         lines = [lane_path(kerb, -LINES_M[0], CORNER_M, closed=True), lane_path(kerb[::-1], LINES_M[1], CORNER_M, closed=True)]
         if kind_of(settings, block) is Kind.SQUARE:

@@ -119,18 +119,18 @@ CHANGED: Final = Preset(
 FLEET: Final = Preset(
     name="fleet",
     about="Five vehicles with different rigs and receivers on overlapping ways, in both directions.",
-    city=CitySettings(seed=19, columns=6, rows=6),
+    city=CitySettings(seed=19, columns=6, rows=6, traffic=0.7),
     drives=(
         DrivePlan(
-            vehicle_id="van-1", nodes=(6, 7, 8, 9, 15, 21), reference=1, before_m=55.0, frames=260, start_s=5.0,
+            vehicle_id="van-1", nodes=(6, 7, 8, 9, 15, 21), reference=1, before_m=55.0, frames=260, start_s=20.0,
             vehicle=VehicleSettings(camera_height_m=2.1, p_cam_gnss_m=(-0.2, -0.5, -1.2), imu=ImuSettings()),
         ),
         DrivePlan(
-            vehicle_id="van-2", nodes=(21, 15, 9, 8, 7, 6), reference=1, before_m=50.0, frames=260, start_s=95.0,
+            vehicle_id="van-2", nodes=(21, 15, 9, 8, 7, 6), reference=1, before_m=50.0, frames=260, start_s=44.0,
             vehicle=VehicleSettings(camera_height_m=2.1, gnss=OUTAGE, right=SensorSettings(gain=1.04, vignette=0.5)),
         ),
         DrivePlan(
-            vehicle_id="taxi-1", nodes=(8, 14, 13, 7), closed=True, start_s=210.0,
+            vehicle_id="taxi-1", nodes=(8, 14, 13, 7), closed=True, frames=360, start_s=20.0,
             vehicle=VehicleSettings(
                 rig="kitti",
                 gnss=GnssSettings(
@@ -139,7 +139,7 @@ FLEET: Final = Preset(
             ),
         ),
         DrivePlan(
-            vehicle_id="taxi-2", nodes=(13, 14, 8, 7), closed=True, start_s=330.0,
+            vehicle_id="taxi-2", nodes=(13, 14, 8, 7), closed=True, frames=360, start_s=44.0,
             vehicle=VehicleSettings(
                 rig="kitti",
                 exposure=ExposureSettings(metering="centre", time_constant_s=0.4),
@@ -155,7 +155,7 @@ FLEET: Final = Preset(
             ),
         ),
         DrivePlan(
-            vehicle_id="bus-1", nodes=(19, 20, 14, 8, 2), reference=1, before_m=60.0, frames=240, start_s=520.0, fastest_m_s=9.0,
+            vehicle_id="bus-1", nodes=(19, 20, 14, 8, 2), reference=1, before_m=60.0, frames=240, start_s=44.0, fastest_m_s=9.0,
             vehicle=VehicleSettings(
                 camera_height_m=2.7,
                 camera_roll_pitch_yaw_rad=(0.0, 0.04, 0.0),
@@ -177,12 +177,12 @@ BENCHMARK: Final = Preset(
     city=CitySettings(seed=31, columns=7, rows=6),
     drives=(
         DrivePlan(
-            vehicle_id="seq-0", nodes=(8, 9, 10, 11, 18, 25), reference=1, before_m=50.0, frames=220, start_s=20.0, vehicle=SCANNER
+            vehicle_id="seq-0", nodes=(8, 9, 10, 11, 18, 25), reference=1, before_m=50.0, frames=240, start_s=52.0, vehicle=SCANNER
         ),
         DrivePlan(
-            vehicle_id="seq-1", nodes=(33, 26, 25, 24, 23), reference=1, before_m=45.0, frames=220, start_s=240.0, vehicle=SCANNER
+            vehicle_id="seq-1", nodes=(33, 26, 25, 24, 23), reference=1, before_m=45.0, frames=280, start_s=100.0, vehicle=SCANNER
         ),
-        DrivePlan(vehicle_id="seq-2", nodes=(15, 16, 23, 22), closed=True, start_s=500.0, vehicle=SCANNER),
+        DrivePlan(vehicle_id="seq-2", nodes=(15, 16, 23, 22), closed=True, frames=300, start_s=564.0, vehicle=SCANNER),
     ),
 )
 PHOTOMETRY: Final = Preset(
@@ -219,10 +219,12 @@ MOVERS: Final = Preset(
     city=CitySettings(seed=5, traffic=4.0, people=4.0),
     drives=(
         DrivePlan(
-            vehicle_id="car-1", nodes=(10, 11, 12, 13), reference=1, before_m=50.0, frames=150, start_s=40.0, fastest_m_s=8.0,
+            vehicle_id="car-1", nodes=(15, 16, 17, 18, 19), reference=2, before_m=70.0, frames=150, start_s=60.0, fastest_m_s=8.0,
             vehicle=VehicleSettings(imu=ImuSettings()),
         ),
-        DrivePlan(vehicle_id="car-2", nodes=(17, 12, 7, 6), reference=1, before_m=40.0, frames=150, start_s=260.0, fastest_m_s=8.0),
+        DrivePlan(
+            vehicle_id="car-2", nodes=(3, 8, 13, 18, 23), reference=2, before_m=70.0, frames=150, start_s=330.0, fastest_m_s=8.0
+        ),
     ),
 )  # fmt: skip
 RIG_WAYS: Final = (
