@@ -119,18 +119,18 @@ CHANGED: Final = Preset(
 FLEET: Final = Preset(
     name="fleet",
     about="Five vehicles with different rigs and receivers on overlapping ways, in both directions.",
-    city=CitySettings(seed=19, columns=6, rows=6, traffic=0.7),
+    city=CitySettings(seed=19, columns=6, rows=6, traffic=0.3),
     drives=(
         DrivePlan(
-            vehicle_id="van-1", nodes=(6, 7, 8, 9, 15, 21), reference=1, before_m=55.0, frames=260, start_s=20.0,
+            vehicle_id="van-1", nodes=(6, 7, 8, 9, 15, 21), reference=1, before_m=55.0, frames=260, start_s=76.0,
             vehicle=VehicleSettings(camera_height_m=2.1, p_cam_gnss_m=(-0.2, -0.5, -1.2), imu=ImuSettings()),
         ),
         DrivePlan(
-            vehicle_id="van-2", nodes=(21, 15, 9, 8, 7, 6), reference=1, before_m=50.0, frames=260, start_s=44.0,
+            vehicle_id="van-2", nodes=(21, 15, 9, 8, 7, 6), reference=1, before_m=50.0, frames=400, start_s=176.0,
             vehicle=VehicleSettings(camera_height_m=2.1, gnss=OUTAGE, right=SensorSettings(gain=1.04, vignette=0.5)),
         ),
         DrivePlan(
-            vehicle_id="taxi-1", nodes=(8, 14, 13, 7), closed=True, frames=360, start_s=20.0,
+            vehicle_id="taxi-1", nodes=(8, 14, 13, 7), closed=True, frames=360, start_s=264.0,
             vehicle=VehicleSettings(
                 rig="kitti",
                 gnss=GnssSettings(
@@ -139,7 +139,7 @@ FLEET: Final = Preset(
             ),
         ),
         DrivePlan(
-            vehicle_id="taxi-2", nodes=(13, 14, 8, 7), closed=True, frames=360, start_s=44.0,
+            vehicle_id="taxi-2", nodes=(13, 14, 8, 7), closed=True, frames=360, start_s=374.0,
             vehicle=VehicleSettings(
                 rig="kitti",
                 exposure=ExposureSettings(metering="centre", time_constant_s=0.4),
@@ -155,7 +155,7 @@ FLEET: Final = Preset(
             ),
         ),
         DrivePlan(
-            vehicle_id="bus-1", nodes=(19, 20, 14, 8, 2), reference=1, before_m=60.0, frames=240, start_s=44.0, fastest_m_s=9.0,
+            vehicle_id="bus-1", nodes=(19, 20, 14, 8, 2), reference=1, before_m=60.0, frames=240, start_s=500.0, fastest_m_s=9.0,
             vehicle=VehicleSettings(
                 camera_height_m=2.7,
                 camera_roll_pitch_yaw_rad=(0.0, 0.04, 0.0),
