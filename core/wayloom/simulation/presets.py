@@ -126,7 +126,7 @@ FLEET: Final = Preset(
             vehicle=VehicleSettings(camera_height_m=2.1, p_cam_gnss_m=(-0.2, -0.5, -1.2), imu=ImuSettings()),
         ),
         DrivePlan(
-            vehicle_id="van-2", nodes=(21, 15, 9, 8, 7, 6), reference=1, before_m=50.0, frames=400, start_s=176.0,
+            vehicle_id="van-2", nodes=(15, 9, 8, 7, 6), reference=1, before_m=45.0, frames=220, start_s=192.0,
             vehicle=VehicleSettings(camera_height_m=2.1, gnss=OUTAGE, right=SensorSettings(gain=1.04, vignette=0.5)),
         ),
         DrivePlan(
