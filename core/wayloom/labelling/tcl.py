@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT, VOID
 from wayloom.config.progress import Progress, silent
+from wayloom.geometry import se3
 from wayloom.labelling.casting import CELL_PX, Ballot, HostedPoints, cast, looks_of
 from wayloom.labelling.images import LabelImages, Voters
 from wayloom.labelling.kernels.visibility import nearest_seen
@@ -101,7 +102,7 @@ def _electorate(odometry: OdometryResult, settings: LabellingSettings) -> _Elect
     of_keyframe = np.searchsorted(frame, keyframes.frame)
     T_world_cam, segment = trajectory.T_world_cam[frame].copy(), trajectory.segment[frame].copy()
     T_world_cam[of_keyframe], segment[of_keyframe] = keyframes.T_world_cam, keyframes.segment
-    return _Electorate(frame, T_world_cam, np.linalg.inv(T_world_cam), segment, of_keyframe)
+    return _Electorate(frame, T_world_cam, se3.inverse(T_world_cam), segment, of_keyframe)
 
 
 def _held(odometry: OdometryResult, electorate: _Electorate, settings: LabellingSettings) -> int:
