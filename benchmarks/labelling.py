@@ -15,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "labellin
 from made_drive import made_drive, random_images
 from test_tcl import naive_votes
 
+from wayloom.labelling.settings import PAPER
 from wayloom.labelling.tcl import label_points
 from wayloom.odometry.types import Points
 
@@ -38,9 +39,9 @@ def main() -> None:
 def kernel_rate(points: int) -> float:
     """Images looked up a second by `label_points`, compiled and warm, the best of three."""
     images = random_images(1, KEYFRAMES)
-    label_points(made_drive(1, KEYFRAMES, 100), images)
+    label_points(made_drive(1, KEYFRAMES, 100), images, PAPER)
     drive = made_drive(2, KEYFRAMES, points)
-    return votes_of(drive.points) / min(timed(lambda: label_points(drive, images)) for _ in range(3))
+    return votes_of(drive.points) / min(timed(lambda: label_points(drive, images, PAPER)) for _ in range(3))
 
 
 def naive_rate(points: int) -> float:

@@ -1,12 +1,13 @@
 """A small made drive for the labelling's tests: keyframes, points, who saw what, and label images."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
+from wayloom.segmentation.scores import Scores
 
 CAMERA = PinholeCamera(fx=90.0, fy=92.0, cx=49.3, cy=30.8, width=100, height=60)
 RIG = StereoRig(CAMERA, (-0.5, 0.004, -0.003))
@@ -18,12 +19,45 @@ class HeldImages:
 
     lefts: list[NDArray[np.uint8]]
     rights: list[NDArray[np.uint8]]
+    likeliest: tuple[list[Scores], list[Scores]] | None = None
+    smalls: list[NDArray[np.uint8]] | None = None
+    """Of left and right alike."""
 
     def left(self, keyframe: int, /) -> NDArray[np.uint8]:
         return self.lefts[keyframe]
 
     def right(self, keyframe: int, /) -> NDArray[np.uint8]:
         return self.rights[keyframe]
+
+    def scores(self, side: str, keyframe: int, /) -> Scores | None:
+        return None if self.likeliest is None else self.likeliest[side == "right"][keyframe]
+
+    def small(self, side: str, keyframe: int, /) -> NDArray[np.uint8]:
+        assert self.smalls is not None
+        return self.smalls[keyframe]
+
+
+def texture(seed: int) -> NDArray[np.uint8]:
+    """A small image of random grey values."""
+    return np.random.default_rng(seed).integers(0, 255, (CAMERA.height // 2, CAMERA.width // 2)).astype(np.uint8)
+
+
+def still_drive(keyframes: int = 5, points: int = 40, seed: int = 0) -> OdometryResult:
+    """A drive that stands still: each point, hosted by keyframe 2, lies at its own pixel in every keyframe, and has no observer."""
+    drive = made_drive(seed, keyframes, points)
+    rng = np.random.default_rng(seed)
+    alone = replace(
+        drive.points,
+        host=np.full(points, 2, np.int32),
+        uv_host=rng.integers([8, 8], [CAMERA.width - 8, CAMERA.height - 8], (points, 2)).astype(np.float32),
+        inverse_depth=np.full(points, 0.125, np.float32),
+        obs_start=np.zeros(points + 1, np.int64),
+        obs_keyframe=np.zeros(0, np.int32),
+        obs_right=np.zeros(0, bool),
+        host_right=np.zeros(points, bool),
+    )
+    at_rest = np.tile(np.eye(4), (keyframes, 1, 1))
+    return replace(drive, points=alone, keyframes=replace(drive.keyframes, T_world_cam=at_rest))
 
 
 def made_drive(seed: int, keyframes: int = 5, points: int = 120, bias_px: float = 0.4) -> OdometryResult:

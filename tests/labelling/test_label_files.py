@@ -10,13 +10,14 @@ from made_drive import made_drive, random_images
 from wayloom.errors import StageError
 from wayloom.labelling import files
 from wayloom.labelling.files import load_labels, save_labels
+from wayloom.labelling.settings import PAPER
 from wayloom.labelling.tcl import label_points
 from wayloom.labelling.types import PointLabels
 
 
 @pytest.fixture
 def labels() -> PointLabels:
-    return label_points(made_drive(1), random_images(1))
+    return label_points(made_drive(1), random_images(1), PAPER)
 
 
 def test_labels_come_back_as_they_were(labels: PointLabels, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""TCL against a slow, obvious twin, and the properties that equations 2 and 3 promise."""
+"""TCL in the paper's form against a slow, obvious twin, and the properties that equations 2 and 3 promise."""
 
 from collections import defaultdict
 from dataclasses import replace
@@ -9,14 +9,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_drive import CAMERA, RIG, HeldImages, even_images, made_drive, random_images
 
+from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError
-from wayloom.labelling.settings import LabellingSettings
+from wayloom.labelling.settings import PAPER, LabellingSettings
 from wayloom.labelling.tcl import label_points
 from wayloom.labelling.types import PointLabels
 from wayloom.odometry.types import OdometryResult
 
 SEEDS = st.integers(0, 10_000)
 FEW = settings(max_examples=40, deadline=None)
+
+
+def by_the_paper(
+    drive: OdometryResult, images: HeldImages, settings: LabellingSettings = PAPER, progress: Progress = silent
+) -> PointLabels:
+    return label_points(drive, images, settings, progress)
 
 
 def pixel(image: np.ndarray, u: float, v: float) -> int:
@@ -64,7 +71,7 @@ def votes_of(labels: PointLabels, p: int) -> dict[int, float]:
 @pytest.mark.parametrize("seed", range(4))
 def test_labels_and_votes_are_those_of_the_naive_twin(seed: int) -> None:
     drive, images = made_drive(seed), random_images(seed)
-    labels = label_points(drive, images)
+    labels = by_the_paper(drive, images)
     for p in range(len(drive.points)):
         u, v = drive.points.uv_host[p]
         assert labels.baseline[p] == pixel(images.left(int(drive.points.host[p])), float(u), float(v))
@@ -87,7 +94,7 @@ def test_the_order_of_the_observers_does_not_matter(seed: int) -> None:
     rng = np.random.default_rng(seed)
     order = np.concatenate([s + rng.permutation(e - s) for s, e in zip(points.obs_start[:-1], points.obs_start[1:], strict=True)])
     shuffled = replace(points, obs_keyframe=points.obs_keyframe[order], obs_right=points.obs_right[order])
-    one, other = label_points(drive, images), label_points(replace(drive, points=shuffled), images)
+    one, other = by_the_paper(drive, images), by_the_paper(replace(drive, points=shuffled), images)
     for field in ("baseline", "mono", "stereo", "vote_start", "vote_class", "vote_weight"):
         assert np.array_equal(getattr(one, field), getattr(other, field)), field
 
@@ -107,7 +114,7 @@ def test_the_order_of_the_points_does_not_matter(seed: int) -> None:
         obs_keyframe=points.obs_keyframe[rows],
         obs_right=points.obs_right[rows],
     )
-    one, other = label_points(drive, images), label_points(replace(drive, points=shuffled), images)
+    one, other = by_the_paper(drive, images), by_the_paper(replace(drive, points=shuffled), images)
     assert np.array_equal(one.stereo[order], other.stereo)
     assert np.array_equal(one.baseline[order], other.baseline)
     assert [votes_of(one, p) for p in order] == [votes_of(other, i) for i in range(len(order))]
@@ -123,7 +130,7 @@ def test_mono_without_observers_is_the_baseline(seed: int) -> None:
         obs_keyframe=np.zeros(0, np.int32),
         obs_right=np.zeros(0, bool),
     )
-    labels = label_points(replace(drive, points=alone), random_images(seed))
+    labels = by_the_paper(replace(drive, points=alone), random_images(seed))
     assert np.array_equal(labels.mono, labels.baseline)
 
 
@@ -131,7 +138,7 @@ def test_mono_without_observers_is_the_baseline(seed: int) -> None:
 @given(seed=SEEDS, dist_min=st.floats(1.0, 60.0))
 def test_an_observer_nearer_than_the_limit_never_votes(seed: int, dist_min: float) -> None:
     drive, images = made_drive(seed, points=40), random_images(seed)
-    labels = label_points(drive, images, LabellingSettings(dist_min_m=dist_min))
+    labels = by_the_paper(drive, images, PAPER.model_copy(update={"dist_min_m": dist_min}))
     for p in range(len(drive.points)):
         assert votes_of(labels, p) == pytest.approx(naive_votes(drive, images, p, dist_min, True), rel=1e-6)
 
@@ -142,7 +149,7 @@ def test_a_point_at_exactly_the_limit_does_not_vote() -> None:
     alone = replace(
         near, obs_start=np.zeros(len(near) + 1, np.int64), obs_keyframe=near.obs_keyframe[:0], obs_right=near.obs_right[:0]
     )
-    labels = label_points(replace(drive, points=replace(alone, host_right=np.zeros(len(near), bool))), random_images(1))
+    labels = by_the_paper(replace(drive, points=replace(alone, host_right=np.zeros(len(near), bool))), random_images(1))
     assert len(labels.vote_class) == 0
     assert np.array_equal(labels.stereo, labels.baseline)
 
@@ -151,14 +158,14 @@ def test_a_point_at_exactly_the_limit_does_not_vote() -> None:
 @given(seed=SEEDS, label=st.integers(0, 18))
 def test_a_unanimous_vote_wins(seed: int, label: int) -> None:
     drive = made_drive(seed)
-    labels = label_points(drive, even_images(label))
+    labels = by_the_paper(drive, even_images(label))
     assert (labels.mono == label).all()
     assert (labels.stereo == label).all()
     assert (labels.vote_class == label).all()
 
 
 def test_void_does_not_vote_and_stays_void_where_nothing_else_speaks() -> None:
-    labels = label_points(made_drive(2), even_images(255))
+    labels = by_the_paper(made_drive(2), even_images(255))
     assert (labels.stereo == 255).all()
     assert len(labels.vote_class) == 0
     assert labels.vote_start[-1] == 0
@@ -168,7 +175,7 @@ def test_observers_outvote_a_wrong_host() -> None:
     drive = made_drive(3)
     images = even_images(8)
     images.lefts[0] = np.full_like(images.lefts[0], 4)
-    labels = label_points(drive, images)
+    labels = by_the_paper(drive, images)
     seen = np.diff(drive.points.obs_start)
     far = drive.points.inverse_depth < 1 / 12
     outvoted = (drive.points.host == 0) & (seen >= 3) & far
@@ -194,7 +201,7 @@ def test_of_equal_votes_the_baseline_wins_else_the_lowest_class() -> None:
 
     def with_labels(*ids: int) -> int:
         images = [np.full((CAMERA.height, CAMERA.width), i, np.uint8) for i in ids]
-        return int(label_points(still, HeldImages(images, images)).mono[0])
+        return int(by_the_paper(still, HeldImages(images, images)).mono[0])
 
     assert with_labels(7, 3, 255) == 7
     assert with_labels(3, 7, 255) == 3
@@ -206,13 +213,13 @@ def test_points_without_a_depth_keep_their_baseline() -> None:
     drive, images = made_drive(5), random_images(5)
     depths = drive.points.inverse_depth.copy()
     depths[::3], depths[1::3] = np.nan, -0.1
-    labels = label_points(replace(drive, points=replace(drive.points, inverse_depth=depths)), images)
+    labels = by_the_paper(replace(drive, points=replace(drive.points, inverse_depth=depths)), images)
     assert np.array_equal(labels.stereo[::3], labels.baseline[::3])
     assert np.array_equal(labels.stereo[1::3], labels.baseline[1::3])
 
 
 def test_a_drive_without_points_has_no_labels() -> None:
-    labels = label_points(made_drive(6, points=0), random_images(6))
+    labels = by_the_paper(made_drive(6, points=0), random_images(6))
     assert len(labels) == 0
     assert labels.vote_start.tolist() == [0]
 
@@ -221,11 +228,11 @@ def test_label_images_of_another_size_are_refused() -> None:
     images = random_images(7)
     images.lefts[2] = images.lefts[2][:-1]
     with pytest.raises(StageError, match="keyframe 2"):
-        label_points(made_drive(7), images)
+        by_the_paper(made_drive(7), images)
 
 
 def test_progress_rises_to_one() -> None:
     shares: list[float] = []
-    label_points(made_drive(8), random_images(8), progress=lambda share, what: shares.append(share))
+    by_the_paper(made_drive(8), random_images(8), progress=lambda share, what: shares.append(share))
     assert shares == sorted(shares)
     assert shares[-1] == 1.0

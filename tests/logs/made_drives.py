@@ -7,13 +7,15 @@ import numpy as np
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.logs.drive_writer import DriveWriter
+from wayloom.logs.exposure_csv import write_exposure_csv
 from wayloom.logs.gnss_csv import write_gnss_csv
+from wayloom.logs.imu_csv import write_imu_csv
 from wayloom.logs.kitti_360_writer import Kitti360Writer
 from wayloom.logs.kitti_odometry_writer import KittiOdometryWriter
 from wayloom.logs.kitti_raw_writer import KittiRawWriter
 from wayloom.logs.mcap_writer import McapWriter
 from wayloom.logs.oxts_writer import OxtsPacket
-from wayloom.logs.types import FixType, GnssTrack, StereoFrame
+from wayloom.logs.types import FixType, GnssTrack, ImuTrack, StereoFrame
 
 FRAMES = 6
 RIG = StereoRig(PinholeCamera(101.5, 102.5, 31.25, 20.75, 64, 40), (-0.5, 0.00275, -0.0015))
@@ -79,3 +81,15 @@ def track_file(file: Path) -> None:
     t_ns = np.array([frame.t_ns for frame in made_frames(FRAMES, colour=False)])
     place = np.tile([8.4, 49.0, 115.0], (FRAMES, 1))
     write_gnss_csv(file, GnssTrack(t_ns, place, np.tile(np.eye(3), (FRAMES, 1, 1)), np.full(FRAMES, 3, np.uint8)))
+
+
+def made_imu(count: int = 40) -> ImuTrack:
+    """Samples of 100 Hz from the first frame on."""
+    rng = np.random.default_rng(9)
+    return ImuTrack(START_NS + 10_000_000 * np.arange(count), rng.normal(0, 3, (count, 3)), rng.normal(0, 0.3, (count, 3)))
+
+
+def sample_files(drive: Path) -> None:
+    """An imu.csv and an exposure.csv in a made drive."""
+    write_imu_csv(drive / "imu.csv", made_imu())
+    write_exposure_csv(drive / "exposure.csv", np.random.default_rng(8).uniform(1e-3, 1e-2, (FRAMES, 2)))

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from logs.made_drives import track_file, write_drive
+from logs.made_drives import sample_files, track_file, write_drive
 from wayloom.errors import InputError
 from wayloom.logs.inspection import inspect_log
 from wayloom.logs.oxts import ins_trajectory
@@ -27,7 +27,12 @@ FILES = {
         "calib_cam_to_cam.txt", "calib_imu_to_velo.txt", "calib_velo_to_cam.txt", "image_02/timestamps.txt",
         "oxts/timestamps.txt", "poses.txt", "image_03/data/0000000000.png",
     ],
-    "kitti-csv": ["gnss.csv"],
+    "kitti-csv": ["gnss.csv", "imu.csv", "exposure.csv"],
+    "kitti-360": [
+        "calibration/perspective.txt", "calibration/calib_cam_to_pose.txt", "data_2d_raw/made_2031_sync/image_00/timestamps.txt",
+        "data_2d_raw/made_2031_sync/image_01/data_rect/0000000003.png", "data_poses/made_2031_sync/cam0_to_world.txt",
+        "data_poses/made_2031_sync/oxts/data/0000000001.txt",
+    ],
 }  # fmt: skip
 CASES = [(kind, name) for kind, names in FILES.items() for name in names]
 
@@ -36,9 +41,10 @@ CASES = [(kind, name) for kind, names in FILES.items() for name in names]
 def drives() -> Iterator[dict[str, Path]]:
     """One drive of each kind, spoilt and mended in turn."""
     with tempfile.TemporaryDirectory() as folder:
-        made = {kind: write_drive(Path(folder) / kind, kind) for kind in ("kitti-odometry", "kitti-raw")}
+        made = {kind: write_drive(Path(folder) / kind, kind) for kind in ("kitti-odometry", "kitti-raw", "kitti-360")}
         made["kitti-csv"] = write_drive(Path(folder) / "kitti-csv", "kitti-odometry", gnss=False)
         track_file(made["kitti-csv"] / "gnss.csv")
+        sample_files(made["kitti-csv"])
         yield made
 
 

@@ -49,9 +49,11 @@ def test_left_and_right_of_every_keyframe_are_labelled(log: DriveLog, network: C
     written = sorted(str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*") if p.is_file())
     assert written == [
         "left/0000000000.png", "left/0000000009.png", "left/0000000021.png",
-        "left_scores/0000000000.png", "left_scores/0000000009.png", "left_scores/0000000021.png", "model.json",
+        "left_scores/0000000000.png", "left_scores/0000000009.png", "left_scores/0000000021.png",
+        "left_small/0000000000.png", "left_small/0000000009.png", "left_small/0000000021.png", "model.json",
         "right/0000000000.png", "right/0000000009.png", "right/0000000021.png",
         "right_scores/0000000000.png", "right_scores/0000000009.png", "right_scores/0000000021.png",
+        "right_small/0000000000.png", "right_small/0000000009.png", "right_small/0000000021.png",
     ]  # fmt: skip
     facts = json.loads((tmp_path / "out" / "model.json").read_text())
     assert (facts["name"], facts["sha256"], facts["licence"]) == ("made", network.sha256, "unknown")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from simulation.naive import ray_hits
+from wayloom.errors import ConfigError
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera
 from wayloom.geometry.lens import RightLens
@@ -73,6 +74,11 @@ def test_raw_images_are_what_a_reader_rectifies() -> None:
         near = left.lens_uv[y0 : y0 + 2, x0 : x0 + 2] - drawn_offset
         place = (near[0, 0] * (1 - fx) + near[0, 1] * fx) * (1 - fy) + (near[1, 0] * (1 - fx) + near[1, 1] * fx) * fy
         np.testing.assert_allclose(place, (x, y), atol=0.01)
+
+
+def test_a_lens_that_folds_within_the_image_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"pixels see nothing through the lens.*weaken it"):
+        true_cameras(VehicleSettings(distortion=(-0.6, 0.0, 0.0, 0.0, 0.0)), "quarter")
 
 
 def test_the_size_of_each_fault_is_as_documented() -> None:

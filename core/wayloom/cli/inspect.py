@@ -13,7 +13,9 @@ PIPE_WIDTH = 200
 
 
 def inspect_command(
-    log: Annotated[Path, typer.Argument(help="The log: a KITTI odometry or KITTI raw folder.")],
+    log: Annotated[
+        Path, typer.Argument(help="The log: a folder of KITTI odometry, KITTI raw or KITTI-360, or a ROS 2 recording (.mcap).")
+    ],
     gnss: Annotated[Path | None, typer.Option(help="A GNSS log kept elsewhere: a KITTI …_sync folder or a gnss.csv.")] = None,
     json: Annotated[Path | None, typer.Option(help="Also write what was found to this file.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Look at both ends of each image instead of decoding all.")] = False,
@@ -84,6 +86,8 @@ def rows(report: "LogReport") -> list[tuple[str, str]]:
         ]
     if report.imu is not None:
         out.append(("IMU", rate_text(report.imu)))
+    if report.p_cam_imu_m is not None:
+        out.append(("IMU place", "{:.3f}, {:.3f}, {:.3f} m in the left camera's frame".format(*report.p_cam_imu_m)))
     if report.truth_poses:
         out.append(("truth", f"{report.truth_poses} poses"))
     out.append(("files", f"{report.files}, {report.bytes / 1e6:.1f} MB"))

@@ -10,7 +10,9 @@ import typer
 from wayloom import __version__
 from wayloom.errors import InputError, WayloomError
 
-COMMANDS = ("demo", "inspect", "process", "odometry", "calibrate", "up", "upload", "export", "simulate", "models", "doctor")
+COMMANDS = (
+    "demo", "inspect", "process", "odometry", "calibrate", "up", "upload", "export", "simulate", "models", "benchmark", "doctor",
+)  # fmt: skip
 STOPPED = 130
 
 app = typer.Typer(

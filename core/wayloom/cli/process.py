@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def process_command(
-    log: Annotated[Path, typer.Argument(help="The drive log: a KITTI odometry or KITTI raw folder.")],
+    log: Annotated[Path, typer.Argument(help="The drive log: KITTI odometry, KITTI raw, KITTI-360, or .mcap.")],
     out: Annotated[Path, typer.Option(help="Folder for the results; what an earlier run finished there is used again.")],
     model: Annotated[
         str | None, typer.Option(envvar="WAYLOOM_MODEL", help="Network: a name of `wayloom models`, or a TOML or ONNX file.")

@@ -1,4 +1,6 @@
-"""Settings of the labelling."""
+"""Settings of the labelling. The paper's own form is `PAPER`; the default is what does best on the benchmark."""
+
+from typing import Final, Literal
 
 from pydantic import Field
 
@@ -6,6 +8,38 @@ from wayloom.config.settings import Settings
 
 
 class LabellingSettings(Settings):
-    """dist_min_m: an observation nearer than this does not vote (eq. 3; the paper names no value)."""
+    """Who votes on a point's class, and with what weight."""
 
-    dist_min_m: float = Field(2.0, gt=0, le=100, description="metres along the observer's z axis")
+    dist_min_m: float = Field(2.0, gt=0, le=100, description="an observation nearer than this does not vote (eq. 3), m along z")
+    votes: Literal["hard", "soft"] = Field(
+        "soft",
+        description="hard: one class a vote (eq. 2); soft: a vote is shared by the network's probabilities, where it gives any",
+    )
+    reach: int = Field(
+        20,
+        ge=0,
+        le=200,
+        description="keyframes before and after the host that vote as well if the point looks alike there; 0: obs(p)",
+    )
+    likeness_power: float = Field(
+        4.0,
+        ge=0,
+        le=16,
+        description="weight: correlation of the point's looks in host and observer to this power; 0: not looked at",
+    )
+    nearness_power: float = Field(1.0, ge=0, le=4, description="weight: inverse depth in the observer to this power (eq. 3: 1)")
+    occlusion_check: bool = Field(False, description="no vote where points that are seen there stand before the projection")
+    boundary_px: float = Field(
+        0.0, ge=0, le=100, description="votes nearer than this to a label boundary count by their distance, px"
+    )
+    reprojection_px: float = Field(
+        0.0,
+        ge=0,
+        le=100,
+        description="votes count half where the depth's sigma moves the projection by so much, px; 0: not looked at",
+    )
+    between_keyframes: bool = Field(False, description="the frames between keyframes are labelled and vote as well")
+
+
+PAPER: Final = LabellingSettings(votes="hard", reach=0, likeness_power=0.0)
+"""Equations 2 and 3 as they stand in the paper."""

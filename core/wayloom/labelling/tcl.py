@@ -3,48 +3,60 @@
 "Vision-based Large-scale 3D Semantic Mapping for Autonomous Driving Applications" (Cheng, Zeller, Cremers; 2022), sec. III-C:
 
     l(p) = argmax_c  sum_{q_j in Q}  w_j [L_j(q_j) = c]            (eq. 2)
-    w_j  = d_j  where d_j < 1 / dist_min,  else 0                   (eq. 3)
+    w_j  = d_j  where  d_j < 1 / dist_min,  else 0                  (eq. 3)
 
 Q holds the point in its host's left image, its projections into the left image of every keyframe j of obs(p), and the projections
 of those into the right images; d_j is its inverse depth in j: the nearer an observer, the more it knows, unless it is so near
 that the projection is worth nothing. Only right images with which the odometry found the point consistent vote.
+
+Beyond the paper, each by a setting: the images themselves say in which further keyframes the point is seen, and how surely (the
+odometry's obs(p) ends with its window); a vote is shared by the network's probabilities; hidden projections do not vote; votes near
+label boundaries or with uncertain projections count less; frames between keyframes vote as well.
+
+Points are taken host by host, so what is in memory is bounded by the keyframes within reach; time is linear in points x observers.
 """
 
+import math
+from collections import OrderedDict
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT, VOID
 from wayloom.config.progress import Progress, silent
-from wayloom.errors import StageError
-from wayloom.geometry.camera import StereoRig
-from wayloom.labelling.kernels.voting import count_votes, read_votes, sparse_votes
+from wayloom.labelling.casting import CELL_PX, Ballot, HostedPoints, cast, looks_of
+from wayloom.labelling.images import LabelImages, Voters
+from wayloom.labelling.kernels.visibility import nearest_seen
+from wayloom.labelling.kernels.voting import sparse_votes, winners
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.labelling.types import PointLabels
-from wayloom.odometry.types import OdometryResult, Points
+from wayloom.odometry.types import OdometryResult
 
-
-class LabelImages(Protocol):
-    """Label images by keyframe row, (h, w) uint8 train ids: `wayloom.segmentation.stage.KeyframeLabels` is one."""
-
-    def left(self, keyframe: int, /) -> NDArray[np.uint8]: ...
-    def right(self, keyframe: int, /) -> NDArray[np.uint8]: ...
+LEAST_SHARE = 0.01
+"""Of soft votes, a class that got less than this share of its point's votes is not kept with the point."""
+MOST_HELD = 256
+"""Voters in memory at most, whatever the reach."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Ballot:
-    """One row for each (point, keyframe that may vote on it), by point, the host first.
+class _Electorate:
+    """Who may vote. frame (V,) the log's frame of each voter, increasing; T_world_cam (V, 4, 4); segment (V,);
+    of_keyframe (K,) the voter that each keyframe is."""
 
-    start     (P + 1,) the rows of point p are start[p]:start[p + 1]
-    point     (M,) row's point; keyframe (M,) row's voter; right (M,) whether the voter's right image votes as well
-    """
+    frame: NDArray[np.int32]
+    T_world_cam: NDArray[np.float64]
+    segment: NDArray[np.int32]
+    of_keyframe: NDArray[np.int64]
 
-    start: NDArray[np.int64]
-    point: NDArray[np.int64]
-    keyframe: NDArray[np.int32]
-    right: NDArray[np.bool_]
+
+def voting_frames(odometry: OdometryResult, settings: LabellingSettings) -> NDArray[np.int32]:
+    """The frames of the log whose images vote, increasing: the keyframes, or every tracked frame."""
+    if not settings.between_keyframes:
+        return odometry.keyframes.frame
+    frames = np.union1d(np.flatnonzero(odometry.trajectory.tracked), odometry.keyframes.frame)
+    return frames.astype(np.int32)
 
 
 def label_points(
@@ -53,108 +65,147 @@ def label_points(
     settings: LabellingSettings = LabellingSettings(),
     progress: Progress = silent,
 ) -> PointLabels:
-    """Label the odometry's P points by the label images of its keyframes (eqs. 2 and 3), one keyframe after the other.
+    """Label the odometry's P points by the label images of its keyframes (eqs. 2 and 3), one host after the other.
 
+    images : by the row of `voting_frames`, which is the keyframe's row unless frames between keyframes vote
     A void pixel does not vote. Of classes with equal votes the baseline's wins, else the lowest. A point on which nothing votes
-    keeps its baseline. A point seen only by its host has its baseline as mono label.
+    keeps its baseline. In the paper's form a point seen only by its host has its baseline as mono label.
     Raises StageError where an image is missing or has not the size of the rig's camera.
     """
-    ballot = _ballot(odometry.points)
-    labels, weights, baseline = _collect(odometry, images, ballot, 1.0 / settings.dist_min_m, progress)
-    mono, stereo, kinds = count_votes(ballot.start, labels, weights, baseline, CLASS_COUNT)
-    vote_start, vote_class, vote_weight = sparse_votes(ballot.start, labels, weights, kinds, CLASS_COUNT)
-    return PointLabels(baseline, mono, stereo, vote_start, vote_class, vote_weight)
-
-
-def _ballot(points: Points) -> _Ballot:
-    """Who may vote on what: a point's host, then its observers."""
-    count = len(points)
-    seen = np.diff(points.obs_start)
-    start = points.obs_start + np.arange(count + 1)
-    total = int(start[-1])
-    is_host = np.zeros(total, bool)
-    is_host[start[:-1]] = True
-    keyframe = np.empty(total, np.int32)
-    keyframe[is_host], keyframe[~is_host] = points.host, points.obs_keyframe
-    right = np.empty(total, bool)
-    right[is_host], right[~is_host] = points.host_right, points.obs_right
-    return _Ballot(start, np.repeat(np.arange(count), seen + 1), keyframe, right)
-
-
-def _collect(
-    odometry: OdometryResult, images: LabelImages, ballot: _Ballot, max_inverse_depth: float, progress: Progress
-) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8]]:
-    """Open one keyframe's images at a time: (M, 2) labels, (M, 2) weights, and the (P,) baseline."""
     points, count = odometry.points, len(odometry.keyframes)
-    labels = np.full((len(ballot.point), 2), VOID, np.uint8)
-    weights = np.zeros((len(ballot.point), 2), np.float32)
-    by_keyframe = np.argsort(ballot.keyframe, kind="stable")
-    bounds = np.searchsorted(ballot.keyframe[by_keyframe], np.arange(count + 1))
+    electorate = _electorate(odometry, settings)
+    held = _held(odometry, electorate, settings)
+    looks = settings.likeness_power > 0
+    voters = Voters(images, odometry.rig, held, looks, settings.votes == "soft", settings.boundary_px > 0)
+    seen = _SeenPoints(odometry) if settings.occlusion_check else None
+    labels = np.full((3, len(points)), VOID, np.uint8)
+    kept: list[tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.float32]]] = []
     hosted = np.argsort(points.host, kind="stable")
-    host_bounds = np.searchsorted(points.host[hosted], np.arange(count + 1))
-    for j in range(count):
-        progress(j / count, f"votes of keyframe {j + 1} of {count}")
-        rows = by_keyframe[bounds[j] : bounds[j + 1]]
-        if len(rows):
-            left, right = _pair(images, j, odometry.rig)
-            labels[rows], weights[rows] = _votes_of_keyframe(odometry, ballot, j, rows, left, right, max_inverse_depth)
-            own = hosted[host_bounds[j] : host_bounds[j + 1]]
-            at = ballot.start[own]
-            labels[at, 0], weights[at, 0] = _own_votes(points, own, left, max_inverse_depth)
-    progress(1.0, f"votes of {count} keyframes counted")
-    return labels, weights, labels[ballot.start[:-1], 0]
+    bounds = np.searchsorted(points.host[hosted], np.arange(count + 1))
+    for k in range(count):
+        progress(k / count, f"votes on the points of keyframe {k + 1} of {count}")
+        rows = hosted[bounds[k] : bounds[k + 1]]
+        baseline, votes = _votes_on(odometry, k, rows, electorate, voters, seen, settings)
+        both = votes.sum(axis=0)
+        labels[:, rows] = baseline, winners(votes[0], baseline), winners(both, baseline)
+        kept.append(sparse_votes(both, LEAST_SHARE if settings.votes == "soft" else 0.0))
+    progress(1.0, f"votes on the points of {count} keyframes counted")
+    vote_start, vote_class, vote_weight = _by_point(hosted, kept)
+    return PointLabels(labels[0], labels[1], labels[2], vote_start, vote_class, vote_weight)
 
 
-def _votes_of_keyframe(
+def _electorate(odometry: OdometryResult, settings: LabellingSettings) -> _Electorate:
+    keyframes, trajectory = odometry.keyframes, odometry.trajectory
+    frame = voting_frames(odometry, settings)
+    of_keyframe = np.searchsorted(frame, keyframes.frame)
+    T_world_cam, segment = trajectory.T_world_cam[frame].copy(), trajectory.segment[frame].copy()
+    T_world_cam[of_keyframe], segment[of_keyframe] = keyframes.T_world_cam, keyframes.segment
+    return _Electorate(frame, T_world_cam, segment, of_keyframe)
+
+
+def _held(odometry: OdometryResult, electorate: _Electorate, settings: LabellingSettings) -> int:
+    """How many voters must be in memory so that none is opened twice."""
+    points, of_keyframe = odometry.points, electorate.of_keyframe
+    host = np.repeat(points.host, np.diff(points.obs_start))
+    furthest = int(np.abs(of_keyframe[points.obs_keyframe] - of_keyframe[host]).max(initial=0))
+    gap = int(np.diff(of_keyframe).max(initial=1))
+    return min(MOST_HELD, 2 * max(furthest, settings.reach * gap) + 2)
+
+
+def _votes_on(
     odometry: OdometryResult,
-    ballot: _Ballot,
-    j: int,
+    k: int,
     rows: NDArray[np.int64],
-    left: NDArray[np.uint8],
-    right: NDArray[np.uint8],
-    max_inverse_depth: float,
-) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """(N, 2) labels and weights that keyframe j gives to the N rows of the ballot that are its own."""
-    points, T_world_cam = odometry.points, odometry.keyframes.T_world_cam
-    camera = odometry.rig.camera
-    p = ballot.point[rows]
-    host = points.host[p]
-    first, last = int(host.min()), int(host.max())
-    T_observer_host = np.linalg.inv(T_world_cam[j]) @ T_world_cam[first : last + 1]
-    if first <= j <= last:
-        T_observer_host[j - first] = np.eye(4)
-    result: tuple[NDArray[np.uint8], NDArray[np.float32]] = read_votes(
-        camera.rays(points.uv_host[p].astype(np.float64)),
-        points.inverse_depth[p].astype(np.float64),
-        host - first,
-        T_observer_host,
-        ballot.right[rows],
-        left,
-        right,
-        np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
-        np.array(odometry.rig.t_right_left),
-        float(odometry.disparity_bias_px),
-        np.asarray(odometry.row_coefficients, np.float64),
-        max_inverse_depth,
-    )
-    return result
+    electorate: _Electorate,
+    voters: Voters,
+    seen: "_SeenPoints | None",
+    settings: LabellingSettings,
+) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    """Baseline (N,) and votes (2, N, C), left images and right ones, on the N points of keyframe k that lie in these rows."""
+    points, host = odometry.points, int(electorate.of_keyframe[k])
+    uv = points.uv_host[rows].astype(np.float64)
+    small = voters[host].small if len(rows) else None
+    hosted = HostedPoints(
+        uv, odometry.rig.camera.rays(uv), points.inverse_depth[rows].astype(np.float64),
+        np.sqrt(np.maximum(points.variance[rows].astype(np.float64), 0.0)),
+        None if small is None else looks_of(small[0], uv),
+    )  # fmt: skip
+    votes = np.zeros((2, len(rows), CLASS_COUNT))
+    baseline = np.full(len(rows), VOID, np.uint8)
+    for voter, left, right, within_reach in _ballots(odometry, k, rows, electorate, settings):
+        T_voter_host = np.linalg.inv(electorate.T_world_cam[voter]) @ electorate.T_world_cam[host]
+        is_host = voter == host
+        ballot = Ballot(is_host, left, right, within_reach, seen.nearest(electorate, voter) if seen else None)
+        labels = cast(votes, hosted, np.eye(4) if is_host else T_voter_host, voters[voter], ballot, odometry, settings)
+        if is_host:
+            baseline = labels
+    return baseline, votes
 
 
-def _own_votes(
-    points: Points, own: NDArray[np.int64], left: NDArray[np.uint8], max_inverse_depth: float
-) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """L_i(p) of the points hosted in this image, read at their own pixel without any projection, and their weights."""
-    height, width = left.shape
-    u, v = np.floor(points.uv_host[own].astype(np.float64) + 0.5).astype(np.intp).T
-    baseline = left[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)]
-    d = points.inverse_depth[own]
-    votes = (baseline != VOID) & (d > 0) & (d < max_inverse_depth)
-    return baseline, np.where(votes, d, np.float32(0))
+def _ballots(
+    odometry: OdometryResult, k: int, rows: NDArray[np.int64], electorate: _Electorate, settings: LabellingSettings
+) -> Iterator[tuple[int, NDArray[np.bool_], NDArray[np.bool_], bool]]:
+    """Each voter on the points of keyframe k in these rows, in time order: who it is, which points the odometry saw in its left and
+    in its right image, and whether the others are within its reach."""
+    if not len(rows):
+        return
+    points, of_keyframe = odometry.points, electorate.of_keyframe
+    start, length = points.obs_start[rows], np.diff(points.obs_start)[rows]
+    first = np.concatenate([[0], np.cumsum(length)])
+    taken = np.repeat(start - first[:-1], length) + np.arange(first[-1])
+    of_point = np.repeat(np.arange(len(rows)), length)
+    observer = of_keyframe[points.obs_keyframe[taken]]
+    host = int(of_keyframe[k])
+    reach = (of_keyframe[max(0, k - settings.reach)], of_keyframe[min(len(of_keyframe) - 1, k + settings.reach)])
+    near = np.arange(reach[0], reach[1] + 1) if settings.reach else np.array([host])
+    near = near[electorate.segment[near] == electorate.segment[host]]
+    for voter in np.union1d(np.union1d(observer, near), host).tolist():
+        left, right = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
+        here = observer == voter
+        left[of_point[here]], right[of_point[here]] = True, points.obs_right[taken[here]]
+        if voter == host:
+            left[:], right[:] = True, points.host_right[rows]
+        yield voter, left, right, settings.reach > 0 and voter in near
 
 
-def _pair(images: LabelImages, j: int, rig: StereoRig) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    left, right = images.left(j), images.right(j)
-    size = (rig.camera.height, rig.camera.width)
-    if left.shape != size or right.shape != size:
-        raise StageError(f"label images of keyframe {j} are {left.shape} and {right.shape}, the camera's are {size}; segment again")
-    return left, right
+class _SeenPoints:
+    """The points that the odometry saw in each keyframe, for the occlusion check; the last few grids stay in memory."""
+
+    def __init__(self, odometry: OdometryResult) -> None:
+        points = odometry.points
+        self._camera, self._world = odometry.rig.camera, odometry.points_world()
+        self._keyframe = np.concatenate([points.host, points.obs_keyframe])
+        self._point = np.concatenate([np.arange(len(points)), np.repeat(np.arange(len(points)), np.diff(points.obs_start))])
+        self._point = self._point[np.argsort(self._keyframe, kind="stable")]
+        self._bounds = np.searchsorted(np.sort(self._keyframe), np.arange(len(odometry.keyframes) + 1))
+        self._grids: OrderedDict[int, NDArray[np.float32]] = OrderedDict()
+
+    def nearest(self, electorate: _Electorate, voter: int) -> NDArray[np.float32] | None:
+        """`nearest_seen` in the voter's left image; None for a frame between keyframes."""
+        k = int(np.searchsorted(electorate.of_keyframe, voter))
+        if k >= len(electorate.of_keyframe) or electorate.of_keyframe[k] != voter:
+            return None
+        if k not in self._grids:
+            T = np.linalg.inv(electorate.T_world_cam[voter])
+            p = self._world[self._point[self._bounds[k] : self._bounds[k + 1]]] @ T[:3, :3].T + T[:3, 3]
+            p = p[p[:, 2] > 0]
+            size = (math.ceil(self._camera.height / CELL_PX), math.ceil(self._camera.width / CELL_PX))
+            self._grids[k] = nearest_seen(self._camera.project(p), 1.0 / p[:, 2], CELL_PX, *size)
+            if len(self._grids) > MOST_HELD:
+                self._grids.popitem(last=False)
+        return self._grids[k]
+
+
+def _by_point(
+    hosted: NDArray[np.int64], kept: list[tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.float32]]]
+) -> tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.float32]]:
+    """The sparse votes of all hosts' points, which come in the order `hosted`, in the order of the points."""
+    kinds = np.concatenate([np.zeros(0, np.int64), *(part[0] for part in kept)])
+    ids = np.concatenate([np.zeros(0, np.uint8), *(part[1] for part in kept)])
+    sums = np.concatenate([np.zeros(0, np.float32), *(part[2] for part in kept)])
+    came = np.concatenate([[0], np.cumsum(kinds)])[:-1]
+    length, place = np.empty_like(kinds), np.empty_like(kinds)
+    length[hosted], place[hosted] = kinds, came
+    start = np.concatenate([[0], np.cumsum(length)])
+    taken = np.repeat(place - start[:-1], length) + np.arange(start[-1])
+    return start, ids[taken], sums[taken]

@@ -219,7 +219,9 @@ class DriveWriter(ABC):
 
     def write_sidecar(self) -> None:
         """Write wayloom.json."""
-        write_atomically(self.notes_folder() / SIDECAR_NAME, (self.sidecar.model_dump_json(indent=2, exclude_none=True) + "\n").encode())
+        write_atomically(
+            self.notes_folder() / SIDECAR_NAME, (self.sidecar.model_dump_json(indent=2, exclude_none=True) + "\n").encode()
+        )
 
     def finish(self) -> Path:
         """Write the small files and put the drive in its place. Raises LogError where it has no frame, or poses for some only."""

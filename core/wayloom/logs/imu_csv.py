@@ -7,7 +7,7 @@ import numpy as np
 
 from wayloom.errors import LogError
 from wayloom.logs.atomic import write_atomically
-from wayloom.logs.text_files import QUOTE_CHARACTERS, parse_numbers, read_lines
+from wayloom.logs.text_files import QUOTE_CHARACTERS, parse_numbers, quoted, read_lines
 from wayloom.logs.timestamps import check_increasing, ns_from_seconds
 from wayloom.logs.types import ImuTrack
 
@@ -52,9 +52,11 @@ def write_imu_csv(file: Path, track: ImuTrack) -> None:
 
 def _time(text: str, clock: str, file: Path, record: str) -> int:
     try:
+        if clock == "t_ns" and not text.lstrip("-").isdecimal():
+            raise ValueError(f"{quoted(text)} is not a time in nanoseconds")
         t_ns = int(text[:QUOTE_CHARACTERS]) if clock == "t_ns" else ns_from_seconds(text)
         if abs(t_ns) > 9 * 10**18:
-            raise ValueError(f"{t_ns} is no possible time")
+            raise ValueError(f"{quoted(text)} is no possible time")
     except ValueError as problem:
         raise LogError(str(problem), file=file, record=record, remedy="correct the time stamp") from None
     return t_ns

@@ -86,6 +86,7 @@ class LogReport(BaseModel):
     camera: CameraReport
     gnss: GnssReport | None
     imu: RateReport | None
+    p_cam_imu_m: tuple[float, float, float] | None = None
     truth_poses: int
     distance_m: float | None
     distance_from: str | None
@@ -112,6 +113,7 @@ def inspect_log(log: DriveLog, *, decode: bool = True, progress: Progress = sile
         camera=camera_report(log),
         gnss=None if log.gnss is None else gnss_report(log.gnss, log.p_cam_gnss, log.t_ns),
         imu=None if log.imu is None else rate_report(log.imu.t_ns),
+        p_cam_imu_m=None if log.imu is None or log.T_cam_imu is None else imu_place(log.T_cam_imu),
         truth_poses=0 if log.truth is None else int(np.isfinite(log.truth).all(axis=(1, 2)).sum()),
         distance_m=distance_m,
         distance_from=distance_from,
@@ -121,6 +123,12 @@ def inspect_log(log: DriveLog, *, decode: bool = True, progress: Progress = sile
         damaged=[DamagedImage(file=utf8_text(problem.file or ""), problem=utf8_text(str(problem))) for problem in damaged],
         usable=not damaged,
     )
+
+
+def imu_place(T_cam_imu: FloatArray) -> tuple[float, float, float]:
+    """The IMU in the left camera's frame, m."""
+    x, y, z = (float(value) for value in T_cam_imu[:3, 3])
+    return x, y, z
 
 
 def damaged_images(log: DriveLog, decode: bool, progress: Progress) -> Sequence[LogError]:

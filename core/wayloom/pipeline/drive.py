@@ -97,7 +97,9 @@ def process_drive(
     stages_dir = out_dir / STAGES_DIR
     log = open_log(log_path, gnss=gnss_path)
     check_outside(log, out_dir)
-    Network(find_model(settings.model or DEFAULT_MODEL))  # one that cannot be used is told now, not after the odometry
+    Network(
+        find_model(settings.model or DEFAULT_MODEL), device=settings.device
+    )  # one that cannot be used is told now, not after the odometry
     progress("ingest", 0.0, "looking at the first pairs")
     lens_of(settings, log)  # a rig file that cannot be used, too
     first_matches(log, settings.odometry.row_frames)  # a rig that cannot be tracked with is told before anything is made

@@ -9,6 +9,7 @@ from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.types import MapFrame
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.odometry.settings import OdometrySettings
+from wayloom.segmentation.providers import Device
 from wayloom.submaps.settings import SubmapSettings
 
 Longitude = Annotated[float, Field(ge=-180.0, le=180.0)]
@@ -24,6 +25,9 @@ class ProcessSettings(Settings):
     georeference: GeoReferenceSettings = GeoReferenceSettings()
     submaps: SubmapSettings = SubmapSettings()
     model: str | None = Field(None, description="network: a name of the catalogue or an ONNX file; default the built-in one")
+    device: Device = Field(
+        "auto", description="on what the network runs; auto: the first of CUDA, CoreML, OpenVINO, CPU that is there"
+    )
     map_origin: tuple[Longitude, Latitude, Height] | None = Field(
         None, description="origin of the map frame: lon, lat in degrees, ellipsoidal height in m; default the place's own cell"
     )

@@ -26,7 +26,7 @@ from wayloom.geometry.lens import RightLens
 from wayloom.georeference.alignment import georeference
 from wayloom.georeference.files import load_georeference, save_georeference
 from wayloom.labelling.files import load_labels, save_labels
-from wayloom.labelling.tcl import label_points
+from wayloom.labelling.tcl import label_points, voting_frames
 from wayloom.logs.registry import open_log
 from wayloom.logs.rig_file import lens_for_log
 from wayloom.logs.types import DriveLog
@@ -41,6 +41,7 @@ from wayloom.pipeline.ingest import fingerprint, ingest, read_log_file
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model, locate
 from wayloom.segmentation.network import Network
+from wayloom.segmentation.providers import resolved_device
 from wayloom.segmentation.stage import KeyframeLabels, segment_keyframes
 from wayloom.submaps.files import save_submaps
 from wayloom.submaps.split import make_submaps
@@ -78,9 +79,9 @@ class StageCall:
             )
         return result
 
-    def keyframe_labels(self, odometry: OdometryResult) -> KeyframeLabels:
-        """The label images of the keyframes."""
-        return KeyframeLabels(self.inputs_dir / "segmentation", odometry.keyframes.frame)
+    def voters_labels(self, odometry: OdometryResult) -> KeyframeLabels:
+        """The label images of the frames that vote: the keyframes, or every tracked frame."""
+        return KeyframeLabels(self.inputs_dir / "segmentation", voting_frames(odometry, self.settings.labelling))
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,13 +201,13 @@ def lens_of(settings: ProcessSettings, log: DriveLog) -> tuple[RightLens, tuple[
 
 
 def _segmentation(call: StageCall, out_dir: Path, progress: Progress) -> None:
-    network = Network(find_model(call.settings.model or DEFAULT_MODEL), call.settings.threads)
-    segment_keyframes(call.log(), call.odometry().keyframes.frame, network, out_dir, progress)
+    network = Network(find_model(call.settings.model or DEFAULT_MODEL), call.settings.threads, call.settings.device)
+    segment_keyframes(call.log(), voting_frames(call.odometry(), call.settings.labelling), network, out_dir, progress)
 
 
 def _labelling(call: StageCall, out_dir: Path, progress: Progress) -> None:
     odometry = call.odometry()
-    labels = label_points(odometry, call.keyframe_labels(odometry), call.settings.labelling, progress)
+    labels = label_points(odometry, call.voters_labels(odometry), call.settings.labelling, progress)
     save_labels(labels, out_dir / LABELS_FILE)
 
 
@@ -234,7 +235,12 @@ def _write_report(out_dir: Path, report: Mapping[str, Any]) -> None:
 def _model(settings: ProcessSettings) -> dict[str, Any]:
     """The network by content: another file under the same name is another parameter. Raises ModelError."""
     description = find_model(settings.model or DEFAULT_MODEL)
-    return {"description": description.model_dump(mode="json", exclude={"folder"}), "sha256": locate(description)[1]}
+    return {
+        "description": description.model_dump(mode="json", exclude={"folder"}),
+        "sha256": locate(description)[1],
+        "device": resolved_device(settings.device),
+        "between_keyframes": settings.labelling.between_keyframes,
+    }
 
 
 _PARTS_OF_LOG: Final = {"odometry": ("images",), "segmentation": ("images",), "georeference": ("gnss",)}

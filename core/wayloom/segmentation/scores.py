@@ -1,5 +1,6 @@
 """The few likeliest classes of every cell of a network's grid, in a byte each: what is kept of a softmax."""
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,6 +17,8 @@ BEST: Final = 4
 """How many classes are kept of each cell by default."""
 STEPS_PER_NAT: Final = 32
 """-ln p is kept in steps of 1/32 (3 % of p), up to 255 steps: p = 0.00035 stands for all that is less."""
+
+_PROBABILITY: Final[NDArray[np.float32]] = np.exp(np.arange(256) / -STEPS_PER_NAT).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +37,17 @@ class Scores:
     @property
     def probabilities(self) -> NDArray[np.float32]:
         """(gh, gw, k) probabilities of `classes`."""
-        probabilities: NDArray[np.float32] = np.exp(self.steps.astype(np.float32) / np.float32(-STEPS_PER_NAT))
-        return probabilities
+        return _PROBABILITY[self.steps]
+
+
+def rest_steps(scores: Scores) -> NDArray[np.float32]:
+    """(gh, gw) -ln p, in steps, of each class that is not among a cell's k best: they share evenly what the best leave over."""
+    k = scores.classes.shape[2]
+    rest = np.maximum(np.float32(1.0) - scores.probabilities.sum(axis=2), np.float32(1e-6))
+    steps = np.minimum(
+        np.log(rest) * np.float32(-STEPS_PER_NAT) + np.float32(STEPS_PER_NAT * math.log(max(CLASS_COUNT - k, 1))), 255
+    )
+    return np.asarray(np.maximum(steps, scores.steps[..., -1]), np.float32)
 
 
 def scores_from_logits(logits: NDArray[np.float32], train_ids: Bytes, covered: tuple[int, int], k: int = BEST) -> Scores:
@@ -45,14 +57,17 @@ def scores_from_logits(logits: NDArray[np.float32], train_ids: Bytes, covered: t
 
 
 def encode_scores(scores: Scores) -> bytes:
-    """A grey PNG: from the top k planes of classes, k planes of steps, and a row with k, gw, height and width as uint32."""
+    """A grey PNG: from the top k planes of classes, k planes of steps, and a row with k, gw, height and width as uint32.
+
+    It is not compressed: that would halve it, and its reading would cost more than the votes themselves.
+    """
     gh, gw, k = scores.classes.shape
     planes = np.concatenate([scores.classes.transpose(2, 0, 1), scores.steps.transpose(2, 0, 1)]).reshape(2 * k * gh, gw)
     header = np.array([k, gw, *scores.covered], "<u4").view(np.uint8)
     last = np.zeros((1, max(gw, len(header))), np.uint8)
     last[0, : len(header)] = header
     picture = np.vstack([np.pad(planes, ((0, 0), (0, last.shape[1] - gw))), last])
-    written, data = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+    written, data = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 0])
     if not written:
         raise ValueError("the scores could not be encoded")
     return data.tobytes()

@@ -23,7 +23,9 @@ Labels = NDArray[np.uint8]
 
 FORMAT_VERSION: Final = 2
 SIDES: Final = ("left", "right")
-_FOLDERS: Final = (*SIDES, *(f"{side}_scores" for side in SIDES))
+SMALL: Final = 2
+"""The images are kept, grey, at 1 / SMALL of their size: enough to tell whether a point looks the same in two of them."""
+_FOLDERS: Final = (*SIDES, *(f"{side}_small" for side in SIDES), *(f"{side}_scores" for side in SIDES))
 
 
 def segment_keyframes(
@@ -35,7 +37,8 @@ def segment_keyframes(
 ) -> "KeyframeLabels":
     """Write `left/%010d.png` and `right/%010d.png`, named by frame index, and `model.json`, into out_dir.
 
-    Beside them, from a network that gives scores, lie `left_scores/` and `right_scores/`: the likeliest classes of each cell.
+    Beside them lie `left_small/` and `right_small/`, the grey images at half size, and, from a network that gives scores,
+    `left_scores/` and `right_scores/`, the likeliest classes of each cell.
     A run that was cut short goes on where it stopped: a pair whose files can be read is kept as long as `model.json` says
     that the same network labelled the same drive. Every file appears whole or not at all.
     keyframes : frame indices (`Keyframes.frame` of the odometry)
@@ -56,16 +59,19 @@ def _segment_pair(log: DriveLog, network: Network, out_dir: Path, index: int, sh
     if all(_is_done(out_dir, side, index, shape, network.gives_scores) for side in SIDES):
         return
     frame = log.frame(index)
-    for side, labelled in zip(SIDES, network.label_pair(frame.left, frame.right), strict=True):
+    images = (frame.left, frame.right)
+    for side, image, labelled in zip(SIDES, images, network.label_pair(*images), strict=True):
+        _write_png(_path(out_dir, f"{side}_small", index), small_grey(image))
         if labelled.scores is not None:
             write_atomically(scores_path(out_dir, side, index), encode_scores(labelled.scores))
         _write_png(label_path(out_dir, side, index), labelled.labels)
 
 
 def _is_done(out_dir: Path, side: str, index: int, shape: tuple[int, int], with_scores: bool) -> bool:
-    labels = _read(label_path(out_dir, side, index))
-    whole = labels is not None and labels.shape == shape
-    return whole and (not with_scores or _read_scores(scores_path(out_dir, side, index)) is not None)
+    labels, small = _read(label_path(out_dir, side, index)), _read(_path(out_dir, f"{side}_small", index))
+    if labels is None or small is None or labels.shape != shape:
+        return False
+    return not with_scores or _read_scores(scores_path(out_dir, side, index)) is not None
 
 
 class KeyframeLabels:
@@ -103,6 +109,17 @@ class KeyframeLabels:
             raise StageError(f"{path}: scores missing or damaged; run the segmentation again")
         return scores
 
+    def small(self, side: str, keyframe: int) -> Labels:
+        """(h, w) uint8: the "left" or "right" image of the keyframe in this row, grey, at half size (`small_grey`).
+
+        Raises StageError where the file is missing.
+        """
+        path = _path(self._folder, f"{side}_small", self._frames[keyframe])
+        image = _read(path)
+        if image is None:
+            raise StageError(f"{path}: image missing or damaged; run the segmentation again")
+        return image
+
     def _get(self, side: str, keyframe: int) -> Labels:
         key = (side, keyframe)
         if key not in self._cache:
@@ -119,12 +136,23 @@ class KeyframeLabels:
 
 def label_path(folder: Path, side: str, frame: int) -> Path:
     """Where the labels of one image lie."""
-    return folder / side / f"{frame:010d}.png"
+    return _path(folder, side, frame)
+
+
+def small_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(h, w) grey or (h, w, 3) RGB uint8 to grey at half size, means of 2 x 2 pixels; an odd last row or column is left out."""
+    grey = image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+    height, width = (n // SMALL * SMALL for n in grey.shape)
+    return np.asarray(cv2.resize(grey[:height, :width], (width // SMALL, height // SMALL), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def scores_path(folder: Path, side: str, frame: int) -> Path:
     """Where the scores of one image lie."""
-    return folder / f"{side}_scores" / f"{frame:010d}.png"
+    return _path(folder, f"{side}_scores", frame)
+
+
+def _path(folder: Path, kind: str, frame: int) -> Path:
+    return folder / kind / f"{frame:010d}.png"
 
 
 def _facts(log: DriveLog, network: Network) -> dict[str, Any]:
@@ -155,9 +183,9 @@ def _claim(out_dir: Path, facts: dict[str, Any], with_scores: bool) -> None:
         for name in _FOLDERS:
             for old in (out_dir / name).glob("*.png"):
                 old.unlink()
-            if name not in SIDES and (out_dir / name).is_dir():
+            if name.endswith("_scores") and (out_dir / name).is_dir():
                 (out_dir / name).rmdir()
-    for name in _FOLDERS if with_scores else SIDES:
+    for name in _FOLDERS if with_scores else _FOLDERS[:-2]:
         (out_dir / name).mkdir(exist_ok=True)
     write_atomically(path, text.encode())
 

@@ -82,9 +82,10 @@ class StereoCamera:
         """Both images before exposure at one moment: the middle of the exposure."""
         T = self.poses(t_s)
         scene = world.scene(self._culling, T[0], t_s, left_out)
-        radiance = tuple(scene.image(camera.drawn, pose) for camera, pose in zip(self.cameras, T, strict=True))
+        seen = [(camera, pose, scene.fine_ids(camera.drawn, pose)) for camera, pose in zip(self.cameras, T, strict=True)]
+        radiance = [scene.shaded(ids, camera.drawn, pose) for camera, pose, ids in seen]
         needed = truth or self._needs_depth
-        truths = tuple(truth_of(scene, camera, pose) for camera, pose in zip(self.cameras, T, strict=True)) if needed else None
+        truths = [truth_of(scene, camera, pose, ids) for camera, pose, ids in seen] if needed else None
         twist = tuple(twists(self.motion, self.vehicle.T_body_cam @ c.T_left_cam, np.array([t_s]))[0] for c in self.cameras)
         sun = scene.light.axes[2].astype(float)
         return Drawn(

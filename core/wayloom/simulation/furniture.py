@@ -15,6 +15,12 @@ FENCE, WALL, BUILDING = CLASS_ID["fence"], CLASS_ID["wall"], CLASS_ID["building"
 SIGN_KINDS = SIGN_COLUMNS * SIGN_ROWS
 GREY = (0.7, 0.7, 0.7)
 BACK_OF_SIGN = (0.3, 0.3, 0.3)
+FENCE_LIGHTEST = {Material.RAILS: 5.0, Material.PICKETS: 2.4, Material.MESH: 2.5}
+"""Factor on the material's colour: galvanised rails, pickets painted white."""
+PIER_EVERY_M, PIER_M = 3.0, 0.42
+SIGNAL_M = 1.15
+BOARD = ((-0.18, 0.40, 0.20, (0.1, 0.1, 0.1)), (-0.17, 0.40, 0.20, (2.6, 2.6, 2.6)), (-0.165, 0.35, 0.15, (0.1, 0.1, 0.1)))
+"""Layers behind a signal over the road, back to front: place m, half width, how far they stand out above and below, tint."""
 
 
 def lamp_post(m: MeshBuilder, at: F64, to_street: F64, number: int) -> None:
@@ -48,33 +54,29 @@ def traffic_light(m: MeshBuilder, at: F64, facing: F64, to_street: F64, arm_m: f
     """Signal heads on a post, and, where arm_m > 0, one more over the road."""
     tall = 3.5 if arm_m == 0 else 5.9
     post(m, at[0], at[1], (0, tall), (0.08, 0.07), Material.METAL, POLE, post_number)
-    _signal_head(m, at + facing * 0.22, facing, 2.45, light_number)
+    _signal_head(m, at + facing * 0.22, facing, 2.45, light_number, False)
     if arm_m > 0:
         end = at + to_street * arm_m
         tube(m, (*at, tall - 0.1), (*end, tall + 0.15), (0.06, 0.04), Material.METAL, POLE, post_number, sides=6)
-        _signal_head(m, end + facing * 0.16, facing, tall - 0.75, light_number)
+        _signal_head(m, end + facing * 0.16, facing, tall - 0.75, light_number, True)
 
 
-def _signal_head(m: MeshBuilder, at: F64, facing: F64, foot_m: float, number: int) -> None:
-    """A box of three lamps with its foot at foot_m."""
+def _signal_head(m: MeshBuilder, at: F64, facing: F64, foot_m: float, number: int, board: bool) -> None:
+    """A box of three lamps of 0.3 m under visors with its foot at foot_m, where wanted before a black board with a white rim."""
     yaw = float(np.arctan2(facing[1], facing[0]))
-    box(
-        m,
-        (-0.14, -0.16, foot_m),
-        (0.14, 0.16, foot_m + 0.95),
-        Material.METAL,
-        LIGHT,
-        number,
-        (0.14, 0.15, 0.14),
-        1,
-        (at[0], at[1]),
-        yaw,
-        bottom=True,
-    )
-    face, to_its_right = at + facing * 0.146, np.array([-facing[1], facing[0]]) * 0.15
+    place, dark = (float(at[0]), float(at[1])), (0.12, 0.13, 0.12)
+    low, high = foot_m, foot_m + SIGNAL_M
+    for x, half, over, tint in BOARD if board else ():
+        lo, hi = (x, -half, low - over), (x + 0.01, half, high + over)
+        box(m, lo, hi, Material.METAL, LIGHT, number, tint, 1, place, yaw, bottom=True)
+    box(m, (-0.155, -0.20, low), (0.14, 0.20, high), Material.METAL, LIGHT, number, dark, 1, place, yaw, bottom=True)
+    face, to_its_right = at + facing * 0.146, np.array([-facing[1], facing[0]]) * 0.19
     a, b = face - to_its_right, face + to_its_right
-    quad = [(*a, foot_m + 0.02), (*b, foot_m + 0.02), (*b, foot_m + 0.93), (*a, foot_m + 0.93)]
+    quad = [(*a, low + 0.02), (*b, low + 0.02), (*b, high - 0.02), (*a, high - 0.02)]
     m.quads([quad], [[(0, 1), (1, 1), (1, 0), (0, 0)]], Material.LAMPS, LIGHT, number)
+    for k in range(3):
+        z = low + (k + 0.9) * SIGNAL_M / 3
+        box(m, (0.146, -0.14, z), (0.28, 0.14, z + 0.015), Material.METAL, LIGHT, number, dark, 1, place, yaw, bottom=True)
 
 
 def bollard(m: MeshBuilder, at: F64, number: int) -> None:
@@ -119,7 +121,8 @@ def fence(m: MeshBuilder, a: F64, b: F64, number: int, rng: np.random.Generator)
     high, length = rng.uniform(1.1, 1.7), float(np.hypot(*(b - a)))
     quad = [(*a, KERB_M - 0.05), (*b, KERB_M - 0.05), (*b, high), (*a, high)]
     repeat = max(1, round(length / 2))
-    m.quads([quad], [[(0, 1), (repeat, 1), (repeat, 0), (0, 0)]], material, FENCE, number)
+    light = rng.uniform(0.9, FENCE_LIGHTEST[material])
+    m.quads([quad], [[(0, 1), (repeat, 1), (repeat, 0), (0, 0)]], material, FENCE, number, (light, light, 0.97 * light))
     yaw = float(np.arctan2(*(b - a)[::-1]))
     for s in np.linspace(0, 1, repeat + 1):
         p = a + (b - a) * s
@@ -144,8 +147,13 @@ def guard_rail(m: MeshBuilder, a: F64, b: F64, number: int) -> None:
 
 
 def garden_wall(m: MeshBuilder, a: F64, b: F64, number: int, rng: np.random.Generator) -> None:
-    """Brick, rubble or concrete with a coping, from a to b (2,) m."""
+    """Brick, rubble or concrete with a coping and piers, from a to b (2,) m."""
     material = (Material.BRICK, Material.RUBBLE, Material.CONCRETE)[rng.integers(3)]
     high, length, yaw = rng.uniform(0.9, 2.2), float(np.hypot(*(b - a))), float(np.arctan2(*(b - a)[::-1]))
     box(m, (0, 0, -0.4), (length, 0.25, high), material, WALL, number, metres=3.0, at=(a[0], a[1]), yaw=yaw)
     box(m, (0, -0.05, high), (length, 0.30, high + 0.09), Material.CONCRETE, WALL, number, metres=3.0, at=(a[0], a[1]), yaw=yaw)
+    for x in np.linspace(0, length - PIER_M, max(2, round(length / PIER_EVERY_M) + 1)):
+        lo, hi = (x, -0.09, -0.4), (x + PIER_M, 0.34, high + 0.14)
+        box(m, lo, hi, material, WALL, number, metres=3.0, at=(a[0], a[1]), yaw=yaw)
+        lo, hi = (x - 0.05, -0.14, high + 0.14), (x + PIER_M + 0.05, 0.39, high + 0.22)
+        box(m, lo, hi, Material.CONCRETE, WALL, number, (1.2, 1.2, 1.2), 3.0, (a[0], a[1]), yaw, bottom=True)

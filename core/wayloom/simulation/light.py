@@ -27,7 +27,8 @@ NOISE_SIZE = 256
 FACETS_SIZE, FACETS_EXPONENT = 256, 1.3
 KEPT_MAPS = 4
 VERTICAL = np.eye(3, dtype=np.float32)
-Heights = tuple[NDArray[np.float32], ...]
+F32 = NDArray[np.float32]
+NO_HEIGHTS: Final = np.zeros((0, 0), np.float32)
 
 
 class LightSettings(Settings):
@@ -64,6 +65,14 @@ class _Key(NamedTuple):
     row: int
 
 
+class _Square(NamedTuple):
+    """A map of one square of the city; the open sky's has the heights (H, W) m of the ground and of what stands on it."""
+
+    values: DepthMap
+    ground: F32 = NO_HEIGHTS
+    surface: F32 = NO_HEIGHTS
+
+
 class CityLight:
     """Makes the `Light` for each view. Shadow maps belong to squares of the city and are made when first needed."""
 
@@ -73,15 +82,15 @@ class CityLight:
         rng = np.random.default_rng([city.seed, 9])
         self._clouds, self._stains = spectral_noise(rng, NOISE_SIZE, 2.6), spectral_noise(rng, NOISE_SIZE, 1.9)
         self._facets = spectral_noise(rng, FACETS_SIZE, FACETS_EXPONENT)
-        self._maps: OrderedDict[_Key, tuple[DepthMap, Heights]] = OrderedDict()
+        self._maps: OrderedDict[_Key, _Square] = OrderedDict()
         self._lock = threading.Lock()
 
     def at(self, x: float, y: float, movers: Mesh) -> Light:
         """The light around x, y (m), with the shadows of `movers`. Depends on the place alone, not on what was asked before."""
         with self._lock:
-            near, _ = self._map("near", x, y, NEAR_STEP_M)
-            far, _ = self._map("far", x, y, FAR_STEP_M)
-            openness, heights = self._map("open", x, y, OPEN_STEP_M)
+            near = self._map("near", x, y, NEAR_STEP_M)
+            far = self._map("far", x, y, FAR_STEP_M)
+            sky_map = self._map("open", x, y, OPEN_STEP_M)
         s = self._settings
         overcast = s.cloud_cover
         sun = np.array([1.0, 0.93, 0.80], np.float32) * np.float32(s.sun_strength)
@@ -90,11 +99,11 @@ class CityLight:
         )
         horizon = np.array([0.74, 0.78, 0.84], np.float32)
         return Light(
-            self._axes, near, far, self._mover_shadow(x, y, movers), openness, *heights, self._clouds, self._stains,
-            self._facets, sun, sky, horizon, s.cloud_cover, s.haze_per_m, s.wetness,
+            self._axes, near.values, far.values, self._mover_shadow(x, y, movers), sky_map.values, sky_map.ground, sky_map.surface,
+            self._clouds, self._stains, self._facets, sun, sky, horizon, s.cloud_cover, s.haze_per_m, s.wetness,
         )  # fmt: skip
 
-    def _map(self, kind: str, x: float, y: float, step_m: float) -> tuple[DepthMap, Heights]:
+    def _map(self, kind: str, x: float, y: float, step_m: float) -> _Square:
         """The map of the square in which x, y lies."""
         key = _Key(kind, int(np.floor(x / step_m)), int(np.floor(y / step_m)))
         if key not in self._maps:
@@ -106,11 +115,11 @@ class CityLight:
         self._maps.move_to_end(key)
         return self._maps[key]
 
-    def _near(self, x: float, y: float) -> tuple[DepthMap, Heights]:
-        return self._sun_map(x, y, NEAR_REACH_M, NEAR_TEXELS_PER_M), ()
+    def _near(self, x: float, y: float) -> _Square:
+        return _Square(self._sun_map(x, y, NEAR_REACH_M, NEAR_TEXELS_PER_M))
 
-    def _far(self, x: float, y: float) -> tuple[DepthMap, Heights]:
-        return self._sun_map(x, y, FAR_REACH_M, FAR_TEXELS_PER_M), ()
+    def _far(self, x: float, y: float) -> _Square:
+        return _Square(self._sun_map(x, y, FAR_REACH_M, FAR_TEXELS_PER_M))
 
     def _sun_map(self, x: float, y: float, reach_m: float, texels_per_m: float) -> DepthMap:
         casters = self._city.chunks(self._city.around(x, y, reach_m + CASTER_MARGIN_M))
@@ -120,7 +129,7 @@ class CityLight:
         p = np.array([x, y, float(terrain.height(np.array(x), np.array(y)))])
         return float(self._axes[0] @ p), float(self._axes[1] @ p)
 
-    def _open(self, x: float, y: float) -> tuple[DepthMap, Heights]:
+    def _open(self, x: float, y: float) -> _Square:
         """Share of open sky on the ground, from the heights of everything but leaves; heights of the ground and of all that."""
         near = self._city.chunks(self._city.around(x, y, OPEN_REACH_M))
         solid = near.rows(np.nonzero(~np.isin(near.material, CUTOUTS))[0])
@@ -130,7 +139,7 @@ class CityLight:
         ground = terrain.height(column[None, :].astype(float), row[:, None].astype(float)).astype(np.float32)
         openness, top = np.empty_like(ground), np.maximum(surface.values, ground)
         shadow.measure_openness(top, ground, OPEN_TEXELS_PER_M, openness)
-        return DepthMap(openness, surface.x0, surface.y0, OPEN_TEXELS_PER_M), (ground, top)
+        return _Square(DepthMap(openness, surface.x0, surface.y0, OPEN_TEXELS_PER_M), ground, top)
 
     def _mover_shadow(self, x: float, y: float, movers: Mesh) -> DepthMap:
         return _depth_map(movers.triangles(), self._textures, self._axes, self._centre(x, y), MOVER_REACH_M, MOVER_TEXELS_PER_M)

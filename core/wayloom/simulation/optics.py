@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.classes import SKY
+from wayloom.errors import ConfigError
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import R_real_ideal, RightLens
@@ -14,7 +15,7 @@ from wayloom.simulation.camera import blurred
 from wayloom.simulation.kernels import optics as kernels
 from wayloom.simulation.kernels import raster
 from wayloom.simulation.kernels.arrays import View
-from wayloom.simulation.renderer import Scene, Truth
+from wayloom.simulation.renderer import SAMPLES_PER_EDGE, Scene, Truth
 from wayloom.simulation.rigs import given_rig, scale_of
 from wayloom.simulation.vehicle_settings import VehicleSettings
 
@@ -44,7 +45,7 @@ class TrueCamera:
 
 
 def true_cameras(vehicle: VehicleSettings, size: str) -> tuple[TrueCamera, TrueCamera]:
-    """Left and right. Raises ConfigError for an unknown size."""
+    """Left and right. Raises ConfigError for an unknown size, and for a lens that does not show every pixel something."""
     rig, lens = given_rig(vehicle, size), vehicle.right_lens.lens(scale_of(size))
     raw = vehicle.distortion or NO_DISTORTION
     return (
@@ -72,6 +73,10 @@ def _true_camera(given: PinholeCamera, lens: RightLens, raw: Coefficients, T_lef
     rectified = xy * (given.fx, given.fy) + (given.cx, given.cy)
     ideal = undistort(pinhole.rays(rectified)[:, :2], own)
     uv = ideal * (pinhole.fx, pinhole.fy) + (pinhole.cx, pinhole.cy)
+    dark = int((~np.isfinite(uv).all(axis=1)).sum())
+    if dark:
+        what = f"{dark} of {len(uv)} pixels see nothing through the lens, whose polynomial folds within the image"
+        raise ConfigError(what, record="distortion", remedy="weaken it, or take a rig of longer focal length")
     low = np.floor(uv.min(axis=0)).astype(int) - MARGIN_PX
     high = np.ceil(uv.max(axis=0)).astype(int) + MARGIN_PX
     width, height = (int(n) for n in high - low + 1)
@@ -95,18 +100,17 @@ def culling_camera(cameras: tuple[TrueCamera, ...]) -> PinholeCamera:
     return PinholeCamera(f, f, float(-f * low[0]) - 0.5, float(-f * low[1]) - 0.5, width, height)
 
 
-def truth_of(scene: Scene, camera: TrueCamera, T_world_cam: F64) -> Truth:
+def truth_of(scene: Scene, camera: TrueCamera, T_world_cam: F64, fine_ids: NDArray[np.int32] | None = None) -> Truth:
     """What the ray through each pixel's centre meets, depth along the true camera's z.
 
     Where the lens bends, class and instance are those seen at most a quarter of a pixel (along each axis) from the ray; depth is
-    where the ray itself meets that triangle's plane.
+    where the ray itself meets that triangle's plane. fine_ids: `Scene.fine_ids` of the drawn camera, where they are at hand.
     """
     if camera.lens_uv is None:
         return scene.truth(camera.drawn, T_world_cam)
-    c, n = camera.drawn, 2
-    fine = View(n * c.fx, n * c.fy, n * c.cx + 0.5 * (n - 1), n * c.cy + 0.5 * (n - 1), T_world_cam)
-    all_ids = scene.ids(fine, n * c.width, n * c.height)
-    place = np.rint(n * camera.lens_uv + 0.5 * (n - 1)).astype(np.int64)
+    c = camera.drawn
+    all_ids = scene.fine_ids(c, T_world_cam) if fine_ids is None else fine_ids
+    place = np.rint(SAMPLES_PER_EDGE * camera.lens_uv + 0.5 * (SAMPLES_PER_EDGE - 1)).astype(np.int64)
     ids = all_ids[place[..., 1], place[..., 0]]
     depth = np.empty(ids.size, np.float32)
     u, v = (np.ascontiguousarray(camera.lens_uv[..., k]).ravel() for k in (0, 1))

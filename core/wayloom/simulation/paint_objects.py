@@ -106,7 +106,7 @@ def spokes(c: Canvas) -> Image:
     """A bicycle's wheel: tyre, rim and thin spokes; holes between them."""
     r, angle = _wheel_radius(c)
     tyre, rim, hub = (r > 0.42) & (r < 0.47), (r > 0.395) & (r <= 0.42), r < 0.03
-    wire = (r < 0.42) & (np.abs(np.sin(angle * 9)) * r < 0.010)
+    wire = (r < 0.42) & (np.abs(np.sin(angle * 9)) * r < 0.016)
     rgb = over(np.asarray(rim | wire | hub), 0.4, c.filled((0.03, 0.03, 0.03), 1 + 0.2 * c.noise(1.0)))
     return finished(rgb, np.asarray(tyre | rim | hub | wire, np.float32))
 

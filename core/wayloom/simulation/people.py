@@ -141,14 +141,14 @@ def rider(rng: np.random.Generator, lean: float, seat: float, helmet: bool) -> M
     """A person on two wheels: lean (m) is how far the shoulders are ahead of the seat, whose height is `seat` m."""
     m, cls = MeshBuilder(), CLASS_ID["rider"]
     look = _look(rng)
-    hip, neck = (-0.22, seat + 0.06), (-0.22 + lean, seat + 0.60)
+    hip, neck = (-0.22, seat + 0.06), (-0.14 + 1.3 * lean, seat + 0.57)
     for side, low in ((1.0, 0.0), (-1.0, 0.24)):
-        knee = (0.16 + 0.06 * (low > 0), side * 0.13, seat - 0.20 + 0.65 * low)
-        foot = (0.08 if low == 0 else -0.06, side * 0.12, max(0.16, seat - 0.72 + low))
+        knee = (0.17 + 0.05 * (low > 0), side * 0.20, seat - 0.20 + 0.65 * low)
+        foot = (0.08 if low == 0 else -0.06, side * 0.14, max(0.16, seat - 0.72 + low))
         _limb(m, [(hip[0], side * 0.09, hip[1]), knee], (0.105, 0.072), cls, look.trousers)
         _limb(m, [knee, foot], (0.072, 0.050), cls, look.trousers)
         _limb(m, [(foot[0] - 0.08, foot[1], foot[2] - 0.03), (foot[0] + 0.17, foot[1], foot[2] - 0.04)], (0.048, 0.040), cls, SHOE)
-        shoulder, elbow = (neck[0], side * 0.185, neck[1] - 0.07), (neck[0] + 0.16, side * 0.27, neck[1] - 0.30)
+        shoulder, elbow = (neck[0], side * 0.185, neck[1] - 0.07), (neck[0] + 0.14, side * 0.31, neck[1] - 0.28)
         _limb(m, [shoulder, elbow, (0.34, side * 0.24, 1.07)], (0.064, 0.050, 0.040), cls, look.coat)
         _limb(m, [(0.34, side * 0.24, 1.07), (0.40, side * 0.23, 1.07)], (0.042, 0.036), cls, look.skin)
     _torso(m, hip, neck, cls, look.coat)

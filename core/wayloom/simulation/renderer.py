@@ -40,11 +40,18 @@ class Scene:
 
     def image(self, camera: PinholeCamera, T_world_cam: F64) -> NDArray[np.float32]:
         """(h, w, 3) linear radiance, four samples of coverage a pixel."""
+        return self.shaded(self.fine_ids(camera, T_world_cam), camera, T_world_cam)
+
+    def fine_ids(self, camera: PinholeCamera, T_world_cam: F64) -> NDArray[np.int32]:
+        """(2 h, 2 w) row of the triangle that each of a pixel's four samples sees: sample 2 u + 0.5 lies on pixel u's centre."""
         n = SAMPLES_PER_EDGE
         fine = View(n * camera.fx, n * camera.fy, n * camera.cx + 0.5 * (n - 1), n * camera.cy + 0.5 * (n - 1), T_world_cam)
-        ids = self.ids(fine, n * camera.width, n * camera.height)
-        out = np.empty((camera.height, camera.width, 3), np.float32)
-        shade.shade_samples(ids, self.mesh.triangles(), self.textures, self.light, _view(camera, T_world_cam), out, *_scratch())
+        return self.ids(fine, n * camera.width, n * camera.height)
+
+    def shaded(self, fine_ids: NDArray[np.int32], camera: PinholeCamera, T_world_cam: F64) -> NDArray[np.float32]:
+        """(h, w, 3) linear radiance of what `fine_ids` says is seen."""
+        out, view = np.empty((camera.height, camera.width, 3), np.float32), _view(camera, T_world_cam)
+        shade.shade_samples(fine_ids, self.mesh.triangles(), self.textures, self.light, view, out, *_scratch())
         return out
 
     def truth(self, camera: PinholeCamera, T_world_cam: F64) -> Truth:

@@ -48,6 +48,7 @@ def simulate(
     laps: int | None = None,
     drives: tuple[str, ...] = (),
     frames: int | None = None,
+    world: World | None = None,
 ) -> list[Path]:
     """Write drives of a preset to out_dir/<vehicle>; returns their folders. The bytes do not depend on `threads`.
 
@@ -61,6 +62,7 @@ def simulate(
     laps    another number than the preset's, for presets that go in laps
     drives  the vehicles to write; all where none is named
     frames  stop each drive after so many frames
+    world   of the preset's city and light at that size, where it is built already
     Raises ConfigError for what is unknown or does not go together; LogError where out_dir holds other drives, or was simulated
     with other settings; ConflictError where another simulation is writing there; OSError, naming the file, where the disk refuses.
     """
@@ -72,7 +74,7 @@ def simulate(
     check_formats(chosen, numbers, format)
     left = [number for number in numbers if not is_done(out_dir, chosen, number, format)]
     progress(0.0, "building the city")
-    world = build_world(chosen.city, chosen.light, size)
+    world = build_world(chosen.city, chosen.light, size) if world is None else world
     planned = plan_drives(world.city, [way_of(plan, chosen) for plan in chosen.drives])
     recordings = [plan_recording(chosen, number, planned[number], frames) for number in left]
     out_dir.mkdir(parents=True, exist_ok=True)

@@ -63,7 +63,7 @@ class LightChange(Settings):
 class ExposureSettings(Settings):
     """Exposure control: first the time within its limits, then the gain."""
 
-    target: float = Field(default=0.17, gt=0, lt=1, description="linear value to which the metered part is brought")
+    target: float = Field(default=0.23, gt=0, lt=1, description="linear value to which the metered part is brought")
     compensation: float = Field(default=0.75, ge=0, le=1, description="1 all scenes equally bright, 0 no control")
     time_constant_s: float = Field(default=0.78, ge=0, le=60, description="0: at once")
     metering: Literal["road", "mean", "centre"] = "road"

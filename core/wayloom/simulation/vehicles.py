@@ -6,6 +6,7 @@ PAINTWORK marks what is recoloured. Passenger cars have a module of their own, a
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from wayloom.config.classes import CLASS_ID
 from wayloom.simulation.cars import (
@@ -39,21 +40,38 @@ def braking(mesh: Mesh) -> Mesh:
     return recoloured(mesh, TAIL_LAMP, BRAKE_LAMP)
 
 
-def _face(m: MeshBuilder, x: float, half: float, z: tuple[float, float], way: float, material: Material, cls: int) -> None:
+def _face(
+    m: MeshBuilder,
+    x: float,
+    half: float,
+    z: tuple[float, float],
+    way: float,
+    material: Material,
+    cls: int,
+    tint: ArrayLike = PAINTWORK,
+) -> None:
     """An upright quad across x that looks forward (way +1) or back (-1), its texture the right way round."""
     corners = [(x, half, z[0]), (x, -half, z[0]), (x, -half, z[1]), (x, half, z[1])]
     if way > 0:
         corners = [corners[k] for k in (1, 0, 3, 2)]
-    m.quads([corners], [[(0, 1), (1, 1), (1, 0), (0, 0)]], material, cls, 0, PAINTWORK)
+    m.quads([corners], [[(0, 1), (1, 1), (1, 0), (0, 0)]], material, cls, 0, tint)
 
 
-def _flank(m: MeshBuilder, x: tuple[float, float], y: float, z: tuple[float, float], material: Material, cls: int) -> None:
+def _flank(
+    m: MeshBuilder,
+    x: tuple[float, float],
+    y: float,
+    z: tuple[float, float],
+    material: Material,
+    cls: int,
+    tint: ArrayLike = PAINTWORK,
+) -> None:
     """An upright quad along x at y, its texture running from back to front on both sides."""
     corners = [(x[0], y, z[0]), (x[1], y, z[0]), (x[1], y, z[1]), (x[0], y, z[1])]
     uv = [(0, 1), (1, 1), (1, 0), (0, 0)]
     if y > 0:  # counter-clockwise as seen from the left
         corners, uv = corners[::-1], uv[::-1]
-    m.quads([corners], [uv], material, cls, 0, PAINTWORK)
+    m.quads([corners], [uv], material, cls, 0, tint)
 
 
 def _lofted(m: MeshBuilder, outline: Outline, half: float, glass: frozenset[int], cls: int) -> None:
@@ -80,8 +98,8 @@ def lorry() -> Mesh:
     back, front, low, high, half = -4.2, 1.75, 1.02, 3.55, 1.24
     box(m, (back + 0.01, -half + 0.01, low), (front, half - 0.01, high), Material.PAINT, cls, 0, BODY_COLOURS[0], 3, bottom=True)
     for y in (half, -half):
-        _flank(m, (back, front), y, (low, high), Material.TRUCK_SIDE, cls)
-    _face(m, back, half, (low, high), -1.0, Material.TRUCK_BACK, cls)
+        _flank(m, (back, front), y, (low, high), Material.TRUCK_SIDE, cls, BODY_COLOURS[0])
+    _face(m, back, half, (low, high), -1.0, Material.TRUCK_BACK, cls, BODY_COLOURS[0])
     box(m, (back, -0.45, 0.62), (3.1, 0.45, low), Material.METAL, cls, 0, DARK_STEEL, 2, bottom=True)
     cab: Outline = ((1.90, 0.55), (1.90, 2.75), (2.35, 2.98), (2.95, 2.92), (3.62, 1.62), (3.72, 1.0), (3.70, 0.45))
     _lofted(m, cab, 1.18, frozenset({3}), cls)
@@ -159,9 +177,10 @@ def _tram(length: float) -> Mesh:
         for y in (0.85, -0.85):
             box(m, (tip - 0.04, y - 0.16, 0.85), (tip + 0.04, y + 0.16, 1.05), Material.PAINT, cls, 0, WHITE_LAMP)
     box(m, (x0 + 1, -1.0, 0.06), (x1 - 1, 1.0, low), Material.PAINT, cls, 0, RUBBER)
-    for a, b in (((-1.8, 0.0, high + 0.3), (-0.6, 0.0, high + 1.0)), ((-0.6, 0.0, high + 1.0), (-1.7, 0.0, high + 1.9))):
-        for y in (-0.5, 0.5):
-            tube(m, (a[0], y, a[2]), (b[0], y, b[2]), (0.035, 0.035), Material.METAL, cls, 0, STEEL, 4)
+    for y in (-0.5, 0.5):
+        elbow = (-0.6, y, high + 1.0)
+        for end in ((-1.8, y, high + 0.3), (-1.7, y, high + 1.9)):
+            tube(m, end, elbow, (0.035, 0.035), Material.METAL, cls, 0, STEEL, 4)
     tube(m, (-1.7, -0.8, high + 1.9), (-1.7, 0.8, high + 1.9), (0.04, 0.04), Material.METAL, cls, 0, STEEL, 4)
     return m.build()
 
@@ -185,7 +204,7 @@ def two_wheeler(
     """Two wheels and the bars of a frame (N, 2, 3) m."""
     m = MeshBuilder()
     solid = thick > 0.03  # a motorcycle's wheel
-    tyre = 0.06 if solid else 0.021
+    tyre = 0.06 if solid else 0.026
     for x in wheel_x:
         if solid:
             for side in (1.0, -1.0):
@@ -216,7 +235,7 @@ def bicycle() -> Mesh:
         ]
     )
     m = MeshBuilder()
-    m.add(two_wheeler(bars, (-0.52, 0.52), 0.34, cls, PAINTWORK, 0.024))
+    m.add(two_wheeler(bars, (-0.52, 0.52), 0.35, cls, PAINTWORK, 0.028))
     dark = (0.03, 0.03, 0.03)
     box(m, (-0.34, -0.10, 0.91), (-0.06, 0.10, 0.97), Material.CLOTH, cls, 0, dark, bottom=True)
     box(m, (-0.78, -0.07, 0.74), (-0.24, 0.07, 0.76), Material.METAL, cls, 0, STEEL, bottom=True)
@@ -228,6 +247,9 @@ def bicycle() -> Mesh:
     box(m, (0.42, -0.17, 0.86), (0.70, 0.17, 1.06), Material.PICKETS, cls, 0, dark, 0.5)
     box(m, (-0.80, -0.04, 0.62), (-0.76, 0.04, 0.70), Material.LIT, cls, 0, TAIL_LAMP)
     box(m, (0.40, -0.04, 0.78), (0.46, 0.04, 0.86), Material.PAINT, cls, 0, WHITE_LAMP)
+    for y in (0.11, -0.11):  # panniers
+        box(m, (-0.72, y - 0.05, 0.46), (-0.44, y + 0.05, 0.74), Material.CLOTH, cls, 0, (0.16, 0.14, 0.12), 0.6, bottom=True)
+    box(m, (-0.50, -0.045, 0.27), (0.10, -0.035, 0.38), Material.PAINT, cls, 0, dark)
     for y, x, z in ((0.13, 0.12, 0.18), (-0.13, -0.12, 0.42)):
         box(m, (x - 0.05, y - 0.05, z), (x + 0.05, y + 0.05, z + 0.03), Material.PAINT, cls, 0, dark, bottom=True)
     return m.build()

@@ -34,7 +34,7 @@ OPEN_OFFSET_M = 0.6
 """The open sky over a wall is that over the ground before it, not that inside the house."""
 OCCLUSION_FADE_M = 9.0
 """Height above the ground at which the ground's occlusion no longer counts."""
-BOUNCE = 0.14
+BOUNCE = 0.2
 REFLECTANCE_AT_NORMAL = 0.04
 ROOFLINE, ROOFLINE_BLUR = 0.34, 0.10
 """Upward share of a ray that a dull surface mirrors over which it meets the sky rather than house fronts."""

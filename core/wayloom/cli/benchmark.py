@@ -1,0 +1,102 @@
+"""`wayloom benchmark`: the tables by which the work is judged."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+group = typer.Typer(add_completion=False, no_args_is_help=True, help="Measure on data with truth: one command for each table.")
+
+
+class Source(StrEnum):
+    """Where the labels of a dataset come from."""
+
+    auto = "auto"
+    kitti_360 = "kitti-360"
+    drawn = "drawn"
+
+
+@group.callback()
+def benchmark_command() -> None:
+    """Measure on data with truth."""
+
+
+@group.command()
+def labels(
+    dataset: Annotated[
+        Path, typer.Argument(help="KITTI-360's root or one of its sequences, or a folder of `wayloom simulate … --truth`.")
+    ],
+    model: Annotated[
+        str | None, typer.Option(envvar="WAYLOOM_MODEL", help="Network: a name of `wayloom models`, or a TOML or ONNX file.")
+    ] = None,
+    json: Annotated[Path | None, typer.Option(help="Write rows, filters and classes to this file.", metavar="FILE")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Write the tables to this file.", metavar="FILE")] = None,
+    latex: Annotated[Path | None, typer.Option(help="Write the tables to this file.", metavar="FILE")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Draw truth, single image and vote of a few keyframes (.png or .jpg).", metavar="FILE")
+    ] = None,
+    source: Annotated[
+        Source, typer.Option(help="Truth: KITTI-360's labelled clouds, or depth and class of every pixel of a simulated drive.")
+    ] = Source.auto,
+    frames: Annotated[str | None, typer.Option(metavar="FIRST:STOP", help="Only these frames of each drive.")] = None,
+    work: Annotated[Path | None, typer.Option(help="Keep tracks and label images here for the next run.", metavar="DIR")] = None,
+    threads: Annotated[int | None, typer.Option(min=1, max=64, help="Threads; default all cores.")] = None,
+    ablation: Annotated[bool, typer.Option("--ablation", help="A row for each switch of the labelling as well.")] = False,
+) -> None:
+    """Accuracy of labelled points: single image, TCL mono, TCL stereo, our best form (the paper's table)."""
+    from wayloom.cli.odometry import shown_progress
+    from wayloom.cli.process import default_threads
+    from wayloom.evaluation.label_ablation import ABLATION
+    from wayloom.evaluation.label_pictures import write_figure
+    from wayloom.evaluation.label_tables import as_csv, as_latex, as_text
+    from wayloom.evaluation.label_truth import find_labelled_drives
+    from wayloom.evaluation.labels import LabelledPoints, benchmark_labels
+    from wayloom.logs.atomic import check_writable, write_atomically
+    from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model
+    from wayloom.segmentation.network import Network
+
+    for file in filter(None, (json, csv, latex, picture)):
+        check_writable(file)
+    first, stop = parse_frames(frames)
+    network = Network(find_model(model or DEFAULT_MODEL), threads or default_threads())
+    drives = find_labelled_drives(dataset, source.value, first, stop)
+    pictures: list[bytes] = []
+
+    def show(done: LabelledPoints) -> None:
+        drawn = write_figure(done, picture.name) if picture and not pictures else None
+        pictures.extend([drawn] if drawn else [])
+
+    with shown_progress() as progress:
+        result = benchmark_labels(
+            drives, network, ABLATION if ablation else None, work_dir=work, threads=threads or default_threads(),
+            progress=progress, show=show,
+        )  # fmt: skip
+    typer.echo(as_text(result))
+    texts = {json: lambda: dumped(result.as_json()), csv: lambda: as_csv(result), latex: lambda: as_latex(result)}
+    for target, text in texts.items():
+        if target:
+            write_atomically(target, text().encode())
+    if picture and pictures:
+        write_atomically(picture, pictures[0])
+
+
+def dumped(content: object) -> str:
+    """JSON for people and machines."""
+    import json
+
+    return json.dumps(content, indent=1) + "\n"
+
+
+def parse_frames(text: str | None) -> tuple[int, int | None]:
+    """FIRST:STOP, each of which may be left out. Raises ConfigError."""
+    from wayloom.errors import ConfigError
+
+    first, _, stop = (text or "").partition(":")
+    try:
+        bounds = int(first or 0), int(stop) if stop else None
+    except ValueError:
+        bounds = -1, None
+    if bounds[0] < 0 or (bounds[1] is not None and bounds[1] <= bounds[0]):
+        raise ConfigError(f"{text!r} are no frames", record="--frames", remedy="give FIRST:STOP, counted from 0")
+    return bounds

@@ -1,0 +1,93 @@
+"""The benchmark's table as text in the paper's layout, as CSV and as LaTeX."""
+
+import csv
+import io
+from typing import Final
+
+from wayloom.config.classes import CLASS_NAMES
+from wayloom.evaluation.label_scores import GROUPS, JUDGED, LabelScores
+from wayloom.evaluation.labels import LabelBenchmark
+
+TITLES: Final = {
+    "baseline": "baseline (single image)", "tcl_mono": "TCL mono", "tcl_stereo": "TCL stereo", "best": "best (default)",
+}  # fmt: skip
+PAPER_ROWS: Final = {"baseline": (58.5, 91.4), "tcl_mono": (63.6, 94.1), "tcl_stereo": (65.1, 95.2)}
+"""mIoU and OA that the paper tells for KITTI-360."""
+_SHORT: Final = {"traffic light": "light", "traffic sign": "sign", "motorcycle": "motorc."}
+
+
+def as_text(result: LabelBenchmark) -> str:
+    """Both tables: IoU of each class, mIoU, OA; then the class-wise accuracy; then the filters."""
+    parts = [
+        f"{len(result.drives)} drives ({', '.join(result.drives)}), network {result.model}",
+        "",
+        "Points away from label boundaries, as in the paper",
+        _text_table(result.rows),
+        "",
+        "With points at label boundaries",
+        _text_table(result.rows_with_boundaries),
+        "",
+        "Points: " + ", ".join(f"{number} {name}" for name, number in result.filters.items()),
+    ]
+    parts += [f"left out: {name}: {why}" for name, why in result.losses.items()]
+    return "\n".join(parts)
+
+
+def as_csv(result: LabelBenchmark) -> str:
+    """One line for each row, table and measure: classes, then the means."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    names = [CLASS_NAMES[c] for c in JUDGED]
+    writer.writerow(["points", "row", "measure", *names, *GROUPS, "mean", "overall accuracy", "count"])
+    for kind, rows in (("without boundaries", result.rows), ("with boundaries", result.rows_with_boundaries)):
+        for row, score in rows.items():
+            iou = [_number(score.iou.get(name)) for name in names]
+            accuracy = [_number(score.accuracy.get(name)) for name in names]
+            groups = [_number(score.groups.get(name)) for name in GROUPS]
+            writer.writerow([kind, row, "IoU", *iou, *groups, _number(score.miou), _number(score.oa), score.points])
+            writer.writerow([kind, row, "accuracy", *accuracy, *[""] * len(GROUPS), "", _number(score.oa), score.points])
+    return out.getvalue()
+
+
+def as_latex(result: LabelBenchmark) -> str:
+    """Two tabulars: classes as columns, as in the paper."""
+    names = [CLASS_NAMES[c] for c in JUDGED]
+    heads = " & ".join(rf"\rotatebox{{90}}{{{name}}}" for name in names)
+    parts = []
+    for caption, rows in (("without boundaries", result.rows), ("with boundaries", result.rows_with_boundaries)):
+        lines = [f"% points {caption}; network {result.model}; IoU in percent", rf"\begin{{tabular}}{{l{'r' * (len(names) + 2)}}}"]
+        lines += [r"\hline", rf" & {heads} & mIoU & OA \\", r"\hline"]
+        for row, score in rows.items():
+            cells = [_number(score.iou.get(name)) or "--" for name in names]
+            lines.append(
+                rf"{TITLES.get(row, row)} & {' & '.join(cells)} & {_number(score.miou)} & {_number(score.oa)} \\".replace(
+                    "_", r"\_"
+                )
+            )
+        parts.append("\n".join([*lines, r"\hline", r"\end{tabular}"]))
+    return "\n\n".join(parts) + "\n"
+
+
+def _text_table(rows: dict[str, LabelScores]) -> str:
+    names = [CLASS_NAMES[c] for c in JUDGED if any(CLASS_NAMES[c] in score.iou for score in rows.values())]
+    width = max(len(TITLES.get(row, row)) for row in rows)
+    heads = [_SHORT.get(name, name)[:8] for name in names]
+    lines = [" " * width + "  " + " ".join(f"{head:>8}" for head in [*heads, "mIoU", "OA"])]
+    for row, score in rows.items():
+        cells = [_number(score.iou.get(name)) or "-" for name in names]
+        line = [*cells, _number(score.miou), _number(score.oa)]
+        lines.append(f"{TITLES.get(row, row):{width}}  " + " ".join(f"{cell:>8}" for cell in line))
+    lines.append("class-wise accuracy, TP of all points that got the class")
+    for row, score in rows.items():
+        cells = [_number(score.accuracy.get(name)) or "-" for name in names]
+        lines.append(f"{TITLES.get(row, row):{width}}  " + " ".join(f"{cell:>8}" for cell in cells))
+    groups = list(next(iter(rows.values())).groups)
+    lines.append("groups, mean IoU: " + ", ".join(groups))
+    for row, score in rows.items():
+        cells = [_number(score.groups.get(name)) or "-" for name in groups]
+        lines.append(f"{TITLES.get(row, row):{width}}  " + " ".join(f"{cell:>8}" for cell in cells))
+    return "\n".join(lines)
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.1f}"

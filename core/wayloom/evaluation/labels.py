@@ -1,0 +1,171 @@
+"""The paper's benchmark of labels: the odometry's points, labelled from single images, by TCL, and in our best form.
+
+Everything is measured as it comes out of the pipeline: points, depths, poses and observers are the odometry's own.
+"""
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.progress import Progress, silent
+from wayloom.errors import StageError, WayloomError
+from wayloom.evaluation.label_matching import REASONS, Matches, MatchSettings, match_points
+from wayloom.evaluation.label_scores import Counts, LabelScores, count, scores
+from wayloom.evaluation.label_truth import LabelledDrive
+from wayloom.labelling.settings import PAPER, LabellingSettings
+from wayloom.labelling.tcl import label_points, voting_frames
+from wayloom.odometry.files import load_odometry, save_odometry
+from wayloom.odometry.odometry import track
+from wayloom.odometry.settings import OdometrySettings
+from wayloom.odometry.types import OdometryResult
+from wayloom.segmentation.network import Network
+from wayloom.segmentation.stage import KeyframeLabels, segment_keyframes
+
+ROWS: Final = ("baseline", "tcl_mono", "tcl_stereo", "best")
+FORMS: Final = {"baseline": "baseline", "tcl_mono": "mono", "tcl_stereo": "stereo"}
+"""The paper's rows and the fields of `PointLabels` that they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class LabelledPoints:
+    """One drive as it was labelled: what the pictures are drawn from. labels: row of the table to labels (P,)."""
+
+    drive: LabelledDrive
+    odometry: OdometryResult
+    matches: Matches
+    labels: dict[str, NDArray[np.uint8]]
+
+
+@dataclass(frozen=True, slots=True)
+class LabelBenchmark:
+    """Rows of the table, pooled over the drives: with the paper's filters, and with points at label boundaries as well."""
+
+    model: str
+    drives: tuple[str, ...]
+    filters: dict[str, int]
+    rows: dict[str, LabelScores]
+    rows_with_boundaries: dict[str, LabelScores]
+    losses: dict[str, str] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, object]:
+        """What `--json` writes."""
+        return {
+            "rows": {name: row.as_json() for name, row in self.rows.items()},
+            "filters": self.filters,
+            "with_boundaries": {name: row.as_json() for name, row in self.rows_with_boundaries.items()},
+            "model": self.model, "drives": list(self.drives), "left_out": self.losses,
+        }  # fmt: skip
+
+
+def benchmark_labels(
+    drives: list[LabelledDrive],
+    network: Network,
+    variants: dict[str, LabellingSettings] | None = None,
+    match: MatchSettings = MatchSettings(),
+    odometry: OdometrySettings = OdometrySettings(),
+    work_dir: Path | None = None,
+    threads: int = 1,
+    progress: Progress = silent,
+    show: Callable[[LabelledPoints], None] = lambda done: None,
+) -> LabelBenchmark:
+    """Track, label and judge every drive, one after the other.
+
+    variants : further rows by name, beside the paper's and `best` (the default settings)
+    work_dir : where tracks and label images stay for the next run; None: nowhere
+    show : called with each drive when it is labelled
+    A drive that cannot be tracked is left out and named in the result's `losses`; raises StageError where none is left.
+    """
+    forms = {"best": LabellingSettings(), **(variants or {})}
+    counts: dict[str, tuple[Counts, Counts]] = {}
+    filters, losses = dict.fromkeys(REASONS, 0), {}
+    for number, drive in enumerate(drives):
+
+        def told(share: float, what: str, /, number: int = number, drive: LabelledDrive = drive) -> None:
+            progress((number + share) / len(drives), f"{drive.name}: {what}")
+
+        with _folder_for(work_dir, drive) as folder:
+            try:
+                done = _labelled(drive, network, forms, match, odometry, folder, threads, told)
+            except StageError as error:
+                losses[drive.name] = str(error)
+                continue
+        show(done)
+        for name in REASONS:
+            filters[name] += done.matches.filters[name]
+        for row, labels in done.labels.items():
+            kept, all_of_it = counts.get(row, (0, 0))
+            sure, every = done.matches.judged, done.matches.judged_with_boundaries
+            truth = done.matches.truth
+            counts[row] = (kept + count(truth[sure], labels[sure]), all_of_it + count(truth[every], labels[every]))
+    if not counts:
+        raise StageError("no drive could be labelled: " + "; ".join(f"{name}: {why}" for name, why in losses.items()))
+    progress(1.0, "judged")
+    return LabelBenchmark(
+        network.description.name, tuple(drive.name for drive in drives if drive.name not in losses), filters,
+        {row: scores(sure) for row, (sure, _) in counts.items()},
+        {row: scores(every) for row, (_, every) in counts.items()}, losses,
+    )  # fmt: skip
+
+
+def _labelled(
+    drive: LabelledDrive,
+    network: Network,
+    forms: dict[str, LabellingSettings],
+    match: MatchSettings,
+    settings: OdometrySettings,
+    folder: Path,
+    threads: int,
+    progress: Progress,
+) -> LabelledPoints:
+    odometry = _tracked(drive, settings, folder, threads, lambda share, what: progress(0.4 * share, what))
+    if len(odometry.keyframes) < 2:
+        raise StageError("the odometry found fewer than 2 keyframes")
+    widest = max(forms.values(), key=lambda form: form.between_keyframes)
+    frames = voting_frames(odometry, widest)
+    segment_keyframes(drive.log, frames, network, folder / "labels", lambda share, what: progress(0.4 + 0.4 * share, what))
+    matches = match_points(odometry, drive.truth, match, lambda share, what: progress(0.8 + 0.1 * share, what))
+    progress(0.9, "votes")
+    by_paper = label_points(odometry, KeyframeLabels(folder / "labels", odometry.keyframes.frame), PAPER)
+    labels = {row: getattr(by_paper, form) for row, form in FORMS.items()}
+    for row, form in forms.items():
+        images = KeyframeLabels(folder / "labels", voting_frames(odometry, form))
+        labels[row] = label_points(odometry, images, form).stereo
+    progress(1.0, "labelled")
+    return LabelledPoints(drive, odometry, matches, labels)
+
+
+def _tracked(drive: LabelledDrive, settings: OdometrySettings, folder: Path, threads: int, progress: Progress) -> OdometryResult:
+    """The odometry, from the folder where an earlier run left it."""
+    said = json.dumps([settings.model_dump(mode="json"), drive.log.t_ns.tolist()], sort_keys=True)
+    file = folder / f"odometry-{hashlib.sha256(said.encode()).hexdigest()[:16]}.npz"
+    if file.is_file():
+        try:
+            return load_odometry(file)
+        except WayloomError:
+            file.unlink()
+    odometry = track(drive.log, settings, progress, threads)
+    save_odometry(odometry, file)
+    return odometry
+
+
+class _folder_for:  # noqa: N801  used as a context manager
+    """A drive's folder below work_dir, or one that does not outlive the benchmark."""
+
+    def __init__(self, work_dir: Path | None, drive: LabelledDrive) -> None:
+        self._scratch = tempfile.TemporaryDirectory() if work_dir is None else None
+        self._folder = Path(self._scratch.name) if self._scratch else (work_dir or Path()) / drive.name
+
+    def __enter__(self) -> Path:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        return self._folder
+
+    def __exit__(self, *_: object) -> None:
+        if self._scratch:
+            self._scratch.cleanup()

@@ -1,0 +1,151 @@
+"""The votes that one voter casts on the points of one host."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.labelling.images import Image, Voter
+from wayloom.labelling.kernels.visibility import hidden, likeness, patches
+from wayloom.labelling.kernels.voting import add_hard_votes, add_soft_votes, project, read_labels
+from wayloom.labelling.settings import LabellingSettings
+from wayloom.odometry.types import OdometryResult
+from wayloom.segmentation.scores import STEPS_PER_NAT
+from wayloom.segmentation.stage import SMALL
+
+FloatArray = NDArray[np.float64]
+Weights = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+LOOKS_SIDE: Final = 3
+"""A point's looks are 3 x 3 grey values of the small images, a small pixel of the host apart."""
+CELL_PX: Final = 8.0
+"""Within a cell of this size, what stands nearer hides what stands behind …"""
+MARGIN: Final = 0.15
+"""… by more than this share of the depth."""
+
+
+@dataclass(frozen=True, slots=True)
+class HostedPoints:
+    """The N points of one host.
+
+    uv (N, 2) px; rays (N, 3), z = 1; inverse_depth and its sigma (N,) 1/m; looks (N, S), None: not looked at
+    """
+
+    uv: FloatArray
+    rays: FloatArray
+    inverse_depth: FloatArray
+    sigma: FloatArray
+    looks: NDArray[np.float32] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Ballot:
+    """Which of the host's points a voter may judge.
+
+    is_host       whether the voter is the host itself
+    left, right   (N,) whether the odometry saw them in this image
+    within_reach  whether the others may be judged as well
+    seen          (rows, columns) `nearest_seen` of the voter's left image, None: hidden ones are not looked for
+    """
+
+    is_host: bool
+    left: Mask
+    right: Mask
+    within_reach: bool
+    seen: NDArray[np.float32] | None
+
+
+def cast(
+    votes: FloatArray,
+    points: HostedPoints,
+    T_voter_host: FloatArray,
+    voter: Voter,
+    ballot: Ballot,
+    odometry: OdometryResult,
+    settings: LabellingSettings,
+) -> NDArray[np.uint8]:
+    """Add the voter's votes to votes (2, N, C), left image and right; returns the left labels (N,) of the points, 255 = void."""
+    uv, nearness = _projected(points.inverse_depth, points, T_voter_host, odometry, settings)
+    if ballot.is_host:
+        uv[0] = points.uv
+    left_labels: NDArray[np.uint8] = read_labels(voter.labels[0], uv[0])
+    for side, seen_here in enumerate((ballot.left, ballot.right)):
+        weight = nearness[side] ** np.float32(settings.nearness_power)
+        own = ballot.is_host and side == 0
+        if not own:
+            weight *= _visibility(points, uv[side], nearness[side], side, seen_here, voter, ballot, settings)
+        if settings.boundary_px > 0 and voter.to_boundary is not None:
+            weight *= _sureness(voter.to_boundary[side], uv[side], settings.boundary_px)
+        if settings.reprojection_px > 0:
+            moved = _projected(points.inverse_depth + points.sigma, points, T_voter_host, odometry, settings)[0][side]
+            shift = np.linalg.norm(moved - uv[side], axis=1) if not own else np.zeros(len(uv[side]))
+            weight /= (1.0 + (shift / settings.reprojection_px) ** 2).astype(np.float32)
+        labels = left_labels if side == 0 else read_labels(voter.labels[1], uv[1])
+        scores = voter.scores[side]
+        if scores is None:
+            add_hard_votes(votes[side], labels, weight)
+        else:
+            best, rest = scores
+            add_soft_votes(votes[side], best.classes, best.steps, rest, STEPS_PER_NAT, best.covered, uv[side], labels, weight)
+    return left_labels
+
+
+def looks_of(image: Image, uv: FloatArray) -> NDArray[np.float32]:
+    """(N, S) how points at uv (N, 2) px of the full image look in their host's own small image."""
+    return _looks(image, uv, np.ones(len(uv)))
+
+
+def _looks(small: Image, uv: FloatArray, scale: FloatArray) -> NDArray[np.float32]:
+    looks: NDArray[np.float32] = patches(small, (uv + 0.5) / SMALL - 0.5, scale, LOOKS_SIDE)
+    return looks
+
+
+def _projected(
+    inverse_depth: FloatArray, points: HostedPoints, T_voter_host: FloatArray, odometry: OdometryResult, settings: LabellingSettings
+) -> tuple[FloatArray, Weights]:
+    camera = odometry.rig.camera
+    result: tuple[FloatArray, Weights] = project(
+        points.rays, inverse_depth, T_voter_host, np.array(odometry.rig.t_right_left),
+        np.array([camera.fx, camera.fy, camera.cx, camera.cy]), float(odometry.disparity_bias_px),
+        np.asarray(odometry.row_coefficients, np.float64), 1.0 / settings.dist_min_m,
+    )  # fmt: skip
+    return result
+
+
+def _visibility(
+    points: HostedPoints,
+    uv: FloatArray,
+    nearness: Weights,
+    side: int,
+    seen_here: Mask,
+    voter: Voter,
+    ballot: Ballot,
+    settings: LabellingSettings,
+) -> Weights:
+    """(N,) 0 to 1: how surely each point is seen by the voter's image."""
+    may = np.ones(len(uv), bool) if ballot.within_reach else seen_here.copy()
+    if ballot.seen is not None and side == 0 and not ballot.is_host:
+        may &= ~hidden(uv, nearness, ballot.seen, CELL_PX, MARGIN)
+    visible = may.astype(np.float32)
+    if settings.likeness_power > 0 and points.looks is not None and voter.small is not None:
+        rows = np.flatnonzero(may & (nearness > 0) & _inside(uv, voter.labels[side].shape))
+        scale = nearness[rows] / points.inverse_depth[rows]
+        alike = likeness(points.looks[rows], _looks(voter.small[side], uv[rows], scale))
+        visible[:] = 0.0
+        visible[rows] = alike ** np.float32(settings.likeness_power)
+    return visible
+
+
+def _inside(uv: FloatArray, shape: tuple[int, ...]) -> Mask:
+    u, v = uv[:, 0], uv[:, 1]
+    return (u >= -0.5) & (v >= -0.5) & (u < shape[1] - 0.5) & (v < shape[0] - 0.5)
+
+
+def _sureness(to_boundary: NDArray[np.float32], uv: FloatArray, boundary_px: float) -> Weights:
+    """(N,) 0 to 1: how far from a label boundary, in units of boundary_px; 1 px is counted at a boundary itself."""
+    height, width = to_boundary.shape
+    u = np.clip(np.floor(np.nan_to_num(uv[:, 0]) + 0.5), 0, width - 1).astype(np.intp)
+    v = np.clip(np.floor(np.nan_to_num(uv[:, 1]) + 0.5), 0, height - 1).astype(np.intp)
+    return np.asarray(np.minimum((to_boundary[v, u] + 1.0) / boundary_px, 1.0), np.float32)

@@ -1,0 +1,81 @@
+"""What voters bring: the label images of keyframes, their scores, and the small images, the last few of them in memory."""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.errors import StageError
+from wayloom.geometry.camera import StereoRig
+from wayloom.segmentation.scores import Scores, rest_steps
+
+Image = NDArray[np.uint8]
+
+
+class LabelImages(Protocol):
+    """Label images by voter, (h, w) uint8 train ids: `wayloom.segmentation.stage.KeyframeLabels` is one."""
+
+    def left(self, keyframe: int, /) -> Image: ...
+    def right(self, keyframe: int, /) -> Image: ...
+    def scores(self, side: str, keyframe: int, /) -> Scores | None: ...
+    def small(self, side: str, keyframe: int, /) -> Image: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Voter:
+    """What one voter brings, each for left and right.
+
+    labels       (h, w) uint8
+    scores       where they are wanted and there; rest (gh, gw) goes with them (`rest_steps`)
+    small        the grey image at half size, where it is wanted
+    to_boundary  (h, w) float32 px: distance of every pixel to the nearest label boundary, where it is wanted
+    """
+
+    labels: tuple[Image, Image]
+    scores: tuple[tuple[Scores, NDArray[np.float32]] | None, tuple[Scores, NDArray[np.float32]] | None]
+    small: tuple[Image, Image] | None
+    to_boundary: tuple[NDArray[np.float32], NDArray[np.float32]] | None
+
+
+class Voters:
+    """Voters by their row, opened when asked for; the last `held` stay in memory."""
+
+    def __init__(self, images: LabelImages, rig: StereoRig, held: int, looks: bool, soft: bool, boundaries: bool) -> None:
+        """looks, soft, boundaries: whether small images, scores and distances to boundaries are wanted."""
+        self._images = images
+        self._size = (rig.camera.height, rig.camera.width)
+        self._held, self._looks, self._soft, self._boundaries = held, looks, soft, boundaries
+        self._cache: OrderedDict[int, Voter] = OrderedDict()
+
+    def __getitem__(self, row: int) -> Voter:
+        if row not in self._cache:
+            self._cache[row] = self._opened(row)
+            if len(self._cache) > self._held:
+                self._cache.popitem(last=False)
+        self._cache.move_to_end(row)
+        return self._cache[row]
+
+    def _opened(self, row: int) -> Voter:
+        labels = (self._images.left(row), self._images.right(row))
+        if any(image.shape != self._size for image in labels):
+            sizes = " and ".join(str(image.shape) for image in labels)
+            raise StageError(f"label images of keyframe {row} are {sizes}, the camera's are {self._size}; segment again")
+        to_boundary = (_to_boundary(labels[0]), _to_boundary(labels[1])) if self._boundaries else None
+        small = (self._images.small("left", row), self._images.small("right", row)) if self._looks else None
+        return Voter(labels, (self._scores("left", row), self._scores("right", row)), small, to_boundary)
+
+    def _scores(self, side: str, row: int) -> tuple[Scores, NDArray[np.float32]] | None:
+        scores = self._images.scores(side, row) if self._soft else None
+        return None if scores is None else (scores, rest_steps(scores))
+
+
+def _to_boundary(labels: Image) -> NDArray[np.float32]:
+    """(h, w) distance in px of each pixel to the nearest one that has a neighbour of another label."""
+    inside = np.ones(labels.shape, np.uint8)
+    across, down = labels[:, 1:] != labels[:, :-1], labels[1:] != labels[:-1]
+    inside[:, 1:][across] = inside[:, :-1][across] = 0
+    inside[1:][down] = inside[:-1][down] = 0
+    return np.asarray(cv2.distanceTransform(inside, cv2.DIST_L2, 3), np.float32)
