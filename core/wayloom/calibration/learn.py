@@ -20,7 +20,7 @@ from wayloom.odometry.evidence import Evidence
 FloatArray = NDArray[np.float64]
 FIELD_STEP = 16
 REGIONS = (6, 2)
-"""Across and down: a region's matches share an error (interpolation, occlusion, slanted surfaces) that more matches do not lower."""
+"""Across and down: a region's matches share an error (interpolation, occlusion, slanted surfaces), however many they are."""
 REGION_DEPTHS_M = (10.0, 50.0)
 BAD_PX = 1.0
 """A lens that moves pixels by more anywhere is a bad calibration, worth telling."""

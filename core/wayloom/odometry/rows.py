@@ -24,9 +24,9 @@ MIN_MATCHES = 60
 RIDGE = 0.01  # matches' worth of pull to zero: an image without matches in its corners keeps a small keystone
 MAP_STEP = 8
 """px between the points at which the maps are computed; between them they are linear, which errs by under 1e-3 px."""
-KEYFRAME_MATCHES = 64
-MEMORY = 0.97
-"""Of older keyframes' matches, at each keyframe: about 2000 matches are remembered."""
+KEYFRAME_MATCHES = 96
+MEMORY = 0.95
+"""Of older keyframes' matches, at each keyframe: about 2000 matches are remembered, those of 20 keyframes."""
 RENEWAL_PX = 0.02
 """The maps are made anew when they are off by more anywhere."""
 Image = NDArray[np.uint8]
