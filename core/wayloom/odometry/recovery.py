@@ -25,7 +25,7 @@ Image = NDArray[np.uint8]
 ALWAYS_BELIEVED_M = 0.3
 MAX_SPEED_M_S = 90.0
 WORSE_THAN_USUAL = 1.5
-SATURATED, LONG_GAP_S = 0.15, 0.45
+SATURATED, GRAVELY_SATURATED, LONG_GAP_S = 0.15, 0.3, 0.45
 GRID_TURNS_RAD = (-0.32, -0.22, -0.14, -0.08, 0.08, 0.14, 0.22, 0.32)
 GRID_WAYS = (0.0, 1.0, 2.0)
 GRID_KEPT = 4
@@ -169,8 +169,8 @@ class Recovery:
         fit = best_alignment(sought.images, newest, guesses, sought.brightness, fit, T_world_newest, self.cameras, s)
         failure, tried = self._failure(fit, newest.keyframe, sought, window), 1 + len(guesses)
         best = Found(fit, newest.keyframe, failure, tried)
-        surprised = self._surprises(fit, newest.keyframe, sought, window)
-        if failure is None and not (sought.starting or sought.since_s > LONG_GAP_S or surprised):
+        uncertain = sought.starting or sought.since_s > LONG_GAP_S or fit.saturated > GRAVELY_SATURATED
+        if failure is None and not uncertain and not self._surprises(fit, newest.keyframe, sought, window):
             return best
         seen = relocalise.find_features(sought.left)
         for index in self._candidates(window)[: 1 if failure is None else None]:
