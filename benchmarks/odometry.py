@@ -20,6 +20,7 @@ import argparse
 import json
 import os
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
@@ -72,8 +73,8 @@ def simulated(preset: str, cache: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.is_dir())
 
 
-def measured_all(options: argparse.Namespace) -> list[Summary]:
-    """Every recording with the product, its ablations, the prototype and the peers."""
+def measured_all(options: argparse.Namespace, cache: Path) -> list[Summary]:
+    """Every recording with the product, its ablations, the prototype and the peers. cache : of the prototype's kernels."""
     prototypes = Path(os.environ.get("WAYLOOM_PROTOTYPES", ROOT / "../shared/prototypes"))
     seeds, found = SEEDS[: options.seeds], []
     for recording in recordings(options):
@@ -81,7 +82,7 @@ def measured_all(options: argparse.Namespace) -> list[Summary]:
         own = measured(recording, seeds=seeds, progress=say)
         own.median["peak memory MB"], own.spread["peak memory MB"] = peak_memory_mb(recording.log.path), 0.0
         found.append(own)
-        found += foreign(partial(odometry_peers.prototype_measured, recording, prototypes, seeds))
+        found += foreign(partial(odometry_peers.prototype_measured, recording, prototypes, seeds, cache))
         for command in options.peer:
             found += foreign(partial(odometry_peers.peer_measured, recording, command))
         if options.ablations:
@@ -174,7 +175,8 @@ def main() -> None:
     options = arguments().parse_args()
     if not options.kernels_only:
         try:
-            summaries = measured_all(options)
+            with tempfile.TemporaryDirectory() as cache:
+                summaries = measured_all(options, Path(cache))
         except WayloomError as problem:
             sys.exit(f"odometry benchmark: {problem}")
         text = odometry_table.page(summaries, options.seeds)

@@ -34,7 +34,6 @@ def made_window(keyframes: int = 3, points: int = 5, disturbed: bool = True, see
             window.frames.gain_right[i] = [1.0 + 0.05 * rng.normal(), 2.0 * rng.normal()]
         pixels = np.column_stack([places.integers(70, 250, points), places.integers(50, 150, points)]).astype(np.int64)
         depth_error = 1.0 + (0.02 * rng.normal(size=points) if disturbed else 0.0)
-        windows.add_points(
-            window, windows.new_points(window, pixels, rho[pixels[:, 1], pixels[:, 0]] * depth_error, 50.0), i * points
-        )
+        new = windows.new_points(window, pixels, rho[pixels[:, 1], pixels[:, 0]] * depth_error, 50.0)
+        windows.add_points(window, new, np.arange(i * points, (i + 1) * points))
     return window

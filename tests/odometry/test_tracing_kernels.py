@@ -26,7 +26,9 @@ def traced(window: Window, target: int, nearest_m: float = 2.0) -> tuple[np.ndar
     """State and interval of all points of the window, searched without any knowledge."""
     n = len(window.points.rho)
     low, high, state = np.zeros(n), np.full(n, 1 / nearest_m), np.zeros(n, np.int64)
-    tracing.trace_points(window.images, NUMBERS, window.frames, window.points, target, low, high, 3.0, 80.0, STRICT, state)
+    tracing.trace_points(
+        window.images, NUMBERS, window.frames, window.points, np.arange(n), target, low, high, 3.0, 80.0, STRICT, state
+    )
     return state, low, high
 
 
@@ -51,7 +53,9 @@ def test_a_search_in_the_right_interval_fails_less_often_than_one_without_knowle
     truth, n = window.points.rho.copy(), len(window.points.rho)
     wide, _, _ = traced(window, 2)
     low, high, narrow = 0.6 * truth, 1.6 * truth, np.zeros(n, np.int64)
-    tracing.trace_points(window.images, NUMBERS, window.frames, window.points, 2, low, high, 3.0, 80.0, STRICT, narrow)
+    tracing.trace_points(
+        window.images, NUMBERS, window.frames, window.points, np.arange(n), 2, low, high, 3.0, 80.0, STRICT, narrow
+    )
     assert (narrow == tracing.TRACED).sum() > (wide == tracing.TRACED).sum()
 
 
@@ -121,7 +125,9 @@ def test_an_update_is_the_minimum_of_what_was_known_and_what_the_image_says() ->
     before, robust = points.rho.copy(), STRICT._replace(observer_right_weight=0.0)
     information = np.full(n, 2e4)
     state, agrees = np.zeros((2, n), np.int64)
-    tracing.update_depths(window.images, NUMBERS, window.frames, points, 2, BIAS_PX, robust, information, state, agrees)
+    tracing.update_depths(
+        window.images, NUMBERS, window.frames, points, np.arange(n), 2, BIAS_PX, robust, information, state, agrees
+    )
     fits = np.flatnonzero((state == tracing.TRACED) & (points.host < 2))
     assert len(fits) > 8
     ratios = []
@@ -151,7 +157,9 @@ def test_the_hosts_right_image_moves_depths_by_the_bias() -> None:
     window.points.rho[:] = truth * 1.03
     state, agrees = np.zeros((2, n), np.int64)
     information = np.full(n, 1e-3)
-    tracing.update_depths(window.images, NUMBERS, window.frames, window.points, 0, BIAS_PX, STRICT, information, state, agrees)
+    tracing.update_depths(
+        window.images, NUMBERS, window.frames, window.points, np.arange(n), 0, BIAS_PX, STRICT, information, state, agrees
+    )
     fits = state == tracing.TRACED
     assert fits.mean() > 0.5
     sure = fits & (information > np.median(information))
@@ -166,7 +174,9 @@ def test_points_that_do_not_fit_or_are_out_of_view_stay_as_they_are() -> None:
     points.uv[1] = [7.0, 7.0]
     before, information = points.rho.copy(), np.full(len(points.rho), 50.0)
     state, agrees = np.zeros((2, len(points.rho)), np.int64)
-    tracing.update_depths(window.images, NUMBERS, window.frames, points, 1, 0.0, STRICT, information, state, agrees)
+    tracing.update_depths(
+        window.images, NUMBERS, window.frames, points, np.arange(len(points.rho)), 1, 0.0, STRICT, information, state, agrees
+    )
     assert (state[::2] == tracing.MISFIT).all()
     assert state[1] == tracing.UNSEEN
     unchanged = state != tracing.TRACED

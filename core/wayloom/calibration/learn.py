@@ -19,6 +19,9 @@ from wayloom.odometry.evidence import Evidence
 
 FloatArray = NDArray[np.float64]
 FIELD_STEP = 16
+REGIONS = (6, 2)
+"""Across and down: a region's matches share an error (interpolation, occlusion, slanted surfaces), however many they are."""
+REGION_DEPTHS_M = (10.0, 50.0)
 BAD_PX = 1.0
 """A lens that moves pixels by more anywhere is a bad calibration, worth telling."""
 DRIVE_MORE = "drive with turns, at different speeds and along different streets, and give the evidence of these drives too"
@@ -154,14 +157,27 @@ def _covariance(rig: RigFile, settings: CalibrationSettings) -> tuple[FloatArray
     """(10, 10) of the parameters by what the drives say and the prior, and the radial error that both lenses seem to share.
 
     That error is not part of the lens, so the lens is learnt as if there were none; what it then does to the parameters is added to
-    the covariance: shift shift^T (kappa^2 + sigma_kappa^2), shift = -d lens / d kappa.
+    the covariance, shift shift^T (kappa^2 + sigma_kappa^2), shift = -d lens / d kappa; so is what the matches of a region share.
     """
     H, coupling = rig.information[:LENS, :LENS] + np.diag(1.0 / settings.lens.sigmas**2), rig.information[:LENS, LENS]
     inverse = np.linalg.inv(H)
     shift = inverse @ coupling
     variance = 1.0 / (rig.information[LENS, LENS] - coupling @ shift + 1.0 / settings.common_radial**2)
     kappa = variance * (rig.pull[LENS] - shift @ rig.pull[:LENS])
-    return np.asarray(inverse + np.outer(shift, shift) * (kappa**2 + variance)), float(kappa)
+    common = np.outer(shift, shift) * (kappa**2 + variance)
+    return np.asarray(inverse + common + _shared_covariance(rig, settings)), float(kappa)
+
+
+def _shared_covariance(rig: RigFile, settings: CalibrationSettings) -> FloatArray:
+    """(10, 10): what can be known at best where every region of the image shares an error of shared_px in both directions."""
+    camera, (across, down) = rig.rig.camera, REGIONS
+    v, u = np.mgrid[0:down, 0:across].astype(float)
+    uv = np.column_stack([(u.ravel() + 0.5) * camera.width / across, (v.ravel() + 0.5) * camera.height / down])
+    H = np.diag(1.0 / settings.lens.sigmas**2)
+    for depth_m in REGION_DEPTHS_M:
+        J = parameter_jacobian(rig.lens, camera, rig.rig.baseline_m, uv, 1.0 / depth_m)
+        H += np.einsum("nki,nkj->ij", J, J) / (len(REGION_DEPTHS_M) * settings.shared_px**2)
+    return np.asarray(np.linalg.inv(H), np.float64)
 
 
 def _outcome(evidence: Evidence, fit: Adjustment, d: int) -> DriveOutcome:

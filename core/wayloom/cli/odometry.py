@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from wayloom.odometry.types import OdometryResult
 
 VOID = 255
+BAD_CALIBRATION_PX = 1.0
 
 
 class TrajectoryFormat(StrEnum):
@@ -67,6 +68,7 @@ def odometry_command(
         if collector is not None and evidence is not None:
             save_evidence(collector.evidence(drive), evidence)
     warn_of_losses(result.report)
+    warn_of_calibration(result.report)
     typer.echo(f"{result.report['tracked']} of {len(drive)} frames tracked, {result.report['keyframes']} keyframes: {out}")
 
 
@@ -122,6 +124,16 @@ def write_results(
         write_ply(points, result.points_world(), grey, np.full(len(grey), VOID, np.uint8), ("frame world: the first left camera",))
     if json is not None:
         write_atomically(json, (json_text.dumps(result.report, indent=2) + "\n").encode())
+
+
+def warn_of_calibration(report: dict[str, Any]) -> None:
+    """One line on stderr where the log's calibration is off by more than a pixel. report : the odometry's."""
+    rows, bias = report["rows_off_px"], abs(report["disparity_bias_px"])
+    if max(rows, bias) > BAD_CALIBRATION_PX:
+        sys.stderr.write(
+            f"wayloom: warning: the calibration is off: rows of left and right by up to {rows:.1f} px, "
+            f"disparities by {bias:.1f} px; `wayloom calibrate` learns the rest of it from several drives\n"
+        )
 
 
 def warn_of_losses(report: dict[str, Any]) -> None:

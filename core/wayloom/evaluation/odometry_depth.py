@@ -19,9 +19,9 @@ from wayloom.logs.kitti_calibration import (
     rigid_from,
     t_cam_reference,
 )
+from wayloom.logs.simulated_truth import DEPTH_PER_M
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.types import OdometryResult
-from wayloom.simulation.truth_files import DEPTH_PER_M
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

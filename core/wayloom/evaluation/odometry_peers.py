@@ -79,8 +79,10 @@ def errors_of(recording: Recording, T_world_cam: FloatArray) -> Numbers:
     return numbers
 
 
-def prototype_measured(recording: Recording, prototypes: Path, seeds: Sequence[int], preset: str = "fast") -> Summary | None:
-    """The prototype in `prototypes`/direct-odometry on a recording; None where it is not there.
+def prototype_measured(
+    recording: Recording, prototypes: Path, seeds: Sequence[int], cache: Path, preset: str = "fast"
+) -> Summary | None:
+    """The prototype in `prototypes`/direct-odometry on a recording; None where it is not there. cache : for its kernels.
 
     Raises InputError, with what it said last, where it fails.
     """
@@ -102,7 +104,7 @@ def prototype_measured(recording: Recording, prototypes: Path, seeds: Sequence[i
             preset,
             json.dumps(list(seeds)),
         ]
-        environment = {**os.environ, "NUMBA_CACHE_DIR": name, "PYTHONDONTWRITEBYTECODE": "1"}
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
         done = subprocess.run(command, env=environment, capture_output=True, text=True)
         if done.returncode:
             said = (done.stderr.strip().splitlines() or ["nothing said"])[-1]

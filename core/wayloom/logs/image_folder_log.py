@@ -66,11 +66,23 @@ class ImageFolderLog:
         """Decode (and, where the log is distorted, rectify) one pair. Raises LogError that names the file."""
         if not 0 <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
-        left, right = (self._read(files[index], size) for files, size in self._sides())
+        left, right = (self._read(files[index], size, self.colour) for files, size in self._sides())
         if self.rectifier is not None:
             left, right = self.rectifier(left, right)
-        exposed = None if self.exposure_s is None else (float(self.exposure_s[index, 0]), float(self.exposure_s[index, 1]))
-        return StereoFrame(index, int(self.t_ns[index]), left, right, exposed)
+        return StereoFrame(index, int(self.t_ns[index]), left, right, self.exposure_of(index))
+
+    def grey_side(self, index: int, right: bool) -> Image:
+        """Decode one image of a pair to grey (h, w), for those who need no colour or not both. Raises LogError as `frame`."""
+        files, size = self._sides()[right]
+        image = self._read(files[index], size, colour=False)
+        if self.rectifier is None:
+            return image
+        maps = self.rectifier.right if right else self.rectifier.left
+        return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), np.uint8)
+
+    def exposure_of(self, index: int) -> tuple[float, float] | None:
+        """Exposure times in seconds of a pair, left and right, where the log has them."""
+        return None if self.exposure_s is None else (float(self.exposure_s[index, 0]), float(self.exposure_s[index, 1]))
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[StereoFrame]:
         """The pairs from start to stop in order, one in memory at a time."""
@@ -96,7 +108,7 @@ class ImageFolderLog:
                 try:
                     check_size(read_header(files[i]), size, files[i])
                     if decode:
-                        self._read(files[i], size)
+                        self._read(files[i], size, self.colour)
                 except LogError as problem:
                     found.append(problem)
             progress((i + 1) / len(self))
@@ -105,9 +117,9 @@ class ImageFolderLog:
     def _sides(self) -> tuple[tuple[tuple[Path, ...], tuple[int, int]], ...]:
         return (self.pairs.left, self.stored_sizes[0]), (self.pairs.right, self.stored_sizes[1])
 
-    def _read(self, file: Path, size: tuple[int, int]) -> Image:
-        image = read_image(file, colour=self.colour)
-        check_size(ImageHeader(image.shape[1], image.shape[0], self.colour), size, file)
+    def _read(self, file: Path, size: tuple[int, int], colour: bool) -> Image:
+        image = read_image(file, colour=colour)
+        check_size(ImageHeader(image.shape[1], image.shape[0], colour), size, file)
         return image
 
 

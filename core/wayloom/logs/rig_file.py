@@ -38,8 +38,8 @@ class RigFile:
     rig          the rectified rig that the lens is relative to: the calibration of the first drive
     drives       names of the drives that it was learnt from, sorted
     lens, sigma, determined   the parameters; (10,) standard deviations; (10,) whether the drives determined them
-    information, pull   (11, 11) and (11,): what the drives say without any prior, as energy 1/2 x^T information x - pull^T x; x is
-                 the parameters' difference from the ideal camera's and a radial error k1 that both lenses share; later drives add
+    information, pull   (11, 11) and (11,): what the drives say without any prior, as energy 1/2 x^T information x - pull^T x of the
+                 parameters' difference from the ideal camera's and a radial error k1 of both lenses; later drives are added
     matches, noise_px   how many matches it rests on, and how well one fits, px
     """
 

@@ -58,20 +58,24 @@ def give_points(
     pixels, found = stereo_candidates(left, right, np.concatenate([uv_live, uv_waiting]), cell, s, stopwatch)
     matched = found[:, 0] > 0
     now.frames.gain_right[newest] = stereo.right_gain(left, right, pixels[matched], found[matched, 0])
-    traced = waiting[(now.immature.traced[waiting] > 0) & free(left.shape, uv_live, uv_waiting)]
-    traced = traced[selection.spread_sample(now.immature.points.uv[traced].astype(np.int64), int(s.traced_share * room), s.seed)]
-    live = np.flatnonzero(matched)[selection.spread_sample(pixels[matched], room - len(traced), s.seed)]
     bf = -rig.fx * rig.tx
     rho = np.where(matched, np.maximum(found[:, 0] - now.delta[0], 0.1) / bf, 0.0)
-    ripe = window.chosen(now.immature.points, traced)
-    immature.keep(now, np.isin(np.arange(len(now.immature.id)), traced, invert=True))
-    window.add_points(now, window.joined(ripe, window.new_points(now, pixels[live], rho[live], s.gradient_scale)), next_id)
-    next_id += len(traced) + len(live)
-    later = np.setdiff1d(np.arange(len(pixels)), live)
-    later = later[selection.spread_sample(pixels[later], s.immature_points, s.seed)]
-    immature.add(now, pixels[later], rho[later], next_id, s.gradient_scale, rig, robust)
-    cell = selection.next_cell(cell, int(matched.sum()), room)
-    return Given(next_id + len(later), cell, pixels[matched], found[matched, 0])
+    sought = np.flatnonzero(~matched)
+    sought = sought[selection.spread_sample(pixels[sought], s.sought_points, s.seed)]
+    rows = np.append(np.flatnonzero(matched), sought)
+    fresh = immature.of_pixels(now, pixels[rows], rho[rows], next_id, s.gradient_scale, rig, robust)
+    ripe = waiting[(now.immature.traced[waiting] > 0) & free(left.shape, uv_live, uv_waiting)]
+    ripe = ripe[selection.spread_sample(now.immature.points.uv[ripe].astype(np.int64), int(s.traced_share * room), s.seed)]
+    known = np.flatnonzero(immature.known(fresh))
+    live = known[selection.spread_sample(fresh.points.uv[known].astype(np.int64), room - len(ripe), s.seed)]
+    window.add_points(
+        now, window.joined(window.chosen(now.immature.points, ripe), window.chosen(fresh.points, live)),
+        np.append(now.immature.id[ripe], fresh.id[live]),
+    )  # fmt: skip
+    immature.keep(now, np.isin(np.arange(len(now.immature.id)), ripe, invert=True))
+    immature.add(now, immature.part(fresh, np.setdiff1d(np.arange(len(fresh.id)), live)))
+    wanted = max(room, s.matched_points)
+    return Given(next_id + len(rows), selection.next_cell(cell, len(known), wanted), pixels[matched], found[matched, 0])
 
 
 def seen(now: Window, points: PointColumns, rig: Rig, border: float) -> tuple[FloatArray, IntArray]:

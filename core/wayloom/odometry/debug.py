@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.logs.types import StereoFrame
 from wayloom.odometry import adjust, debug_pictures
+from wayloom.odometry.feed import GreyPair
 from wayloom.odometry.kernels.tracking import mean_flow
 from wayloom.odometry.track import Reference
 
@@ -62,7 +62,7 @@ class Debug:
             frame = odometry.harvest.keyframes[keyframe].frame
             self.writers[ENERGIES_FILE].writerow((keyframe, frame, iterations, f"{self.energy:.6g}"))
 
-    def frame(self, odometry: "Odometry", frame: StereoFrame, left: Image) -> None:
+    def frame(self, odometry: "Odometry", frame: GreyPair, left: Image) -> None:
         """One line about a frame that was just processed, and a picture where it became a keyframe."""
         is_keyframe = bool(odometry.harvest.keyframes) and odometry.harvest.keyframes[-1].frame == frame.index
         reference = reference_of(odometry)
@@ -92,7 +92,7 @@ class Debug:
         for stream in self.streams:
             stream.close()
 
-    def _outcome(self, odometry: "Odometry", frame: StereoFrame, is_keyframe: bool) -> dict[str, Any]:
+    def _outcome(self, odometry: "Odometry", frame: GreyPair, is_keyframe: bool) -> dict[str, Any]:
         row = odometry.harvest.frames[-1]
         loss = odometry.losses[-1] if odometry.losses and odometry.losses[-1]["frame"] == frame.index else {"reason": ""}
         return {

@@ -62,7 +62,7 @@ def titled(canvas: Image, text: str) -> Image:
 def depth_overlay(odometry: "Odometry", left: Image) -> Image:
     """The live points in the newest keyframe, near red, far blue."""
     window, canvas = odometry.window, dimmed(left)
-    projected = project_into(window, len(window) - 1, odometry.rig, odometry.settings.border)
+    projected = project_into(window, window.points, len(window) - 1, odometry.rig, odometry.settings.border)
     seen = projected[~np.isnan(projected[:, 0])]
     dots(canvas, seen[:, :2], coloured(seen[:, 2] * NEAR_M, cv2.COLORMAP_TURBO))
     frame = odometry.harvest.keyframes[-1].frame

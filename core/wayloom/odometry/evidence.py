@@ -35,7 +35,10 @@ MIN_EIGENVALUE = 10.0
 DEPTH_DOUBT_PX = 2.0
 """How wrong a first disparity may be: a target is searched along its epipolar line so far."""
 MAX_REACH_PX = 12.0
-MAX_RMS = 6.0
+GOOD_RMS = 2.0
+"""grey levels. Patches across the edge of something near fit worse and lie wrong: the better half of a host's are kept, or those
+under this; in targets, which look from elsewhere, TARGET_RMS times as much is allowed."""
+TARGET_RMS = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +79,8 @@ class Evidence:
 
 @dataclass(slots=True)
 class Snippet:
-    """A snippet that grows: its host's smoothed left image and its points; pixels (n, 2), inverse depths rho (n,) 1/m."""
+    """A snippet that grows: its host's smoothed left image and its points; pixels (n, 2), inverse depths rho (n,) 1/m;
+    limit: the largest rms residual of a match, grey levels."""
 
     frame: int
     T_cam_world: FloatArray
@@ -84,6 +88,7 @@ class Snippet:
     pixels: NDArray[np.int64]
     rho: FloatArray
     uv_right: FloatArray
+    limit: float
     at_m: float
     targets: list[tuple[int, FloatArray, FloatArray, FloatArray]] = field(default_factory=list)
     """frame, T_target_host (4, 4), left (n, 2) and right (n, 2) matches"""
@@ -124,16 +129,19 @@ class EvidenceCollector:
         found = stereo.match(left, right_images.align(right), pixels, left.shape[1] // 4, 0.85, 12.0, 60)
         good = found[:, 1] < NO_MATCH
         pixels, disparity = pixels[good], found[good, 0]
-        pixels, disparity = (a[selection.spread_sample(pixels, 3 * MOST_POINTS)] for a in (pixels, disparity))
+        pixels, disparity = (a[selection.spread_sample(pixels, 4 * MOST_POINTS)] for a in (pixels, disparity))
         smooth = smoothed(left)
         start = right_images.real_pixels(np.column_stack([pixels[:, 0] - disparity, pixels[:, 1]]))
-        uv_right = matched(smooth, smoothed(right), pixels, start, np.ones(len(pixels)))
+        found = matched(smooth, smoothed(right), pixels, start, np.ones(len(pixels)))
+        fits = found[np.isfinite(found[:, 2]), 2]
+        limit = max(GOOD_RMS, float(np.median(fits))) if len(fits) else GOOD_RMS
+        uv_right = within(found, limit)
         known = np.flatnonzero(np.isfinite(uv_right[:, 0]))
         known = known[selection.spread_sample(pixels[known], MOST_POINTS)]
         if len(known) < LEAST_POINTS:
             return None
         rho = np.asarray((disparity[known] - delta) / self.rig.bf, np.float64)
-        return Snippet(frame, T_cam_world.copy(), smooth, pixels[known], rho, uv_right[known], self.way_m)
+        return Snippet(frame, T_cam_world.copy(), smooth, pixels[known], rho, uv_right[known], limit, self.way_m)
 
     def _extend(
         self,
@@ -171,7 +179,8 @@ class EvidenceCollector:
         length = np.maximum(np.hypot(slope[:, 0], slope[:, 1]), 1e-12)
         reach = np.minimum(length * DEPTH_DOUBT_PX / self.rig.bf, MAX_REACH_PX)
         start[(scale < 0.5) | (scale > 3.0)] = np.nan
-        return matched(snippet.left, target, snippet.pixels, start, scale, slope / length[:, None], reach)
+        found = matched(snippet.left, target, snippet.pixels, start, scale, slope / length[:, None], reach)
+        return within(found, TARGET_RMS * snippet.limit)
 
     def _match_right(
         self,
@@ -187,7 +196,7 @@ class EvidenceCollector:
         scale = 1.0 / np.maximum(z, 1e-6)
         disparity = self.rig.bf * snippet.rho * scale + delta
         start = right_images.real_pixels(in_left - np.column_stack([disparity, np.zeros(len(disparity))]))
-        return matched(snippet.left, target_right, snippet.pixels, start, scale)
+        return within(matched(snippet.left, target_right, snippet.pixels, start, scale), TARGET_RMS * snippet.limit)
 
     def _close(self, snippet: Snippet) -> None:
         """Keep the snippet if it has a target; where there are too many, every second goes and the next come half as often."""
@@ -237,11 +246,17 @@ def matched(
     directions: FloatArray | None = None,
     reach: FloatArray | None = None,
 ) -> FloatArray:
-    """(n, 2) px of the patches around pixels (n, 2) of host (h, w) in target (h, w), NaN where they are not found.
+    """(n, 3) of the patches around pixels (n, 2) of host (h, w) in target (h, w): u, v in px, the rms residual in grey levels; NaN
+    where they are not found.
 
     start (n, 2) px; scale (n,); first searched within +-reach (n,) px along directions (n, 2).
     """
     n, out = len(pixels), np.empty((len(pixels), 3))
     directions, reach = (np.zeros((n, 2)), np.zeros(n)) if directions is None or reach is None else (directions, reach)
     match_patches(host, target, pixels, start, scale, directions, reach, MIN_EIGENVALUE, out)
-    return np.where(out[:, 2:] <= MAX_RMS, out[:, :2], np.nan)
+    return out
+
+
+def within(found: FloatArray, limit: float) -> FloatArray:
+    """(n, 2) px of what `matched` found (n, 3), NaN where the rms residual is larger than the limit."""
+    return np.where(found[:, 2:] <= limit, found[:, :2], np.nan)

@@ -108,22 +108,25 @@ class Harvest:
             np.array([row.segment for row in rows], np.int32),
         )
 
-    def final_points(self, min_observations: int, max_relative_sigma: float) -> Points:
-        """The points that ended well: seen by enough keyframes beside the host and of sure depth; ordered by number.
+    def final_points(self, min_observations: int, min_confirmations: int, max_relative_sigma: float) -> Points:
+        """The points that ended well: seen by enough keyframes beside the host, in enough images, of sure depth; ordered by number.
 
-        In a segment with fewer keyframes than that, all the others must have seen a point; where its host is the only one, the
-        host's right image must agree.
+        min_confirmations : images that agree, left and right ones of observers and the host's right one. In a segment with few
+        keyframes all the others must have seen a point; where its host is the only one, the host's right image must agree.
         """
         if not self.points:
             return _points_of({}, np.zeros((0, 3), np.int64))
         column = {name: np.concatenate([part[name] for part in self.points]) for name in self.points[0]}
         seen = np.concatenate([np.zeros((0, 3), np.int64), *self.observations])
         seen = seen[np.lexsort((seen[:, 1], seen[:, 0]))]
+        seen = seen[np.append(True, (np.diff(seen[:, :2], axis=0) != 0).any(axis=1))[: len(seen)]]  # seen while immature and live
         counts = np.bincount(seen[:, 0], minlength=self.next_point)[column["id"]]
+        right = np.bincount(seen[:, 0], weights=seen[:, 2], minlength=self.next_point)[column["id"]]
         sure = np.sqrt(column["variance"]) < max_relative_sigma * column["rho"]
         segment = np.array([row.segment for row in self.keyframes], np.int64)
         others = np.bincount(segment)[segment[column["host"].astype(np.int64)]] - 1
-        confirmed = (counts >= np.minimum(min_observations, others)) & ((others > 0) | (column["host_right"] > 0))
+        images = counts + right + column["host_right"].astype(np.int64)
+        confirmed = (counts >= np.minimum(min_observations, others)) & (images >= np.minimum(min_confirmations, others + 1))
         good = np.flatnonzero(confirmed & sure)
         good = good[np.argsort(column["id"][good], kind="stable")]
         return _points_of({name: values[good] for name, values in column.items()}, seen)

@@ -21,7 +21,7 @@ NEAREST_M = 2.0
 UNIQUENESS = 3.0
 """Least ratio of the second best squared distance to the best (Engel et al. 2018: 3)."""
 MAX_LENGTH_PX = 80.0
-LOOK_BACK = 3
+LOOK_BACK = 2
 """Keyframes before its own in which a point is sought."""
 START_INFORMATION = 1e-3
 """Of a depth that has just been found; what the images tell is a thousand times that and more."""
@@ -35,9 +35,12 @@ def known(waiting: ImmaturePoints) -> BoolArray:
     return np.asarray(waiting.information > 0)
 
 
-def add(window: Window, pixels: IntArray, rho: FloatArray, first_id: int, gradient_scale: float, rig: Rig, robust: Robust) -> None:
-    """Let pixels (n, 2) of the newest keyframe wait, numbered from first_id; rho (n,) 1/m from static stereo, 0 where unknown."""
-    old, n = window.immature, len(pixels)
+def of_pixels(
+    window: Window, pixels: IntArray, rho: FloatArray, first_id: int, gradient_scale: float, rig: Rig, robust: Robust
+) -> ImmaturePoints:
+    """Immature points at pixels (n, 2) of the newest keyframe, numbered from first_id; rho (n,) 1/m from static stereo, 0 where it
+    is unknown; those whose patch does not fit their own right image are left out."""
+    n = len(pixels)
     points = new_points(window, pixels, rho, gradient_scale)
     fresh = ImmaturePoints(
         points, np.arange(first_id, first_id + n), np.zeros(n), np.full(n, 1.0 / NEAREST_M), np.zeros(n), np.zeros(n, np.int64),
@@ -45,25 +48,35 @@ def add(window: Window, pixels: IntArray, rho: FloatArray, first_id: int, gradie
     )  # fmt: skip
     _update(window, fresh, np.flatnonzero(rho > 0), len(window) - 1, rig, robust)
     points.has_static[:] = fresh.information > 0
+    return part(fresh, (points.rho == 0) | (fresh.information > 0))
+
+
+def part(points: ImmaturePoints, rows: IntArray | BoolArray) -> ImmaturePoints:
+    """Some of them."""
+    return ImmaturePoints(chosen(points.points, rows), *(getattr(points, name)[rows] for name in ImmaturePoints.__slots__[1:]))
+
+
+def add(window: Window, fresh: ImmaturePoints) -> None:
+    """Let points of the newest keyframe wait."""
+    old = window.immature
     window.immature = ImmaturePoints(
-        joined(old.points, points),
+        joined(old.points, fresh.points),
         *(np.append(getattr(old, name), getattr(fresh, name)) for name in ImmaturePoints.__slots__[1:]),
     )
 
 
 def keep(window: Window, mask: BoolArray) -> None:
     """Forget those that are not in mask (N,)."""
-    old = window.immature
-    window.immature = ImmaturePoints(chosen(old.points, mask), *(getattr(old, name)[mask] for name in ImmaturePoints.__slots__[1:]))
+    window.immature = part(window.immature, mask)
 
 
 def _update(window: Window, waiting: ImmaturePoints, rows: IntArray, target: int, rig: Rig, robust: Robust) -> IntArray:
     """What keyframe `target` tells of the points `rows` (n,) of known depth; returns the observations (m, 3) there: point's
     number, row of the keyframe, 1 where its right image agrees."""
-    points, information = chosen(waiting.points, rows), waiting.information[rows]
     state, agrees = np.zeros((2, len(rows)), np.int64)
-    update_depths(window.images, rig, window.frames, points, target, window.delta[0], robust, information, state, agrees)
-    waiting.points.rho[rows], waiting.information[rows] = points.rho, information
+    update_depths(
+        window.images, rig, window.frames, waiting.points, rows, target, window.delta[0], robust, waiting.information, state, agrees
+    )  # fmt: skip
     seen = state == TRACED
     return np.column_stack([waiting.id[rows][seen], np.full(int(seen.sum()), window.keyframe[target]), agrees[seen]])
 
@@ -83,19 +96,19 @@ def _look(window: Window, rows: IntArray, target: int, rig: Rig, robust: Robust)
     """Search those of the points `rows` (n,) of unknown depth in keyframe `target`, and take what it tells of the others."""
     p = window.immature
     sought = rows[p.information[rows] == 0]
-    points, low, high = chosen(p.points, sought), p.low[sought], p.high[sought]
     state = np.zeros(len(sought), np.int64)
-    trace_points(window.images, rig, window.frames, points, target, low, high, UNIQUENESS, MAX_LENGTH_PX, robust, state)
-    p.points.rho[sought], p.low[sought], p.high[sought] = points.rho, low, high
+    trace_points(
+        window.images, rig, window.frames, p.points, sought, target, p.low, p.high, UNIQUENESS, MAX_LENGTH_PX, robust, state
+    )
     p.failures[sought] += state == MISFIT
     p.traced[sought] += state == TRACED
-    p.information[sought[(state == TRACED) & (high - low < 2 * SURE * points.rho)]] = START_INFORMATION
+    found = sought[state == TRACED]
+    p.information[found[(p.high - p.low)[found] < 2 * SURE * p.points.rho[found]]] = START_INFORMATION
     return _update(window, p, rows[p.information[rows] > 0], target, rig, robust)
 
 
 def take(window: Window, gone: BoolArray) -> ImmaturePoints:
     """Take those in gone (N,) out of the window; returns the ones of known depth."""
-    old, mask = window.immature, gone & known(window.immature)
-    taken = ImmaturePoints(chosen(old.points, mask), *(getattr(old, name)[mask] for name in ImmaturePoints.__slots__[1:]))
+    taken = part(window.immature, gone & known(window.immature))
     keep(window, ~gone)
     return taken

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry import se3
 from wayloom.geometry.lens import IDENTITY, RightLens
-from wayloom.logs.types import DriveLog, StereoFrame
+from wayloom.logs.types import DriveLog
 from wayloom.odometry import (
     ablation,
     activation,
@@ -62,7 +62,7 @@ def track(
         progress(0.0, f"aligning the rows of left and right{COMPILING}")
         right_images = rows.RightImages(log.rig, lens, feed.fit_rows(log, settings.row_frames, lens))
         odometry = Odometry(right_images, settings, for_log(log, settings), collector, debug)
-        for frame in feed.frames(log, threads, odometry.stopwatch):
+        for frame in feed.frames(log, threads, odometry.stopwatch, odometry.levels):
             odometry.process(frame)
             keyframes = len(odometry.harvest.keyframes)
             progress(
@@ -102,12 +102,12 @@ class Odometry:
         self.references: list[tracking.Reference] = []  # of the newest keyframes, newest last
         self.brightness, self.first_rms, self.smoothed_rms = np.array([1.0, 0.0]), math.inf, math.inf
 
-    def process(self, frame: StereoFrame) -> None:
+    def process(self, frame: feed.GreyPair) -> None:
         """One pair; the right image is used at keyframes only."""
-        left = pyramid.grey(frame.left)
+        left = frame.left
         self.t_ns.append(frame.t_ns)
         with self.stopwatch("pyramid"):
-            images = pyramid.build(left, self.levels)
+            images = pyramid.build(left, self.levels) if frame.images is None else frame.images
         T_expected, self.found, self.keyframe_reason = self._expected_pose(), None, "first of a segment"
         if recovery.is_blank(left, self.settings.min_contrast):
             self._hold(frame, T_expected, "the image is blank")
@@ -118,7 +118,7 @@ class Odometry:
         if self.debug is not None:
             self.debug.frame(self, frame, left)
 
-    def _follow(self, frame: StereoFrame, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
+    def _follow(self, frame: feed.GreyPair, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
         """Align a frame with the window; make it a keyframe if it is due, or start anew after too many failures."""
         with self.stopwatch("track"):
             found = self.found = self._align(left, images, T_expected)
@@ -192,14 +192,14 @@ class Odometry:
         self.brightness, self.failed, self.last_tracked = fit.brightness, 0, len(self.harvest.frames)
 
     # ------------------------------------------------------------------ losses and segments
-    def _hold(self, frame: StereoFrame, T_expected: FloatArray, reason: str) -> None:
+    def _hold(self, frame: feed.GreyPair, T_expected: FloatArray, reason: str) -> None:
         """Keep a frame that could not be tracked at its expected pose."""
         self.losses.append({"frame": frame.index, "reason": reason})
         row = len(self.harvest.keyframes) - 1
         T = T_expected if row < 0 else T_expected @ se3.inverse(self.harvest.keyframes[row].T_cam_world)
         self.harvest.frames.append(FrameRow(row, T, False, self._segment()))
 
-    def _start_segment(self, frame: StereoFrame, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
+    def _start_segment(self, frame: feed.GreyPair, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
         """Begin anew from static stereo at the expected pose; where stereo finds too little the frame is lost."""
         right = self._aligned_right(frame)
         _, found = activation.stereo_candidates(left, right, np.zeros((0, 2)), self.cell, self.settings, self.stopwatch)
@@ -211,10 +211,10 @@ class Odometry:
         self.failed, self.last_tracked = 0, len(self.harvest.frames)
         self._add_keyframe(frame, left, images, T_expected, np.zeros(2))
 
-    def _collect(self, frame: StereoFrame, left: Image) -> None:
+    def _collect(self, frame: feed.GreyPair, left: Image) -> None:
         """Give the newest keyframe to the evidence of the rig."""
         if self.collector is not None:
-            right, newest = pyramid.grey(frame.right), self.window.frames.T_cam_world[-1]
+            right, newest = frame.right, self.window.frames.T_cam_world[-1]
             self.collector.keyframe(frame.index, left, right, newest, self.right_images, float(self.window.delta[0]))
 
     def _end_segment(self) -> None:
@@ -228,7 +228,7 @@ class Odometry:
 
     # ------------------------------------------------------------------ keyframes
     def _add_keyframe(
-        self, frame: StereoFrame, left: Image, images: pyramid.Pyramid, T_cam_world: FloatArray, affine: FloatArray
+        self, frame: feed.GreyPair, left: Image, images: pyramid.Pyramid, T_cam_world: FloatArray, affine: FloatArray
     ) -> None:
         """Make the frame a keyframe: points by static stereo, adjustment of the window, and what is too much for it leaves."""
         s, row = self.settings, len(self.harvest.keyframes)
@@ -265,10 +265,11 @@ class Odometry:
         """Time stamps (ns) of the window's keyframes."""
         return [self.t_ns[self.harvest.keyframes[row].frame] for row in self.window.keyframe]
 
-    def _aligned_right(self, frame: StereoFrame) -> Image:
+    def _aligned_right(self, frame: feed.GreyPair) -> Image:
         """The right image (h, w), its rows on the left's."""
+        with self.stopwatch("decode"):
+            right = frame.right
         with self.stopwatch("rows"):
-            right = pyramid.grey(frame.right)
             return self.right_images.align(right)
 
     def _give_points(self, left: Image, right: Image) -> None:
@@ -301,12 +302,12 @@ class Odometry:
     # ------------------------------------------------------------------ result
     def finish(self) -> OdometryResult:
         """The tracked drive; every point that is still alive leaves into it."""
-        delta = float(self.window.delta[0])
+        s, delta = self.settings, float(self.window.delta[0])
         if self.debug is not None:
             self.debug.finish(self)
         self._end_segment()
         trajectory = self.harvest.trajectory(np.array(self.t_ns, np.int64))
-        points = self.harvest.final_points(self.settings.min_observations, self.settings.max_relative_sigma)
+        points = self.harvest.final_points(s.min_observations, s.min_confirmations, s.max_relative_sigma)
         return OdometryResult(
             self.stereo_rig, trajectory, self.harvest.final_keyframes(), points, delta, self.right_images.all_rows(),
             self._report(len(points), delta), self.right_images.lens,
@@ -326,6 +327,7 @@ class Odometry:
             "losses": self.losses,
             "disparity_bias_px": delta,
             "row_coefficients_px": [float(c) for c in self.right_images.coefficients],
+            "rows_off_px": self.right_images.worst_px(),
             "right_lens": None if self.right_images.lens.is_ideal else asdict(self.right_images.lens),
             "imu": None if self.imu is None else self.imu.report(),
             "seconds": {part: round(seconds, 4) for part, seconds in sorted(self.stopwatch.seconds.items())},

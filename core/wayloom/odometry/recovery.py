@@ -25,12 +25,14 @@ Image = NDArray[np.uint8]
 ALWAYS_BELIEVED_M = 0.3
 MAX_SPEED_M_S = 90.0
 WORSE_THAN_USUAL = 1.5
-SATURATED, LONG_GAP_S = 0.15, 0.45
+SATURATED, GRAVELY_SATURATED, LONG_GAP_S = 0.15, 0.3, 0.45
 GRID_TURNS_RAD = (-0.32, -0.22, -0.14, -0.08, 0.08, 0.14, 0.22, 0.32)
 GRID_WAYS = (0.0, 1.0, 2.0)
 GRID_KEPT = 4
 OLDER_KEYFRAMES = 3
 TRUSTED_WAY_M, TRUSTED_WAY_SHARE, TRUSTED_TURN_RAD = 0.3, 0.05, 0.02
+MANY_FEATURES, VISIBLE_BESIDE_FEATURES = 35, 0.05
+"""So many features vouch for a place from which no more than this share of the reference is seen."""
 USUAL_GAIN, GAIN_RATIO = 2.0, 2.5
 
 
@@ -85,11 +87,11 @@ def is_doubtful(fit: Alignment, sought: Sought, settings: OdometrySettings) -> b
     return sought.starting or sought.since_s > LONG_GAP_S or fits_badly(fit, sought.usual_rms, settings)
 
 
-def fit_failure(fit: Alignment, settings: OdometrySettings) -> str | None:
-    """Why an alignment cannot be right, in words, or None."""
+def fit_failure(fit: Alignment, settings: OdometrySettings, min_visible: float | None = None) -> str | None:
+    """Why an alignment cannot be right, in words, or None. min_visible : share of the reference; default is the settings'."""
     if not (np.isfinite(fit.T_frame_keyframe).all() and np.isfinite(fit.brightness).all() and math.isfinite(fit.rms)):
         return "the alignment is not finite"
-    if fit.visible < settings.min_visible:
+    if fit.visible < (settings.min_visible if min_visible is None else min_visible):
         return f"{100 * fit.visible:.0f} % of the keyframe's points are in view"
     if fit.saturated > settings.max_saturated:
         return f"{100 * fit.saturated:.0f} % of the points fit worse than {settings.cutoff:g} grey levels"
@@ -167,8 +169,8 @@ class Recovery:
         fit = best_alignment(sought.images, newest, guesses, sought.brightness, fit, T_world_newest, self.cameras, s)
         failure, tried = self._failure(fit, newest.keyframe, sought, window), 1 + len(guesses)
         best = Found(fit, newest.keyframe, failure, tried)
-        surprised = self._surprises(fit, newest.keyframe, sought, window)
-        if failure is None and not (sought.starting or sought.since_s > LONG_GAP_S or surprised):
+        uncertain = sought.starting or sought.since_s > LONG_GAP_S or fit.saturated > GRAVELY_SATURATED
+        if failure is None and not uncertain and not self._surprises(fit, newest.keyframe, sought, window):
             return best
         seen = relocalise.find_features(sought.left)
         for index in self._candidates(window)[: 1 if failure is None else None]:
@@ -187,10 +189,12 @@ class Recovery:
             sought.images, reference, T_frame_keyframe, brightness, self.cameras, len(self.cameras) - 1, 0, self.settings
         )  # fmt: skip
 
-    def _failure(self, fit: Alignment, keyframe: int, sought: Sought, window: Window) -> str | None:
+    def _failure(
+        self, fit: Alignment, keyframe: int, sought: Sought, window: Window, min_visible: float | None = None
+    ) -> str | None:
         """Why an alignment cannot be believed, or None. A motion that does not go on as it was is believed where the whole image
         agrees: half an image may be a bus that passes."""
-        failure = fit_failure(fit, self.settings)
+        failure = fit_failure(fit, self.settings, min_visible)
         index = _index_of(window, keyframe)
         failure = failure or gain_failure(fit, sought.left, window.images.left[window.frames.slot[index]])
         if failure is not None:
@@ -231,7 +235,8 @@ class Recovery:
         fit = align(
             sought.images, reference, sighting.T_frame_keyframe, sighting.brightness, self.cameras, top, 0, self.settings
         )  # fmt: skip
-        if self._failure(fit, row, sought, window) is not None or not _agree(fit, sighting):
+        min_visible = VISIBLE_BESIDE_FEATURES if sighting.inliers >= MANY_FEATURES else None
+        if self._failure(fit, row, sought, window, min_visible) is not None or not _agree(fit, sighting):
             return None
         return Found(fit, row, None, 1, sighting.inliers)
 

@@ -24,9 +24,9 @@ MIN_MATCHES = 60
 RIDGE = 0.01  # matches' worth of pull to zero: an image without matches in its corners keeps a small keystone
 MAP_STEP = 8
 """px between the points at which the maps are computed; between them they are linear, which errs by under 1e-3 px."""
-KEYFRAME_MATCHES = 64
-MEMORY = 0.97
-"""Of older keyframes' matches, at each keyframe: about 2000 matches are remembered."""
+KEYFRAME_MATCHES = 96
+MEMORY = 0.95
+"""Of older keyframes' matches, at each keyframe: about 2000 matches are remembered, those of 20 keyframes."""
 RENEWAL_PX = 0.02
 """The maps are made anew when they are off by more anywhere."""
 Image = NDArray[np.uint8]
@@ -126,22 +126,12 @@ def maps(coefficients: FloatArray, rig: StereoRig, lens: RightLens = IDENTITY) -
     v, u = np.mgrid[0:down, 0:across].astype(np.float64) * MAP_STEP
     uv = np.column_stack([u.ravel(), v.ravel()])
     coarse = (real_pixels(coefficients, rig, lens, uv) - uv).reshape(down, across, 2)
-    fine = _between(_between(coarse, height, 0), width, 1)
-    fine[..., 0] += np.arange(width)
-    fine[..., 1] += np.arange(height)[:, None]
-    columns, rows = (np.ascontiguousarray(fine[..., k], np.float32) for k in range(2))
+    between = np.array([[1.0 / MAP_STEP, 0.0, 0.0], [0.0, 1.0 / MAP_STEP, 0.0]])  # linear, to 1/32 of a step
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    moved = [cv2.warpAffine(coarse[..., k].astype(np.float32), between, (width, height), flags=flags) for k in range(2)]
+    columns, rows = moved[0] + np.arange(width, dtype=np.float32), moved[1] + np.arange(height, dtype=np.float32)[:, None]
     first, second = cv2.convertMaps(columns, rows, cv2.CV_16SC2)
     return np.asarray(first, np.int16), np.asarray(second, np.uint16)
-
-
-def _between(coarse: FloatArray, size: int, axis: int) -> FloatArray:
-    """Values at every MAP_STEP-th place along an axis, linearly at all `size` places."""
-    place = np.arange(size)
-    before = np.minimum(place // MAP_STEP, coarse.shape[axis] - 2)
-    shape = [1] * coarse.ndim
-    shape[axis] = size
-    share = ((place - before * MAP_STEP) / MAP_STEP).reshape(shape)
-    return np.asarray((1.0 - share) * coarse.take(before, axis) + share * coarse.take(before + 1, axis))
 
 
 def align(right: Image, row_maps: Maps) -> Image:
@@ -207,8 +197,14 @@ class RightImages:
         start = H / (1.0 - MEMORY)
         return start, start @ self.terms
 
+    def worst_px(self) -> float:
+        """How far the rows are off in the corner where they are off the most, beside what the lens does, px."""
+        return float(np.abs(shift(self.coefficients, self.rig, self._corners())[:, 1]).max())
+
     def _off_by(self) -> float:
         """px, at the worst corner, between the coefficients of the maps and the latest."""
+        return float(np.abs(shift(self.terms[:3] - self.coefficients, self.rig, self._corners())).max())
+
+    def _corners(self) -> FloatArray:
         camera = self.rig.camera
-        corners = np.array([(u, v) for u in (0.0, camera.width - 1.0) for v in (0.0, camera.height - 1.0)])
-        return float(np.abs(shift(self.terms[:3] - self.coefficients, self.rig, corners)).max())
+        return np.array([(u, v) for u in (0.0, camera.width - 1.0) for v in (0.0, camera.height - 1.0)])

@@ -33,11 +33,14 @@ class OdometrySettings(Settings):
     """Everything that can be chosen. Grey levels are 0 to 255; shares of the image refer to width + height."""
 
     window: int = Field(7, ge=3, le=12, description="keyframes in the window")
-    points: int = Field(800, ge=50, le=5000, description="points wanted in view of a keyframe")
+    points: int = Field(500, ge=50, le=5000, description="points wanted in view of a keyframe")
     new_points: int = Field(400, ge=20, le=5000, description="at most activated at a keyframe")
     min_new_points: int = Field(150, ge=10, le=5000, description="activated even where enough are in view")
     traced_share: float = Field(0.3, ge=0, le=1, description="of the new live points, those that were traced in several keyframes")
-    immature_points: int = Field(500, ge=0, le=20000, description="candidates of a keyframe that may wait beside the live points")
+    matched_points: int = Field(
+        450, ge=0, le=20000, description="wanted from static stereo at a keyframe; those beside the live ones wait"
+    )
+    sought_points: int = Field(120, ge=0, le=20000, description="candidates of a keyframe without a static match that are traced")
     candidates: int = Field(1600, ge=50, le=20000, description="pixels tried by stereo at the first keyframe; sets the cell size")
     levels: int = Field(5, ge=1, le=8, description="pyramid levels; fewer in small images")
     track_iterations: tuple[int, ...] = Field((50, 50, 50, 20, 10, 10, 10, 10), description="at most, finest level first")
@@ -61,7 +64,7 @@ class OdometrySettings(Settings):
     max_disparity: int = Field(180, ge=8, description="px")
     min_disparity: float = Field(0.5, gt=0, description="px")
     max_sigma: float = Field(0.5, gt=0, description="px, of a disparity")
-    uniqueness: float = Field(0.85, gt=0, le=1, description="best cost over second best")
+    uniqueness: float = Field(0.7, gt=0, le=1, description="best cost over second best")
     max_cost: float = Field(12.0, gt=0, description="of the capped slope, a pixel")
     slope_cap: int = Field(60, ge=10, le=255)
     row_frames: tuple[int, ...] = Field((0, 3, 6, 9), description="frames whose stereo matches fit the rows' misalignment")
@@ -77,6 +80,9 @@ class OdometrySettings(Settings):
     patience: int = Field(3, ge=1, description="frames that may fail in a row before a new segment starts")
     max_gap_s: float = Field(2.0, gt=0, description="seconds without a tracked frame before a new segment starts")
     min_observations: int = Field(2, ge=1, description="keyframes beside the host that must have seen a point for it to be kept")
+    min_confirmations: int = Field(
+        7, ge=1, description="images that must agree on a kept point: left and right ones of observers, and the host's right one"
+    )
     grey_sigma: float = Field(8.0, gt=0, description="grey levels, for a point's variance")
     disparity_sigma: float = Field(0.15, ge=0, description="px, the part of a point's sigma that more views do not lower")
     max_relative_sigma: float = Field(0.2, gt=0, description="sigma of a kept point's inverse depth over the inverse depth")

@@ -146,10 +146,10 @@ def chosen(points: PointColumns, rows: IntArray | BoolArray) -> PointColumns:
     return PointColumns(*(column[rows] for column in points))
 
 
-def add_points(window: Window, points: PointColumns, first_id: int) -> None:
-    """Make points live, numbered from first_id. What the last adjustment knew of the live points is void until the next."""
+def add_points(window: Window, points: PointColumns, numbers: IntArray) -> None:
+    """Make points live, by their numbers. What the last adjustment knew of the live points is void until the next."""
     window.points = joined(window.points, points)
-    window.point_id = np.append(window.point_id, np.arange(first_id, first_id + len(points.rho)))
+    window.point_id = np.append(window.point_id, numbers)
     window.inlier, window.information = np.zeros((len(window.point_id), len(window) + 1), np.int64), np.zeros(len(window.point_id))
 
 

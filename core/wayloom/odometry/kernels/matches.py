@@ -1,4 +1,4 @@
-"""Patches of one image found in another by translation and affine warp, for calibration: accurate to a few hundredths of a pixel."""
+"""Patches of one image found in another by translation and affine warp, for calibration: to a few hundredths of a pixel."""
 
 import math
 
@@ -58,8 +58,8 @@ def stays_inside(image, x, y, reach):  # type: ignore[no-untyped-def]
 def template_equations(host, u, v, A):  # type: ignore[no-untyped-def]
     """Normal matrix of the warp's six steps (translation 2, linear part 4, row by row) and the offset, from the host's gradients.
 
-    Fills A (7, 7) with the sums over the patch of j j^T, j = (gx, gy, gx dx, gx dy, gy dx, gy dy, 1). Returns the least eigenvalue of
-    the structure tensor a pixel with the offset eliminated.
+    Fills A (7, 7) with the sums over the patch of j j^T, j = (gx, gy, gx dx, gx dy, gy dx, gy dy, 1). Returns the least eigenvalue
+    of the structure tensor a pixel with the offset eliminated.
     """
     n = (2 * HALF + 1) ** 2
     j = np.empty(7)
@@ -106,7 +106,7 @@ def search(host, target, u, v, x, y, W, direction, reach):  # type: ignore[no-un
     where none of them is inside."""
     n = (2 * SEARCH_HALF + 1) ** 2
     best, best_x, best_y = np.inf, np.nan, np.nan
-    steps = int(math.ceil(reach))
+    steps = math.ceil(reach)
     for k in range(-steps, steps + 1):
         cx, cy = x + k * direction[0], y + k * direction[1]
         if not stays_inside(target, cx, cy, 1.5 * SEARCH_HALF * max(W[0, 0], W[1, 1])):
@@ -125,8 +125,8 @@ def search(host, target, u, v, x, y, W, direction, reach):  # type: ignore[no-un
 
 @jit
 def refine_warp(host, target, u, v, x, y, W, A, scratch):  # type: ignore[no-untyped-def]
-    """Inverse compositional alignment (Baker, Matthews 2004) of the host's patch at (u, v) from (x, y) and the warp W (2, 2), which is
-    updated; A (7, 7) of `template_equations`, scratch (7,). Returns x, y and the rms residual, negative where it fails."""
+    """Inverse compositional alignment (Baker, Matthews 2004) of the host's patch at (u, v) from (x, y) and the warp W (2, 2), which
+    is updated; A (7, 7) of `template_equations`, scratch (7,). Returns x, y and the rms residual, negative where it fails."""
     n, start00, start11 = (2 * HALF + 1) ** 2, W[0, 0], W[1, 1]
     x0, y0, variance, length, smooth, k = x, y, 0.0, 0.0, SMOOTH_STEPS, 0
     step = np.empty(7)
@@ -165,8 +165,9 @@ def refine_warp(host, target, u, v, x, y, W, A, scratch):  # type: ignore[no-unt
 def match_patches(host, target, pixels, start, scale, directions, reach, min_eigenvalue, out):  # type: ignore[no-untyped-def]
     """Where patches around pixels (n, 2) int64 of `host` lie in `target`, both (h, w) float32.
 
-    start (n, 2) px, NaN for those to leave out; scale (n,) of the patch in the target; directions (n, 2) unit vectors along which it is
-    first looked for within +-reach (n,) px. Fills out (n, 3): u, v in the target and the rms residual, NaN where there is no match.
+    start (n, 2) px, NaN for those to leave out; scale (n,) of the patch in the target; directions (n, 2) unit vectors along which
+    it is first looked for within +-reach (n,) px. Fills out (n, 3): u, v in the target and the rms residual, NaN where there is no
+    match.
     """
     A, scratch, W = np.empty((7, 7)), np.empty(7), np.empty((2, 2))
     for i in range(pixels.shape[0]):

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from wayloom.odometry.kernels.arrays import PATCH, PATTERN, Robust
-from wayloom.odometry.kernels.compiler import inlined, jit
+from wayloom.odometry.kernels.compiler import bare, inlined, jit
 from wayloom.odometry.kernels.equations import relative_poses, right_of
 from wayloom.odometry.kernels.patch import gain_between, make_scratch, patch_residual, projection_jacobian
 
@@ -122,7 +122,7 @@ def line_information(image, u, v, du, dv):  # type: ignore[no-untyped-def]
     return along / total
 
 
-@inlined
+@bare
 def settle(image, T, x, y, rho, low, high, rig, colours, weights, gain, offset, robust, scratch):  # type: ignore[no-untyped-def]
     """Gauss-Newton on one patch's inverse depth within [low, high]. Returns it and its energy, -1 where it leaves the image."""
     energy = -1.0
@@ -145,18 +145,19 @@ def settle(image, T, x, y, rho, low, high, rig, colours, weights, gain, offset, 
 
 
 @jit
-def trace_points(images, rig, frames, points, target, low, high, uniqueness, max_length, robust, state):  # type: ignore[no-untyped-def]
-    """Search points (N) in the left image of frame `target` along their epipolar lines; in view, unique and fitting ones get a
-    new inverse depth points.rho and interval low, high (N,) 1/m.
+def trace_points(images, rig, frames, points, rows, target, low, high, uniqueness, max_length, robust, state):  # type: ignore[no-untyped-def]
+    """Search points `rows` (n,) of N in the left image of frame `target` along their epipolar lines; in view, unique and fitting
+    ones get a new inverse depth points.rho and interval low, high (N,) 1/m.
 
     Intervals start as (0, nearest). uniqueness: least ratio of the second best squared distance to the best; max_length px of a
-    line, longer ones are searched from their far end. Fills state (N,) with UNSEEN to TRACED.
+    line, longer ones are searched from their far end. Fills state (n,) with UNSEEN to TRACED.
     """
     T_all, scratch, distances = relative_poses(frames, 0), make_scratch(), np.empty(int(max_length) + 8, np.float32)
     image = images.left[frames.slot[target]]
-    for i in range(points.host.shape[0]):
+    for row in range(rows.shape[0]):
+        i = rows[row]
         h = points.host[i]
-        state[i] = UNSEEN
+        state[row] = UNSEEN
         if h == target:
             continue
         T, x, y = T_all[h, target], (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
@@ -170,7 +171,7 @@ def trace_points(images, rig, frames, points, target, low, high, uniqueness, max
         u1, v1, _ = project(T, x, y, near, rig)
         length = math.sqrt((u1 - u0) ** 2 + (v1 - v0) ** 2)
         if not length > 0.05:
-            state[i] = VAGUE
+            state[row] = VAGUE
             continue
         du, dv = (u1 - u0) / length, (v1 - v0) / length
         if length > max_length:
@@ -178,7 +179,7 @@ def trace_points(images, rig, frames, points, target, low, high, uniqueness, max
         share = line_information(images.left[frames.slot[h]], int(points.uv[i, 0]), int(points.uv[i, 1]), du, dv)
         error = NOISE_PX + NOISE_PX / max(share, 1e-6)
         if 2.0 * error > length:
-            state[i] = VAGUE
+            state[row] = VAGUE
             continue
         gain = gain_between(frames.affine[h], frames.affine[target])
         offset = frames.affine[target, 1] - gain * frames.affine[h, 1]
@@ -189,10 +190,10 @@ def trace_points(images, rig, frames, points, target, low, high, uniqueness, max
         if s < 0.0:
             continue
         if best > 2.0 * robust.max_energy * PATCH:  # before it is settled; weights are below one
-            state[i] = MISFIT
+            state[row] = MISFIT
             continue
         if second < uniqueness * best:
-            state[i] = AMBIGUOUS
+            state[row] = AMBIGUOUS
             continue
         along_u = abs(du) > abs(dv)
         u, v = u0 + s * (u1 - u0), v0 + s * (v1 - v0)
@@ -202,31 +203,33 @@ def trace_points(images, rig, frames, points, target, low, high, uniqueness, max
             image, T, x, y, start, min(a, b), max(a, b), rig, points.colour[i], points.weight[i], gain, offset, robust, scratch
         )
         if energy < 0.0 or energy > robust.max_energy * PATCH:
-            state[i] = MISFIT
+            state[row] = MISFIT
             continue
         u, v, _ = project(T, x, y, rho, rig)
         a = depth_at(T, x, y, u - error * du, v - error * dv, along_u, rig)
         b = depth_at(T, x, y, u + error * du, v + error * dv, along_u, rig)
         points.rho[i], low[i], high[i] = max(rho, 1e-4), max(min(a, b), 0.0), max(a, b)
-        state[i] = TRACED
+        state[row] = TRACED
 
 
 @jit
-def update_depths(images, rig, frames, points, target, delta, robust, information, state, agrees):  # type: ignore[no-untyped-def]
-    """Take what frame `target` tells of points (N) of known depth into points.rho and information (N,), poses and brightness fixed.
+def update_depths(images, rig, frames, points, rows, target, delta, robust, information, state, agrees):  # type: ignore[no-untyped-def]
+    """Take what frame `target` tells of the points `rows` (n,) of known depth into points.rho and information (N,), with poses and
+    brightness fixed.
 
     Gauss-Newton on information (rho - rho_before)^2 + the patch's energy in the target's left image (in its right one where the
-    target is the host), then one step on the target's right image. Fills state (N,) with UNSEEN, MISFIT or TRACED and agrees (N,)
+    target is the host), then one step on the target's right image. Fills state (n,) with UNSEEN, MISFIT or TRACED and agrees (n,)
     with 1 where the right image fits too; points that do not fit stay as they are.
     """
     T_all, still, scratch, sums = relative_poses(frames, 0), np.eye(4), make_scratch(), np.zeros(2)
     still_right, left, right = right_of(still, rig), images.left[frames.slot[target]], images.right[frames.slot[target]]
     gain_right, offset_right, limit = frames.gain_right[target, 0], frames.gain_right[target, 1], robust.max_energy * PATCH
     loose = Robust(robust.huber, FAR * robust.max_energy, robust.static_weight, robust.observer_right_weight)
-    for i in range(points.host.shape[0]):
+    for row in range(rows.shape[0]):
+        i = rows[row]
         h, rho, base, colour, weight = points.host[i], points.rho[i], information[i], points.colour[i], points.weight[i]
         x, y = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
-        state[i] = agrees[i] = 0
+        state[row] = agrees[row] = 0
         if h == target:
             rho, base, inside, good = approach(
                 right, still_right, still, 1.0, delta, x, y, rho, base, rig, colour, weight, gain_right, offset_right,
@@ -244,14 +247,14 @@ def update_depths(images, rig, frames, points, target, delta, robust, informatio
                     right, right_of(T, rig), T, 1.0, delta, x, y, rho, base, rig, colour, weight, gain * gain_right,
                     gain_right * offset + offset_right, robust.observer_right_weight, limit, 1, loose, scratch, sums,
                 )  # fmt: skip
-                agrees[i] = fits
+                agrees[row] = fits
         if inside:
-            state[i] = TRACED if good else MISFIT
+            state[row] = TRACED if good else MISFIT
         if good:
             points.rho[i], information[i] = rho, base
 
 
-@inlined
+@bare
 def approach(  # type: ignore[no-untyped-def]
     image, T, S, right, shift, x, y, rho, base, rig, colour, weight, gain, offset, scale, limit, steps, robust, scratch, sums
 ):
@@ -272,7 +275,7 @@ def approach(  # type: ignore[no-untyped-def]
         reach = 0.3 * rho + 0.01
         step = max(-reach, min(reach, step))
         rho = max(rho + step, 1e-4)
-        if abs(step) * (abs(scratch.J[0, 7]) + abs(scratch.J[1, 7])) < 0.03:
+        if abs(step) * (abs(scratch.J[0, 7]) + abs(scratch.J[1, 7])) < 0.05:
             break
     if not good:
         return start, base, inside, False

@@ -1,0 +1,177 @@
+"""When an alignment is believed, and what is tried for a frame that motion alone does not explain."""
+
+import numpy as np
+import pytest
+from made_street import CAMERA, RIG, MadeLog, curve, pair
+
+from wayloom.geometry import se3
+from wayloom.odometry import recovery, relocalise
+from wayloom.odometry.odometry import track
+from wayloom.odometry.settings import OdometrySettings
+from wayloom.odometry.track import Alignment
+from wayloom.odometry.types import OdometryResult
+
+SETTINGS = OdometrySettings()
+
+
+def fit(
+    T: np.ndarray | None = None, gain: float = 1.0, rms: float = 5.0, visible: float = 0.9, saturated: float = 0.02
+) -> Alignment:
+    return Alignment(np.eye(4) if T is None else T, np.array([gain, 0.0]), rms, visible, saturated)
+
+
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        (fit(np.full((4, 4), np.nan)), "not finite"),
+        (fit(visible=0.1), "10 % of the keyframe's points"),
+        (fit(saturated=0.7), "70 % of the points fit worse"),
+        (fit(gain=0.01), "0.01 times as bright"),
+        (fit(rms=np.inf), "not finite"),
+    ],
+)
+def test_what_cannot_be_right_is_said_in_words(bad: Alignment, words: str) -> None:
+    assert recovery.fit_failure(fit(), SETTINGS) is None
+    assert words in str(recovery.fit_failure(bad, SETTINGS))
+
+
+def test_turns_and_ways_that_no_vehicle_makes_are_failures() -> None:
+    turn, way = (se3.exp(np.array(xi)) for xi in ((0, 0, 0, 0, 0.6, 0.0), (0, 0, -12.0, 0, 0, 0)))
+    assert "a turn of 34.4 deg" in str(recovery.motion_failure(turn, np.eye(4), None, 0.1, SETTINGS))
+    assert "a way of 12.00 m" in str(recovery.motion_failure(way, np.eye(4), None, 0.1, SETTINGS))
+    assert recovery.motion_failure(way, np.eye(4), None, 1.0, SETTINGS) is None
+
+
+def test_a_motion_far_from_the_expected_one_is_a_failure_only_where_one_is_expected() -> None:
+    stop, expected = np.eye(4), se3.exp(np.array([0, 0, -1.0, 0, 0, 0]))
+    assert "1.00 m from where constant motion leads" in str(recovery.motion_failure(stop, stop, expected, 0.1, SETTINGS))
+    assert recovery.motion_failure(stop, stop, None, 0.1, SETTINGS) is None
+
+
+def test_a_gain_without_a_change_of_contrast_is_a_failure() -> None:
+    image = np.random.default_rng(0).integers(0, 120, (40, 60)).astype(np.uint8)
+    assert recovery.gain_failure(fit(gain=0.2), image, image) is not None
+    assert recovery.gain_failure(fit(gain=0.2), image // 5, image) is None
+    assert recovery.gain_failure(fit(gain=1.3), image // 5, image) is None
+
+
+def test_a_keyframe_is_found_again_by_its_features_from_elsewhere() -> None:
+    T_world_there = se3.exp(np.array([0.4, 0.0, 2.0, 0.0, 0.25, 0.02]))
+    left, right, _ = (image.round().astype(np.uint8) if i < 2 else image for i, image in enumerate(pair(np.eye(4))))
+    there = (0.5 * pair(T_world_there)[0] + 20.0).round().astype(np.uint8)
+    known = relocalise.landmarks(left, right, RIG, 0.0, SETTINGS)
+    found = relocalise.sight(known, relocalise.find_features(there), CAMERA.K)
+    assert found is not None
+    assert found.decisive
+    difference = se3.log(found.T_frame_keyframe @ T_world_there)
+    assert np.abs(difference[:3]).max() < 0.05
+    assert np.abs(difference[3:]).max() < 0.01
+    assert found.brightness[0] == pytest.approx(0.5, abs=0.1)
+    assert found.brightness[1] == pytest.approx(20.0, abs=12.0)
+    again = relocalise.sight(known, relocalise.find_features(there), CAMERA.K)
+    assert again is not None
+    np.testing.assert_array_equal(again.T_frame_keyframe, found.T_frame_keyframe)
+
+
+def test_an_image_of_another_place_is_not_taken_for_the_keyframe() -> None:
+    left, right, _ = pair(np.eye(4))
+    elsewhere = pair(se3.exp(np.array([0.0, 0.0, 12.0, 0.0, 2.6, 0.0])))[0]
+    known = relocalise.landmarks(left.round().astype(np.uint8), right.round().astype(np.uint8), RIG, 0.0, SETTINGS)
+    found = relocalise.sight(known, relocalise.find_features(elsewhere.round().astype(np.uint8)), CAMERA.K)
+    assert found is None or not found.decisive
+
+
+def test_blank_images_have_no_features_and_match_nothing() -> None:
+    none = relocalise.find_features(np.full((100, 120), 90, np.uint8))
+    assert len(none.uv) == len(none.descriptors) == 0
+    assert relocalise.matches(none, none).shape == (0, 2)
+
+
+def test_matches_are_those_of_the_naive_search() -> None:
+    rng = np.random.default_rng(3)
+    ours = relocalise.Features(np.zeros((30, 2)), rng.integers(0, 120, (30, 128)).astype(np.float32), np.zeros(30))
+    shuffled = rng.permutation(30)[:20]
+    noisy = np.clip(ours.descriptors[shuffled] + rng.integers(-30, 31, (20, 128)), 0, 255).astype(np.float32)
+    theirs = relocalise.Features(np.zeros((20, 2)), noisy, np.zeros(20))
+    expected = []
+    for i, a in enumerate(ours.descriptors):
+        d = [float(((a - b) ** 2).sum()) for b in noisy]
+        j = int(np.argmin(d))
+        back = [float(((noisy[j] - b) ** 2).sum()) for b in ours.descriptors]
+        clear = all(sorted(x)[0] < relocalise.RATIO**2 * sorted(x)[1] for x in (d, back))
+        if clear and int(np.argmin(back)) == i:
+            expected.append([i, j])
+    assert len(expected) > 10
+    assert relocalise.matches(ours, theirs).tolist() == expected
+
+
+def errors(result: OdometryResult, log: MadeLog) -> np.ndarray:
+    return np.linalg.norm(result.trajectory.T_world_cam[:, :3, 3] - log.truth[:, :3, 3], axis=1)
+
+
+def test_a_fast_turn_at_ten_hertz_is_followed() -> None:
+    log = MadeLog(curve(10, step_m=0.3, yaw_step=0.12))  # 7 degrees a frame, a circle in five seconds
+    result = track(log)
+    assert result.trajectory.tracked.all()
+    assert len(result.report["segments"]) == 1
+    assert errors(result, log).max() < 0.1
+
+
+def test_a_second_of_blindness_in_a_curve_ends_where_the_car_is() -> None:
+    truth = curve(34, step_m=0.3, yaw_step=0.02)
+
+    def black(left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return left * 0, right * 0
+
+    log = MadeLog(truth, changes=dict.fromkeys(range(14, 24), black))
+    result = track(log)
+    assert np.flatnonzero(~result.trajectory.tracked).tolist() == list(range(14, 24))
+    assert [loss["frame"] for loss in result.report["losses"]] == list(range(14, 24))
+    assert len(result.report["segments"]) == 1
+    assert errors(result, log)[24:].max() < 0.1
+
+
+def test_a_black_right_camera_costs_no_frame() -> None:
+    log = MadeLog(curve(26), changes=dict.fromkeys(range(10, 20), lambda left, right: (left, right * 0)))
+    result = track(log)
+    assert result.trajectory.tracked.all()
+    assert errors(result, log).max() < 0.1
+
+
+def test_a_jump_of_exposure_is_no_loss() -> None:
+    def dark(left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return (left * 0.22).astype(np.uint8), (right * 0.22).astype(np.uint8)
+
+    log = MadeLog(curve(20), changes=dict.fromkeys(range(8, 14), dark))
+    result = track(log)
+    assert result.trajectory.tracked.all()
+    assert errors(result, log).max() < 0.1
+
+
+def test_a_car_that_stands_for_minutes_neither_drifts_nor_makes_keyframes() -> None:
+    stand = np.r_[0:8, [7] * 60, 8:12]
+    rng = np.random.default_rng(1)
+
+    def noisy(left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return tuple(np.clip(image + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8) for image in (left, right))  # type: ignore[return-value]
+
+    log = MadeLog(curve(12)[stand], changes=dict.fromkeys(range(len(stand)), noisy))
+    result = track(log)
+    assert result.trajectory.tracked.all()
+    standing = result.trajectory.T_world_cam[8:68, :3, 3]
+    assert np.linalg.norm(standing - standing[0], axis=1).max() < 0.01
+    assert ((result.keyframes.frame > 8) & (result.keyframes.frame < 68)).sum() == 0
+
+
+def test_a_drive_of_one_place_has_one_keyframe_its_points_and_every_pose() -> None:
+    log = MadeLog(np.tile(np.eye(4), (6, 1, 1)))
+    result = track(log)
+    assert len(result.keyframes) == 1
+    assert result.trajectory.tracked.all()
+    assert np.abs(result.trajectory.T_world_cam - np.eye(4)).max() < 1e-3
+    points = result.points
+    assert len(points) > 300
+    assert points.host_right.all()
+    v, u = points.uv_host.astype(int).T[::-1]
+    truth = pair(np.eye(4))[2][v, u]
+    assert np.median(np.abs(points.inverse_depth - truth)) < 0.003
