@@ -20,6 +20,7 @@ PAINTERS: Final[dict[Material, Painter]] = {
     **paint_vehicles.PAINTERS,
 }
 
+
 def paint_textures(seed: int, size: int) -> TextureStack:
     """All materials at `size` texels (a power of two), each from its own random stream."""
     pyramids = [_pyramid(PAINTERS[m](Canvas(np.random.default_rng([seed, m]), size)), m in CUTOUTS) for m in Material]
