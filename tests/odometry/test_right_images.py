@@ -64,7 +64,7 @@ def test_rows_that_creep_are_followed() -> None:
     left = render(np.eye(4), CAMERA)[0]
     perfect = grey(right_image(np.eye(4), RIG, IDENTITY))
     right = RightImages(RIG, IDENTITY, np.zeros(3))
-    for k in range(80):
+    for k in range(110):
         bent = rows.align(perfect, rows.maps(-np.array([0.005, -0.004, 0.01]) * min(k, 30), RIG))
         aligned = right.align(bent)
         matches = rows.row_matches(grey(left), aligned)

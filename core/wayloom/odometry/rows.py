@@ -5,7 +5,7 @@ A left pixel whose match has the normalised coordinates (x, y) lies in the right
 a small rotation of the right camera about x and z, and the keystone that lens errors leave. A rotation moves columns too, by
 c0 x y - c1 y, which is undone with it; what a keystone does to columns depends on the lens, so they are left alone there: the
 disparity bias is an unknown of the window. What the calibration itself says of the rows (t_right_left y and z) is taken off first.
-The coefficients are fitted to refined matches of a few frames before the drive starts and follow those of every keyframe.
+The coefficients are fitted to refined matches of a few frames before the drive starts and follow those of every third keyframe.
 """
 
 import cv2
@@ -25,8 +25,9 @@ RIDGE = 0.01  # matches' worth of pull to zero: an image without matches in its 
 MAP_STEP = 8
 """px between the points at which the maps are computed; between them they are linear, which errs by under 1e-3 px."""
 KEYFRAME_MATCHES = 96
-MEMORY = 0.95
-"""Of older keyframes' matches, at each keyframe: about 2000 matches are remembered, those of 20 keyframes."""
+FOLLOW_EVERY = 3
+MEMORY = 0.9
+"""Every third keyframe's matches are taken; of the older ones so much is kept each time: about 900 matches, 30 keyframes."""
 RENEWAL_PX = 0.02
 """The maps are made anew when they are off by more anywhere."""
 Image = NDArray[np.uint8]
@@ -148,7 +149,7 @@ class RightImages:
 
     def __init__(self, rig: StereoRig, lens: RightLens, coefficients: FloatArray) -> None:
         self.rig, self.lens = displaced(rig, lens), lens
-        self.H, self.g = np.zeros((TERMS, TERMS)), np.zeros(TERMS)
+        self.H, self.g, self.seen = np.zeros((TERMS, TERMS)), np.zeros(TERMS), 0
         self.terms = np.concatenate([coefficients, np.zeros(TERMS - 3)])
         self._renew()
 
@@ -178,6 +179,9 @@ class RightImages:
 
     def follow(self, left: Image, aligned: Image, pixels: NDArray[np.int64], disparity: FloatArray) -> None:
         """Let the rows follow a keyframe: its images (h, w), left pixels (n, 2) and their disparities (n,) px."""
+        self.seen += 1
+        if self.seen % FOLLOW_EVERY:
+            return
         chosen = selection.spread_sample(pixels, KEYFRAME_MATCHES)
         matches = refined(left, aligned, pixels[chosen], disparity[chosen])
         if not len(matches):
