@@ -15,7 +15,8 @@ from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.uncertainty import heading_sigma_rad, position_covariance
 from wayloom.logs.oxts import UP_FACTOR
 from wayloom.logs.types import FixType, GnssTrack
-from wayloom.simulation.gnss import SIGMA_M, FixPlan, fix_errors
+from wayloom.simulation.gnss import SIGMA_M, fix_errors, planned
+from wayloom.simulation.vehicle_settings import gnss_steps
 
 FRAME = map_frame_for(PLACE.lon_deg, PLACE.lat_deg)
 
@@ -210,7 +211,7 @@ def frame_errors(T: np.ndarray, T_truth: np.ndarray) -> np.ndarray:
 
 def through_every_kind_of_fix(seed: int, scale: float, frames: int = 240) -> MadeDrive:
     """Fixed, float, none, single, fixed again, with the simulator's noise, which is not the noise that the graph assumes."""
-    kinds = EVERY_KIND.fixes(frames)
+    kinds = every_kind(frames)
     drive = made_drive(seed=seed, frames=frames, scale=scale)
     antenna = drive.T_place_cam[:, :3, :3] @ LEVER + drive.T_place_cam[:, :3, 3]
     sigma = np.array([SIGMA_M[FixType(kind)] for kind in kinds])[:, None] * [1.0, 1.0, UP_FACTOR]
@@ -324,9 +325,17 @@ def test_every_kind_of_fix_gives_its_own_accuracy_and_an_honest_covariance():
     assert 1.5 < np.mean(nees) < 6.0
 
 
-EVERY_KIND = FixPlan(
-    ((0.0, FixType.FIXED), (0.25, FixType.FLOAT), (0.4, FixType.NONE), (0.6, FixType.SINGLE), (0.8, FixType.FIXED))
+EVERY_KIND = gnss_steps(
+    (0.0, FixType.FIXED), (0.25, FixType.FLOAT), (0.4, FixType.NONE), (0.6, FixType.SINGLE), (0.8, FixType.FIXED)
 )
+
+
+def every_kind(frames: int) -> np.ndarray:
+    """(frames,) FixType of frames that are spread evenly over a drive."""
+    shares = np.arange(frames) / (frames - 1)
+    return np.array([step.fix for step in planned(EVERY_KIND, shares)], np.uint8)
+
+
 PARTS = {
     "fixed": slice(0, 100),
     "float": slice(100, 160),
