@@ -37,7 +37,7 @@ from made_window import NUMBERS, ROBUST, made_window  # noqa: E402
 
 from wayloom.errors import InputError, WayloomError  # noqa: E402
 from wayloom.evaluation import odometry_peers, odometry_table  # noqa: E402
-from wayloom.evaluation.odometry import ABLATIONS, SEEDS, Summary, measured, peak_memory_mb, warm_up  # noqa: E402
+from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, SEEDS, Summary, measured, peak_memory_mb, warm_up  # noqa: E402
 from wayloom.evaluation.odometry_recordings import Recording, clip_recordings, recording_of  # noqa: E402
 from wayloom.geometry import se3  # noqa: E402
 from wayloom.odometry import pyramid  # noqa: E402
@@ -181,6 +181,8 @@ def main() -> None:
             sys.exit(f"odometry benchmark: {problem}")
         text = odometry_table.page(summaries, options.seeds)
         print(text)
+        own = [summary for summary in summaries if summary.variant == DEFAULT]
+        print("\n".join(["**Parts, wall ms a frame**", "", *odometry_table.parts_table(own)]))
         numbers = json.dumps([summary.as_json() for summary in summaries], indent=1) + "\n"
         for file in filter(None, (options.json, NUMBERS_FILE if options.write else None)):
             file.write_text(numbers)

@@ -48,6 +48,8 @@ def test_a_turn_at_a_third_and_a_sixth_of_the_frames_is_followed(clip_a: Path, s
     assert result.trajectory.tracked.all()
     assert len(result.report["segments"]) == 1
     assert error < limit_m
+    again = track(Thinned(open_log(clip_a), np.arange(100, 201, step)), threads=2)
+    np.testing.assert_array_equal(again.trajectory.T_world_cam, result.trajectory.T_world_cam)
 
 
 def test_a_bus_over_half_of_the_image_is_not_taken_for_the_world(clip_a: Path) -> None:

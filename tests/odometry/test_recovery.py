@@ -27,6 +27,7 @@ def fit(
         (fit(visible=0.1), "10 % of the keyframe's points"),
         (fit(saturated=0.7), "70 % of the points fit worse"),
         (fit(gain=0.01), "0.01 times as bright"),
+        (fit(rms=18.0), "fit to 18 grey levels only"),
         (fit(rms=np.inf), "not finite"),
     ],
 )

@@ -43,7 +43,7 @@ ABLATIONS: dict[str, dict[str, Any]] = {
     "bias not in the prior": {"ablation": {"bias_in_prior": False}},
     "no marginalisation prior": {"ablation": {"marginalisation_prior": False}},
     "no first-estimate Jacobians": {"ablation": {"first_estimates": False}},
-    "no immature points": {"traced_share": 0.0, "immature_points": 0},
+    "no immature points": {"traced_share": 0.0, "sought_points": 0},
     "no gradient weight": {"gradient_scale": 1e6},
     "no affine brightness in the window": {"affine_prior": (1e9, 1e9)},
     EVERY_SECOND_FRAME: {},

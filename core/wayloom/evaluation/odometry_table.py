@@ -77,7 +77,7 @@ def plain_table(summaries: Sequence[Summary], columns: Sequence[tuple[str, str, 
 
 
 def parts_table(summaries: Sequence[Summary]) -> list[str]:
-    """Wall ms a frame of each part, one row a recording."""
+    """Wall ms a frame of each part, one row a recording: for the screen, because a busy machine spoils them."""
     parts = list(dict.fromkeys(name for s in summaries for name in s.median if name.startswith("part ")))
     lines = head(["recording", *(name.removeprefix("part ").removesuffix(" ms") for name in parts)])
     return lines + [row([s.recording, *(cell(s, name, 2) for name in parts)]) for s in summaries]
@@ -100,7 +100,7 @@ def _ablation_cell(summary: Summary) -> str:
 
 
 def page(summaries: Sequence[Summary], seeds: int) -> str:
-    """The whole block: accuracy, effort, depth, parts, ablations; parts of it that were not measured are left out."""
+    """The whole block: accuracy, effort, depth, ablations; parts of it that were not measured are left out."""
     own = [s for s in summaries if s.variant == DEFAULT]
     systems = [s for s in summaries if s.variant == DEFAULT or "cpu median ms" not in s.median]
     ablations = [s for s in summaries if "cpu median ms" in s.median]
@@ -112,7 +112,6 @@ def page(summaries: Sequence[Summary], seeds: int) -> str:
             "Depth",
             lambda: plain_table([s for s in own if "depth points" in s.median], DEPTH),
         ),
-        (bool(own), "Parts, wall ms a frame", lambda: parts_table(own)),
         (len(ablations) > len(own), "Ablations", lambda: ablation_table(ablations)),
     ]
     text = [f"Median ± spread (largest minus smallest) over {seeds} seeds of the choice of points.", ""]

@@ -95,6 +95,8 @@ def fit_failure(fit: Alignment, settings: OdometrySettings, min_visible: float |
         return f"{100 * fit.visible:.0f} % of the keyframe's points are in view"
     if fit.saturated > settings.max_saturated:
         return f"{100 * fit.saturated:.0f} % of the points fit worse than {settings.cutoff:g} grey levels"
+    if fit.rms > math.sqrt(settings.huber * (2.0 * settings.cutoff - settings.huber)):  # that of points at the cut-off
+        return f"the points fit to {fit.rms:.0f} grey levels only"
     if not 1.0 / settings.max_gain < fit.brightness[0] < settings.max_gain:
         return f"the image is {fit.brightness[0]:.2g} times as bright as the keyframe"
     return None
@@ -169,7 +171,7 @@ class Recovery:
         fit = best_alignment(sought.images, newest, guesses, sought.brightness, fit, T_world_newest, self.cameras, s)
         failure, tried = self._failure(fit, newest.keyframe, sought, window), 1 + len(guesses)
         best = Found(fit, newest.keyframe, failure, tried)
-        uncertain = sought.starting or sought.since_s > LONG_GAP_S or fit.saturated > GRAVELY_SATURATED
+        uncertain = sought.since_s > LONG_GAP_S or fit.saturated > (SATURATED if sought.starting else GRAVELY_SATURATED)
         if failure is None and not uncertain and not self._surprises(fit, newest.keyframe, sought, window):
             return best
         seen = relocalise.find_features(sought.left)
@@ -205,9 +207,10 @@ class Recovery:
 
     def _in_question(self, fit: Alignment, keyframe: int, sought: Sought, window: Window) -> bool:
         """Whether more should be tried: the alignment fits badly, cannot be believed, or leads elsewhere than the motion so far."""
-        if is_doubtful(fit, sought, self.settings) or self._failure(fit, keyframe, sought, window) is not None:
+        if is_doubtful(fit, sought, self.settings) or fit_failure(fit, self.settings) is not None:
             return True
-        return self._surprises(fit, keyframe, sought, window)
+        keyframe_image = window.images.left[window.frames.slot[_index_of(window, keyframe)]]
+        return gain_failure(fit, sought.left, keyframe_image) is not None or self._surprises(fit, keyframe, sought, window)
 
     def _surprises(self, fit: Alignment, keyframe: int, sought: Sought, window: Window) -> bool:
         """Whether an alignment, right or not, leads away from where constant motion does."""
