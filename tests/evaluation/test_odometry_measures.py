@@ -9,7 +9,7 @@ import pytest
 
 from wayloom.errors import ConfigError, InputError
 from wayloom.evaluation import odometry_density, odometry_depth, odometry_peers, odometry_table
-from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, summarise
+from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, run_measured, summarise
 from wayloom.evaluation.odometry_recordings import CLIP_A_WRONG_UNTIL, Recording, Thinned, clip_recordings, recording_of, thinned
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
@@ -101,6 +101,18 @@ def test_a_summary_is_the_median_and_the_range_of_its_runs() -> None:
     assert summary.median == {"x": 2.0, "y": 2.0}
     assert summary.spread == {"x": 3.0, "y": 0.0}
     assert summarise("A", DEFAULT, [{"z": float("nan")}]).as_json()["median"] == {"z": None}
+
+
+def test_a_process_is_measured_by_itself_and_not_by_who_started_it() -> None:
+    ours = np.ones(40_000_000)  # 320 MB in this process
+    small, large = (
+        run_measured([sys.executable, "-S", "-c", f"x = b'1' * {size}; import time; time.sleep(0.2)"]) for size in (1, 100_000_000)
+    )
+    assert small[0] == large[0] == 0
+    assert small[2] < 60 < 100 < large[2] < 200
+    assert small[1] > 0
+    assert run_measured([sys.executable, "-c", "raise SystemExit(3)"])[0] == 3
+    assert ours.all()
 
 
 def test_every_ablation_is_a_setting_of_the_odometry() -> None:

@@ -5,7 +5,6 @@ median and spread. Differences below the spread mean nothing.
 """
 
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -31,6 +30,7 @@ FloatArray = NDArray[np.float64]
 Numbers = dict[str, float]
 SEEDS = (0, 1, 2, 3, 4)
 WARM_UP_FRAMES = 12
+POLL_S = 0.02
 DEFAULT = "wayloom"
 EVERY_SECOND_FRAME = "every second frame dropped"
 NOTHING_CALIBRATED: dict[str, Any] = {"row_frames": (), "bias_prior": 1e15}
@@ -149,13 +149,32 @@ def warm_up(recording: Recording) -> None:
 def peak_memory_mb(log: Path) -> float:
     """Largest resident memory in MB of `wayloom odometry LOG` as a process of its own; NaN where it fails."""
     with tempfile.TemporaryDirectory() as scratch:
-        status, usage = run_measured([sys.executable, "-m", "wayloom.cli.main", "odometry", str(log), "--out", f"{scratch}/t.tum"])
-    return usage.ru_maxrss / 1024 if status == 0 else float("nan")
+        command = [sys.executable, "-m", "wayloom.cli.main", "odometry", str(log), "--out", f"{scratch}/t.tum"]
+        status, _, peak_mb = run_measured(command)
+    return peak_mb if status == 0 else float("nan")
 
 
-def run_measured(command: Sequence[str], environment: Mapping[str, str] | None = None) -> tuple[int, "resource.struct_rusage"]:
-    """Exit status of a command, and what it used of the machine. What it says goes to stderr."""
-    process = subprocess.Popen(list(command), stdout=sys.stderr, env=None if environment is None else dict(environment))
-    _, status, usage = os.wait4(process.pid, 0)
+def run_measured(command: Sequence[str], environment: Mapping[str, str] | None = None) -> tuple[int, float, float]:
+    """Exit status of a command, its CPU seconds with those of its children, and its own largest resident memory in MB, NaN where
+    the system does not tell. What it says goes to stderr."""
+    process, peak_mb = (
+        subprocess.Popen(list(command), stdout=sys.stderr, env=None if environment is None else dict(environment)),
+        0.0,
+    )
+    while True:
+        peak_mb = max(peak_mb, high_water_mb(process.pid))
+        ended, status, usage = os.wait4(process.pid, os.WNOHANG)
+        if ended:
+            break
+        time.sleep(POLL_S)
     process.returncode = os.waitstatus_to_exitcode(status)
-    return process.returncode, usage
+    return process.returncode, usage.ru_utime + usage.ru_stime, peak_mb or float("nan")
+
+
+def high_water_mb(pid: int) -> float:
+    """VmHWM of a process. Not wait4's ru_maxrss: that counts the memory of whoever started the process, too."""
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    except OSError:
+        return 0.0
+    return next((int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM:")), 0.0)

@@ -128,12 +128,12 @@ def peer_measured(recording: Recording, command: str) -> Summary:
         (scratch / "log").mkdir()
         folder, out = kitti_folder(recording.log, scratch / "log"), scratch / "poses.txt"
         words = [word.replace("{log}", str(folder)).replace("{out}", str(out)) for word in shlex.split(command)]
-        status, usage = run_measured(words)
+        status, cpu_s, peak_mb = run_measured(words)
         if status or not out.is_file():
             raise InputError(f"the peer ended with status {status} and {'no' if not out.is_file() else 'some'} poses", file=folder)
         numbers = errors_of(recording, read_poses(out))
-    numbers["cpu mean ms"] = 1e3 * (usage.ru_utime + usage.ru_stime) / len(recording.log)
-    numbers["peak memory MB"] = usage.ru_maxrss / 1024
+    numbers["cpu mean ms"] = 1e3 * cpu_s / len(recording.log)
+    numbers["peak memory MB"] = peak_mb
     return summarise(recording.name, words[0].rsplit("/", 1)[-1], [numbers])
 
 
