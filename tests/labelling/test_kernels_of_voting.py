@@ -36,8 +36,22 @@ def test_looks_and_their_likeness_are_those_of_the_naive_twin(seed: int, scale: 
         values -= values.mean()
         norm = np.linalg.norm(values)
         assert looks[n] == pytest.approx(values / norm if norm > 1 else np.zeros(9), abs=2e-4)
-    alike = visibility.likeness(looks, looks[::-1].copy())
-    assert alike == pytest.approx([max(0.0, float(a @ b)) for a, b in zip(looks, looks[::-1], strict=True)], abs=1e-5)
+    of_others = looks[::-1].copy()
+    nearness, inverse_depth = np.full(4, 0.2 * scale, np.float32), np.full(4, 0.2)
+    may = np.array([True, True, False, True])
+    alike = visibility.likeness(of_others, 3, image, 1, image.shape, uv, nearness, inverse_depth, may)
+    for n, (u, v) in enumerate(uv):
+        seen = may[n] and -0.5 <= u < 10.5 and -0.5 <= v < 8.5
+        assert alike[n] == pytest.approx(max(0.0, float(looks[n] @ of_others[n])) if seen else 0.0, abs=2e-4)
+
+
+def alike_at(image: np.ndarray, looks: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Their likeness to what lies at uv in an image, at the same scale."""
+    near = np.full(len(uv), 0.1)
+    found: np.ndarray = visibility.likeness(
+        looks, 3, image, 1, image.shape, uv, near.astype(np.float32), near, np.ones(len(uv), bool)
+    )
+    return found
 
 
 def test_a_flat_patch_and_one_that_is_nowhere_have_no_looks() -> None:
@@ -51,10 +65,9 @@ def test_looks_do_not_depend_on_brightness_and_contrast() -> None:
     image = cv2.GaussianBlur(rng.integers(0, 120, (40, 40)).astype(np.uint8), (0, 0), 1.5)
     brighter = (image * 1.6 + 20).astype(np.uint8)
     uv = rng.uniform(5, 35, (50, 2))
-    one, other = (visibility.patches(i, uv, np.ones(50), 3) for i in (image, brighter))
-    assert (visibility.likeness(one, other) > 0.98).all()
-    elsewhere = visibility.patches(image, uv + 4.0, np.ones(50), 3)
-    assert np.median(visibility.likeness(one, elsewhere)) < 0.6
+    looks = visibility.patches(image, uv, np.ones(50), 3)
+    assert (alike_at(brighter, looks, uv) > 0.98).all()
+    assert np.median(alike_at(image, looks, uv + 4.0)) < 0.6
 
 
 @FEW

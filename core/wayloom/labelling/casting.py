@@ -98,11 +98,7 @@ def cast(
 
 def looks_of(image: Image, uv: FloatArray) -> NDArray[np.float32]:
     """(N, S) how points at uv (N, 2) px of the full image look in their host's own small image."""
-    return _looks(image, uv, np.ones(len(uv)))
-
-
-def _looks(small: Image, uv: FloatArray, scale: FloatArray) -> NDArray[np.float32]:
-    looks: NDArray[np.float32] = patches(small, (uv + 0.5) / SMALL - 0.5, scale, LOOKS_SIDE)
+    looks: NDArray[np.float32] = patches(image, (uv + 0.5) / SMALL - 0.5, np.ones(len(uv)), LOOKS_SIDE)
     return looks
 
 
@@ -136,23 +132,16 @@ def _visibility(
     settings: LabellingSettings,
 ) -> Weights:
     """(N,) 0 to 1: how surely each point is seen by the voter's image."""
-    may = np.ones(len(uv), bool) if ballot.within_reach else seen_here.copy()
+    may = np.ones(len(uv), bool) if ballot.within_reach else seen_here
     if ballot.seen is not None and side == 0 and not ballot.is_host:
-        may &= ~hidden(uv, nearness, ballot.seen, CELL_PX, MARGIN)
-    visible = may.astype(np.float32)
-    if settings.likeness_power > 0 and points.looks is not None and voter.small is not None:
-        rows = np.flatnonzero(may & (nearness > 0) & _inside(uv, voter.labels[side].shape))
-        scale = nearness[rows] / points.inverse_depth[rows]
-        alike = likeness(points.looks[rows], _looks(voter.small[side], uv[rows], scale))
-        visible[:] = 0.0
-        alike[alike < LEAST_LIKENESS] = 0.0
-        visible[rows] = alike ** np.float32(settings.likeness_power)
-    return visible
-
-
-def _inside(uv: FloatArray, shape: tuple[int, ...]) -> Mask:
-    u, v = uv[:, 0], uv[:, 1]
-    return (u >= -0.5) & (v >= -0.5) & (u < shape[1] - 0.5) & (v < shape[0] - 0.5)
+        may = may & ~hidden(uv, nearness, ballot.seen, CELL_PX, MARGIN)
+    if settings.likeness_power == 0 or points.looks is None or voter.small is None:
+        return may.astype(np.float32)
+    alike: Weights = likeness(
+        points.looks, LOOKS_SIDE, voter.small[side], SMALL, voter.labels[side].shape, uv, nearness, points.inverse_depth, may
+    )
+    alike[alike < LEAST_LIKENESS] = 0.0
+    return alike ** np.float32(settings.likeness_power)
 
 
 def _sureness(to_boundary: NDArray[np.float32], uv: FloatArray, boundary_px: float) -> Weights:

@@ -43,7 +43,10 @@ class Scores:
 def rest_steps(scores: Scores) -> NDArray[np.float32]:
     """(gh, gw) -ln p, in steps, of each class that is not among a cell's k best: they share evenly what the best leave over."""
     k = scores.classes.shape[2]
-    rest = np.maximum(np.float32(1.0) - scores.probabilities.sum(axis=2), np.float32(1e-6))
+    sure = _PROBABILITY[scores.steps[..., 0]]
+    for i in range(1, k):
+        sure += _PROBABILITY[scores.steps[..., i]]
+    rest = np.maximum(np.float32(1.0) - sure, np.float32(1e-6))
     steps = np.minimum(
         np.log(rest) * np.float32(-STEPS_PER_NAT) + np.float32(STEPS_PER_NAT * math.log(max(CLASS_COUNT - k, 1))), 255
     )

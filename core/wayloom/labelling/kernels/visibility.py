@@ -21,6 +21,25 @@ def _grey_at(image, u, v):  # type: ignore[no-untyped-def]
     return top * (1.0 - b) + below * b
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def _look_at(image, u, v, scale, side, look):  # type: ignore[no-untyped-def]
+    """Fill look (side * side,) float32: see `patches`. u and v must be finite."""
+    half = 0.5 * (side - 1)
+    mean = 0.0
+    for i in range(side * side):
+        du, dv = (i % side - half) * scale, (i // side - half) * scale
+        look[i] = _grey_at(image, u + du, v + dv)
+        mean += look[i]
+    mean /= side * side
+    square = 0.0
+    for i in range(side * side):
+        look[i] -= mean
+        square += look[i] * look[i]
+    norm = np.float32(1.0 / np.sqrt(square)) if square > _FLAT else np.float32(0.0)
+    for i in range(side * side):
+        look[i] *= norm
+
+
 @njit(cache=True, error_model="numpy")
 def patches(image, uv, scale, side):  # type: ignore[no-untyped-def]
     """The looks of N points: side x side grey values around each, their mean taken off, of length 1.
@@ -31,34 +50,36 @@ def patches(image, uv, scale, side):  # type: ignore[no-untyped-def]
     returns  (N, side * side) float32; zeros for a point without looks: one on a flat patch
     """
     looks = np.zeros((len(uv), side * side), np.float32)
-    half = 0.5 * (side - 1)
     for n in range(len(uv)):
-        if not (np.isfinite(uv[n, 0]) and np.isfinite(uv[n, 1])):
-            continue
-        mean = 0.0
-        for i in range(side * side):
-            du, dv = (i % side - half) * scale[n], (i // side - half) * scale[n]
-            looks[n, i] = _grey_at(image, uv[n, 0] + du, uv[n, 1] + dv)
-            mean += looks[n, i]
-        mean /= side * side
-        square = 0.0
-        for i in range(side * side):
-            looks[n, i] -= mean
-            square += looks[n, i] * looks[n, i]
-        norm = np.float32(1.0 / np.sqrt(square)) if square > _FLAT else np.float32(0.0)
-        for i in range(side * side):
-            looks[n, i] *= norm
+        if np.isfinite(uv[n, 0]) and np.isfinite(uv[n, 1]):
+            _look_at(image, uv[n, 0], uv[n, 1], scale[n], side, looks[n])
     return looks
 
 
 @njit(cache=True, error_model="numpy")
-def likeness(looks_host, looks_observer):  # type: ignore[no-untyped-def]
-    """Correlation of two looks each, 0 to 1; negative ones are 0. Both (N, S) float32 from `patches`; returns (N,) float32."""
-    found = np.zeros(len(looks_host), np.float32)
-    for n in range(len(looks_host)):
+def likeness(looks, side, small, times_smaller, size, uv, nearness, inverse_depth, may):  # type: ignore[no-untyped-def]
+    """How much N points look in an observer's image as in their host's: the correlation of both looks, 0 to 1; negative ones are 0.
+
+    looks          (N, side * side) float32 from `patches`, in the host
+    small          (h / times_smaller, w / times_smaller) uint8, the observer's
+    size           (h, w) of the observer's whole image
+    uv             (N, 2) pixels of that
+    nearness       (N,) float32 1/m in the observer, inverse_depth (N,) 1/m in the host: looks grow as one over the other
+    may            (N,) bool: the others are not looked at
+    returns        (N,) float32; 0 outside the image and where the nearness is 0
+    """
+    found = np.zeros(len(uv), np.float32)
+    look = np.empty(side * side, np.float32)
+    for n in range(len(uv)):
+        u, v = uv[n, 0], uv[n, 1]
+        inside = u >= -0.5 and v >= -0.5 and u < size[1] - 0.5 and v < size[0] - 0.5
+        if not (inside and may[n] and nearness[n] > 0.0):
+            continue
+        scale = nearness[n] / inverse_depth[n]
+        _look_at(small, (u + 0.5) / times_smaller - 0.5, (v + 0.5) / times_smaller - 0.5, scale, side, look)
         product = 0.0
-        for i in range(looks_host.shape[1]):
-            product += looks_host[n, i] * looks_observer[n, i]
+        for i in range(side * side):
+            product += looks[n, i] * look[i]
         found[n] = min(max(product, 0.0), 1.0)
     return found
 

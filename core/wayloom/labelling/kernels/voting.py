@@ -112,9 +112,14 @@ def add_soft_votes(votes, classes, steps, rest, steps_per_nat, covered, uv, labe
                 unlikely[classes[v, u, i]] += share * (steps[v, u, i] - rest[v, u])
         least = unlikely[:class_count].min()
         total = np.float32(0.0)
+        nats = least / np.float32(steps_per_nat)
+        of_others = np.exp(nats) if nats > _LEAST_NATS else np.float32(0.0)
         for c in range(class_count):
-            nats = (least - unlikely[c]) / np.float32(steps_per_nat)
-            unlikely[c] = np.exp(nats) if nats > _LEAST_NATS else np.float32(0.0)
+            if unlikely[c] == 0.0:  # in no corner among the best
+                unlikely[c] = of_others
+            else:
+                nats = (least - unlikely[c]) / np.float32(steps_per_nat)
+                unlikely[c] = np.exp(nats) if nats > _LEAST_NATS else np.float32(0.0)
             total += unlikely[c]
         for c in range(class_count):
             if unlikely[c] > 0.0:
