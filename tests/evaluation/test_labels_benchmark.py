@@ -12,11 +12,14 @@ import pytest
 from wayloom.errors import InputError
 from wayloom.evaluation.label_consistency import consistency
 from wayloom.evaluation.label_pictures import best_keyframes, write_figure
-from wayloom.evaluation.label_truth import find_labelled_drives
+from wayloom.evaluation.label_truth import DrawnTruth, ScannedTruth, find_labelled_drives
 from wayloom.evaluation.labels import ROWS, LabelBenchmark, LabelledPoints, benchmark_labels, labels_folder
+from wayloom.logs import simulated_truth
+from wayloom.logs.simulated_truth import open_truth
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, MODELS
 from wayloom.segmentation.network import Network
 from wayloom.segmentation.stage import KeyframeLabels
+from wayloom.simulation import numbering
 from wayloom.simulation.simulate import simulate
 
 
@@ -74,6 +77,64 @@ def test_the_clouds_and_the_drawn_depth_judge_alike(done: tuple[LabelBenchmark, 
         # The scanner sees fewer points than the camera: the accuracies differ by chance, as shares of some hundred points do.
         sigma = 100 / np.sqrt(by_clouds.rows_with_boundaries[row].points)
         assert by_clouds.rows_with_boundaries[row].oa == pytest.approx(by_pixels.rows_with_boundaries[row].oa, abs=3 * sigma)
+
+
+def test_the_layout_of_kitti_360_and_the_scans_themselves_give_the_same_table(
+    done: tuple[LabelBenchmark, LabelledPoints], dataset: Path, work: Path
+) -> None:
+    """To the last point: the clouds hold the rows that the scans give, of the same type, with poses that are read back exactly
+    (the truth's are rounded to 1e-12 m, a fifty-millionth of a float32's step at 100 m)."""
+    by_clouds, labelled = done
+    shown: list[LabelledPoints] = []
+    drives = find_labelled_drives(dataset, "scanned")
+    assert isinstance(drives[0].truth, ScannedTruth)
+    directly = benchmark_labels(drives, Network(MODELS[DEFAULT_MODEL]), work_dir=work, show=shown.append)
+    assert directly.filters == by_clouds.filters
+    assert np.array_equal(shown[0].matches.reason, labelled.matches.reason)
+    assert directly.rows == by_clouds.rows
+    assert directly.rows_with_boundaries == by_clouds.rows_with_boundaries
+
+
+def test_the_clouds_of_a_frame_are_its_scans_points(dataset: Path) -> None:
+    clouds, scans = (find_labelled_drives(dataset, source)[0].truth for source in ("kitti-360", "scanned"))
+    for index in (0, 7):
+        one, other = clouds.frame(index), scans.frame(index)
+        assert one is not None
+        assert other is not None
+        assert np.array_equal(one.labels, other.labels)
+        assert np.abs(one.points_cam - other.points_cam).max() < 2 * np.spacing(np.float32(np.abs(one.points_cam).max() + 1000))
+        assert np.array_equal(one.image, other.image)
+
+
+def test_a_drive_with_a_lidar_is_judged_by_its_scans_in_any_layout_and_one_without_by_its_pixels(
+    dataset: Path, tmp_path: Path
+) -> None:
+    simulate("benchmark", tmp_path / "kitti", "quarter", truth=True, drives=("seq-0",), frames=2)
+    simulate("demo", tmp_path / "demo", "quarter", truth=True, drives=("car-1",), frames=2)
+    scanned, drawn = (find_labelled_drives(tmp_path / name)[0].truth for name in ("kitti", "demo"))
+    assert isinstance(scanned, ScannedTruth)
+    assert isinstance(drawn, DrawnTruth)
+    scan, same = open_truth(tmp_path / "kitti" / "seq-0").scan(1), open_truth(dataset / "seq-0").scan(1)
+    assert scan is not None
+    assert same is not None
+    assert np.array_equal(scan.points_cam, same.points_cam)
+    frame = scanned.frame(1)
+    assert frame is not None
+    assert 0.5 * len(scan.points_cam) < len(frame.points_cam) < 2 * len(scan.points_cam)  # of two scans, thinned
+    with pytest.raises(InputError, match="nothing labelled"):
+        find_labelled_drives(tmp_path / "demo", "scanned")
+
+
+def test_the_truth_tells_what_moves_as_the_simulator_numbers_it() -> None:
+    assert simulated_truth.FIRST_MOVER == numbering.FIRST_MOVER
+
+
+def test_a_scan_that_does_not_fit_its_labels_is_named(tmp_path: Path) -> None:
+    simulate("benchmark", tmp_path, "quarter", truth=True, drives=("seq-0",), frames=2)
+    file = tmp_path / "seq-0" / "velodyne" / "000000.bin"
+    file.write_bytes(file.read_bytes()[:-16])
+    with pytest.raises(InputError, match=r"000000\.bin.*points, their labels"):
+        open_truth(tmp_path / "seq-0").scan(0)
 
 
 def test_the_picture_shows_truth_image_and_vote_of_each_keyframe(done: tuple[LabelBenchmark, LabelledPoints]) -> None:

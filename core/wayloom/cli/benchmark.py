@@ -14,6 +14,7 @@ class Source(StrEnum):
 
     auto = "auto"
     kitti_360 = "kitti-360"
+    scanned = "scanned"
     drawn = "drawn"
 
 
@@ -37,7 +38,10 @@ def labels(
         Path | None, typer.Option(help="Draw truth, single image and vote of a few keyframes (.png or .jpg).", metavar="FILE")
     ] = None,
     source: Annotated[
-        Source, typer.Option(help="Truth: KITTI-360's labelled clouds, or depth and class of every pixel of a simulated drive.")
+        Source,
+        typer.Option(
+            help="Truth: KITTI-360's labelled clouds; or of a simulated drive its scans, or depth and class of every pixel."
+        ),
     ] = Source.auto,
     frames: Annotated[str | None, typer.Option(metavar="FIRST:STOP", help="Only these frames of each drive.")] = None,
     work: Annotated[Path | None, typer.Option(help="Keep tracks and label images here for the next run.", metavar="DIR")] = None,

@@ -1,8 +1,8 @@
 """What the benchmark of labels knows of a drive: labelled LiDAR points and labelled images of its frames."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Protocol
 
@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from wayloom.errors import InputError
 from wayloom.geometry import se3
+from wayloom.logs.accumulation import Scan, window_frames, window_rows
 from wayloom.logs.image_folder_log import ImageFolderLog
 from wayloom.logs.images import ImagePairs
 from wayloom.logs.kitti_360 import open_kitti_360
-from wayloom.logs.kitti_360_clouds import AccumulatedCloud, Window, read_cloud, windows
-from wayloom.logs.kitti_360_labels import has_labels, read_semantic, train_ids
+from wayloom.logs.kitti_360_clouds import AccumulatedCloud, cloud_of, read_cloud, windows
+from wayloom.logs.kitti_360_labels import has_labels, label_ids, read_semantic, train_ids
 from wayloom.logs.kitti_360_layout import Sequence, find_sequences
 from wayloom.logs.registry import open_log
-from wayloom.logs.simulated_truth import SimulatedTruth, has_truth, open_truth
+from wayloom.logs.simulated_truth import SimulatedTruth, has_truth, open_truth, scan_file
 from wayloom.logs.types import DriveLog
 
 FloatArray = NDArray[np.float64]
@@ -65,19 +66,54 @@ class Kitti360Truth:
         number = self._numbers[index]
         if self._poses is None or not np.isfinite(self._poses[index]).all() or not has_labels(self._sequence, number):
             return None
-        T_cam_world = se3.inverse(self._poses[index])
-        points, labels = [np.zeros((0, 3))], [np.zeros(0, np.uint8)]
-        for kind in (self._static, self._dynamic):
-            for cloud in self._clouds(kind, number):
-                rows = np.flatnonzero((cloud.frame < 0) | (cloud.frame == number))
-                points.append(se3.transform(T_cam_world, cloud.points[rows]))
-                labels.append(train_ids(cloud.semantic[rows]))
-        return TrueFrame(np.concatenate(points), np.concatenate(labels), read_semantic(self._sequence, number))
+        image = read_semantic(self._sequence, number)
+        return _seen_in(number, self._poses[index], self._clouds(number), image)
 
-    def _clouds(self, kind: list[Window], number: int) -> Iterator[AccumulatedCloud]:
-        for window in kind:
+    def _clouds(self, number: int) -> Iterator[AccumulatedCloud]:
+        for window in (*self._static, *self._dynamic):
             if window.first <= number <= window.last:
                 yield self._read(window.file)
+
+
+class ScannedTruth:
+    """From the simulator's labelled scans, accumulated as they are for the clouds of KITTI-360's layout: the same points."""
+
+    def __init__(self, truth: SimulatedTruth) -> None:
+        self._truth = truth
+        self._accumulated = lru_cache(maxsize=2)(self._window)
+
+    @cached_property
+    def _windows(self) -> list[tuple[int, int]]:
+        return window_frames(self._truth.T_enu_cam)
+
+    def frame(self, index: int, /) -> TrueFrame | None:
+        """See `LabelTruth`."""
+        near = [self._accumulated(first, last) for first, last in self._windows if first <= index <= last]
+        clouds = [pair[0] for pair in near] + [pair[1] for pair in near]
+        return _seen_in(index, self._truth.T_enu_cam[index], clouds, self._truth.class_id(index))
+
+    def _window(self, first: int, last: int) -> tuple[AccumulatedCloud, AccumulatedCloud]:
+        still, moving = window_rows(self._truth.T_enu_cam, first, last, self._scan)
+        return replace(cloud_of(still), frame=np.full(len(still), -1, np.int32)), cloud_of(moving)
+
+    def _scan(self, index: int) -> Scan | None:
+        scan = self._truth.scan(index)
+        if scan is None:
+            return None
+        count, ids = len(scan.points_cam), label_ids(scan.labels)
+        colours, visible = np.zeros((count, 3), np.uint8), np.ones(count, bool)
+        return Scan(scan.points_cam, colours, visible, ids, scan.instances.astype(np.int32), scan.moving)
+
+
+def _seen_in(number: int, T_world_cam: FloatArray, clouds: Iterable[AccumulatedCloud], image: Labels) -> TrueFrame:
+    """The points of clouds that were there at frame `number`: static ones, and moving ones of that very frame."""
+    T_cam_world = se3.inverse(T_world_cam)
+    points, labels = [np.zeros((0, 3))], [np.zeros(0, np.uint8)]
+    for cloud in clouds:
+        rows = np.flatnonzero((cloud.frame < 0) | (cloud.frame == number))
+        points.append(se3.transform(T_cam_world, cloud.points[rows]))
+        labels.append(train_ids(cloud.semantic[rows]))
+    return TrueFrame(np.concatenate(points), np.concatenate(labels), image)
 
 
 class DrawnTruth:
@@ -110,15 +146,16 @@ def find_labelled_drives(dataset: Path, source: str = "auto", first: int = 0, st
     """The labelled drives of a dataset, in order.
 
     dataset : KITTI-360's root or a sequence's folder; a folder of drives of `wayloom simulate --truth`, or one of them
-    source : "kitti-360", "drawn" (the simulator's depth and class of every pixel) or "auto": the first that is there
+    source : "kitti-360"; "scanned" (the simulator's labelled scans, for drives that have any); "drawn" (its depth and class of
+    every pixel); or "auto": the first that is there
     first, stop : which frames of each drive
     Raises InputError where there is nothing labelled, or what is there cannot be read.
     """
     if not dataset.is_dir():
         raise InputError("no such folder", file=dataset, remedy="give KITTI-360's root, or a folder of `wayloom simulate --truth`")
-    drives = _kitti_360(dataset) if source != "drawn" else []
+    drives = _kitti_360(dataset) if source in ("auto", "kitti-360") else []
     if not drives and source != "kitti-360":
-        drives = _drawn(dataset)
+        drives = _simulated(dataset, source)
     if not drives:
         raise InputError(
             "nothing labelled in it", file=dataset, remedy="give KITTI-360's root, or a folder of `wayloom simulate --truth`"
@@ -138,12 +175,14 @@ def _kitti_360(dataset: Path) -> list[LabelledDrive]:
     return drives
 
 
-def _drawn(dataset: Path) -> list[LabelledDrive]:
+def _simulated(dataset: Path, source: str) -> list[LabelledDrive]:
     folders = [dataset] if has_truth(dataset) else [folder for folder in sorted(dataset.iterdir()) if has_truth(folder)]
     drives = []
     for folder in folders:
-        log = open_log(folder)
-        drives.append(LabelledDrive(folder.name, log, DrawnTruth(open_truth(folder), log)))
+        log, truth = open_log(folder), open_truth(folder)
+        scanned = source != "drawn" and any(scan_file(folder, index).is_file() for index in range(len(log)))
+        if scanned or source != "scanned":
+            drives.append(LabelledDrive(folder.name, log, ScannedTruth(truth) if scanned else DrawnTruth(truth, log)))
     return drives
 
 

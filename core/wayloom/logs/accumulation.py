@@ -37,24 +37,34 @@ class Scan:
 
 def accumulate(sequence: Sequence, T_world_cam: FloatArray, scan: Callable[[int], Scan | None]) -> None:
     """Write `static` and `dynamic` clouds of the frames at T_world_cam (N, 4, 4). A cloud without points is not written."""
-    reach = float(np.abs(T_world_cam[:, :3, 3]).max())
     for first, last in window_frames(T_world_cam):
-        still: list[NDArray[np.void]] = []
-        moving: list[NDArray[np.void]] = []
-        known = Thinner()
-        for frame in range(first, last + 1):
-            seen = scan(frame)
-            if seen is None:
-                continue
-            rows = world_rows(seen, T_world_cam[frame], frame, reach)
-            moving.append(rows[seen.moving])
-            standing = rows[~seen.moving]
-            still.append(standing[known.new(places(standing))])
+        still, moving = window_rows(T_world_cam, first, last, scan)
         name = f"{first:010d}_{last:010d}.ply"
-        if sum(map(len, still)):
-            write_vertices(sequence.clouds / "static" / name, without_frame(np.concatenate(still)))
-        if sum(map(len, moving)):
-            write_vertices(sequence.clouds / "dynamic" / name, np.concatenate(moving))
+        if len(still):
+            write_vertices(sequence.clouds / "static" / name, without_frame(still))
+        if len(moving):
+            write_vertices(sequence.clouds / "dynamic" / name, moving)
+
+
+def window_rows(
+    T_world_cam: FloatArray, first: int, last: int, scan: Callable[[int], Scan | None]
+) -> tuple[NDArray[np.void], NDArray[np.void]]:
+    """What stands still, thinned, and what moves, of the scans from frame `first` to `last`: rows of `world_rows`.
+
+    T_world_cam : (N, 4, 4) of the whole drive
+    """
+    reach = float(np.abs(T_world_cam[:, :3, 3]).max())
+    none = np.empty(0, row_type(reach))
+    still, moving, known = [none], [none], Thinner()
+    for frame in range(first, last + 1):
+        seen = scan(frame)
+        if seen is None:
+            continue
+        rows = world_rows(seen, T_world_cam[frame], frame, reach)
+        moving.append(rows[seen.moving])
+        standing = rows[~seen.moving]
+        still.append(standing[known.new(places(standing))])
+    return np.concatenate(still), np.concatenate(moving)
 
 
 def window_frames(T_world_cam: FloatArray) -> list[tuple[int, int]]:
@@ -73,14 +83,19 @@ def window_frames(T_world_cam: FloatArray) -> list[tuple[int, int]]:
 
 def world_rows(scan: Scan, T_world_cam: FloatArray, frame: int, reach_m: float) -> NDArray[np.void]:
     """(N,) the points of a scan in the world, with everything that a dynamic cloud says of them."""
-    real = "<f4" if reach_m < FLOAT_REACH_M else "<f8"
-    rows = np.empty(len(scan.points), [("x", real), ("y", real), ("z", real), *LABELS, ("timestamp", "<i4")])
+    rows = np.empty(len(scan.points), row_type(reach_m))
     p_world = scan.points @ T_world_cam[:3, :3].T + T_world_cam[:3, 3]
     rows["x"], rows["y"], rows["z"] = p_world.T
     rows["red"], rows["green"], rows["blue"] = scan.colours.T
     rows["semantic"], rows["instance"], rows["visible"] = scan.ids, scan.instance, scan.visible
     rows["confidence"], rows["timestamp"] = 1.0, frame
     return rows
+
+
+def row_type(reach_m: float) -> np.dtype[np.void]:
+    """Of the rows of a cloud whose world reaches so far."""
+    real = "<f4" if reach_m < FLOAT_REACH_M else "<f8"
+    return np.dtype([("x", real), ("y", real), ("z", real), *LABELS, ("timestamp", "<i4")])
 
 
 def without_frame(rows: NDArray[np.void]) -> NDArray[np.void]:

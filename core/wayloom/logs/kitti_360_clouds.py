@@ -65,9 +65,14 @@ def windows(sequence: Sequence, kind: str = "static") -> list[Window]:
 def read_cloud(file: Path) -> AccumulatedCloud:
     """An accumulated cloud. Raises LogError where it is none, or has no labels, as those of the test sequences."""
     rows = read_vertices(file)
-    names = set(rows.dtype.names or ())
-    if "semantic" not in names:
+    if "semantic" not in (rows.dtype.names or ()):
         raise LogError("has no labels (no property semantic)", file=file, remedy="take a sequence of the training set")
+    return cloud_of(rows)
+
+
+def cloud_of(rows: NDArray[np.void]) -> AccumulatedCloud:
+    """The cloud of labelled vertices."""
+    names = set(rows.dtype.names or ())
     semantic = rows["semantic"].astype(np.int32)
     visible = next((rows[name] != 0 for name in VISIBLE_NAMES if name in names), np.ones(len(rows), bool))
     return AccumulatedCloud(

@@ -3,7 +3,7 @@
 poses_enu.txt                   T_enu_cam of the left camera, first three rows a line, in the city's tangent plane
 depth_{left,right}/%06d.png     16 bit, 1/256 m along the true camera's z; 0 for sky and beyond 256 m
 class_{left,right}/%06d.png     Cityscapes train ids
-instance_{left,right}/%06d.png  16 bit; a number a thing, the same in all drives of a city; 0 ground and sky, from 60000 on movers
+instance_{left,right}/%06d.png  16 bit; a number a thing, the same in all drives of a city; 0 ground and sky, from 53249 on movers
 lidar/%06d.label                uint32 for each point of a scan: class in the lower 16 bits, instance in the upper
 frames.csv                      per frame: exposure and gain of left and right, and the IMU's biases
 fixes.csv                       per fix: its true time, the antenna's true place (ENU), its error, true sigma, whether multipath
@@ -25,6 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import LogError
+from wayloom.geometry import se3
+from wayloom.logs.kitti_360_clouds import read_scan
+from wayloom.logs.kitti_360_layout import find_sequence, is_root
 from wayloom.logs.ply import places, read_vertices
 from wayloom.logs.text_files import parse_numbers, read_bytes, read_lines, read_text
 
@@ -42,6 +45,8 @@ BIAS_COLUMNS: Final = ("fx_bias_m_s2", "fy_bias_m_s2", "fz_bias_m_s2", "wx_bias_
 SURFACE_POINT: Final = np.dtype(
     [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("label", "u1"), ("instance", "<u2")]
 )
+FIRST_MOVER: Final = 53_249
+"""Instances from here on move."""
 REMEDY: Final = "simulate the drive with --truth"
 
 
@@ -87,6 +92,20 @@ class FrameTruth:
 
 
 @dataclass(frozen=True, slots=True)
+class TrueScan:
+    """A turn of the LiDAR: points_cam (N, 3) m in the left camera's frame, labels (N,) uint8 train ids, instances (N,) uint16."""
+
+    points_cam: FloatArray
+    labels: NDArray[np.uint8]
+    instances: NDArray[np.uint16]
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """(N,) whether the thing moves."""
+        return np.asarray(self.instances >= FIRST_MOVER)
+
+
+@dataclass(frozen=True, slots=True)
 class SimulatedTruth:
     """The truth of one drive. `folder` holds the files, T_enu_cam (N, 4, 4) are the left camera's poses."""
 
@@ -113,6 +132,21 @@ class SimulatedTruth:
         data = read_bytes(scan_label_file(self.folder, index), remedy="not every drive and frame has a scan")
         both = np.frombuffer(data, "<u4")
         return (both & 0xFFFF).astype(np.uint8), (both >> 16).astype(np.uint16)
+
+    def scan(self, index: int) -> TrueScan | None:
+        """The scan of a frame with its labels; None where the frame has none, or its drive's layout keeps scans in no files.
+
+        Raises LogError where scan and labels do not fit.
+        """
+        file = scan_file(self.folder.parent, index)
+        if not file.is_file() or not scan_label_file(self.folder, index).is_file():
+            return None
+        points, (labels, instances) = read_scan(file)[:, :3].astype(np.float64), self.scan_labels(index)
+        if len(points) != len(labels):
+            raise LogError(
+                f"has {len(points)} points, their labels are {len(labels)}", file=file, remedy="simulate the drive again"
+            )
+        return TrueScan(se3.transform(np.array(self.vehicle()["T_cam_lidar"]), points), labels, instances)
 
     def surface(self) -> Surface:
         """What the left camera saw of all that stands still. Raises LogError."""
@@ -179,6 +213,14 @@ def image_file(folder: Path, kind: str, camera: str, index: int) -> Path:
 def scan_label_file(folder: Path, index: int) -> Path:
     """Where the labels of a scan lie."""
     return folder / "lidar" / f"{index:06d}.label"
+
+
+def scan_file(drive: Path, index: int) -> Path:
+    """Where the scan of a frame lies in the layouts that have a file for each; it need not be there."""
+    if is_root(drive):
+        return find_sequence(drive).scan(index)
+    raw = drive / "velodyne_points" / "data" / f"{index:010d}.bin"
+    return raw if raw.parent.is_dir() else drive / "velodyne" / f"{index:06d}.bin"
 
 
 def frame_files(folder: Path, index: int) -> Iterator[Path]:
