@@ -6,7 +6,8 @@ Everything is measured as it comes out of the pipeline: points, depths, poses an
 import hashlib
 import json
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -161,17 +162,13 @@ def _tracked(drive: LabelledDrive, settings: OdometrySettings, folder: Path, thr
     return odometry
 
 
-class _folder_for:  # noqa: N801  used as a context manager
+@contextmanager
+def _folder_for(work_dir: Path | None, drive: LabelledDrive) -> Iterator[Path]:
     """A drive's folder below work_dir, or one that does not outlive the benchmark."""
-
-    def __init__(self, work_dir: Path | None, drive: LabelledDrive) -> None:
-        self._scratch = tempfile.TemporaryDirectory() if work_dir is None else None
-        self._folder = Path(self._scratch.name) if self._scratch else (work_dir or Path()) / drive.name
-
-    def __enter__(self) -> Path:
-        self._folder.mkdir(parents=True, exist_ok=True)
-        return self._folder
-
-    def __exit__(self, *_: object) -> None:
-        if self._scratch:
-            self._scratch.cleanup()
+    if work_dir is None:
+        with tempfile.TemporaryDirectory() as scratch:
+            yield Path(scratch)
+    else:
+        folder = work_dir / drive.name
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
