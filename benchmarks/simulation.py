@@ -50,9 +50,13 @@ def look_table(a: Look, b: Look, ours: Look) -> list[str]:
     return lines + [f"| {name} | {x:.2f} | {y:.2f} | {z:.2f} | {against} |" for name, x, y, z, against in rows]
 
 
+def number(value: float | None) -> str:
+    """A percentage without decimals, a dash where there is none."""
+    return "–" if value is None else f"{value:.0f}"
+
+
 def class_table(rows: list[simulated.ClassRow], accuracies: tuple[float, float, float]) -> list[str]:
     """IoU of each class in percent, and the accuracies."""
-    number = lambda value: "–" if value is None else f"{value:.0f}"  # noqa: E731
     lines = ["| class | KITTI, 5 frames | CamVid, 39 frames | simulated | share of pixels |", "| --- | --- | --- | --- | --- |"]
     for row in rows:
         mark = " **(under 25)**" if row.falls_short else ""
