@@ -63,3 +63,13 @@ def test_positions_and_velocities_of_a_gnss_log_agree(data_dir: Path, drive: str
     moving = np.linalg.norm(step, axis=1) > 0.3
     along = (forward * step).sum(axis=1)[moving] / np.linalg.norm(step, axis=1)[moving]
     assert np.median(along) > 0.999, "the unit's x axis points where the car drives"
+
+
+def test_velocities_lead_where_positions_go(data_dir: Path) -> None:
+    ins = ins_trajectory(data_dir / "kitti_oxts/2011_09_26/2011_09_26_drive_0087_sync")
+    five_s = 50
+    by_position = (ins.T_enu_imu[five_s:, :2, 3] - ins.T_enu_imu[:-five_s, :2, 3])[::five_s]
+    by_velocity = (ins.integrated_enu[five_s:, :2] - ins.integrated_enu[:-five_s, :2])[::five_s]
+    way = np.linalg.norm(by_velocity, axis=1)
+    apart = np.linalg.norm(by_position - by_velocity, axis=1)[way > 10] / way[way > 10]
+    assert np.median(apart) < 0.015, "leftward velocity, which these recordings count to the right, would make it 0.03"
