@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wayloom.config.classes import SKY
-from wayloom.simulation import vehicles
+from wayloom.simulation import two_wheelers, vehicles
 from wayloom.simulation.cars import BRAKE_LAMP, TAIL_LAMP
 from wayloom.simulation.kernels import shade
 from wayloom.simulation.light import WEATHERS, CityLight, LightSettings
@@ -115,7 +115,7 @@ def test_rain_is_the_same_twice_other_for_each_camera_and_denser_when_it_pours(p
 
 
 def test_rear_lamps_light_up_when_a_vehicle_brakes(world: World) -> None:
-    for build in (vehicles.lorry, vehicles.bus, vehicles.motorcycle, lambda: vehicles.car(vehicles.CAR_PROFILES[0])):
+    for build in (vehicles.lorry, vehicles.bus, two_wheelers.motorcycle, lambda: vehicles.car(vehicles.CAR_PROFILES[0])):
         mesh = build()
         lamps = np.all(mesh.tint == np.float32(TAIL_LAMP), axis=1)
         assert lamps.any()

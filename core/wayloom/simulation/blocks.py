@@ -1,46 +1,38 @@
 """What stands in a block and along its kerbs."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
 from wayloom.config.classes import CLASS_ID
-from wayloom.simulation import buildings, furniture, ground, vegetation
+from wayloom.simulation import buildings, furniture, ground, kerbside, vegetation
 from wayloom.simulation.buildings import Footprint
 from wayloom.simulation.city_settings import CitySettings
 from wayloom.simulation.ground import KERB_M
 from wayloom.simulation.materials import Material
-from wayloom.simulation.mesh import Mesh, MeshBuilder, placed
+from wayloom.simulation.mesh import Mesh, MeshBuilder
 from wayloom.simulation.models import Models
-from wayloom.simulation.numbering import THINGS_PER_BLOCK, first_number
+from wayloom.simulation.numbering import first_number
 from wayloom.simulation.objects import Change, TrueObject
-from wayloom.simulation.streets import (
-    AVENUE_HALF_M,
-    CROSSING_LENGTH_M,
-    F64,
-    ISLAND_M,
-    SIDEWALK_M,
-    BlockShape,
-    Control,
-    StreetGraph,
-)
+from wayloom.simulation.site import SignalFace, Site
+from wayloom.simulation.streets import F64, ISLAND_M, StreetGraph
 
 HOUSE_DEPTH_M = 10.0
 LOT_M = (9.0, 16.0)
 GARDEN_M = (3.0, 6.0)
-PARKING_FROM_KERB_M = 1.05
-SHELTER_BACK_M = 1.7
 CHAMFER_M = 7.0
 """How much shorter the back of a sidewalk is where there is a roundabout."""
 SURROUNDINGS_M, TREES_PER_M_OF_BORDER = 90.0, 0.12
 VERGE_SHARE = 0.35
-POLE, SIGN, LIGHT = CLASS_ID["pole"], CLASS_ID["traffic sign"], CLASS_ID["traffic light"]
 GROUND, STANDING, FURNITURE, PARKED, CROSSINGS = range(5)
 """The stages of a block, each with random numbers of its own: a change in one leaves the others as they are."""
-TREE, SIGNPOST, BOLLARDS, BIKES, CABINET, MOTORBIKES = range(6)
-FURNITURE_SHARES = (0.40, 0.22, 0.11, 0.12, 0.07, 0.08)
+STAGES = (
+    (FURNITURE, kerbside.sidewalk_furniture),
+    (PARKED, kerbside.parked_vehicles),
+    (CROSSINGS, kerbside.crossing_furniture),
+)
 
 
 class Kind(Enum):
@@ -56,68 +48,7 @@ KINDS_TILE = 4
 KINDS = (Kind.DENSE,) * 9 + (Kind.GARDENS,) * 4 + (Kind.PARK,) * 2 + (Kind.SQUARE,)
 
 
-CHANGED_SHARES = {"sign": (0.16, 0.12), "pole": (0.08, 0.05), "vehicle": (0.30, 0.25)}
-"""In a changed city: how many things of a kind are gone, and how many are elsewhere (vehicles: another one stands there)."""
-MOVED_M = 1.7
 FACADE_CHANGES_EVERY = 3
-
-
-class Fate(Enum):
-    """What has become of a thing in a changed city."""
-
-    KEPT = 0
-    GONE = 1
-    ELSEWHERE = 2
-
-
-@dataclass(frozen=True, slots=True)
-class SignalFace:
-    """The lamps of one signal head: at (3,) m over the flat city, facing (2,), for who comes from node `origin` to `node`."""
-
-    at: F64
-    facing: F64
-    node: int
-    origin: int
-    number: int
-
-
-@dataclass(slots=True)
-class Site:
-    """What the builders of one block share. rng is that of the stage being built; fates and repaint are None in an unchanged city.
-
-    Noted things have their feet on a flat city: the city lifts them onto its hills.
-    """
-
-    m: MeshBuilder
-    graph: StreetGraph
-    shape: BlockShape
-    models: Models
-    rng: np.random.Generator
-    first_number: int
-    fates: np.random.Generator | None = None
-    repaint: np.random.Generator | None = None
-    given: int = 0
-    objects: list[TrueObject] = field(default_factory=list)
-    changes: list[Change] = field(default_factory=list)
-    faces: list[SignalFace] = field(default_factory=list)
-
-    def number(self) -> int:
-        """A number that no other thing of this block has; the last one again where there are no more."""
-        self.given = min(self.given + 1, THINGS_PER_BLOCK)
-        return self.first_number + self.given - 1
-
-    def note(self, class_id: int, number: int, at: F64, bottom_m: float, top_m: float) -> None:
-        """Remember an object over the sidewalk at (2,) m, from bottom_m to top_m above the street's plane."""
-        foot = np.array([at[0], at[1], KERB_M])
-        self.objects.append(TrueObject(class_id, number, foot, max(0.0, bottom_m - KERB_M), top_m - KERB_M))
-
-    def fate(self, kind: str) -> Fate:
-        """What has become of the next thing of a kind."""
-        if self.fates is None:
-            return Fate.KEPT
-        gone, elsewhere = CHANGED_SHARES[kind]
-        chance = self.fates.random()
-        return Fate.GONE if chance < gone else Fate.ELSEWHERE if chance < gone + elsewhere else Fate.KEPT
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +99,7 @@ def build_block(settings: CitySettings, graph: StreetGraph, models: Models, bloc
     ground.underlay(m, *shape.middle)
     _outskirts(site, np.random.default_rng([settings.seed, 3, block]))
     if not coarse:
-        for stage, build in ((FURNITURE, _sidewalk_furniture), (PARKED, _parked_vehicles), (CROSSINGS, _crossing_furniture)):
+        for stage, build in STAGES:
             site.rng = _stream(settings, block, stage)
             for k in range(len(shape.nodes)):
                 build(site, k, clear[k])
@@ -289,142 +220,13 @@ def _tree(site: Site, at: F64, big: float) -> None:
     plant(site.m, site.rng, at[0], at[1], site.number(), big)
 
 
-def _kerb_point(shape: BlockShape, k: int, along_m: float, in_m: float) -> F64:
-    """A place `along_m` m along street edge k from its node and `in_m` m behind the kerb (negative: on the road)."""
-    d, inward, _ = shape.edge(k)
-    return np.asarray(shape.middle[k] + d * along_m + inward * (shape.half_m[k] + in_m))
-
-
-def _sidewalk_furniture(site: Site, k: int, clear: tuple[float, float]) -> None:
-    """Lamps at even distance, and between them trees, signs, bollards, bicycles, cabinets, motorcycles."""
-    shape, rng = site.shape, site.rng
-    d, inward, length = shape.edge(k)
-    first, last, yaw = clear[0] + 2, length - clear[1] - 2, float(np.arctan2(d[1], d[0]))
-    for s in np.arange(first + 3, last, rng.uniform(20, 26)):
-        _lamp(site, _kerb_point(shape, k, s, 0.45), d, -inward)
-    for s in np.arange(first + rng.uniform(6, 9), last, rng.uniform(5.5, 9)):
-        at, kind = _kerb_point(shape, k, s, 0.75), rng.choice(len(FURNITURE_SHARES), p=FURNITURE_SHARES)
-        if kind == TREE:
-            vegetation.broadleaf(site.m, rng, at[0], at[1], site.number(), rng.uniform(0.8, 1.2))
-        elif kind == SIGNPOST:
-            _sign(site, at, d, int(rng.integers(furniture.SIGN_KINDS)))
-        elif kind == BOLLARDS:
-            for step in range(4):
-                number, place = site.number(), at + d * 1.3 * step
-                furniture.bollard(site.m, place, number)
-                site.note(POLE, number, place, 0.0, furniture.BOLLARD_TOP_M)
-        elif kind in (BIKES, MOTORBIKES):
-            model = site.models.any_bicycle if kind == BIKES else site.models.any_motorcycle
-            for step in range(int(rng.integers(1, 4))):
-                turn = yaw + np.pi / 2 + rng.normal(0, 0.15)
-                x, y = at + d * 0.7 * step
-                site.m.add(placed(model(rng), float(x), float(y), turn, KERB_M, site.number()))
-        else:
-            furniture.cabinet(site.m, at, yaw, site.number(), rng)
-    if shape.half_m[k] == AVENUE_HALF_M:
-        furniture.shelter(site.m, _kerb_point(shape, k, (first + last) / 2, SHELTER_BACK_M), d, -inward, site.number())
-
-
-def _lamp(site: Site, at: F64, along: F64, to_street: F64) -> None:
-    """A street lamp, or, in a changed city, perhaps none, or one beside its old place."""
-    number, fate = site.number(), site.fate("pole")
-    for place in _told(site, fate, POLE, number, at, along):
-        furniture.lamp_post(site.m, place, to_street, number)
-        site.note(POLE, number, place, 0.0, furniture.LAMP_TOP_M)
-
-
-def _sign(site: Site, at: F64, facing: F64, kind: int) -> None:
-    """A sign on its post, or, in a changed city, perhaps none, or one beside its old place."""
-    post, plate, fate = site.number(), site.number(), site.fate("sign")
-    _told(site, fate, POLE, post, at, facing)
-    for place in _told(site, fate, SIGN, plate, at, facing):
-        furniture.sign_post(site.m, place, facing, kind, post, plate)
-        site.note(POLE, post, place, 0.0, furniture.SIGN_POST_TOP_M)
-        site.note(SIGN, plate, place, *furniture.SIGN_M)
-
-
-def _told(site: Site, fate: Fate, class_id: int, number: int, at: F64, along: F64) -> list[F64]:
-    """Where a thing stands after its fate, if at all; notes the change."""
-    new = [] if fate is Fate.GONE else [at + along * MOVED_M] if fate is Fate.ELSEWHERE else [at]
-    if fate is not Fate.KEPT:
-        site.changes.append(Change("removed", class_id, number, np.array([*at, KERB_M])))
-        site.changes += [Change("added", class_id, number, np.array([*place, KERB_M])) for place in new]
-    return new
-
-
-def _parked_vehicles(site: Site, k: int, clear: tuple[float, float]) -> None:
-    """Vehicles at the kerb, facing as the traffic beside them drives: with the kerb on their right. Long ones along avenues."""
-    shape, rng = site.shape, site.rng
-    _, _, length = shape.edge(k)
-    avenue, full = shape.half_m[k] == AVENUE_HALF_M, rng.uniform(0.35, 0.85)
-    s, end = clear[0] + CROSSING_LENGTH_M + 4, length - clear[1] - CROSSING_LENGTH_M - 3
-    while s < end:
-        chance, needed = rng.random(), rng.uniform(5.4, 6.6)
-        if chance < full:
-            kind = rng.random()
-            if avenue and kind < 0.22 and s + 13 < end:
-                lorry = kind < 0.13
-                mesh = site.models.painted(site.models.lorry if lorry else site.models.bus, rng)
-                s, needed, from_kerb = (s + 2.0, 8.0, 1.4) if lorry else (s + 4.0, 10.0, 1.45)
-            elif kind > 0.95:
-                mesh, from_kerb = site.models.any_motorcycle(rng), PARKING_FROM_KERB_M
-            else:
-                mesh, from_kerb = site.models.any_car(rng), PARKING_FROM_KERB_M
-            _park_one(site, k, mesh, s, from_kerb)
-        s += needed
-
-
-def _park_one(site: Site, k: int, mesh: Mesh, along_m: float, from_kerb_m: float) -> None:
-    """One vehicle at the kerb; in a changed city it may have left, or another one may stand there."""
-    rng, (d, _, _) = site.rng, site.shape.edge(k)
-    small = from_kerb_m == PARKING_FROM_KERB_M
-    at = _kerb_point(site.shape, k, along_m, -from_kerb_m + rng.normal(0, 0.05 if small else 0.02))
-    scale = (rng.uniform(0.93, 1.06), rng.uniform(0.97, 1.03), rng.uniform(0.97, 1.06)) if small else (1.0, 1.0, 1.0)
-    yaw = float(np.arctan2(-d[1], -d[0])) + rng.normal(0, 0.025 if small else 0.004)
-    number, fate, class_id = site.number(), site.fate("vehicle"), int(mesh.class_id[0])
-    if fate is not Fate.KEPT:
-        site.changes.append(Change("removed", class_id, number, np.array([*at, 0.0])))
-    if fate is Fate.ELSEWHERE and site.fates is not None:
-        mesh = site.models.any_car(site.fates)
-        site.changes.append(Change("added", int(mesh.class_id[0]), number, np.array([*at, 0.0])))
-    if fate is not Fate.GONE:
-        site.m.add(placed(mesh, at[0], at[1], yaw, 0.0, number, scale))
-
-
-def _crossing_furniture(site: Site, k: int, clear: tuple[float, float]) -> None:
-    """Traffic lights or signs for those who come along edge k towards its first node, and railings at some corners."""
-    shape, rng = site.shape, site.rng
-    d, _, _ = shape.edge(k)
-    at = _kerb_point(shape, k, clear[0] + 4.4, 0.55)
-    control, chance = site.graph.control(shape.nodes[k]), rng.random()
-    if control is Control.SIGNALS:
-        _signal(site, k, at, 3.8 if shape.half_m[k] == AVENUE_HALF_M or chance < 0.4 else 0.0)
-    else:
-        _sign(site, at, d, 3 if control is Control.ROUNDABOUT else int(rng.choice((3, 5, 2))))
-    _sign(site, _kerb_point(shape, k, clear[0] + 0.4, 0.6), d, 7)
-    if rng.random() < 0.4:
-        a, b = (_kerb_point(shape, k, clear[0] + s, 0.3) for s in (5.0, 11.0))
-        furniture.guard_rail(site.m, a, b, site.number())
-
-
-def _signal(site: Site, k: int, at: F64, arm_m: float) -> None:
-    """A traffic light whose heads each have a number of their own."""
-    d, inward, _ = site.shape.edge(k)
-    post, node, origin = site.number(), site.shape.nodes[k], site.shape.nodes[(k + 1) % 4]
-    heads = furniture.traffic_light(site.m, at, d, -inward, arm_m, post, [site.number() for _ in range(1 + (arm_m > 0))])
-    site.note(POLE, post, at, 0.0, furniture.signal_post_m(arm_m))
-    for face, number in heads:
-        site.faces.append(SignalFace(face, d, node, origin, number))
-        site.note(LIGHT, number, face[:2] - d * furniture.SIGNAL_HALF_M, face[2], face[2] + furniture.SIGNAL_M)
-
-
 def _roundabouts(site: Site) -> None:
     """What stands on a roundabout's island; each is looked after by the block north-east of it, and its signs by all four."""
     for k, node in enumerate(site.shape.middle):
         if not site.shape.roundabout[k]:
             continue
         d, inward, _ = site.shape.edge(k)
-        _sign(site, node + d * (ISLAND_M - 0.5) + inward * 0.9, d, 4)
+        kerbside.sign(site, node + d * (ISLAND_M - 0.5) + inward * 0.9, d, 4)
         if k == 0:
             buildings.monument(site.m, node, site.number())
             for angle in np.arange(5) * 2 * np.pi / 5 + site.rng.random():
@@ -447,7 +249,3 @@ def _outskirts(site: Site, rng: np.random.Generator) -> None:
         for _ in range(int((length + reach_p + reach_q) * TREES_PER_M_OF_BORDER)):
             x, y = p + d * rng.uniform(-reach_p, length + reach_q) - inward * rng.uniform(14, 40)
             vegetation.broadleaf(site.m, rng, float(x), float(y), site.number(), rng.uniform(1.4, 2.2))
-
-
-SIDEWALK_MIDDLE_M = SIDEWALK_M * 0.62
-"""Where people walk, from the kerb."""

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.simulation import polygons
-from wayloom.simulation.blocks import SURROUNDINGS_M, SignalFace, build_block
+from wayloom.simulation.blocks import SURROUNDINGS_M, build_block
 from wayloom.simulation.city_settings import CitySettings
 from wayloom.simulation.mesh import Mesh, empty, join
 from wayloom.simulation.models import Models
 from wayloom.simulation.objects import Area, Change, TrueArea, TrueObject
+from wayloom.simulation.site import SignalFace
 from wayloom.simulation.streets import F64, StreetGraph
 from wayloom.simulation.terrain import FLAT, HILLS, Terrain
 

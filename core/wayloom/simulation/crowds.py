@@ -17,7 +17,7 @@ from wayloom.simulation.vehicles import braking
 REACH_M, OUT_OF_SIGHT_M = 250.0, 150.0
 """Streets this near to a recording vehicle are filled; others come in farther away than the second."""
 WARM_UP_S = 40.0
-GAP_M = {Lane.CAR: 55.0, Lane.CYCLE: 150.0, Lane.TRAM: 190.0}
+GAP_M = {Lane.CAR: 55.0, Lane.CYCLE: 80.0, Lane.TRAM: 190.0}
 """Mean distance of two vehicles in a lane on a usual day."""
 SPREAD_M = {Lane.CAR: 17.0, Lane.CYCLE: 20.0, Lane.TRAM: 60.0}
 """Least distance at the beginning, where there is room."""

@@ -22,6 +22,7 @@ FENCE_LIGHTEST = {Material.RAILS: 5.0, Material.PICKETS: 2.4, Material.MESH: 2.5
 """Factor on the material's colour: galvanised rails, pickets painted white."""
 PIER_EVERY_M, PIER_M = 3.0, 0.42
 SIGNAL_M, SIGNAL_HALF_M, LENS_M = 1.15, 0.14, 0.137
+VISOR_M, VISOR_RADIUS_M = 0.26, 0.155
 """Height of a signal's head, from its middle to its face, radius of a lamp."""
 LAMP_TINTS = ((1.0, 0.05, 0.02), (1.0, 0.45, 0.02), (0.05, 0.95, 0.35))
 UNLIT_TINTS = ((0.12, 0.015, 0.012), (0.16, 0.10, 0.02), (0.01, 0.10, 0.05))
@@ -95,9 +96,18 @@ def _signal_head(m: MeshBuilder, at: F64, facing: F64, foot_m: float, number: in
     face = np.array([*(at + facing * SIGNAL_HALF_M), foot_m])
     for k, unlit in enumerate(UNLIT_TINTS):
         m.quads(lens(face, facing, k, 0.006), [LENS_UV] * 3, Material.PAINT, LIGHT, number, unlit)
-        z = low + (k + 0.9) * SIGNAL_M / 3
-        box(m, (0.146, -0.14, z), (0.28, 0.14, z + 0.015), Material.METAL, LIGHT, number, dark, 1, place, yaw, bottom=True)
+        _visor(m, face + (0.0, 0.0, (2.5 - k) * SIGNAL_M / 3), facing, number, dark)
     return face
+
+
+def _visor(m: MeshBuilder, middle: F64, facing: F64, number: int, tint: tuple[float, float, float]) -> None:
+    """A tube, open below, over the lamp whose middle (3,) it stands out from."""
+    angle = np.linspace(-0.6, np.pi + 0.6, 8)
+    ring = VISOR_RADIUS_M * (np.cos(angle)[:, None] * [facing[1], -facing[0], 0.0] + np.sin(angle)[:, None] * (0.0, 0.0, 1.0))
+    out = VISOR_M * (0.6 + 0.4 * np.sin(angle.clip(0, np.pi)))[:, None] * [*facing, 0.0]
+    inner, outer = middle + ring, middle + ring + out
+    corners = np.stack([inner[:-1], inner[1:], outer[1:], outer[:-1]], axis=1)
+    m.quads(corners, np.zeros((len(corners), 4, 2)), Material.METAL, LIGHT, number, tint)
 
 
 def lens(face: F64, facing: F64, which: int, out_m: float) -> F64:

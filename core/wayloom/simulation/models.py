@@ -4,12 +4,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wayloom.simulation import vehicles
+from wayloom.simulation import two_wheelers, vehicles
 from wayloom.simulation.mesh import Mesh, join, recoloured
-from wayloom.simulation.people import STEP_PHASES, pedestrian, rider
+from wayloom.simulation.people import STEP_PHASES, biker, cyclist, pedestrian
 
 WALKERS, RIDERS = 10, 5
 TRAM_SECTION_M = 9.0
+MOTORCYCLE_SHARES = (0.5, 0.25, 0.25)
+"""Of bare ones, touring ones and scooters."""
+MOTORCYCLE_COLOURS = (
+    (0.02, 0.02, 0.022), (0.05, 0.05, 0.055), (0.45, 0.03, 0.02), (0.03, 0.07, 0.28), (0.55, 0.56, 0.57), (0.02, 0.02, 0.022),
+    (0.75, 0.74, 0.70), (0.10, 0.13, 0.10), (0.55, 0.20, 0.03),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,15 +26,15 @@ class Models:
     lorry: Mesh = field(default_factory=vehicles.lorry)
     bus: Mesh = field(default_factory=vehicles.bus)
     tram: Mesh = field(default_factory=lambda: vehicles.bus(2 * TRAM_SECTION_M, "train"))
-    bicycle: Mesh = field(default_factory=vehicles.bicycle)
-    motorcycle: Mesh = field(default_factory=vehicles.motorcycle)
+    bicycle: Mesh = field(default_factory=two_wheelers.bicycle)
+    motorcycles: tuple[Mesh, ...] = field(
+        default_factory=lambda: (two_wheelers.motorcycle(), two_wheelers.motorcycle(touring=True), two_wheelers.scooter())
+    )
     walkers: tuple[tuple[Mesh, ...], ...] = field(default_factory=lambda: tuple(_walker(k) for k in range(WALKERS)))
     cyclists: tuple[Mesh, ...] = field(
-        default_factory=lambda: tuple(rider(np.random.default_rng([2, k]), 0.22, 0.92, k % 2 == 0) for k in range(RIDERS))
+        default_factory=lambda: tuple(cyclist(np.random.default_rng([2, k]), k % 2 == 0) for k in range(RIDERS))
     )
-    bikers: tuple[Mesh, ...] = field(
-        default_factory=lambda: tuple(rider(np.random.default_rng([3, k]), 0.12, 0.80, True) for k in range(RIDERS))
-    )
+    bikers: tuple[Mesh, ...] = field(default_factory=lambda: tuple(biker(np.random.default_rng([3, k])) for k in range(RIDERS)))
 
     def any_car(self, rng: np.random.Generator) -> Mesh:
         """A car of random shape and colour."""
@@ -40,8 +46,9 @@ class Models:
         return recoloured(self.bicycle, vehicles.PAINTWORK, rng.uniform(0.02, 0.45, 3))
 
     def any_motorcycle(self, rng: np.random.Generator) -> Mesh:
-        """A motorcycle of random colour."""
-        return recoloured(self.motorcycle, vehicles.PAINTWORK, rng.uniform(0.02, 0.45, 3))
+        """A motorcycle or scooter of random colour."""
+        shape = self.motorcycles[rng.choice(len(self.motorcycles), p=MOTORCYCLE_SHARES)]
+        return recoloured(shape, vehicles.PAINTWORK, MOTORCYCLE_COLOURS[rng.integers(len(MOTORCYCLE_COLOURS))])
 
     def any_cyclist(self, rng: np.random.Generator) -> Mesh:
         """A bicycle with its rider."""

@@ -1,6 +1,6 @@
 """People, modelled around their own origin: x forward, y left, feet on z = 0."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +18,15 @@ COATS = (
 )  # fmt: skip
 TROUSERS = ((0.04, 0.06, 0.13), (0.07, 0.10, 0.20), (0.02, 0.02, 0.025), (0.28, 0.23, 0.16), (0.14, 0.14, 0.15), (0.10, 0.08, 0.06))
 SHOE = (0.05, 0.04, 0.03)
+HELMETS = ((0.02, 0.02, 0.022), (0.02, 0.02, 0.022), (0.70, 0.70, 0.68), (0.35, 0.36, 0.37), (0.45, 0.03, 0.02), (0.03, 0.07, 0.28))
+LEATHERS = (
+    (0.02, 0.02, 0.022),
+    (0.03, 0.03, 0.035),
+    (0.06, 0.06, 0.065),
+    (0.02, 0.03, 0.07),
+    (0.10, 0.05, 0.03),
+    (0.22, 0.03, 0.03),
+)
 STEP_PHASES = 8
 """How many poses a step is cut into."""
 Point = tuple[float, float, float]
@@ -137,25 +146,65 @@ def _arm(m: MeshBuilder, a: float, side: float, look: Look, cls: int) -> None:
     _limb(m, [hand, (hand[0] + 0.03, hand[1], hand[2] - 0.09)], (0.036, 0.025), cls, look.skin)
 
 
-def rider(rng: np.random.Generator, lean: float, seat: float, helmet: bool) -> Mesh:
-    """A person on two wheels: lean (m) is how far the shoulders are ahead of the seat, whose height is `seat` m."""
-    m, cls = MeshBuilder(), CLASS_ID["rider"]
-    look = _look(rng)
-    hip, neck = (-0.22, seat + 0.06), (-0.14 + 1.3 * lean, seat + 0.57)
+def cyclist(rng: np.random.Generator, helmet: bool) -> Mesh:
+    """A person on a bicycle, one foot low."""
+    m, cls, look = MeshBuilder(), CLASS_ID["rider"], _look(rng)
+    hip, neck = (-0.22, 0.98), (0.146, 1.49)
     for side, low in ((1.0, 0.0), (-1.0, 0.24)):
-        knee = (0.17 + 0.05 * (low > 0), side * 0.20, seat - 0.20 + 0.65 * low)
-        foot = (0.08 if low == 0 else -0.06, side * 0.14, max(0.16, seat - 0.72 + low))
-        _limb(m, [(hip[0], side * 0.09, hip[1]), knee], (0.105, 0.072), cls, look.trousers)
-        _limb(m, [knee, foot], (0.072, 0.050), cls, look.trousers)
-        _limb(m, [(foot[0] - 0.08, foot[1], foot[2] - 0.03), (foot[0] + 0.17, foot[1], foot[2] - 0.04)], (0.048, 0.040), cls, SHOE)
-        shoulder, elbow = (neck[0], side * 0.185, neck[1] - 0.07), (neck[0] + 0.14, side * 0.31, neck[1] - 0.28)
-        _limb(m, [shoulder, elbow, (0.34, side * 0.24, 1.07)], (0.064, 0.050, 0.040), cls, look.coat)
-        _limb(m, [(0.34, side * 0.24, 1.07), (0.40, side * 0.23, 1.07)], (0.042, 0.036), cls, look.skin)
+        knee = (0.17 + 0.05 * (low > 0), side * 0.20, 0.72 + 0.65 * low)
+        foot = (0.08 if low == 0 else -0.06, side * 0.14, 0.20 + low)
+        _riding_limbs(m, side, (hip, neck), knee, foot, (0.34, side * 0.24, 1.07), look)
     _torso(m, hip, neck, cls, look.coat)
     if look.rucksack:
         x, z = (hip[0] + neck[0]) / 2 - 0.24, (hip[1] + neck[1]) / 2
         box(m, (x - 0.10, -0.15, z - 0.16), (x + 0.10, 0.15, z + 0.24), Material.CLOTH, cls, 0, look.trousers[::-1] + 0.05, 0.5)
     if helmet:
-        look = Look(look.coat, look.trousers, rng.uniform(0.05, 0.8, 3), look.skin, False, False, False, False)
+        look = replace(look, hair=HELMETS[rng.integers(len(HELMETS))], long_hair=False)
     _head(m, neck[0] + 0.03, neck[1] - 0.01, cls, look, helmet)
     return m.build()
+
+
+def biker(rng: np.random.Generator) -> Mesh:
+    """A person on a motorcycle, in leather, with a helmet that covers the face, feet on the rests."""
+    m, cls = MeshBuilder(), CLASS_ID["rider"]
+    look = replace(_look(rng), coat=_clothes(rng, LEATHERS), trousers=_clothes(rng, LEATHERS), skin=SHOE)
+    hip, neck = (-0.24, 0.87), (0.0, 1.38)
+    for side in (1.0, -1.0):
+        _riding_limbs(m, side, (hip, neck), (0.16, side * 0.25, 0.70), (-0.16, side * 0.25, 0.38), (0.34, side * 0.34, 1.07), look)
+    _torso(m, hip, neck, cls, look.coat)
+    _full_helmet(m, neck[0] + 0.05, neck[1], HELMETS[rng.integers(len(HELMETS))])
+    return m.build()
+
+
+def _riding_limbs(
+    m: MeshBuilder,
+    side: float,
+    back: tuple[tuple[float, float], tuple[float, float]],
+    knee: Point,
+    foot: Point,
+    hand: Point,
+    look: Look,
+) -> None:
+    """Leg, shoe, arm and hand of one side; `back` holds x and z of hip and neck."""
+    cls, (hip, neck) = CLASS_ID["rider"], back
+    _limb(m, [(hip[0], side * 0.09, hip[1]), knee], (0.105, 0.072), cls, look.trousers)
+    _limb(m, [knee, foot], (0.072, 0.050), cls, look.trousers)
+    _limb(m, [(foot[0] - 0.08, foot[1], foot[2] - 0.03), (foot[0] + 0.17, foot[1], foot[2] - 0.04)], (0.048, 0.040), cls, SHOE)
+    shoulder, elbow = (neck[0], side * 0.185, neck[1] - 0.07), (neck[0] + 0.14, side * 0.31, neck[1] - 0.28)
+    _limb(m, [shoulder, elbow, hand], (0.064, 0.050, 0.040), cls, look.coat)
+    _limb(m, [hand, (hand[0] + 0.06, hand[1] - side * 0.01, hand[2])], (0.042, 0.036), cls, look.skin)
+
+
+def _full_helmet(m: MeshBuilder, x: float, z: float, tint: Tint) -> None:
+    """A round helmet with chin and visor above the shoulders at height z."""
+    cls = CLASS_ID["rider"]
+    rings = ((0.0, 0.095), (0.05, 0.122), (0.12, 0.135), (0.19, 0.132), (0.25, 0.105), (0.285, 0.055), (0.295, 0.01))
+    for (z0, r0), (z1, r1) in pairwise(rings):
+        tube(m, (x, 0.0, z + z0), (x, 0.0, z + z1), (r0, r1), Material.PAINT, cls, 0, np.asarray(tint), 12, squash=0.88)
+    angle = np.linspace(-1.05, 1.05, 7)
+    low, high = (
+        np.column_stack([x + 0.006 + r * np.cos(angle), 0.92 * r * np.sin(angle), np.full(7, z + at)])
+        for r, at in ((0.138, 0.12), (0.134, 0.20))
+    )
+    visor = np.stack([low[:-1], low[1:], high[1:], high[:-1]], axis=1)
+    m.quads(visor, np.zeros((6, 4, 2)), Material.GLASS, cls)

@@ -79,7 +79,9 @@ NONE, SINGLE, FLOAT, FIXED = FixType.NONE, FixType.SINGLE, FixType.FLOAT, FixTyp
 OUTAGE: Final = GnssSettings(steps=gnss_steps((0.0, FIXED), (0.40, FLOAT), (0.50, NONE), (0.62, SINGLE), (0.72, FIXED)))
 LOOP_NODES: Final = (6, 7, 12, 11)
 """Around the block in the middle of 5 x 5 crossings: about 300 m."""
-LOOP: Final = DrivePlan(vehicle_id="car-1", nodes=LOOP_NODES, closed=True, start_s=20.0, vehicle=VehicleSettings(imu=ImuSettings()))
+LOOP: Final = DrivePlan(vehicle_id="car-1", nodes=LOOP_NODES, closed=True, start_s=278.0, vehicle=VehicleSettings(imu=ImuSettings()))
+LOOP_TRAFFIC: Final = 0.4
+"""So little that one comes around without waiting."""
 
 DEMO: Final = Preset(
     name="demo",
@@ -101,19 +103,19 @@ DEMO: Final = Preset(
 LOOP_PRESET: Final = Preset(
     name="loop",
     about="One vehicle around a block and back to its start, about 300 m, with IMU, in everyday light.",
-    city=CitySettings(seed=3),
+    city=CitySettings(seed=3, traffic=LOOP_TRAFFIC),
     drives=(LOOP,),
 )
 HARD: Final = Preset(
     name="hard",
     about="The way of `loop` in a city whose blocks are all alike: places that look the same and are not.",
-    city=CitySettings(seed=3, hard=True),
-    drives=(LOOP,),
+    city=CitySettings(seed=3, traffic=LOOP_TRAFFIC, hard=True),
+    drives=(LOOP.model_copy(update={"start_s": 140.0}),),
 )
 CHANGED: Final = Preset(
     name="changed",
     about="The way of `loop` in the same city, later: some signs, poles, parked cars and one facade differ.",
-    city=CitySettings(seed=3, changed=True),
+    city=CitySettings(seed=3, traffic=LOOP_TRAFFIC, changed=True),
     drives=(LOOP,),
 )
 FLEET: Final = Preset(
@@ -155,7 +157,7 @@ FLEET: Final = Preset(
             ),
         ),
         DrivePlan(
-            vehicle_id="bus-1", nodes=(19, 20, 14, 8, 2), reference=1, before_m=60.0, frames=240, start_s=500.0, fastest_m_s=9.0,
+            vehicle_id="bus-1", nodes=(19, 20, 14, 8, 2), reference=1, before_m=60.0, frames=240, start_s=498.0, fastest_m_s=9.0,
             vehicle=VehicleSettings(
                 camera_height_m=2.7,
                 camera_roll_pitch_yaw_rad=(0.0, 0.04, 0.0),
@@ -182,7 +184,7 @@ BENCHMARK: Final = Preset(
         DrivePlan(
             vehicle_id="seq-1", nodes=(33, 26, 25, 24, 23), reference=1, before_m=45.0, frames=280, start_s=100.0, vehicle=SCANNER
         ),
-        DrivePlan(vehicle_id="seq-2", nodes=(15, 16, 23, 22), closed=True, frames=300, start_s=564.0, vehicle=SCANNER),
+        DrivePlan(vehicle_id="seq-2", nodes=(15, 16, 23, 22), closed=True, frames=300, start_s=628.0, vehicle=SCANNER),
     ),
 )
 PHOTOMETRY: Final = Preset(

@@ -1,5 +1,8 @@
 """Simple bodies: boxes, prisms, discs, strips, sprays of leaves."""
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -68,6 +71,27 @@ def tube(
     v = length / metres
     uv = np.stack([np.stack([u, np.full(sides, w)], 1) for u, w in ((k, v), (k + 1 / sides, v), (k + 1 / sides, 0.0), (k, 0.0))], 1)
     m.quads(corners, uv, material, class_id, instance, tint, normals)
+
+
+def lathe(
+    m: MeshBuilder,
+    centre: ArrayLike,
+    profile: Sequence[tuple[float, float]],
+    material: int,
+    class_id: int,
+    tint: ArrayLike = WHITE,
+    sides: int = 14,
+) -> None:
+    """A body turned around the y axis through `centre` (3,) m: its profile's radius and y, from one end to the other, m."""
+    angle = np.arange(sides + 1) * (2 * np.pi / sides)
+    ring = np.column_stack([np.cos(angle), np.zeros(sides + 1), np.sin(angle)])
+    for (r0, y0), (r1, y1) in pairwise(profile):
+        a, b = (np.asarray(centre, float) + (0.0, y, 0.0) + r * ring for r, y in ((r0, y0), (r1, y1)))
+        corners = np.stack([a[:-1], a[1:], b[1:], b[:-1]], axis=1)
+        slope = np.array([0.0, r0 - r1, 0.0]) + (y1 - y0) * ring
+        normals = slope / max(float(np.hypot(r0 - r1, y1 - y0)), 1e-9)
+        n = np.stack([normals[:-1], normals[1:], normals[1:], normals[:-1]], axis=1)
+        m.quads(corners, corners[..., [0, 2]], material, class_id, 0, tint, n)
 
 
 def post(

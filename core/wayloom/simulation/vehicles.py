@@ -1,9 +1,7 @@
-"""Lorries, buses, trams and two-wheelers, modelled around their own origin: x forward, y left, wheels on z = 0.
+"""Lorries, buses and trams, modelled around their own origin: x forward, y left, wheels on z = 0.
 
 PAINTWORK marks what is recoloured. Passenger cars have a module of their own, and are named here too.
 """
-
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +22,7 @@ from wayloom.simulation.materials import Material
 from wayloom.simulation.mesh import Mesh, MeshBuilder, recoloured
 from wayloom.simulation.solids import box, disc, tube
 
-__all__ = ["CAR_COLOURS", "CAR_PROFILES", "PAINTWORK", "bicycle", "braking", "bus", "car", "lorry", "motorcycle", "two_wheeler"]
+__all__ = ["CAR_COLOURS", "CAR_PROFILES", "PAINTWORK", "braking", "bus", "car", "lorry"]
 
 CAR_COLOURS = (
     (0.55, 0.56, 0.58), (0.03, 0.03, 0.035), (0.78, 0.78, 0.76), (0.03, 0.06, 0.2), (0.32, 0.03, 0.03), (0.14, 0.15, 0.17),
@@ -196,101 +194,3 @@ def _slanted_face(m: MeshBuilder, x: tuple[float, float], half: float, z: tuple[
         left, right = (half, -half) if way < 0 else (-half, half)
         corners = [(xa, left, za), (xa, right, za), (xb, right, zb), (xb, left, zb)]
         m.quads([corners], [[(0, va), (1, va), (1, vb), (0, vb)]], Material.BUS_FRONT, cls, 0, PAINTWORK)
-
-
-def two_wheeler(
-    frame: np.ndarray, wheel_x: tuple[float, float], radius: float, class_id: int, tint: tuple[float, ...], thick: float
-) -> Mesh:
-    """Two wheels and the bars of a frame (N, 2, 3) m."""
-    m = MeshBuilder()
-    solid = thick > 0.03  # a motorcycle's wheel
-    tyre = 0.06 if solid else 0.026
-    for x in wheel_x:
-        if solid:
-            for side in (1.0, -1.0):
-                disc(m, (x, side * tyre, radius), radius, Material.WHEEL, class_id, side)
-        else:
-            disc(m, (x, 0.0, radius), radius / 0.94, Material.SPOKES, class_id, 1.0, 16)
-        ends = ((x, -tyre, radius), (x, tyre, radius))
-        tube(m, *ends, (radius, radius), Material.PAINT, class_id, 0, (0.03, 0.03, 0.03), 16)
-    for a, b in frame:
-        tube(m, a, b, (thick, thick), Material.PAINT, class_id, 0, tint, 5)
-    return m.build()
-
-
-def bicycle() -> Mesh:
-    """A city bicycle with saddle, mudguards, rack, basket, lamps and pedals."""
-    cls = CLASS_ID["bicycle"]
-    bars = np.array(
-        [
-            [(-0.52, 0, 0.34), (0.0, 0, 0.32)],
-            [(0.0, 0, 0.32), (0.38, 0, 0.80)],
-            [(0.52, 0, 0.34), (0.36, 0, 1.02)],
-            [(-0.17, 0, 0.92), (0.0, 0, 0.32)],
-            [(-0.14, 0, 0.80), (0.40, 0, 0.84)],
-            [(-0.52, 0, 0.34), (-0.14, 0, 0.78)],
-            [(0.33, -0.26, 1.03), (0.33, 0.26, 1.03)],
-            [(0.0, 0.0, 0.32), (0.12, 0.10, 0.20)],
-            [(0.0, 0.0, 0.32), (-0.12, -0.10, 0.44)],
-        ]
-    )
-    m = MeshBuilder()
-    m.add(two_wheeler(bars, (-0.52, 0.52), 0.35, cls, PAINTWORK, 0.028))
-    dark = (0.03, 0.03, 0.03)
-    box(m, (-0.34, -0.10, 0.91), (-0.06, 0.10, 0.97), Material.CLOTH, cls, 0, dark, bottom=True)
-    box(m, (-0.78, -0.07, 0.74), (-0.24, 0.07, 0.76), Material.METAL, cls, 0, STEEL, bottom=True)
-    for x, way in ((-0.52, -1.0), (0.52, 1.0)):
-        angle = np.linspace(0.15, 0.85, 5) * np.pi
-        arc = np.column_stack([x - 0.37 * np.cos(angle) * way, np.zeros(5), 0.34 + 0.37 * np.sin(angle)])
-        for a, b in pairwise(arc):
-            tube(m, a, b, (0.03, 0.03), Material.PAINT, cls, 0, PAINTWORK, 4)
-    box(m, (0.42, -0.17, 0.86), (0.70, 0.17, 1.06), Material.PICKETS, cls, 0, dark, 0.5)
-    box(m, (-0.80, -0.04, 0.62), (-0.76, 0.04, 0.70), Material.LIT, cls, 0, TAIL_LAMP)
-    box(m, (0.40, -0.04, 0.78), (0.46, 0.04, 0.86), Material.PAINT, cls, 0, WHITE_LAMP)
-    for y in (0.11, -0.11):  # panniers
-        box(m, (-0.72, y - 0.05, 0.46), (-0.44, y + 0.05, 0.74), Material.CLOTH, cls, 0, (0.16, 0.14, 0.12), 0.6, bottom=True)
-    box(m, (-0.50, -0.045, 0.25), (0.12, -0.035, 0.40), Material.PAINT, cls, 0, dark)  # chain case
-    for y in (0.035, -0.035):  # skirt guards over the rear wheel
-        rim = [(-0.52 - 0.33 * np.cos(a), y, 0.35 + 0.33 * np.sin(a)) for a in np.linspace(0.25, 0.75, 5) * np.pi]
-        guard = [[(-0.52, y, 0.42), a, b, b] for a, b in pairwise(rim if y < 0 else rim[::-1])]
-        m.quads(guard, np.zeros((len(guard), 4, 2)), Material.CLOTH, cls, 0, dark)
-    for y, x, z in ((0.13, 0.12, 0.18), (-0.13, -0.12, 0.42)):
-        box(m, (x - 0.05, y - 0.05, z), (x + 0.05, y + 0.05, z + 0.03), Material.PAINT, cls, 0, dark, bottom=True)
-    return m.build()
-
-
-def motorcycle() -> Mesh:
-    """A motorcycle with fairing, tank, seat, engine, exhaust, mudguards, mirrors, plate and lamps."""
-    cls, dark = CLASS_ID["motorcycle"], (0.04, 0.04, 0.04)
-    bars = np.array(
-        [
-            [(0.72, 0.08, 0.32), (0.45, 0.08, 1.0)],
-            [(0.72, -0.08, 0.32), (0.45, -0.08, 1.0)],
-            [(0.42, -0.38, 1.06), (0.42, 0.38, 1.06)],
-            [(-0.68, 0.1, 0.32), (0.0, 0.1, 0.45)],
-            [(-0.68, -0.1, 0.32), (0.0, -0.1, 0.45)],
-            [(0.40, 0.24, 1.05), (0.48, 0.34, 1.26)],
-            [(0.40, -0.24, 1.05), (0.48, -0.34, 1.26)],
-        ]
-    )
-    m = MeshBuilder()
-    m.add(two_wheeler(bars, (-0.68, 0.72), 0.31, cls, (0.1, 0.1, 0.1), 0.035))
-    box(m, (-0.25, -0.19, 0.26), (0.34, 0.19, 0.66), Material.METAL, cls, 0, (0.5, 0.5, 0.5), 0.4, bottom=True)
-    tank = [((0.42, 0, 0.86), (0.18, 0, 0.92), 0.10, 0.20), ((0.18, 0, 0.92), (-0.10, 0, 0.86), 0.20, 0.13)]
-    for a, b, r0, r1 in tank:
-        tube(m, a, b, (r0, r1), Material.PAINT, cls, 0, PAINTWORK, 10, 1.0)
-    for a, b, r0, r1 in (((-0.08, 0, 0.84), (-0.5, 0, 0.84), 0.15, 0.17), ((-0.5, 0, 0.84), (-0.9, 0, 0.90), 0.16, 0.10)):
-        tube(m, a, b, (r0, r1), Material.CLOTH, cls, 0, dark, 8, 0.8, 0.55)
-    tube(m, (-0.55, 0, 0.76), (-0.98, 0, 0.84), (0.13, 0.07), Material.PAINT, cls, 0, PAINTWORK, 8)
-    tube(m, (0.50, 0, 0.95), (0.66, 0, 0.92), (0.20, 0.13), Material.PAINT, cls, 0, PAINTWORK, 10)
-    box(m, (0.64, -0.11, 0.84), (0.69, 0.11, 1.0), Material.PAINT, cls, 0, WHITE_LAMP)
-    screen = [(0.50, 0.17, 1.08), (0.50, -0.17, 1.08), (0.36, -0.13, 1.32), (0.36, 0.13, 1.32)]
-    m.quads([screen[::-1]], [[(0, 1), (1, 1), (1, 0), (0, 0)]], Material.GLASS, cls)
-    tube(m, (0.0, -0.20, 0.34), (-0.85, -0.24, 0.46), (0.05, 0.075), Material.METAL, cls, 0, (0.8, 0.8, 0.8), 8)
-    for x in (0.72, -0.68):
-        box(m, (x - 0.22, -0.08, 0.63), (x + 0.22, 0.08, 0.665), Material.PAINT, cls, 0, PAINTWORK, bottom=True)
-    for y in (0.34, -0.34):
-        box(m, (0.46, y - 0.09, 1.22), (0.50, y + 0.09, 1.33), Material.PAINT, cls, 0, dark, bottom=True)
-    box(m, (-1.02, -0.11, 0.60), (-0.99, 0.11, 0.72), Material.PAINT, cls, 0, (0.75, 0.75, 0.72))
-    box(m, (-1.02, -0.10, 0.76), (-0.96, 0.10, 0.86), Material.LIT, cls, 0, TAIL_LAMP)
-    return m.build()
