@@ -22,6 +22,7 @@ class HeldImages:
     likeliest: tuple[list[Scores], list[Scores]] | None = None
     smalls: list[NDArray[np.uint8]] | None = None
     """Of left and right alike."""
+    may_be_void: bool = True
 
     def left(self, keyframe: int, /) -> NDArray[np.uint8]:
         return self.lefts[keyframe]

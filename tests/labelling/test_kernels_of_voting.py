@@ -30,7 +30,7 @@ def test_looks_and_their_likeness_are_those_of_the_naive_twin(seed: int, scale: 
     rng = np.random.default_rng(seed)
     image = rng.integers(0, 255, (9, 11)).astype(np.uint8)
     uv = rng.uniform([-2, -2], [12, 10], (4, 2))
-    looks = visibility.patches(image, uv, np.full(4, scale), 3)
+    looks = visibility.patches(image, uv, np.full(4, scale))
     for n, (u, v) in enumerate(uv):
         values = np.array([naive_grey(image, u + du * scale, v + dv * scale) for dv in (-1, 0, 1) for du in (-1, 0, 1)])
         values -= values.mean()
@@ -39,17 +39,19 @@ def test_looks_and_their_likeness_are_those_of_the_naive_twin(seed: int, scale: 
     of_others = looks[::-1].copy()
     nearness, inverse_depth = np.full(4, 0.2 * scale, np.float32), np.full(4, 0.2)
     may = np.array([True, True, False, True])
-    alike = visibility.likeness(of_others, 3, image, 1, image.shape, uv, nearness, inverse_depth, may)
-    for n, (u, v) in enumerate(uv):
-        seen = may[n] and -0.5 <= u < 10.5 and -0.5 <= v < 8.5
-        assert alike[n] == pytest.approx(max(0.0, float(looks[n] @ of_others[n])) if seen else 0.0, abs=2e-4)
+    for least, power in ((0.0, 1.0), (0.3, 4.0), (0.2, 2.5)):
+        alike = visibility.likeness(of_others, image, 1, image.shape, uv, nearness, inverse_depth, may, least, np.float32(power))
+        for n, (u, v) in enumerate(uv):
+            r = min(float(looks[n] @ of_others[n]), 1.0)
+            seen = may[n] and -0.5 <= u < 10.5 and -0.5 <= v < 8.5 and r >= least
+            assert alike[n] == pytest.approx(r**power if seen else 0.0, abs=5e-4) or abs(r - least) < 2e-4
 
 
 def alike_at(image: np.ndarray, looks: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """Their likeness to what lies at uv in an image, at the same scale."""
     near = np.full(len(uv), 0.1)
     found: np.ndarray = visibility.likeness(
-        looks, 3, image, 1, image.shape, uv, near.astype(np.float32), near, np.ones(len(uv), bool)
+        looks, image, 1, image.shape, uv, near.astype(np.float32), near, np.ones(len(uv), bool), 0.0, np.float32(1.0)
     )
     return found
 
@@ -57,7 +59,7 @@ def alike_at(image: np.ndarray, looks: np.ndarray, uv: np.ndarray) -> np.ndarray
 def test_a_flat_patch_and_one_that_is_nowhere_have_no_looks() -> None:
     image = np.full((20, 20), 90, np.uint8)
     uv = np.array([[5.0, 5.0], [np.nan, 5.0], [np.inf, 5.0]])
-    assert not visibility.patches(image, uv, np.ones(3), 3).any()
+    assert not visibility.patches(image, uv, np.ones(3)).any()
 
 
 def test_looks_do_not_depend_on_brightness_and_contrast() -> None:
@@ -65,7 +67,7 @@ def test_looks_do_not_depend_on_brightness_and_contrast() -> None:
     image = cv2.GaussianBlur(rng.integers(0, 120, (40, 40)).astype(np.uint8), (0, 0), 1.5)
     brighter = (image * 1.6 + 20).astype(np.uint8)
     uv = rng.uniform(5, 35, (50, 2))
-    looks = visibility.patches(image, uv, np.ones(50), 3)
+    looks = visibility.patches(image, uv, np.ones(50))
     assert (alike_at(brighter, looks, uv) > 0.98).all()
     assert np.median(alike_at(image, looks, uv + 4.0)) < 0.6
 
@@ -120,9 +122,12 @@ def test_a_soft_vote_is_shared_as_the_network_says(seed: int, k: int) -> None:
     weight[3] = 0
     label = np.array([0, 3, 255, 1, 2], np.uint8)
     votes = np.zeros((5, 19))
-    voting.add_soft_votes(votes, scores.classes, scores.steps, rest_steps(scores), STEPS_PER_NAT, scores.covered, uv, label, weight)
+    grid = (scores.classes, scores.steps, rest_steps(scores), STEPS_PER_NAT, scores.covered)
+    size = (30, 44)
+    voting.add_soft_votes(votes, *grid, size, uv, label, weight)
     for n in range(5):
-        if weight[n] == 0 or label[n] == 255:
+        outside = uv[n, 0] >= 43.5 or uv[n, 1] >= 29.5
+        if weight[n] == 0 or label[n] == 255 or outside:
             assert not votes[n].any()
         else:
             # A class whose share is e^-6 to rounding may be cut off or not.
@@ -147,7 +152,8 @@ def test_sure_scores_vote_as_hard_ones() -> None:
     steps = np.tile(np.array([0, 255], np.uint8), (3, 4, 1))
     uv, weight = np.array([[5.0, 5.0]]), np.array([0.25], np.float32)
     soft, hard = np.zeros((1, 19)), np.zeros((1, 19))
-    voting.add_soft_votes(soft, classes, steps, np.full((3, 4), 255, np.float32), 32, (24, 32), uv, np.zeros(1, np.uint8), weight)
+    rest, whole = np.full((3, 4), 255, np.float32), (24, 32)
+    voting.add_soft_votes(soft, classes, steps, rest, 32, whole, whole, uv, np.zeros(1, np.uint8), weight)
     voting.add_hard_votes(hard, np.array([7], np.uint8), weight)
     assert np.array_equal(soft, hard)
 

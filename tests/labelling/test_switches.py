@@ -12,9 +12,10 @@ from wayloom.labelling.settings import PAPER, LabellingSettings
 from wayloom.labelling.tcl import label_points, voting_frames
 from wayloom.labelling.types import PointLabels
 from wayloom.odometry.types import OdometryResult
+from wayloom.segmentation.scores import scores_from_logits
 
 FEW = settings(max_examples=20, deadline=None)
-HARD = LabellingSettings(votes="hard")
+HARD = LabellingSettings(votes="hard", spread=0.0)
 
 
 def labels_of(*ids: int) -> HeldImages:
@@ -95,6 +96,29 @@ def test_the_order_of_observers_and_points_does_not_matter_in_the_default_form_e
     one, other = label_points(drive, images), label_points(replace(drive, points=shuffled), images)
     for field in ("baseline", "mono", "stereo", "vote_start", "vote_class", "vote_weight"):
         assert np.array_equal(getattr(one, field), getattr(other, field)), field
+
+
+class NoRightLabels(HeldImages):
+    """Whose right label images must not be asked for."""
+
+    def right(self, keyframe: int, /) -> np.ndarray:
+        raise AssertionError(f"right labels of keyframe {keyframe} were read")
+
+
+def test_right_labels_are_not_read_where_scores_say_all() -> None:
+    drive, images = with_texture(6)
+    rng = np.random.default_rng(6)
+    size = (CAMERA.height, CAMERA.width)
+    ids = np.arange(19, dtype=np.uint8)
+    scores = [scores_from_logits(rng.normal(0, 3, (15, 25, 19)).astype(np.float32), ids, size) for _ in range(5)]
+    lefts, rights = (
+        [np.where(image == 255, 0, image).astype(np.uint8) for image in side] for side in (images.lefts, images.rights)
+    )
+    one = label_points(drive, HeldImages(lefts, rights, (scores, scores), images.smalls))
+    other = label_points(drive, NoRightLabels(lefts, [], (scores, scores), images.smalls, may_be_void=False))
+    assert np.array_equal(one.vote_weight, other.vote_weight)
+    assert np.array_equal(one.stereo, other.stereo)
+    assert (one.stereo != one.mono).any()
 
 
 def test_a_projection_behind_a_seen_point_does_not_vote_where_that_is_asked() -> None:

@@ -49,11 +49,11 @@ def test_left_and_right_of_every_keyframe_are_labelled(log: DriveLog, network: C
     written = sorted(str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*") if p.is_file())
     assert written == [
         "left/0000000000.png", "left/0000000009.png", "left/0000000021.png",
-        "left_scores/0000000000.png", "left_scores/0000000009.png", "left_scores/0000000021.png",
-        "left_small/0000000000.png", "left_small/0000000009.png", "left_small/0000000021.png", "model.json",
+        "left_scores/0000000000.bin", "left_scores/0000000009.bin", "left_scores/0000000021.bin",
+        "left_small/0000000000.npy", "left_small/0000000009.npy", "left_small/0000000021.npy", "model.json",
         "right/0000000000.png", "right/0000000009.png", "right/0000000021.png",
-        "right_scores/0000000000.png", "right_scores/0000000009.png", "right_scores/0000000021.png",
-        "right_small/0000000000.png", "right_small/0000000009.png", "right_small/0000000021.png",
+        "right_scores/0000000000.bin", "right_scores/0000000009.bin", "right_scores/0000000021.bin",
+        "right_small/0000000000.npy", "right_small/0000000009.npy", "right_small/0000000021.npy",
     ]  # fmt: skip
     facts = json.loads((tmp_path / "out" / "model.json").read_text())
     assert (facts["name"], facts["sha256"], facts["licence"]) == ("made", network.sha256, "unknown")
@@ -62,14 +62,14 @@ def test_left_and_right_of_every_keyframe_are_labelled(log: DriveLog, network: C
 def test_a_second_run_labels_only_what_is_missing_or_torn(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:
     out = tmp_path / "out"
     segment_keyframes(log, KEYFRAMES, network, out)
-    before = {path: path.read_bytes() for path in out.rglob("*.png")}
+    before = {path: path.read_bytes() for path in out.rglob("0*.*")}
     (out / "left" / "0000000009.png").unlink()
-    torn = out / "right_scores" / "0000000021.png"
+    torn = out / "right_scores" / "0000000021.bin"
     torn.write_bytes(torn.read_bytes()[:200])
     network.images = 0
     segment_keyframes(log, KEYFRAMES, network, out)
     assert network.images == 4
-    assert {path: path.read_bytes() for path in out.rglob("*.png")} == before
+    assert {path: path.read_bytes() for path in out.rglob("0*.*")} == before
 
 
 def test_another_network_labels_everything_anew(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_scores_lie_beside_the_labels_of_a_network_that_gives_them(log: DriveLog
     assert np.array_equal(found.classes, expected.classes)
     assert np.array_equal(found.steps, expected.steps)
     assert found.covered == expected.covered
-    (tmp_path / "out" / "right_scores" / "0000000009.png").write_bytes(b"torn")
+    (tmp_path / "out" / "right_scores" / "0000000009.bin").write_bytes(b"torn")
     with pytest.raises(StageError, match="right_scores"):
         labels.scores("right", 1)
     bare = Network(find_model(put(tmp_path, "bare", ids_network(64), IDS)))
@@ -108,6 +108,29 @@ def test_labels_stay_in_memory_only_within_the_bound(log: DriveLog, network: Cou
     labels.left(2)
     assert labels.left(0) is not first
     assert np.array_equal(labels.left(0), first)
+
+
+def test_whether_a_pixel_may_be_void_is_known_of_the_network(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:
+    assert not segment_keyframes(log, KEYFRAMES[:1], network, tmp_path / "out").may_be_void
+    partly = Network(find_model(put(tmp_path, "partly", logits_network(classes=3), THREE.replace("10]", "255]"))))
+    assert segment_keyframes(log, KEYFRAMES[:1], partly, tmp_path / "out").may_be_void
+    (tmp_path / "out" / "model.json").write_text("torn")
+    assert KeyframeLabels(tmp_path / "out", KEYFRAMES[:1]).may_be_void
+
+
+@pytest.mark.parametrize("content", [None, b"", b"torn"])
+def test_a_missing_or_torn_small_image_names_its_file_and_is_made_again(
+    content: bytes | None, log: DriveLog, network: CountingNetwork, tmp_path: Path
+) -> None:
+    labels = segment_keyframes(log, KEYFRAMES, network, tmp_path / "out")
+    path = tmp_path / "out" / "right_small" / "0000000009.npy"
+    before = labels.small("right", 1)
+    path.unlink()
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(StageError, match=r"0000000009\.npy"):
+        labels.small("right", 1)
+    assert np.array_equal(segment_keyframes(log, KEYFRAMES, network, tmp_path / "out").small("right", 1), before)
 
 
 @pytest.mark.parametrize("content", [None, b"", b"torn"])

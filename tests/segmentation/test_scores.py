@@ -37,7 +37,7 @@ def test_the_kernel_agrees_with_its_twin(seed: int, k: int, channels: int) -> No
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10_000), gh=st.integers(1, 9), gw=st.integers(1, 40), k=st.integers(1, 5))
-def test_scores_come_back_from_their_picture(seed: int, gh: int, gw: int, k: int) -> None:
+def test_scores_come_back_from_their_file(seed: int, gh: int, gw: int, k: int) -> None:
     rng = np.random.default_rng(seed)
     kept = Scores(
         rng.integers(0, 19, (gh, gw, k)).astype(np.uint8), rng.integers(0, 256, (gh, gw, k)).astype(np.uint8), (8 * gh, 70_000)
@@ -48,12 +48,14 @@ def test_scores_come_back_from_their_picture(seed: int, gh: int, gw: int, k: int
     assert back.covered == kept.covered
 
 
-def test_what_is_no_picture_of_scores_is_refused() -> None:
+def test_what_are_no_scores_is_refused() -> None:
     whole = encode_scores(scores_from_logits(np.zeros((4, 20, 19), np.float32), np.arange(19, dtype=np.uint8), (32, 160)))
-    other = [cv2.imencode(".png", np.full(shape, 7, np.uint8))[1].tobytes() for shape in [(9, 9), (9, 40), (9, 40, 3)]]
-    for data in [b"", b"no picture", whole[:60], *other]:
-        with pytest.raises(ValueError, match="picture"):
+    unknown_class = whole[:24] + bytes([19]) + whole[25:]
+    picture = cv2.imencode(".png", np.full((9, 40), 7, np.uint8))[1].tobytes()
+    for data in [b"", b"no scores", whole[:60], whole + b"more", unknown_class, picture]:
+        with pytest.raises(ValueError, match="no scores"):
             decode_scores(data)
+    assert decode_scores(whole).classes.shape == (4, 20, 4)
 
 
 def test_the_scores_of_a_street_take_little_room() -> None:

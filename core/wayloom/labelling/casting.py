@@ -18,8 +18,6 @@ FloatArray = NDArray[np.float64]
 Weights = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-LOOKS_SIDE: Final = 3
-"""A point's looks are 3 x 3 grey values of the small images, a small pixel of the host apart."""
 LEAST_LIKENESS: Final = 0.3
 """Where the correlation of looks is less, the point is not seen."""
 CELL_PX: Final = 8.0
@@ -86,19 +84,20 @@ def cast(
             moved = _projected(points.inverse_depth + points.sigma, points, T_voter_host, odometry, settings)[0][side]
             shift = np.linalg.norm(moved - uv[side], axis=1) if not own else np.zeros(len(uv[side]))
             weight /= (1.0 + (shift / settings.reprojection_px) ** 2).astype(np.float32)
-        labels = left_labels if side == 0 else read_labels(voter.labels[1], uv[1])
-        scores = voter.scores[side]
+        image, scores = voter.labels[side], voter.scores[side]
+        labels = left_labels if side == 0 else np.zeros(len(weight), np.uint8) if image is None else read_labels(image, uv[1])
         if scores is None:
             add_hard_votes(votes[side], labels, weight)
         else:
-            best, rest = scores
-            add_soft_votes(votes[side], best.classes, best.steps, rest, STEPS_PER_NAT, best.covered, uv[side], labels, weight)
+            (best, rest), size = scores, voter.labels[0].shape
+            grid = (best.classes, best.steps, rest, STEPS_PER_NAT, best.covered)
+            add_soft_votes(votes[side], *grid, size, uv[side], labels, weight)
     return left_labels
 
 
 def looks_of(image: Image, uv: FloatArray) -> NDArray[np.float32]:
-    """(N, S) how points at uv (N, 2) px of the full image look in their host's own small image."""
-    looks: NDArray[np.float32] = patches(image, (uv + 0.5) / SMALL - 0.5, np.ones(len(uv)), LOOKS_SIDE)
+    """(N, S) how points at uv (N, 2) px of the full image look in their host's own small image, at its own pixels' distance."""
+    looks: NDArray[np.float32] = patches(image, (uv + 0.5) / SMALL - 0.5, np.ones(len(uv)))
     return looks
 
 
@@ -138,10 +137,10 @@ def _visibility(
     if settings.likeness_power == 0 or points.looks is None or voter.small is None:
         return may.astype(np.float32)
     alike: Weights = likeness(
-        points.looks, LOOKS_SIDE, voter.small[side], SMALL, voter.labels[side].shape, uv, nearness, points.inverse_depth, may
-    )
-    alike[alike < LEAST_LIKENESS] = 0.0
-    return alike ** np.float32(settings.likeness_power)
+        points.looks, voter.small[side], SMALL, voter.labels[0].shape, uv, nearness, points.inverse_depth, may,
+        LEAST_LIKENESS, np.float32(settings.likeness_power),
+    )  # fmt: skip
+    return alike
 
 
 def _sureness(to_boundary: NDArray[np.float32], uv: FloatArray, boundary_px: float) -> Weights:

@@ -16,7 +16,13 @@ Image = NDArray[np.uint8]
 
 
 class LabelImages(Protocol):
-    """Label images by voter, (h, w) uint8 train ids: `wayloom.segmentation.stage.KeyframeLabels` is one."""
+    """Label images by voter, (h, w) uint8 train ids: `wayloom.segmentation.stage.KeyframeLabels` is one.
+
+    may_be_void : whether a pixel of theirs may be void
+    """
+
+    @property
+    def may_be_void(self) -> bool: ...
 
     def left(self, keyframe: int, /) -> Image: ...
     def right(self, keyframe: int, /) -> Image: ...
@@ -28,13 +34,13 @@ class LabelImages(Protocol):
 class Voter:
     """What one voter brings, each for left and right.
 
-    labels       (h, w) uint8
+    labels       (h, w) uint8; the right one None where its scores say all that is asked of it
     scores       where they are wanted and there; rest (gh, gw) goes with them (`rest_steps`)
     small        the grey image at half size, where it is wanted
     to_boundary  (h, w) float32 px: distance of every pixel to the nearest label boundary, where it is wanted
     """
 
-    labels: tuple[Image, Image]
+    labels: tuple[Image, Image | None]
     scores: tuple[tuple[Scores, NDArray[np.float32]] | None, tuple[Scores, NDArray[np.float32]] | None]
     small: tuple[Image, Image] | None
     to_boundary: tuple[NDArray[np.float32], NDArray[np.float32]] | None
@@ -59,13 +65,19 @@ class Voters:
         return self._cache[row]
 
     def _opened(self, row: int) -> Voter:
-        labels = (self._images.left(row), self._images.right(row))
-        if any(image.shape != self._size for image in labels):
-            sizes = " and ".join(str(image.shape) for image in labels)
-            raise StageError(f"label images of keyframe {row} are {sizes}, the camera's are {self._size}; segment again")
-        to_boundary = (_to_boundary(labels[0]), _to_boundary(labels[1])) if self._boundaries else None
+        scores = (self._scores("left", row), self._scores("right", row))
+        left = self._label_image("left", row)
+        said = scores[1] is not None and not (self._images.may_be_void or self._boundaries)
+        right = None if said else self._label_image("right", row)
+        to_boundary = (_to_boundary(left), _to_boundary(right)) if self._boundaries and right is not None else None
         small = (self._images.small("left", row), self._images.small("right", row)) if self._looks else None
-        return Voter(labels, (self._scores("left", row), self._scores("right", row)), small, to_boundary)
+        return Voter((left, right), scores, small, to_boundary)
+
+    def _label_image(self, side: str, row: int) -> Image:
+        image = self._images.left(row) if side == "left" else self._images.right(row)
+        if image.shape != self._size:
+            raise StageError(f"{side} labels of keyframe {row} are {image.shape}, the camera's are {self._size}; segment again")
+        return image
 
     def _scores(self, side: str, row: int) -> tuple[Scores, NDArray[np.float32]] | None:
         scores = self._images.scores(side, row) if self._soft else None

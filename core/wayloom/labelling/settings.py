@@ -38,8 +38,14 @@ class LabellingSettings(Settings):
         le=100,
         description="votes count half where the depth's sigma moves the projection by so much, px; 0: not looked at",
     )
+    spread: float = Field(
+        0.015,
+        ge=0,
+        le=0.2,
+        description="points share their votes with those beside them, nearer in space than about this share of the depth; 0: none",
+    )
     between_keyframes: bool = Field(False, description="the frames between keyframes are labelled and vote as well")
 
 
-PAPER: Final = LabellingSettings(votes="hard", reach=0, likeness_power=0.0)
+PAPER: Final = LabellingSettings(votes="hard", reach=0, likeness_power=0.0, spread=0.0)
 """Equations 2 and 3 as they stand in the paper."""

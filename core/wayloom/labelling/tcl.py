@@ -11,7 +11,8 @@ that the projection is worth nothing. Only right images with which the odometry 
 
 Beyond the paper, each by a setting: the images themselves say in which further keyframes the point is seen, and how surely (the
 odometry's obs(p) ends with its window); a vote is shared by the network's probabilities; hidden projections do not vote; votes near
-label boundaries or with uncertain projections count less; frames between keyframes vote as well.
+label boundaries or with uncertain projections count less; frames between keyframes vote as well;
+points beside each other share their votes.
 
 Points are taken host by host, so what is in memory is bounded by the keyframes within reach; time is linear in points x observers.
 """
@@ -31,14 +32,17 @@ from wayloom.labelling.casting import CELL_PX, Ballot, HostedPoints, cast, looks
 from wayloom.labelling.images import LabelImages, Voters
 from wayloom.labelling.kernels.visibility import nearest_seen
 from wayloom.labelling.kernels.voting import sparse_votes, winners
+from wayloom.labelling.neighbours import neighbours, shared
 from wayloom.labelling.settings import LabellingSettings
-from wayloom.labelling.types import PointLabels
+from wayloom.labelling.types import PointLabels, SparseVotes
 from wayloom.odometry.types import OdometryResult
 
 LEAST_SHARE = 0.01
 """Of soft votes, a class that got less than this share of its point's votes is not kept with the point."""
 MOST_HELD = 256
 """Voters in memory at most, whatever the reach."""
+_Kept = tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.float32]]
+"""What `sparse_votes` gives of one host's points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +85,8 @@ def label_points(
     voters = Voters(images, odometry.rig, held, looks, settings.votes == "soft", settings.boundary_px > 0)
     seen = _SeenPoints(odometry) if settings.occlusion_check else None
     labels = np.full((3, len(points)), VOID, np.uint8)
-    kept: list[tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.float32]]] = []
+    least_share = LEAST_SHARE if settings.votes == "soft" or settings.spread > 0 else 0.0
+    kept: tuple[list[_Kept], list[_Kept]] = ([], [])
     hosted = np.argsort(points.host, kind="stable")
     bounds = np.searchsorted(points.host[hosted], np.arange(count + 1))
     for k in range(count):
@@ -90,10 +95,15 @@ def label_points(
         baseline, votes = _votes_on(odometry, k, rows, electorate, voters, seen, settings)
         both = votes.sum(axis=0)
         labels[:, rows] = baseline, winners(votes[0], baseline), winners(both, baseline)
-        kept.append(sparse_votes(both, LEAST_SHARE if settings.votes == "soft" else 0.0))
+        for part, counted in zip(kept, (votes[0], both), strict=True):
+            part.append(sparse_votes(counted, least_share))
+    votes_kept = _by_point(hosted, kept[1])
+    if settings.spread > 0 and len(points):
+        near = neighbours(odometry, settings.spread)
+        labels[1], _ = shared(_by_point(hosted, kept[0]), near, labels[0], least_share)
+        labels[2], votes_kept = shared(votes_kept, near, labels[0], least_share)
     progress(1.0, f"votes on the points of {count} keyframes counted")
-    vote_start, vote_class, vote_weight = _by_point(hosted, kept)
-    return PointLabels(labels[0], labels[1], labels[2], vote_start, vote_class, vote_weight)
+    return PointLabels(labels[0], labels[1], labels[2], votes_kept.start, votes_kept.classes, votes_kept.weights)
 
 
 def _electorate(odometry: OdometryResult, settings: LabellingSettings) -> _Electorate:
@@ -126,7 +136,9 @@ def _votes_on(
     """Baseline (N,) and votes (2, N, C), left images and right ones, on the N points of keyframe k that lie in these rows."""
     points, host = odometry.points, int(electorate.of_keyframe[k])
     uv = points.uv_host[rows].astype(np.float64)
-    small = voters[host].small if len(rows) else None
+    if not len(rows):
+        return np.zeros(0, np.uint8), np.zeros((2, 0, CLASS_COUNT))
+    small = voters[host].small
     hosted = HostedPoints(
         uv, odometry.rig.camera.rays(uv), points.inverse_depth[rows].astype(np.float64),
         np.sqrt(np.maximum(points.variance[rows].astype(np.float64), 0.0)),
@@ -149,8 +161,6 @@ def _ballots(
 ) -> Iterator[tuple[int, NDArray[np.bool_], NDArray[np.bool_], bool]]:
     """Each voter on the points of keyframe k in these rows, in time order: who it is, which points the odometry saw in its left and
     in its right image, and whether the others are within its reach."""
-    if not len(rows):
-        return
     points, of_keyframe = odometry.points, electorate.of_keyframe
     start, length = points.obs_start[rows], np.diff(points.obs_start)[rows]
     first = np.concatenate([[0], np.cumsum(length)])
@@ -161,13 +171,17 @@ def _ballots(
     reach = (of_keyframe[max(0, k - settings.reach)], of_keyframe[min(len(of_keyframe) - 1, k + settings.reach)])
     near = np.arange(reach[0], reach[1] + 1) if settings.reach else np.array([host])
     near = near[electorate.segment[near] == electorate.segment[host]]
-    for voter in np.union1d(np.union1d(observer, near), host).tolist():
+    reached = set(near.tolist()) if settings.reach else set()
+    by_observer = np.argsort(observer, kind="stable")
+    voters = np.unique(np.concatenate([observer, near, [host]]))
+    bounds = np.searchsorted(observer[by_observer], np.append(voters, voters[-1] + 1)).tolist()
+    for i, voter in enumerate(voters.tolist()):
         left, right = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
-        here = observer == voter
+        here = by_observer[bounds[i] : bounds[i + 1]]
         left[of_point[here]], right[of_point[here]] = True, points.obs_right[taken[here]]
         if voter == host:
             left[:], right[:] = True, points.host_right[rows]
-        yield voter, left, right, settings.reach > 0 and voter in near
+        yield voter, left, right, voter in reached
 
 
 class _SeenPoints:
@@ -198,9 +212,7 @@ class _SeenPoints:
         return self._grids[k]
 
 
-def _by_point(
-    hosted: NDArray[np.int64], kept: list[tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.float32]]]
-) -> tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.float32]]:
+def _by_point(hosted: NDArray[np.int64], kept: list[_Kept]) -> SparseVotes:
     """The sparse votes of all hosts' points, which come in the order `hosted`, in the order of the points."""
     kinds = np.concatenate([np.zeros(0, np.int64), *(part[0] for part in kept)])
     ids = np.concatenate([np.zeros(0, np.uint8), *(part[1] for part in kept)])
@@ -210,4 +222,4 @@ def _by_point(
     length[hosted], place[hosted] = kinds, came
     start = np.concatenate([[0], np.cumsum(length)])
     taken = np.repeat(place - start[:-1], length) + np.arange(start[-1])
-    return start, ids[taken], sums[taken]
+    return SparseVotes(start, ids[taken], sums[taken])

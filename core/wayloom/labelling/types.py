@@ -7,6 +7,15 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
+class SparseVotes:
+    """start (P + 1,) int64: the votes of point p; classes (M,) uint8, increasing within a point; weights (M,) float32, > 0."""
+
+    start: NDArray[np.int64]
+    classes: NDArray[np.uint8]
+    weights: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
 class PointLabels:
     """Labels of the odometry's P points, train ids, 255 where the network says nothing.
 

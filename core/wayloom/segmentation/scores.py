@@ -1,10 +1,10 @@
 """The few likeliest classes of every cell of a network's grid, in a byte each: what is kept of a softmax."""
 
 import math
+import struct
 from dataclasses import dataclass
 from typing import Final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +18,9 @@ BEST: Final = 4
 STEPS_PER_NAT: Final = 32
 """-ln p is kept in steps of 1/32 (3 % of p), up to 255 steps: p = 0.00035 stands for all that is less."""
 
+_HEADER: Final = struct.Struct("<4s5I")
+"""What the file begins with: these letters, k, rows and columns of the grid, height and width of what it covers."""
+_LETTERS: Final = b"wls1"
 _PROBABILITY: Final[NDArray[np.float32]] = np.exp(np.arange(256) / -STEPS_PER_NAT).astype(np.float32)
 
 
@@ -60,34 +63,19 @@ def scores_from_logits(logits: NDArray[np.float32], train_ids: Bytes, covered: t
 
 
 def encode_scores(scores: Scores) -> bytes:
-    """A grey PNG: from the top k planes of classes, k planes of steps, and a row with k, gw, height and width as uint32.
-
-    It is not compressed: that would halve it, and its reading would cost more than the votes themselves.
-    """
+    """A header, the classes and the steps, a byte each. Not compressed: to unpack it would cost more than the votes themselves."""
     gh, gw, k = scores.classes.shape
-    planes = np.concatenate([scores.classes.transpose(2, 0, 1), scores.steps.transpose(2, 0, 1)]).reshape(2 * k * gh, gw)
-    header = np.array([k, gw, *scores.covered], "<u4").view(np.uint8)
-    last = np.zeros((1, max(gw, len(header))), np.uint8)
-    last[0, : len(header)] = header
-    picture = np.vstack([np.pad(planes, ((0, 0), (0, last.shape[1] - gw))), last])
-    written, data = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 0])
-    if not written:
-        raise ValueError("the scores could not be encoded")
-    return data.tobytes()
+    return _HEADER.pack(_LETTERS, k, gh, gw, *scores.covered) + scores.classes.tobytes() + scores.steps.tobytes()
 
 
 def decode_scores(data: bytes) -> Scores:
     """What `encode_scores` wrote. Raises ValueError for anything else."""
-    decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
-    picture = np.asarray(decoded, np.uint8) if decoded is not None and decoded.dtype == np.uint8 else None
-    if picture is None or picture.ndim != 2 or picture.shape[1] < 16:
-        raise ValueError("is no picture of scores")
-    k, gw, height, width = (int(n) for n in picture[-1, :16].copy().view("<u4"))
-    rows = picture.shape[0] - 1
-    if not 0 < k <= CLASS_COUNT or not 0 < gw <= picture.shape[1] or not rows or rows % (2 * k) or not height or not width:
-        raise ValueError("is no picture of scores")
-    planes = picture[:-1, :gw].reshape(2, k, rows // (2 * k), gw)
-    classes, steps = (np.ascontiguousarray(half.transpose(1, 2, 0)) for half in planes)
-    if classes.max() >= CLASS_COUNT:
-        raise ValueError("is no picture of scores")
+    if len(data) < _HEADER.size:
+        raise ValueError("are no scores")
+    letters, k, gh, gw, height, width = _HEADER.unpack_from(data)
+    if letters != _LETTERS or not 0 < k <= CLASS_COUNT or not height * width or len(data) != _HEADER.size + 2 * k * gh * gw:
+        raise ValueError("are no scores, or not whole")
+    classes, steps = np.frombuffer(data, np.uint8, offset=_HEADER.size).reshape(2, gh, gw, k).copy()
+    if not classes.size or classes.max() >= CLASS_COUNT:
+        raise ValueError("are no scores")
     return Scores(classes, steps, (height, width))

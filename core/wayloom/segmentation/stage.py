@@ -1,6 +1,7 @@
-"""Labels for the left and right image of every keyframe, kept as PNG files."""
+"""Labels for the left and right image of every keyframe, kept as PNG files, and what the labelling reads beside them."""
 
 import hashlib
+import io
 import json
 from collections import OrderedDict
 from collections.abc import Sequence
@@ -11,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.config.classes import VOID
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError
 from wayloom.logs.atomic import write_atomically
@@ -21,7 +23,7 @@ from wayloom.segmentation.scores import Scores, decode_scores, encode_scores
 
 Labels = NDArray[np.uint8]
 
-FORMAT_VERSION: Final = 2
+FORMAT_VERSION: Final = 3
 SIDES: Final = ("left", "right")
 SMALL: Final = 2
 """The images are kept, grey, at 1 / SMALL of their size: enough to tell whether a point looks the same in two of them."""
@@ -37,8 +39,8 @@ def segment_keyframes(
 ) -> "KeyframeLabels":
     """Write `left/%010d.png` and `right/%010d.png`, named by frame index, and `model.json`, into out_dir.
 
-    Beside them lie `left_small/` and `right_small/`, the grey images at half size, and, from a network that gives scores,
-    `left_scores/` and `right_scores/`, the likeliest classes of each cell.
+    Beside them lie `left_small/` and `right_small/`, the grey images at half size (npy), and, from a network that gives scores,
+    `left_scores/` and `right_scores/`, the likeliest classes of each cell (`encode_scores`).
     A run that was cut short goes on where it stopped: a pair whose files can be read is kept as long as `model.json` says
     that the same network labelled the same drive. Every file appears whole or not at all.
     keyframes : frame indices (`Keyframes.frame` of the odometry)
@@ -61,14 +63,14 @@ def _segment_pair(log: DriveLog, network: Network, out_dir: Path, index: int, sh
     frame = log.frame(index)
     images = (frame.left, frame.right)
     for side, image, labelled in zip(SIDES, images, network.label_pair(*images), strict=True):
-        _write_png(_path(out_dir, f"{side}_small", index), small_grey(image), compression=0)
+        write_atomically(_small_path(out_dir, side, index), _as_npy(small_grey(image)))
         if labelled.scores is not None:
             write_atomically(scores_path(out_dir, side, index), encode_scores(labelled.scores))
         _write_png(label_path(out_dir, side, index), labelled.labels)
 
 
 def _is_done(out_dir: Path, side: str, index: int, shape: tuple[int, int], with_scores: bool) -> bool:
-    labels, small = _read(label_path(out_dir, side, index)), _read(_path(out_dir, f"{side}_small", index))
+    labels, small = _read(label_path(out_dir, side, index)), _read_small(_small_path(out_dir, side, index))
     if labels is None or small is None or labels.shape != shape:
         return False
     return not with_scores or _read_scores(scores_path(out_dir, side, index)) is not None
@@ -84,6 +86,7 @@ class KeyframeLabels:
         self._held = held
         self._cache: OrderedDict[tuple[str, int], Labels] = OrderedDict()
         self._with_scores = (folder / f"{SIDES[0]}_scores").is_dir()
+        self.may_be_void = _may_be_void(folder)
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -114,8 +117,8 @@ class KeyframeLabels:
 
         Raises StageError where the file is missing.
         """
-        path = _path(self._folder, f"{side}_small", self._frames[keyframe])
-        image = _read(path)
+        path = _small_path(self._folder, side, self._frames[keyframe])
+        image = _read_small(path)
         if image is None:
             raise StageError(f"{path}: image missing or damaged; run the segmentation again")
         return image
@@ -136,7 +139,7 @@ class KeyframeLabels:
 
 def label_path(folder: Path, side: str, frame: int) -> Path:
     """Where the labels of one image lie."""
-    return _path(folder, side, frame)
+    return folder / side / f"{frame:010d}.png"
 
 
 def small_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -148,11 +151,11 @@ def small_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 def scores_path(folder: Path, side: str, frame: int) -> Path:
     """Where the scores of one image lie."""
-    return _path(folder, f"{side}_scores", frame)
+    return folder / f"{side}_scores" / f"{frame:010d}.bin"
 
 
-def _path(folder: Path, kind: str, frame: int) -> Path:
-    return folder / kind / f"{frame:010d}.png"
+def _small_path(folder: Path, side: str, frame: int) -> Path:
+    return folder / f"{side}_small" / f"{frame:010d}.npy"
 
 
 def _facts(log: DriveLog, network: Network) -> dict[str, Any]:
@@ -168,10 +171,20 @@ def _facts(log: DriveLog, network: Network) -> dict[str, Any]:
         "licence": d.licence,
         "settings": hashlib.sha256(d.model_dump_json().encode()).hexdigest(),
         "device": network.device,
+        "may_be_void": VOID in d.classes,
         "drive": drive.hexdigest(),
         "grey_images_to_a_colour_network": d.colour and not log.colour,
         "photographs_to_a_network_of_simulated_streets": d.simulated and not (log.rig_id or "").startswith(SIMULATED_RIG),
     }
+
+
+def _may_be_void(folder: Path) -> bool:
+    """Whether the network has a class that is none of ours; true where `model.json` does not say."""
+    try:
+        facts = json.loads((folder / "model.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return True
+    return not isinstance(facts, dict) or facts.get("may_be_void") is not False
 
 
 def _claim(out_dir: Path, facts: dict[str, Any], with_scores: bool) -> None:
@@ -181,7 +194,7 @@ def _claim(out_dir: Path, facts: dict[str, Any], with_scores: bool) -> None:
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
         path.unlink(missing_ok=True)
         for name in _FOLDERS:
-            for old in (out_dir / name).glob("*.png"):
+            for old in (out_dir / name).glob("[0-9]*.*"):
                 old.unlink()
             if name.endswith("_scores") and (out_dir / name).is_dir():
                 (out_dir / name).rmdir()
@@ -198,6 +211,21 @@ def _read(path: Path) -> Labels | None:
     return None if image is None or image.ndim != 2 or image.dtype != np.uint8 else np.asarray(image, np.uint8)
 
 
+def _as_npy(image: Labels) -> bytes:
+    buffer = io.BytesIO()
+    np.lib.format.write_array(buffer, np.ascontiguousarray(image), version=(1, 0), allow_pickle=False)
+    return buffer.getvalue()
+
+
+def _read_small(path: Path) -> Labels | None:
+    try:
+        image = np.load(path, allow_pickle=False)
+    except (OSError, EOFError, ValueError):
+        return None
+    usable = isinstance(image, np.ndarray) and image.ndim == 2 and image.dtype == np.uint8
+    return np.asarray(image, np.uint8) if usable else None
+
+
 def _read_scores(path: Path) -> Scores | None:
     try:
         return decode_scores(path.read_bytes())
@@ -205,8 +233,8 @@ def _read_scores(path: Path) -> Scores | None:
         return None
 
 
-def _write_png(path: Path, labels: Labels, compression: int = 3) -> None:
-    written, data = cv2.imencode(".png", labels, [cv2.IMWRITE_PNG_COMPRESSION, compression])
+def _write_png(path: Path, labels: Labels) -> None:
+    written, data = cv2.imencode(".png", labels, [cv2.IMWRITE_PNG_COMPRESSION, 3])
     if not written:
         raise StageError(f"{path}: the label image could not be encoded")
     write_atomically(path, data.tobytes())

@@ -81,8 +81,13 @@ def add_hard_votes(votes, label, weight):  # type: ignore[no-untyped-def]
             votes[n, label[n]] += np.float64(weight[n])
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def _share(nats):  # type: ignore[no-untyped-def]
+    return np.exp(nats) if nats > _LEAST_NATS else np.float32(0.0)
+
+
 @njit(cache=True, error_model="numpy")
-def add_soft_votes(votes, classes, steps, rest, steps_per_nat, covered, uv, label, weight):  # type: ignore[no-untyped-def]
+def add_soft_votes(votes, classes, steps, rest, steps_per_nat, covered, size, uv, label, weight):  # type: ignore[no-untyped-def]
     """The vote shared among the classes by their probability at the pixel.
 
     ln p is taken bilinearly between the centres of the four cells around the pixel, as the network's own labels are from its
@@ -91,39 +96,57 @@ def add_soft_votes(votes, classes, steps, rest, steps_per_nat, covered, uv, labe
     votes          (N, C) float64, is added to
     classes, steps (gh, gw, k) uint8: the likeliest classes of each cell, and -ln p in steps
     rest           (gh, gw) float32: -ln p, in steps, of every other class
-    covered        (height, width) in pixels of the image that the grid covers
-    uv             (N, 2) pixels; label (N,) uint8, void votes not; weight (N,) float32
+    covered        (height, width) in pixels of the image that the grid covers; size (h, w) of the image itself
+    uv             (N, 2) pixels, none outside the image vote; label (N,) uint8, void votes not; weight (N,) float32
     """
     grid_height, grid_width, k = classes.shape
     class_count = votes.shape[1]
-    unlikely = np.empty(_MAX_CLASSES, np.float32)
+    per_row, per_column = grid_height / covered[0], grid_width / covered[1]
+    to_nats = np.float32(1.0 / steps_per_nat)
+    likelier = np.empty(_MAX_CLASSES, np.float32)  # steps by which a class is likelier than those in no corner among the best
+    is_named = np.zeros(_MAX_CLASSES, np.bool_)
+    named = np.empty(_MAX_CLASSES, np.uint8)
     for n in range(len(label)):
-        if not (weight[n] > 0.0 and label[n] < class_count):
+        u, v = uv[n, 0], uv[n, 1]
+        inside = u >= -0.5 and v >= -0.5 and u < size[1] - 0.5 and v < size[0] - 0.5
+        if not (inside and weight[n] > 0.0 and label[n] < class_count):
             continue
-        sv = min(max((uv[n, 1] + 0.5) * grid_height / covered[0] - 0.5, 0.0), grid_height - 1.0)
-        su = min(max((uv[n, 0] + 0.5) * grid_width / covered[1] - 0.5, 0.0), grid_width - 1.0)
+        sv = min(max((v + 0.5) * per_row - 0.5, 0.0), grid_height - 1.0)
+        su = min(max((u + 0.5) * per_column - 0.5, 0.0), grid_width - 1.0)
         v0, u0 = int(sv), int(su)
-        unlikely[:class_count] = 0.0
+        down, along = np.float32(sv - v0), np.float32(su - u0)
+        count = 0
         for corner in range(4):
-            v = min(v0 + corner // 2, grid_height - 1)
-            u = min(u0 + corner % 2, grid_width - 1)
-            share = np.float32((sv - v0 if corner >= 2 else 1.0 - sv + v0) * (su - u0 if corner % 2 else 1.0 - su + u0))
+            row = min(v0 + corner // 2, grid_height - 1)
+            column = min(u0 + corner % 2, grid_width - 1)
+            share = (down if corner >= 2 else np.float32(1.0) - down) * (along if corner % 2 else np.float32(1.0) - along)
+            rest_here = rest[row, column]
             for i in range(k):
-                unlikely[classes[v, u, i]] += share * (steps[v, u, i] - rest[v, u])
-        least = unlikely[:class_count].min()
-        total = np.float32(0.0)
-        nats = least / np.float32(steps_per_nat)
-        of_others = np.exp(nats) if nats > _LEAST_NATS else np.float32(0.0)
-        for c in range(class_count):
-            if unlikely[c] == 0.0:  # in no corner among the best
-                unlikely[c] = of_others
-            else:
-                nats = (least - unlikely[c]) / np.float32(steps_per_nat)
-                unlikely[c] = np.exp(nats) if nats > _LEAST_NATS else np.float32(0.0)
-            total += unlikely[c]
-        for c in range(class_count):
-            if unlikely[c] > 0.0:
-                votes[n, c] += np.float64(np.float32(weight[n] * unlikely[c] / total))
+                c = classes[row, column, i]
+                if not is_named[c]:
+                    is_named[c] = True
+                    likelier[c] = 0.0
+                    named[count] = c
+                    count += 1
+                likelier[c] += share * (rest_here - np.float32(steps[row, column, i]))
+        most = np.float32(0.0)
+        for i in range(count):
+            most = max(most, likelier[named[i]])
+        of_others = _share(-most * to_nats)
+        total = np.float32(class_count - count) * of_others
+        for i in range(count):
+            c = named[i]
+            likelier[c] = _share((likelier[c] - most) * to_nats)
+            total += likelier[c]
+        scale = weight[n] / total
+        if of_others > 0.0:
+            for c in range(class_count):
+                if not is_named[c]:
+                    votes[n, c] += np.float64(scale * of_others)
+        for i in range(count):
+            c = named[i]
+            votes[n, c] += np.float64(scale * likelier[c])
+            is_named[c] = False
 
 
 @njit(cache=True, error_model="numpy")
