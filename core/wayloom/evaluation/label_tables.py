@@ -5,6 +5,7 @@ import io
 from typing import Final
 
 from wayloom.config.classes import CLASS_NAMES
+from wayloom.evaluation.label_gains import PIECE_M, Gain
 from wayloom.evaluation.label_scores import GROUPS, JUDGED, LabelScores
 from wayloom.evaluation.labels import LabelBenchmark
 
@@ -23,9 +24,11 @@ def as_text(result: LabelBenchmark) -> str:
         "",
         "Points away from label boundaries, as in the paper",
         _text_table(result.rows),
+        _text_gains(result.gains),
         "",
         "With points at label boundaries",
         _text_table(result.rows_with_boundaries),
+        _text_gains(result.gains_with_boundaries),
         "",
         "Points: " + ", ".join(f"{number} {name}" for name, number in result.filters.items()),
     ]
@@ -87,6 +90,11 @@ def _text_table(rows: dict[str, LabelScores]) -> str:
         cells = [_number(score.groups.get(name)) or "-" for name in groups]
         lines.append(f"{TITLES.get(row, row):{width}}  " + " ".join(f"{cell:>8}" for cell in cells))
     return "\n".join(lines)
+
+
+def _text_gains(gains: dict[str, Gain]) -> str:
+    said = [f"{TITLES.get(row, row)} {g.miou:+.1f} [{g.low:+.1f}, {g.high:+.1f}]" for row, g in gains.items()]
+    return f"mIoU gained, and its 95 % interval (pieces of {PIECE_M:.0f} m resampled): " + "; ".join(said)
 
 
 def _number(value: float | None) -> str:

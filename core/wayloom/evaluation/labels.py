@@ -6,9 +6,10 @@ Everything is measured as it comes out of the pipeline: points, depths, poses an
 import hashlib
 import json
 import tempfile
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError, WayloomError
+from wayloom.evaluation.label_gains import Gain, Tally, gain, pieces, pooled, tally
 from wayloom.evaluation.label_matching import REASONS, Matches, MatchSettings, match_points
 from wayloom.evaluation.label_scores import Counts, LabelScores, count, scores
 from wayloom.evaluation.label_truth import LabelledDrive
@@ -36,17 +38,22 @@ FORMS: Final = {"baseline": "baseline", "tcl_mono": "mono", "tcl_stereo": "stere
 
 @dataclass(frozen=True, slots=True)
 class LabelledPoints:
-    """One drive as it was labelled: what the pictures are drawn from. labels: row of the table to labels (P,)."""
+    """One drive as it was labelled: what the pictures are drawn from. labels: row of the table to labels (P,);
+    images: of its keyframes, for as long as the folder is there."""
 
     drive: LabelledDrive
     odometry: OdometryResult
     matches: Matches
     labels: dict[str, NDArray[np.uint8]]
+    images: KeyframeLabels
 
 
 @dataclass(frozen=True, slots=True)
 class LabelBenchmark:
-    """Rows of the table, pooled over the drives: with the paper's filters, and with points at label boundaries as well."""
+    """Rows of the table, pooled over the drives: with the paper's filters, and with points at label boundaries as well.
+
+    gains, gains_with_boundaries: of each row but the first over the first
+    """
 
     model: str
     drives: tuple[str, ...]
@@ -54,6 +61,8 @@ class LabelBenchmark:
     rows: dict[str, LabelScores]
     rows_with_boundaries: dict[str, LabelScores]
     losses: dict[str, str] = field(default_factory=dict)
+    gains: dict[str, Gain] = field(default_factory=dict)
+    gains_with_boundaries: dict[str, Gain] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, object]:
         """What `--json` writes."""
@@ -62,6 +71,8 @@ class LabelBenchmark:
             "filters": self.filters,
             "with_boundaries": {name: row.as_json() for name, row in self.rows_with_boundaries.items()},
             "model": self.model, "drives": list(self.drives), "left_out": self.losses,
+            "gains": {name: asdict(value) for name, value in self.gains.items()},
+            "gains_with_boundaries": {name: asdict(value) for name, value in self.gains_with_boundaries.items()},
         }  # fmt: skip
 
 
@@ -85,6 +96,7 @@ def benchmark_labels(
     """
     forms = {"best": LabellingSettings(), **(variants or {})}
     counts: dict[str, tuple[Counts, Counts]] = {}
+    tallies: dict[str, tuple[list[Tally], list[Tally]]] = defaultdict(lambda: ([], []))
     filters, losses = dict.fromkeys(REASONS, 0), {}
     for number, drive in enumerate(drives):
 
@@ -100,19 +112,27 @@ def benchmark_labels(
         show(done)
         for name in REASONS:
             filters[name] += done.matches.filters[name]
+        truth, piece = done.matches.truth, pieces(done.odometry)
+        sure, every = done.matches.judged, done.matches.judged_with_boundaries
         for row, labels in done.labels.items():
             kept, all_of_it = counts.get(row, (0, 0))
-            sure, every = done.matches.judged, done.matches.judged_with_boundaries
-            truth = done.matches.truth
             counts[row] = (kept + count(truth[sure], labels[sure]), all_of_it + count(truth[every], labels[every]))
+            for part, judged in zip(tallies[row], (sure, every), strict=True):
+                part.append(tally(truth[judged], labels[judged], piece[judged]))
     if not counts:
         raise StageError("no drive could be labelled: " + "; ".join(f"{name}: {why}" for name, why in losses.items()))
     progress(1.0, "judged")
     return LabelBenchmark(
         network.description.name, tuple(drive.name for drive in drives if drive.name not in losses), filters,
         {row: scores(sure) for row, (sure, _) in counts.items()},
-        {row: scores(every) for row, (_, every) in counts.items()}, losses,
+        {row: scores(every) for row, (_, every) in counts.items()}, losses, *(_gains(tallies, kind) for kind in (0, 1)),
     )  # fmt: skip
+
+
+def _gains(tallies: dict[str, tuple[list[Tally], list[Tally]]], kind: int) -> dict[str, Gain]:
+    """Of every row over the single image. kind : 0 without points at boundaries, 1 with them."""
+    baseline = pooled(tallies["baseline"][kind])
+    return {row: gain(pooled(parts[kind]), baseline) for row, parts in tallies.items() if row != "baseline"}
 
 
 def _labelled(
@@ -140,7 +160,7 @@ def _labelled(
         images = KeyframeLabels(labels_dir, voting_frames(odometry, form))
         labels[row] = label_points(odometry, images, form).stereo
     progress(1.0, "labelled")
-    return LabelledPoints(drive, odometry, matches, labels)
+    return LabelledPoints(drive, odometry, matches, labels, KeyframeLabels(labels_dir, odometry.keyframes.frame))
 
 
 def labels_folder(folder: Path, network: Network) -> Path:
