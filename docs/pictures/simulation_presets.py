@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from wayloom.simulation.capture import StereoCamera, capture
 from wayloom.simulation.drives import plan_drives
 from wayloom.simulation.light import WEATHERS, CityLight
+from wayloom.simulation.numbering import FIRST_MOVER
 from wayloom.simulation.presets import DEMO, PRESETS, Preset
 from wayloom.simulation.recording import plan_recording, way_of
 from wayloom.simulation.renderer import World
+from wayloom.simulation.rigs import sized_rig
 from wayloom.simulation.worlds import build_world
 
 FOLDER = Path(__file__).parent
@@ -24,10 +26,10 @@ COLUMNS, WIDTH, HEIGHT = 2, 704, 188
 MOST_BYTES = 400_000
 Image = NDArray[np.uint8]
 SHOWN = {
-    "demo": (0, 18), "fleet": (4, 60), "photometry": (0, 20), "movers": (1, 90), "rig": (0, 40), "benchmark": (0, 90),
-    "long": (0, 150),
+    "demo": (0, 18), "fleet": (4, 60), "photometry": (0, 20), "rig": (0, 40), "benchmark": (0, 90), "long": (0, 150),
 }  # fmt: skip
-"""Drive and frame of each preset; of the others frame 30 of the first drive."""
+"""Drive and frame of each preset; of `movers` the fullest, of the others frame 30 of the first drive."""
+LOOK_EVERY = 10
 
 
 def frame_of(preset: Preset, world: World, number: int, frame: int) -> Image:
@@ -39,6 +41,25 @@ def frame_of(preset: Preset, world: World, number: int, frame: int) -> Image:
     t_s = recording.t_s[frame - 1 : frame + 1]
     *_, pair = capture(camera, around, t_s, recording.drive.left_out, False, (0,))
     return np.asarray(cv2.resize(pair.left[..., ::-1], (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def moving_shares(preset: Preset, world: World, number: int) -> dict[int, float]:
+    """How much of the left image moves in every LOOK_EVERYth frame of a drive."""
+    drives = plan_drives(world.city, [way_of(plan, preset) for plan in preset.drives])
+    recording = plan_recording(preset, number, drives[number])
+    around, camera = replace(world, traffic=recording.drive.traffic), sized_rig("quarter").camera
+    out = {}
+    for frame in range(1, len(recording), LOOK_EVERY):
+        T_enu_cam = recording.T_enu_cam[frame]
+        scene = around.scene(camera, T_enu_cam, float(recording.t_s[frame]), recording.drive.left_out)
+        out[frame] = float(np.mean(scene.truth(camera, T_enu_cam).instance >= FIRST_MOVER))
+    return out
+
+
+def fullest(preset: Preset, world: World) -> tuple[int, int]:
+    """Drive and frame in which most of the image moves."""
+    shares = {(k, f): share for k in range(len(preset.drives)) for f, share in moving_shares(preset, world, k).items()}
+    return max(shares, key=lambda at: shares[at])
 
 
 def named(image: Image, name: str) -> Image:
@@ -65,8 +86,9 @@ def presets() -> None:
     """One frame of each preset."""
     images = []
     for name, preset in PRESETS.items():
-        number, frame = SHOWN.get(name, (0, 30))
-        images.append(named(frame_of(preset, build_world(preset.city, preset.light, "half"), number, frame), name))
+        world = build_world(preset.city, preset.light, "half")
+        number, frame = fullest(preset, world) if name == "movers" else SHOWN.get(name, (0, 30))
+        images.append(named(frame_of(preset, world, number, frame), name))
     write_sheet(FOLDER / "simulation_presets.jpg", images)
 
 

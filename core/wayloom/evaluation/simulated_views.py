@@ -25,6 +25,7 @@ from wayloom.simulation.city_settings import CitySettings
 from wayloom.simulation.dataset import StereoView, render_pairs
 from wayloom.simulation.light import LightSettings
 from wayloom.simulation.optics import through_lens, true_cameras, truth_of
+from wayloom.simulation.outlines import without_holes
 from wayloom.simulation.renderer import World
 from wayloom.simulation.rigs import camera_on_ground, given_rig
 from wayloom.simulation.vehicle_settings import VehicleSettings
@@ -83,10 +84,10 @@ def views_of_cities(seeds: Sequence[int], count_each: int, size: str = "full") -
 
 
 def counts_of_views(network: Network, views: Iterable[StereoView]) -> NDArray[np.int64]:
-    """(19, 256) pixels of each true class that got each label."""
+    """(19, 256) pixels of each true class that got each label; things have no holes, as on labelled photographs."""
     total = np.zeros((CLASS_COUNT, 256), np.int64)
     for view in views:
-        total += count(view.truth.class_id.ravel(), network.labels(view.left).ravel())
+        total += count(without_holes(view.truth).ravel(), network.labels(view.left).ravel())
     return total
 
 

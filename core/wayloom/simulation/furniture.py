@@ -96,7 +96,7 @@ def _signal_head(m: MeshBuilder, at: F64, facing: F64, foot_m: float, number: in
     face = np.array([*(at + facing * SIGNAL_HALF_M), foot_m])
     for k, unlit in enumerate(UNLIT_TINTS):
         m.quads(lens(face, facing, k, 0.006), [LENS_UV] * 3, Material.PAINT, LIGHT, number, unlit)
-        _visor(m, face + (0.0, 0.0, (2.5 - k) * SIGNAL_M / 3), facing, number, dark)
+        _visor(m, face + np.array([0.0, 0.0, (2.5 - k) * SIGNAL_M / 3]), facing, number, dark)
     return face
 
 

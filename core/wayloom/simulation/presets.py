@@ -79,7 +79,9 @@ NONE, SINGLE, FLOAT, FIXED = FixType.NONE, FixType.SINGLE, FixType.FLOAT, FixTyp
 OUTAGE: Final = GnssSettings(steps=gnss_steps((0.0, FIXED), (0.40, FLOAT), (0.50, NONE), (0.62, SINGLE), (0.72, FIXED)))
 LOOP_NODES: Final = (6, 7, 12, 11)
 """Around the block in the middle of 5 x 5 crossings: about 300 m."""
-LOOP: Final = DrivePlan(vehicle_id="car-1", nodes=LOOP_NODES, closed=True, start_s=278.0, vehicle=VehicleSettings(imu=ImuSettings()))
+LOOP: Final = DrivePlan(
+    vehicle_id="car-1", nodes=LOOP_NODES, closed=True, start_s=278.0, vehicle=VehicleSettings(imu=ImuSettings())
+)
 LOOP_TRAFFIC: Final = 0.4
 """So little that one comes around without waiting."""
 
@@ -225,7 +227,7 @@ MOVERS: Final = Preset(
             vehicle=VehicleSettings(imu=ImuSettings()),
         ),
         DrivePlan(
-            vehicle_id="car-2", nodes=(3, 8, 13, 18, 23), reference=2, before_m=70.0, frames=150, start_s=330.0, fastest_m_s=8.0
+            vehicle_id="car-2", nodes=(2, 7, 12, 17, 22), reference=2, before_m=70.0, frames=150, start_s=378.0, fastest_m_s=8.0
         ),
     ),
 )  # fmt: skip

@@ -100,9 +100,11 @@ class World:
         x, y = float(T_world_cam[0, 3]), float(T_world_cam[1, 3])
         planes, reach = view_planes(camera, T_world_cam)
         movers = self.traffic.around(x, y, t_s, left_out)
-        seen = [m.mesh for m in movers if np.all(planes @ (m.centre - T_world_cam[:3, 3]) > -(reach + m.radius_m))]
+        in_view = [bool(np.all(planes @ (m.centre - T_world_cam[:3, 3]) > -(reach + m.radius_m))) for m in movers]
+        shading = [bool(np.hypot(m.centre[0] - x, m.centre[1] - y) < MOVER_REACH_M + m.radius_m) for m in movers]
+        placed = [(m.mesh, a, b) for m, a, b in zip(movers, in_view, shading, strict=True) if a or b]
+        seen, casters = [mesh for mesh, a, _ in placed if a], [mesh for mesh, _, b in placed if b]
         chunks = self.city.visible(planes, reach, T_world_cam[:3, 3])
-        casters = [m.mesh for m in movers if np.hypot(m.centre[0] - x, m.centre[1] - y) < MOVER_REACH_M + m.radius_m]
         light = self.light.at(x, y, join(casters) if casters else empty())
         return Scene(join([*seen, self.city.chunks(chunks)]), light, self.textures, self.light.settings.rain_mm_h, t_s)
 

@@ -26,11 +26,21 @@ AXLES = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """A mover at one moment: its mesh, and a ball of radius_m around centre (3,) m that holds it."""
+    """A mover at one moment, and a ball of radius_m around centre (3,) m that holds it.
 
-    mesh: Mesh
+    model          around its own origin, to be put at T_world_model (4, 4) as thing `number`; without one, already in its place
+    """
+
+    model: Mesh
     centre: F64
     radius_m: float
+    T_world_model: F64 | None = None
+    number: int = 0
+
+    @property
+    def mesh(self) -> Mesh:
+        """Where it is; made when asked for, since most movers are out of view and cast no shadow into it."""
+        return self.model if self.T_world_model is None else posed(self.model, self.T_world_model, self.number)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,25 +137,28 @@ class Traffic:
 
     def around(self, x: float, y: float, t_s: float, left_out: frozenset[int] = frozenset()) -> list[Placed]:
         """What moves near x, y (m) at a time, without the instance numbers left out; and what is lit."""
-        out = []
+        found: list[tuple[Mesh, int, tuple[float, float, float], float, float]] = []
         for vehicle in self._source.vehicles(t_s):
-            number = vehicle_number(vehicle.order)
-            place = vehicle.at(t_s)
+            number, place = vehicle_number(vehicle.order), vehicle.at(t_s)
             if number not in left_out and np.hypot(place[0] - x, place[1] - y) < SEEN_FROM_M:
-                pose = self._city.ground.pose_on_ground(*place)
-                out.append(
-                    Placed(
-                        posed(vehicle.braking if vehicle.brakes(t_s) else vehicle.mesh, pose, number),
-                        pose[:3, 3],
-                        0.5 * vehicle.length_m + TALLEST_M,
-                    )
-                )
+                mesh = vehicle.braking if vehicle.brakes(t_s) else vehicle.mesh
+                found.append((mesh, number, place, 0.0, 0.5 * vehicle.length_m + TALLEST_M))
         for walker in self._people.around(x, y, PERSON_SEEN_FROM_M):
             if walker.number not in left_out:
-                pose = self._city.ground.pose_on_ground(*walker.at(t_s))
-                pose[2, 3] += walker.lift_m
-                out.append(Placed(posed(walker.mesh(t_s), pose, walker.number), pose[:3, 3], TALLEST_M))
-        return out + self._signals(x, y, t_s)
+                found.append((walker.mesh(t_s), walker.number, walker.at(t_s), walker.lift_m, TALLEST_M))
+        return self._standing(found) + self._signals(x, y, t_s)
+
+    def _standing(self, found: list[tuple[Mesh, int, tuple[float, float, float], float, float]]) -> list[Placed]:
+        """Meshes with their numbers, places (x, y m, yaw rad), heights above the ground and radii (m), put there."""
+        if not found:
+            return []
+        meshes, numbers, places, lifts_m, radii_m = zip(*found, strict=True)
+        poses = self._city.ground.poses_on_ground(*np.array(places).T)
+        poses[:, 2, 3] += lifts_m
+        return [
+            Placed(mesh, T[:3, 3], radius, T, number)
+            for mesh, number, T, radius in zip(meshes, numbers, poses, radii_m, strict=True)
+        ]
 
     def _signals(self, x: float, y: float, t_s: float) -> list[Placed]:
         """The lamps that are lit, as one mesh."""
