@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from real_clips import RESULTS, ROOT
+from wayloom.calibration.own_lens import track_calibrated
 from wayloom.config.classes import PALETTE_WITH_VOID
 from wayloom.errors import ModelError
 from wayloom.evaluation.label_consistency import Consistency, consistency
@@ -22,7 +23,6 @@ from wayloom.labelling.settings import PAPER
 from wayloom.labelling.tcl import label_points
 from wayloom.logs.registry import open_log
 from wayloom.logs.types import DriveLog
-from wayloom.odometry.odometry import track
 from wayloom.odometry.types import OdometryResult
 from wayloom.segmentation.catalogue import MODELS, find_model
 from wayloom.segmentation.network import Network
@@ -56,7 +56,7 @@ def main() -> None:
     ]
     for name, folder in CLIPS.items():
         log = part_of(open_log(options.data / folder), 0, options.frames)
-        odometry = track(log)
+        odometry = track_calibrated(log)
         for network in networks:
             measured = labelled(log, odometry, network, options.pictures, name[0])
             share = [f"{100 * measured.disagreement[row]:.2f} %" for row in ("baseline", "mono", "stereo", "best")]

@@ -116,6 +116,7 @@ def naive_equations(window: Window):
             step = np.zeros(n)
             step[k] = 1e-6
             d_uv[:, k] = (model(step, i, t, right, (0, 0))[0] - model(-step, i, t, right, (0, 0))[0]) / 2e-6
+        own, own_H, own_g = scale * equations.OFFSET_INFORMATION, np.zeros(n), 0.0  # of the patch's own offset, in right images
         for pixel, weight in zip(PATTERN, p.weight[i], strict=True):
             uv, predicted = model(zero, i, t, right, pixel)
             value, gx, gy = sample(image, *uv)
@@ -129,6 +130,9 @@ def naive_equations(window: Window):
             total += scale * weight * r * r * huber * (2 - huber)
             H += scale * weight * huber * np.outer(J, J)
             g -= scale * weight * huber * J * r
+            own, own_H, own_g = own + scale * weight * huber, own_H - scale * weight * huber * J, own_g + scale * weight * huber * r
+        if right:
+            H, g, total = H - np.outer(own_H, own_H) / own, g - own_H * own_g / own, total - own_g**2 / own
     return H, g, total
 
 

@@ -85,10 +85,10 @@ def test_the_file_of_another_rig_is_told_before_anything_is_made(log_path: Path,
 
 def test_a_folder_of_rigs_gives_a_log_its_own(log_path: Path, tmp_path: Path) -> None:
     log = open_log(log_path)
-    assert lens_for_log(tmp_path, log) == (RightLens(), ())
+    assert lens_for_log(tmp_path, log) == (None, ())
     written(log_path, tmp_path / "car-7.toml")
     assert lens_for_log(tmp_path, log) == (LENS, ())
-    assert lens_for_log(None, log) == (RightLens(), ())
+    assert lens_for_log(None, log) == (None, ())
 
 
 def test_the_odometry_command_takes_a_rig_and_leaves_evidence(log_path: Path, tmp_path: Path) -> None:

@@ -51,6 +51,7 @@ class Calibration:
     unsure_px     the largest standard deviation of where it moves a pixel, on the same terms
     common_radial k1 of a radial error that both lenses seem to share; rectification left it, the rig's file does not hold it
     doubts        what speaks against the result, in words
+    converged     whether the adjustment settled
     """
 
     rig: RigFile
@@ -61,6 +62,7 @@ class Calibration:
     unsure_px: float
     common_radial: float
     doubts: tuple[str, ...]
+    converged: bool = True
 
 
 def learn_rig(
@@ -88,7 +90,7 @@ def learn_rig(
     covariance, radial = _covariance(rig, settings)
     unsure = field_sigma(rig.lens, rig.rig.camera, covariance)
     outcomes = tuple(_outcome(e, fit, d) for d, e in enumerate(used))
-    return Calibration(rig, outcomes, left_out, worst, rms, unsure, radial, doubts)
+    return Calibration(rig, outcomes, left_out, worst, rms, unsure, radial, doubts, fit.converged)
 
 
 def _usable(
@@ -166,6 +168,12 @@ def _covariance(rig: RigFile, settings: CalibrationSettings) -> tuple[FloatArray
     kappa = variance * (rig.pull[LENS] - shift @ rig.pull[:LENS])
     common = np.outer(shift, shift) * (kappa**2 + variance)
     return np.asarray(inverse + common + _shared_covariance(rig, settings)), float(kappa)
+
+
+def chi_square(rig: RigFile, settings: CalibrationSettings) -> float:
+    """x^T C^-1 x of the lens's difference x (10,) from the ideal camera's: ten or so where the ideal one is the true one."""
+    x = rig.lens.values - RightLens().values
+    return float(x @ np.linalg.solve(_covariance(rig, settings)[0], x))
 
 
 def _shared_covariance(rig: RigFile, settings: CalibrationSettings) -> FloatArray:

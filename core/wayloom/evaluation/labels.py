@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.calibration.own_lens import track_calibrated
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError, WayloomError
 from wayloom.evaluation.label_gains import Gain, Tally, gain, pieces, pooled, tally
@@ -25,7 +26,6 @@ from wayloom.evaluation.label_truth import LabelledDrive
 from wayloom.labelling.settings import PAPER, LabellingSettings
 from wayloom.labelling.tcl import label_points, voting_frames
 from wayloom.odometry.files import load_odometry, save_odometry
-from wayloom.odometry.odometry import track
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.types import OdometryResult
 from wayloom.segmentation.network import Network
@@ -177,7 +177,7 @@ def _tracked(drive: LabelledDrive, settings: OdometrySettings, folder: Path, thr
             return load_odometry(file)
         except WayloomError:
             file.unlink()
-    odometry = track(drive.log, settings, progress, threads)
+    odometry = track_calibrated(drive.log, settings, progress, threads)
     save_odometry(odometry, file)
     return odometry
 

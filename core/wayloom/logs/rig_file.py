@@ -98,8 +98,8 @@ def differences(rig: RigFile, log_rig: StereoRig, rig_id: str | None, *, file: P
     return tuple(doubts)
 
 
-def lens_for_log(path: Path | None, log: DriveLog) -> tuple[RightLens, tuple[str, ...]]:
-    """The lens of a log's rig, and doubts about it in words; the ideal one where nothing is known.
+def lens_for_log(path: Path | None, log: DriveLog) -> tuple[RightLens | None, tuple[str, ...]]:
+    """The lens of a log's rig, and doubts about it in words; None where nothing is known.
 
     path : a rig file, or a folder that holds one named `<rig_id>.toml` for each rig that is known, or None
     Raises CalibrationError where the file cannot be used for this log.
@@ -109,7 +109,7 @@ def lens_for_log(path: Path | None, log: DriveLog) -> tuple[RightLens, tuple[str
         file = None if log.rig_id is None else path / f"{log.rig_id}.toml"
         file = file if file is not None and file.exists() else None
     if file is None:
-        return RightLens(), ()
+        return None, ()
     rig = read_rig_file(file)
     return rig.lens, differences(rig, log.rig, log.rig_id, file=file)
 

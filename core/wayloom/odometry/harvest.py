@@ -1,4 +1,5 @@
-"""What is kept of a drive while it passes through the window, and its final form."""
+"""What is kept of a drive while it passes through the window, and its final form. What is known of points that left is decided
+upon now and then (`settle`), so that it does not grow with the drive."""
 
 import math
 from dataclasses import dataclass, field
@@ -7,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geometry import se3
+from wayloom.odometry.keeping import KeptPoints, Rule
 from wayloom.odometry.kernels.adjustment import right_consistency
 from wayloom.odometry.kernels.arrays import PointColumns, Rig, Robust
-from wayloom.odometry.types import Keyframes, Points, Trajectory
+from wayloom.odometry.types import Keyframes, Trajectory
 from wayloom.odometry.window import Window
 
 FloatArray = NDArray[np.float64]
@@ -48,6 +50,8 @@ class Harvest:
     observations: list[NDArray[np.int64]] = field(default_factory=list)
     """(n, 3) each: point, keyframe, 1 where its right image agrees."""
     points: list[dict[str, NDArray[np.generic]]] = field(default_factory=list)
+    """Points that left and are not yet decided about."""
+    kept: KeptPoints = field(default_factory=KeptPoints)
 
     def T_cam_world(self, frame: int) -> FloatArray:
         """(4, 4) of a frame, by its keyframe's latest estimate."""
@@ -108,43 +112,24 @@ class Harvest:
             np.array([row.segment for row in rows], np.int32),
         )
 
-    def final_points(self, min_observations: int, min_confirmations: int, max_relative_sigma: float) -> Points:
-        """The points that ended well: seen by enough keyframes beside the host, in enough images, of sure depth; ordered by number.
+    def settle(self, rule: Rule, alive: NDArray[np.int64], segment: int | None) -> None:
+        """Decide which of the points that left are kept, and forget what was known of them.
 
-        min_confirmations : images that agree, left and right ones of observers and the host's right one. In a segment with few
-        keyframes all the others must have seen a point; where its host is the only one, the host's right image must agree.
+        alive (n,) numbers of the points that have not left; segment: the one that still gets keyframes, None at the end. Points
+        wait while one of a lower number lives and while further keyframes could change the decision: so the result is ordered by
+        number and does not depend on how often this is called.
         """
         if not self.points:
-            return _points_of({}, np.zeros((0, 3), np.int64))
+            return
         column = {name: np.concatenate([part[name] for part in self.points]) for name in self.points[0]}
         seen = np.concatenate([np.zeros((0, 3), np.int64), *self.observations])
-        seen = seen[np.lexsort((seen[:, 1], seen[:, 0]))]
-        seen = seen[np.append(True, (np.diff(seen[:, :2], axis=0) != 0).any(axis=1))[: len(seen)]]  # seen while immature and live
-        counts = np.bincount(seen[:, 0], minlength=self.next_point)[column["id"]]
-        right = np.bincount(seen[:, 0], weights=seen[:, 2], minlength=self.next_point)[column["id"]]
-        sure = np.sqrt(column["variance"]) < max_relative_sigma * column["rho"]
-        segment = np.array([row.segment for row in self.keyframes], np.int64)
-        others = np.bincount(segment)[segment[column["host"].astype(np.int64)]] - 1
-        images = counts + right + column["host_right"].astype(np.int64)
-        confirmed = (counts >= np.minimum(min_observations, others)) & (images >= np.minimum(min_confirmations, others + 1))
-        good = np.flatnonzero(confirmed & sure)
-        good = good[np.argsort(column["id"][good], kind="stable")]
-        return _points_of({name: values[good] for name, values in column.items()}, seen)
-
-
-def _points_of(column: dict[str, NDArray[np.generic]], seen: NDArray[np.int64]) -> Points:
-    """Points from the kept columns, ordered by id, and the observations (m, 3) of all points, ordered by point and keyframe."""
-    ids = column.get("id", np.zeros(0, np.int64))
-    seen = seen[np.isin(seen[:, 0], ids)]
-    start = np.append(np.searchsorted(seen[:, 0], ids), len(seen)).astype(np.int64)
-    return Points(
-        host=column.get("host", ids).astype(np.int32),
-        uv_host=column.get("uv", np.zeros((0, 2))).astype(np.float32),
-        inverse_depth=column.get("rho", ids).astype(np.float32),
-        variance=column.get("variance", ids).astype(np.float32),
-        grey=column.get("grey", ids).astype(np.uint8),
-        obs_start=start,
-        obs_keyframe=seen[:, 1].astype(np.int32),
-        obs_right=seen[:, 2] > 0,
-        host_right=column.get("host_right", ids).astype(np.bool_),
-    )
+        ids, segments = column["id"].astype(np.int64), np.array([row.segment for row in self.keyframes], np.int64)
+        of_host = segments[column["host"].astype(np.int64)]
+        others = np.bincount(segments)[of_host] - 1
+        undecided = (of_host == (-1 if segment is None else segment)) & (others < rule.enough_others)
+        first_waiting = int(np.concatenate([[self.next_point], alive, ids[undecided]]).min())
+        done, seen_done = ids < first_waiting, seen[:, 0] < first_waiting
+        known = seen_done & np.isin(seen[:, 0], ids[done])
+        self.kept.append({name: values[done] for name, values in column.items()}, seen[known], others[done], rule)
+        self.points = [{name: values[~done] for name, values in column.items()}]
+        self.observations = [seen[~seen_done]]

@@ -33,6 +33,7 @@ from wayloom.odometry import track as tracking
 from wayloom.odometry.debug import Debug
 from wayloom.odometry.evidence import EvidenceCollector
 from wayloom.odometry.harvest import FrameRow, Harvest, KeyframeRow
+from wayloom.odometry.keeping import Rule
 from wayloom.odometry.kernels.arrays import Robust
 from wayloom.odometry.kernels.linear import orthonormalise
 from wayloom.odometry.settings import OdometrySettings
@@ -43,6 +44,8 @@ from wayloom.odometry.visual_inertial import VisualInertial, for_log
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
 COMPILING = " (compiling kernels, first run only)"
+SETTLE_EVERY = 128
+"""Keyframes after which it is decided which points stay."""
 RESTART_BIAS_INFORMATION = 10.0
 """times the first prior's: how firmly a new segment believes the disparity bias of the one before."""
 
@@ -254,12 +257,18 @@ class Odometry:
         with self.stopwatch("marginalise"):
             while len(self.window) > s.window:
                 self._marginalise_one()
+            if row % SETTLE_EVERY == SETTLE_EVERY - 1:
+                alive = np.concatenate([self.window.point_id, self.window.immature.id])
+                self.harvest.settle(self._rule(), alive, self._segment())
         if self.imu is not None:
             self.imu.learn(self.window, self._keyframe_times())
         with self.stopwatch("reference"):
             newest = tracking.make_reference(self.window, len(self.window) - 1, images, self.cameras, self.rig, s.border)
         self.references = [r for r in self.references[-2:] if r.keyframe in self.window.keyframe] + [newest]
         self.brightness, self.first_rms = np.array([1.0, 0.0]), math.inf
+
+    def _rule(self) -> Rule:
+        return Rule(self.settings.min_observations, self.settings.min_confirmations, self.settings.max_relative_sigma)
 
     def _keyframe_times(self) -> list[int]:
         """Time stamps (ns) of the window's keyframes."""
@@ -302,12 +311,13 @@ class Odometry:
     # ------------------------------------------------------------------ result
     def finish(self) -> OdometryResult:
         """The tracked drive; every point that is still alive leaves into it."""
-        s, delta = self.settings, float(self.window.delta[0])
+        delta = float(self.window.delta[0])
         if self.debug is not None:
             self.debug.finish(self)
         self._end_segment()
         trajectory = self.harvest.trajectory(np.array(self.t_ns, np.int64))
-        points = self.harvest.final_points(s.min_observations, s.min_confirmations, s.max_relative_sigma)
+        self.harvest.settle(self._rule(), np.zeros(0, np.int64), None)
+        points = self.harvest.kept.points()
         return OdometryResult(
             self.stereo_rig, trajectory, self.harvest.final_keyframes(), points, delta, self.right_images.all_rows(),
             self._report(len(points), delta), self.right_images.lens,

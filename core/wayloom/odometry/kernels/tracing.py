@@ -10,7 +10,7 @@ import numpy as np
 
 from wayloom.odometry.kernels.arrays import PATCH, PATTERN, Robust
 from wayloom.odometry.kernels.compiler import bare, inlined, jit
-from wayloom.odometry.kernels.equations import relative_poses, right_of
+from wayloom.odometry.kernels.equations import relative_poses, remove_patch_offset, right_of
 from wayloom.odometry.kernels.patch import gain_between, make_scratch, patch_residual, projection_jacobian
 
 f32 = np.float32
@@ -266,6 +266,8 @@ def approach(  # type: ignore[no-untyped-def]
         good = inside and energy <= limit
         if not (inside and energy <= FAR * limit and projection_jacobian(S, x, y, rho, rig, right, scratch.J)):
             break
+        if right > 0.0:
+            remove_patch_offset(scratch.M, scratch.e)
         sums[:] = 0.0
         add_own(scratch, scale, sums)
         total = base + sums[0]

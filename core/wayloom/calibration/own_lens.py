@@ -1,0 +1,114 @@
+"""The lens of a drive whose rig nobody has calibrated: the drive's first metres are tracked coarsely, their evidence tells the
+lens, and the drive is then tracked with it from its first frame on.
+
+A lens is used only where the evidence contradicts the ideal camera: x^T C^-1 x, x the ten parameters' differences and C their
+covariance with everything in it that `learn` knows, is beyond what chance does to an ideal camera once in a thousand drives. So a
+rig that is calibrated well loses nothing, to the bit. docs/calibration.md has the numbers.
+"""
+
+from dataclasses import dataclass
+from time import process_time
+from typing import Final
+
+import numpy as np
+
+from wayloom.calibration.learn import chi_square, learn_rig
+from wayloom.calibration.settings import CalibrationSettings
+from wayloom.config.progress import Progress, silent
+from wayloom.errors import CalibrationError
+from wayloom.geometry.lens import IDENTITY, RightLens, lens_from_values
+from wayloom.logs.types import DriveLog
+from wayloom.odometry import feed, rows
+from wayloom.odometry.debug import Debug
+from wayloom.odometry.evidence import Evidence, EvidenceCollector
+from wayloom.odometry.odometry import Odometry, track
+from wayloom.odometry.settings import OdometrySettings
+from wayloom.odometry.types import OdometryResult
+
+SNIPPETS: Final = 12
+"""Asked for; they are about 4 m apart."""
+LEAST_SNIPPETS: Final = 10
+"""As many as the lens has parameters: from fewer, how much they contradict each other cannot be told."""
+MOST_FRAMES: Final = 300
+CHI_SQUARE: Final = 29.588
+"""Of ten degrees of freedom, exceeded once in a thousand."""
+STEP: Final = 1e-7
+"""Parameters are whole multiples of it, so that the last bits of a linear algebra library do not decide about a drive's."""
+COARSE: Final = {
+    "points": 300, "new_points": 200, "min_new_points": 100, "candidates": 900, "matched_points": 0, "sought_points": 0,
+    "traced_share": 0.0, "observer_right_weight": 0.0, "window": 5, "adjust_iterations": 2,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class OwnLens:
+    """What the first metres say: the lens to use (ideal where nothing speaks against it), why, and what it cost.
+
+    rms_px : how far the learnt lens moves pixels, the mean shift of the columns taken off; NaN where none was learnt
+    """
+
+    lens: RightLens
+    snippets: int
+    chi_square: float
+    rms_px: float
+    seconds: float
+
+    @property
+    def reason(self) -> str:
+        """In words."""
+        if self.snippets < LEAST_SNIPPETS:
+            return f"{self.snippets} groups of matches are too few to tell a lens by"
+        return "the drive's own first metres" if not self.lens.is_ideal else "nothing speaks against the log's calibration"
+
+
+def track_calibrated(
+    log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
+    lens: RightLens | None = None, collector: EvidenceCollector | None = None, debug: Debug | None = None,
+) -> OdometryResult:  # fmt: skip
+    """As `wayloom.odometry.odometry.track`; without a lens (of a rig's file) the drive's own is learnt first, and told in the
+    report."""
+    if lens is not None or not settings.own_lens:
+        return track(log, settings, progress, threads, IDENTITY if lens is None else lens, collector, debug)
+    own = own_lens(log, settings, progress)
+    result = track(log, settings, progress, threads, own.lens, collector, debug)
+    result.report["own_lens"] = {
+        "used": not own.lens.is_ideal, "why": own.reason, "snippets": own.snippets,
+        "chi_square": None if np.isnan(own.chi_square) else round(own.chi_square, 1),
+        "moves_px": None if np.isnan(own.rms_px) else round(own.rms_px, 3),
+    }  # fmt: skip
+    result.report["seconds"]["own lens"] = round(own.seconds, 4)
+    return result
+
+
+def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent) -> OwnLens:
+    """The lens that the first metres of a drive tell of. Raises as `track`."""
+    start = process_time()
+    progress(0.0, "learning the right camera's lens from the first metres (compiling kernels, first run only)")
+    with feed.one_opencv_thread():
+        evidence = first_evidence(log, settings)
+    unknown = OwnLens(IDENTITY, evidence.snippets, float("nan"), float("nan"), process_time() - start)
+    if evidence.snippets < LEAST_SNIPPETS:
+        return unknown
+    learning = CalibrationSettings()
+    try:
+        learnt = learn_rig([evidence], learning)
+    except CalibrationError:
+        return unknown
+    against = chi_square(learnt.rig, learning)
+    used = learnt.converged and against > CHI_SQUARE
+    values = np.round(learnt.rig.lens.values / STEP) * STEP
+    lens = lens_from_values(values) if used else IDENTITY
+    return OwnLens(lens, evidence.snippets, against, learnt.rms_px, process_time() - start)
+
+
+def first_evidence(log: DriveLog, settings: OdometrySettings) -> Evidence:
+    """What the first SNIPPETS snippets of a drive hold, or its first MOST_FRAMES frames, coarsely tracked."""
+    coarse = settings.model_copy(update=COARSE)
+    right_images = rows.RightImages(log.rig, IDENTITY, feed.fit_rows(log, settings.row_frames))
+    collector = EvidenceCollector(log.rig)
+    odometry = Odometry(right_images, coarse, None, collector)
+    for frame in feed.frames(log, 1, odometry.stopwatch, odometry.levels):
+        odometry.process(frame)
+        if len(collector.finished) >= SNIPPETS or frame.index + 1 >= MOST_FRAMES:
+            break
+    return collector.evidence(log)

@@ -1,0 +1,53 @@
+"""Arrays that grow with the drive: small ones in memory, large ones in a file without a name, so that a drive of hours needs no
+more memory than one of minutes."""
+
+import tempfile
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+IN_MEMORY_BYTES = 1_000_000
+"""A longer array goes to the folder for temporary files."""
+
+
+class GrowingArray:
+    """Rows of one type and shape, appended. row : shape of each, () for numbers."""
+
+    def __init__(self, dtype: DTypeLike, row: tuple[int, ...] = (), in_memory_bytes: int = IN_MEMORY_BYTES) -> None:
+        self.dtype, self.row, self.in_memory_bytes = np.dtype(dtype), row, in_memory_bytes
+        self.rows = self.waiting_bytes = 0
+        self.waiting: list[NDArray[Any]] = []
+        self.file: IO[bytes] | None = None
+
+    def __len__(self) -> int:
+        return self.rows
+
+    def append(self, values: NDArray[Any]) -> None:
+        """Copies of values (n, *row), converted to the array's type. Raises OSError where the disk is full."""
+        chunk = np.array(values, self.dtype).reshape(-1, *self.row)
+        self.waiting.append(chunk)
+        self.rows += len(chunk)
+        self.waiting_bytes += chunk.nbytes
+        if self.waiting_bytes > self.in_memory_bytes:
+            self._write()
+
+    def array(self) -> NDArray[Any]:
+        """(len, *row), whole: a view of the file where there is one, which is not to be written to."""
+        if self.file is None:
+            return np.concatenate([np.zeros((0, *self.row), self.dtype), *self.waiting])
+        self._write()
+        self.file.flush()
+        return np.asarray(np.memmap(self.file, self.dtype, "r", shape=(self.rows, *self.row)))  # keeps the file open itself
+
+    def __del__(self) -> None:
+        if self.file is not None:
+            self.file.close()
+
+    def _write(self) -> None:
+        """Everything that waits goes to the file, which is made when it is first needed and is gone with its last user."""
+        if self.file is None:
+            self.file = tempfile.TemporaryFile(prefix="wayloom-")  # noqa: SIM115
+        for chunk in self.waiting:
+            self.file.write(chunk.tobytes())
+        self.waiting, self.waiting_bytes = [], 0

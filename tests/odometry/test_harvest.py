@@ -1,0 +1,94 @@
+"""What leaves the window is decided upon in parts, as if it had been at once."""
+
+import numpy as np
+import pytest
+
+from wayloom.odometry.growing import GrowingArray
+from wayloom.odometry.harvest import Harvest, KeyframeRow
+from wayloom.odometry.keeping import Rule
+
+RULE = Rule(2, 5, 0.2)
+NONE = np.zeros(0, np.int64)
+
+
+def drive(settle_every: int | None) -> Harvest:
+    """40 keyframes of two segments, five points each, which live for six keyframes; every point is seen now and then."""
+    rng, harvest, alive = np.random.default_rng(5), Harvest(), []
+    for k in range(40):
+        segment = int(k >= 25)
+        harvest.keyframes.append(KeyframeRow(k, segment, np.eye(4), np.zeros(4)))
+        alive += [(harvest.next_point + i, k) for i in range(5)]
+        harvest.next_point += 5
+        seen = np.array([(number, k, rng.integers(2)) for number, host in alive if host != k and rng.random() < 0.8]).reshape(-1, 3)
+        harvest.observations += [seen, seen[::2]]  # some while immature and while live
+        gone = [(number, host) for number, host in alive if k - host >= 6 or rng.random() < 0.05 or k in (24, 39)]
+        alive = [point for point in alive if point not in gone]
+        if gone:
+            numbers, hosts = np.array(gone).T
+            harvest.points.append(columns(numbers[::-1], hosts[::-1]))
+        if settle_every is not None and k % settle_every == settle_every - 1:
+            harvest.settle(RULE, np.array([number for number, _ in alive], np.int64), segment)
+    harvest.settle(RULE, NONE, None)
+    return harvest
+
+
+def columns(numbers: np.ndarray, hosts: np.ndarray) -> dict[str, np.ndarray]:
+    rho = 0.1 + 0.01 * (numbers % 7)
+    return {
+        "id": numbers, "host": hosts, "uv": np.column_stack([numbers, hosts]).astype(float), "rho": rho,
+        "variance": (0.05 * rho * (1 + numbers % 5)) ** 2, "grey": (numbers % 256).astype(np.uint8), "host_right": numbers % 3 > 0,
+    }  # fmt: skip
+
+
+def naive_points(harvest_of: Harvest) -> list[int]:
+    """Numbers of the points that the rule keeps, one after the other, from a harvest that never settled."""
+    kept = []
+    segments = [row.segment for row in harvest_of.keyframes]
+    seen = {(int(p), int(k)): int(r) for part in reversed(harvest_of.observations) for p, k, r in part}
+    for part in harvest_of.points:
+        for i, number in enumerate(part["id"]):
+            others = segments.count(segments[part["host"][i]]) - 1
+            observers = [r for (p, _), r in seen.items() if p == number]
+            images = len(observers) + sum(observers) + int(part["host_right"][i])
+            sure = np.sqrt(part["variance"][i]) < RULE.relative_sigma * part["rho"][i]
+            enough = len(observers) >= min(RULE.observations, others) and images >= min(RULE.confirmations, others + 1)
+            kept += [int(number)] if sure and enough else []
+    return sorted(kept)
+
+
+@pytest.mark.parametrize("every", [1, 3, 11])
+def test_points_settled_on_the_way_are_those_settled_at_the_end(every: int) -> None:
+    parts, whole = drive(every).kept.points(), drive(None).kept.points()
+    assert 20 < len(whole) < 180
+    for name in whole.__slots__:
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+        assert getattr(parts, name).dtype == getattr(whole, name).dtype
+
+
+def test_the_points_kept_are_those_of_the_rule_ordered_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = drive(None).kept.points().uv_host[:, 0].astype(int).tolist()
+    monkeypatch.setattr(Harvest, "settle", lambda *arguments: None)
+    assert naive_points(drive(None)) == expected
+
+
+def test_what_is_settled_is_forgotten() -> None:
+    harvest = drive(1)
+    assert sum(len(part["id"]) for part in harvest.points) == 0
+    assert sum(len(part) for part in harvest.observations) == 0
+
+
+@pytest.mark.parametrize("limit", [0, 100, 10_000])
+def test_a_growing_array_is_the_same_in_memory_and_in_a_file(limit: int) -> None:
+    growing, rows = GrowingArray(np.float32, (2,), limit), []
+    for n in (0, 3, 1, 40):
+        rows.append(np.random.default_rng(n).random((n, 2)))
+        growing.append(rows[-1])
+    rows[-1][:] = 0.0  # what was appended is a copy
+    expected = np.concatenate([*rows[:-1], np.random.default_rng(40).random((40, 2))]).astype(np.float32)
+    np.testing.assert_array_equal(growing.array(), expected)
+    assert len(growing) == 44
+    assert (growing.file is None) == (limit == 10_000)
+
+
+def test_an_empty_growing_array_keeps_its_type_and_shape() -> None:
+    assert GrowingArray(np.int32, (3,)).array().shape == (0, 3)
