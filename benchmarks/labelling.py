@@ -1,12 +1,16 @@
-"""Votes a second of the labelling's kernels, and how much faster they are than the naive twin of the tests.
+"""Votes a second of the labelling, how much faster it is than the naive twin of the tests, and its share of a drive's time.
 
-python benchmarks/labelling.py [--points 200000] [--json FILE]
+python benchmarks/labelling.py [--points 40000] [LOG …] [--model NAME] [--json FILE]
+
+Each LOG is mapped as `wayloom process` does it; the share is of the processor time, exports and report among it.
 """
 
 import argparse
 import json
 import sys
+import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,30 +23,39 @@ from test_tcl import naive_votes
 from wayloom.labelling.settings import PAPER, LabellingSettings
 from wayloom.labelling.tcl import label_points
 from wayloom.odometry.types import OdometryResult, Points
+from wayloom.pipeline.drive import process_drive
+from wayloom.pipeline.settings import ProcessSettings
+from wayloom.reports.drive_report import write_report
 from wayloom.segmentation.scores import scores_from_logits
 
-KEYFRAMES = 12
+KEYFRAMES = 25
+"""As many as reach a point in the middle, by default."""
 
 
 def main() -> None:
     """Measure, print one line for each, write JSON where asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--points", type=int, default=200_000)
+    parser.add_argument("logs", type=Path, nargs="*")
+    parser.add_argument("--model", help="network for the logs")
+    parser.add_argument("--points", type=int, default=40_000)
     parser.add_argument("--twin-points", type=int, default=400)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     drive = made_drive(2, KEYFRAMES, options.points)
-    asked, projections = votes_of(drive.points), 2 * KEYFRAMES * options.points
+    asked, projections = votes_of(drive.points), projections_of(drive.points)
     rates = {
         "paper": asked / seconds_of(drive, PAPER),
         "default": projections / seconds_of(drive, LabellingSettings()),
+        "default, each point alone": projections / seconds_of(drive, LabellingSettings(spread=0.0)),
         "naive": naive_rate(options.twin_points),
     }
     result = {"votes_per_second": rates, "ratio": rates["paper"] / rates["naive"], "points": options.points}
     print(
-        f"processor seconds: paper's form {rates['paper']:.3g} votes/s, default form {rates['default']:.3g} projections/s, "
+        f"processor seconds: paper's form {rates['paper']:.3g} votes/s, default form {rates['default']:.3g} projections/s "
+        f"({rates['default, each point alone']:.3g} without neighbours), "
         f"naive twin {rates['naive']:.3g} votes/s, ratio {result['ratio']:.0f}"
     )
+    result["shares"] = {str(log): share_of(log, options.model) for log in options.logs}
     if options.json:
         options.json.write_text(json.dumps(result, indent=1) + "\n")
 
@@ -76,6 +89,38 @@ def naive_rate(points: int) -> float:
 def votes_of(points: Points) -> int:
     """Label images looked up: the host's, its right one, the observers' and their right ones."""
     return len(points) + int(points.host_right.sum()) + len(points.obs_keyframe) + int(points.obs_right.sum())
+
+
+def projections_of(points: Points) -> int:
+    """Images of keyframes within reach, left and right, that each point is projected into."""
+    reach, host = LabellingSettings().reach, points.host.astype(np.int64)
+    return 2 * int((np.minimum(host + reach, KEYFRAMES - 1) - np.maximum(host - reach, 0) + 1).sum())
+
+
+class Clock:
+    """Processor seconds of each stage: what passes until the next is told of."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = defaultdict(float)
+        self._stage, self._since = "start", time.process_time()
+
+    def __call__(self, stage: str, share: float, what: str) -> None:
+        now = time.process_time()
+        self.seconds[self._stage] += now - self._since
+        self._stage, self._since = stage, now
+
+
+def share_of(log: Path, model: str | None) -> float:
+    """Percent of the processor time of a whole drive that the labelling takes; the second run's, so that nothing is compiled."""
+    for _ in range(2):
+        clock = Clock()
+        with tempfile.TemporaryDirectory() as folder:
+            process_drive(log, Path(folder), ProcessSettings(model=model), progress=clock, write_more=write_report)
+            clock("end", 1.0, "")
+    seconds = clock.seconds
+    share = 100 * seconds["labelling"] / sum(seconds.values())
+    print(f"{log}: labelling {share:.1f} % of " + ", ".join(f"{name} {s:.1f} s" for name, s in seconds.items()))
+    return share
 
 
 def timed(work: Callable[[], object]) -> float:

@@ -17,7 +17,7 @@ from wayloom.odometry.types import OdometryResult
 Labels = NDArray[np.uint8]
 Numbers = NDArray[np.int64]
 
-PIECE_M: Final = 25.0
+PIECE_M: Final = 10.0
 """Length of a piece of street."""
 RESAMPLES: Final = 2000
 SHARE: Final = 95.0
@@ -43,7 +43,7 @@ class Gain:
 
 
 def pieces(odometry: OdometryResult) -> Numbers:
-    """(P,) the piece of street of each point: its host's way along the drive in steps of 25 m."""
+    """(P,) the piece of street of each point: its host's way along the drive in steps of 10 m."""
     places = odometry.keyframes.T_world_cam[:, :3, 3]
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
     return np.asarray((way // PIECE_M)[odometry.points.host], np.int64)

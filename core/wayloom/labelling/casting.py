@@ -74,16 +74,16 @@ def cast(
     if not nearness.any():
         return left_labels  # every point lies behind it, or too near
     for side, seen_here in enumerate((ballot.left, ballot.right)):
-        weight = nearness[side] ** np.float32(settings.nearness_power)
+        weight = nearness[side] if settings.nearness_power == 1 else nearness[side] ** np.float32(settings.nearness_power)
         own = ballot.is_host and side == 0
         if not own:
-            weight *= _visibility(points, uv[side], nearness[side], side, seen_here, voter, ballot, settings)
+            weight = weight * _visibility(points, uv[side], nearness[side], side, seen_here, voter, ballot, settings)
         if settings.boundary_px > 0 and voter.to_boundary is not None:
-            weight *= _sureness(voter.to_boundary[side], uv[side], settings.boundary_px)
+            weight = weight * _sureness(voter.to_boundary[side], uv[side], settings.boundary_px)
         if settings.reprojection_px > 0:
             moved = _projected(points.inverse_depth + points.sigma, points, T_voter_host, odometry, settings)[0][side]
             shift = np.linalg.norm(moved - uv[side], axis=1) if not own else np.zeros(len(uv[side]))
-            weight /= (1.0 + (shift / settings.reprojection_px) ** 2).astype(np.float32)
+            weight = weight / (1.0 + (shift / settings.reprojection_px) ** 2).astype(np.float32)
         image, scores = voter.labels[side], voter.scores[side]
         labels = left_labels if side == 0 else np.zeros(len(weight), np.uint8) if image is None else read_labels(image, uv[1])
         if scores is None:

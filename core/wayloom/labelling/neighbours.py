@@ -48,7 +48,7 @@ def neighbours(odometry: OdometryResult, spread: float) -> Neighbours:
     for one in np.unique(segment[placed]):
         members = np.flatnonzero(placed & (segment == one))
         world = odometry.points_world()[members]
-        r, near = cKDTree(world).query(world, k=NEAREST + 1)
+        r, near = cKDTree(world, balanced_tree=False).query(world, k=NEAREST + 1)
         found = np.isfinite(r)
         sigma = spread / points.inverse_depth[members].astype(np.float64)[:, None]
         r = np.where(found, r, np.inf)

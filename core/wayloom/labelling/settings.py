@@ -16,7 +16,7 @@ class LabellingSettings(Settings):
         description="hard: one class a vote (eq. 2); soft: a vote is shared by the network's probabilities, where it gives any",
     )
     reach: int = Field(
-        20,
+        12,
         ge=0,
         le=200,
         description="keyframes before and after the host that vote as well if the point looks alike there; 0: obs(p)",
