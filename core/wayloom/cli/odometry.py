@@ -43,13 +43,13 @@ def odometry_command(
     ] = None,
 ) -> None:
     """Track a drive from its stereo pairs alone. Exit status 0 with a warning where parts of it were lost."""
+    from wayloom.calibration.own_lens import track_calibrated
     from wayloom.logs.atomic import check_writable
     from wayloom.logs.registry import check_outside, open_log
     from wayloom.logs.rig_file import lens_for_log
     from wayloom.odometry.debug import Debug
     from wayloom.odometry.evidence import EvidenceCollector
     from wayloom.odometry.evidence_file import save_evidence
-    from wayloom.odometry.odometry import track
     from wayloom.pipeline.folders import writing_to
 
     drive = open_log(log, gnss=gnss)
@@ -63,7 +63,7 @@ def odometry_command(
             check_writable(file)
         written = None if debug is None else Debug(debug)
         with shown_progress() as progress:
-            result = track(drive, progress=progress, threads=threads, lens=lens, collector=collector, debug=written)
+            result = track_calibrated(drive, progress=progress, threads=threads, lens=lens, collector=collector, debug=written)
         write_results(result, out, format, points, json)
         if collector is not None and evidence is not None:
             save_evidence(collector.evidence(drive), evidence)

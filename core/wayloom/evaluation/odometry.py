@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.calibration.own_lens import track_calibrated
 from wayloom.config.progress import Progress, silent
 from wayloom.evaluation.odometry_density import density
 from wayloom.evaluation.odometry_depth import depth_errors
@@ -33,13 +34,14 @@ WARM_UP_FRAMES = 12
 POLL_S = 0.02
 DEFAULT = "wayloom"
 EVERY_SECOND_FRAME = "every second frame dropped"
-NOTHING_CALIBRATED: dict[str, Any] = {"row_frames": (), "bias_prior": 1e15}
+NOTHING_CALIBRATED: dict[str, Any] = {"row_frames": (), "bias_prior": 1e15, "learn_lens": False}
 ABLATIONS: dict[str, dict[str, Any]] = {
     "no static stereo terms": {"static_weight": 0.0, "observer_right_weight": 0.0},
     "no observers' right images": {"observer_right_weight": 0.0},
     "no self-calibration": NOTHING_CALIBRATED,
     "no disparity bias": {"bias_prior": 1e15},
     "no rows": {"row_frames": ()},
+    "no lens of its own": {"learn_lens": False},
     "bias not in the prior": {"ablation": {"bias_in_prior": False}},
     "no marginalisation prior": {"ablation": {"marginalisation_prior": False}},
     "no first-estimate Jacobians": {"ablation": {"first_estimates": False}},
@@ -77,7 +79,7 @@ def timed_track(recording: Recording, settings: OdometrySettings) -> tuple[Odome
     The first frame's time is that of loading kernels and of fitting rows: it is left out.
     """
     marks: list[float] = []
-    result = track(recording.log, settings, lambda share, what: marks.append(time.process_time()))
+    result = track_calibrated(recording.log, settings, lambda share, what: marks.append(time.process_time()))
     frames = len(recording.log)
     return result, 1e3 * np.diff(marks[-frames:])
 

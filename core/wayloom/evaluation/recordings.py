@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.calibration.own_lens import track_calibrated
 from wayloom.config.progress import Progress, silent
 from wayloom.evaluation.georeference import TrackDistance, distance_to_ins
 from wayloom.evaluation.trajectory import TrajectoryErrors, evaluate, path_length
@@ -17,7 +18,6 @@ from wayloom.georeference.alignment import georeference
 from wayloom.logs.oxts import ins_trajectory
 from wayloom.logs.registry import open_log
 from wayloom.logs.types import DriveLog, GnssTrack
-from wayloom.odometry.odometry import track
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.types import OdometryResult
 
@@ -68,9 +68,9 @@ def measure(
 
     truths : name to T_world_cam (N, 4, 4), NaN where unknown
     """
-    first = track(log, settings, lambda share, what: progress(0.45 * share, what))
+    first = track_calibrated(log, settings, lambda share, what: progress(0.45 * share, what))
     start = time.process_time()
-    odometry = track(log, settings, lambda share, what: progress(0.45 + 0.45 * share, what))
+    odometry = track_calibrated(log, settings, lambda share, what: progress(0.45 + 0.45 * share, what))
     cpu_s = time.process_time() - start
     T = odometry.trajectory.T_world_cam
     distance = path_length(T[:, :3, 3])

@@ -68,6 +68,7 @@ class OdometrySettings(Settings):
     max_cost: float = Field(12.0, gt=0, description="of the capped slope, a pixel")
     slope_cap: int = Field(60, ge=10, le=255)
     row_frames: tuple[int, ...] = Field((0, 3, 6, 9), description="frames whose stereo matches fit the rows' misalignment")
+    learn_lens: bool = Field(True, description="where no rig's file is given: learn the lens from the drive's own first stretch")
     min_visible: float = Field(0.25, ge=0, le=1, description="share of the reference in view, below which a frame is lost")
     max_saturated: float = Field(
         0.5, ge=0, le=1, description="share of the reference beyond the cut-off, above which a frame is lost"

@@ -20,6 +20,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from wayloom.calibration.own_lens import track_calibrated
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError, TooFewKeyframesError
 from wayloom.geometry.lens import RightLens
@@ -33,7 +34,6 @@ from wayloom.logs.types import DriveLog
 from wayloom.odometry.evidence import EvidenceCollector
 from wayloom.odometry.evidence_file import save_evidence
 from wayloom.odometry.files import load_odometry, save_odometry
-from wayloom.odometry.odometry import track
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline import keys
 from wayloom.pipeline.exports import cloud, drive_map, write_image
@@ -187,7 +187,7 @@ def _ingest(call: StageCall, out_dir: Path, progress: Progress) -> None:
 def _odometry(call: StageCall, out_dir: Path, progress: Progress) -> None:
     log = call.log()
     lens, collector = lens_of(call.settings, log)[0], EvidenceCollector(log.rig)
-    result = track(log, call.settings.odometry, progress, call.settings.threads, lens, collector)
+    result = track_calibrated(log, call.settings.odometry, progress, call.settings.threads, lens, collector)
     if not np.isfinite(result.trajectory.T_world_cam).all():
         raise StageError("the odometry gave poses that are not finite: please report this drive as a fault of wayloom")
     save_odometry(result, out_dir / ODOMETRY_FILE)
@@ -247,7 +247,9 @@ _PARTS_OF_LOG: Final = {"odometry": ("images",), "segmentation": ("images",), "g
 _COMMON: Final = ("errors.py", "geometry", "config/classes.py", "logs", "pipeline/stages.py")
 _STAGES: Final[dict[str, Stage]] = {
     "ingest": Stage(_ingest, (), lambda settings: {}, (*_COMMON, "pipeline/ingest.py")),
-    "odometry": Stage(_odometry, (), lambda settings: settings.odometry.model_dump(mode="json"), (*_COMMON, "odometry")),
+    "odometry": Stage(
+        _odometry, (), lambda settings: settings.odometry.model_dump(mode="json"), (*_COMMON, "odometry", "calibration")
+    ),
     "segmentation": Stage(_segmentation, ("odometry",), _model, (*_COMMON, "segmentation")),
     "labelling": Stage(
         _labelling,
