@@ -6,13 +6,13 @@ from wayloom.odometry.kernels.arrays import LOCAL, PATCH, Terms
 from wayloom.odometry.kernels.compiler import jit
 from wayloom.odometry.kernels.equations import (
     add_pairs_to_state,
-    couplings_of_state,
     eliminate_points,
     host_maps,
     linearise,
     mirror,
     relative_poses,
     right_of,
+    steps_of_pairs,
 )
 from wayloom.odometry.kernels.inertial import add_links, links_energy
 from wayloom.odometry.kernels.linear import exp_se3, log_se3, multiply, orthonormalise, relative, solve_spd
@@ -83,19 +83,18 @@ def add_prior(z, prior_H, prior_g, affine, affine_prior, H, g):  # type: ignore[
 
 
 @jit
-def normal_equations(frames, points, terms, V, damping, H, g, inverse):  # type: ignore[no-untyped-def]
-    """H (1 + 8F, 1 + 8F) and g of delta and keyframes, all points eliminated; V and inverse serve the step back to the points."""
+def normal_equations(terms, A, points, damping, H, g, inverse):  # type: ignore[no-untyped-def]
+    """H (1 + 8F, 1 + 8F) and g of delta and keyframes, all points eliminated; A is host_maps; inverse (N,) serves the step back to
+    the points."""
     H[:] = 0.0
     g[:] = 0.0
-    A = host_maps(frames)
     add_pairs_to_state(terms, A, H, g)
-    couplings_of_state(terms, A, points, V)
-    eliminate_points(terms, V, points, damping, H, g, inverse)
+    eliminate_points(terms, A, points, damping, H, g, inverse)
     mirror(H)
 
 
 @jit
-def take_step(frames, points, inertial, terms, V, inverse, x, min_rho):  # type: ignore[no-untyped-def]
+def take_step(frames, points, inertial, terms, A, inverse, x, min_rho):  # type: ignore[no-untyped-def]
     """Apply the state's step x (1 + 8F, or 1 + 17F + 2) but delta, and the inverse depths' own that follows from it, limited."""
     F = inertial.velocity.shape[0]
     for f in range(F):
@@ -104,10 +103,13 @@ def take_step(frames, points, inertial, terms, V, inverse, x, min_rho):  # type:
     if F:
         inertial.gamma[0] += x[1 + 17 * F]
         inertial.gamma[1] += x[2 + 17 * F]
+    local = steps_of_pairs(A, x)
     for i in range(points.host.shape[0]):
-        s = terms.own[i, 1]
-        for k in range(V.shape[1]):
-            s -= V[i, k] * x[k]
+        h, s = points.host[i], terms.own[i, 1]
+        for t in range(A.shape[0]):
+            if t == h or terms.inlier[i, t]:
+                for k in range(LOCAL):
+                    s -= terms.coupling[i, t, k] * local[h, t, k]
         limit = 0.3 * points.rho[i] + 0.01
         points.rho[i] = max(points.rho[i] + max(-limit, min(limit, inverse[i] * s)), min_rho)
     for f in range(frames.slot.shape[0]):
@@ -142,14 +144,15 @@ def adjust_window(  # type: ignore[no-untyped-def]
     N, F = points.host.shape[0], frames.slot.shape[0]
     seen, n = 1 + 8 * F, prior_g.shape[0]
     current, new = make_terms(N, F), make_terms(N, F)
-    V, inverse, H_seen, g_seen = np.zeros((N, seen)), np.zeros(N), np.zeros((seen, seen)), np.zeros(seen)
+    inverse, H_seen, g_seen = np.zeros(N), np.zeros((seen, seen)), np.zeros(seen)
     H, g, x, z = np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n)
     deviation(frames, delta[0], inertial, z)
     best = linearise(images, rig, frames, points, delta[0], robust, current) + links_energy(frames, inertial)
     best += prior_energy(z, prior_H, prior_g, frames.affine, affine_prior)
     damping = 1e-2
     for _ in range(iterations):
-        normal_equations(frames, points, current, V, damping, H_seen, g_seen, inverse)
+        A = host_maps(frames)
+        normal_equations(current, A, points, damping, H_seen, g_seen, inverse)
         H[:], g[:] = 0.0, 0.0
         H[:seen, :seen], g[:seen] = H_seen, g_seen
         if n > seen:
@@ -168,7 +171,7 @@ def adjust_window(  # type: ignore[no-untyped-def]
         T_before, affine_before, rho_before = frames.T_cam_world.copy(), frames.affine.copy(), points.rho.copy()
         velocity_before, bias_before, gamma_before = inertial.velocity.copy(), inertial.bias.copy(), inertial.gamma.copy()
         delta[0] += x[0]
-        take_step(frames, points, inertial, current, V, inverse, x, min_rho)
+        take_step(frames, points, inertial, current, A, inverse, x, min_rho)
         deviation(frames, delta[0], inertial, z)
         energy = linearise(images, rig, frames, points, delta[0], robust, new) + links_energy(frames, inertial)
         energy += prior_energy(z, prior_H, prior_g, frames.affine, affine_prior)
@@ -194,9 +197,9 @@ def reduced_equations(images, rig, frames, points, delta, robust):  # type: igno
     adds to the prior."""
     N, n = points.host.shape[0], 1 + 8 * frames.slot.shape[0]
     terms = make_terms(N, frames.slot.shape[0])
-    V, inverse, H, g = np.zeros((N, n)), np.zeros(N), np.zeros((n, n)), np.zeros(n)
+    inverse, H, g = np.zeros(N), np.zeros((n, n)), np.zeros(n)
     linearise(images, rig, frames, points, delta, robust, terms)
-    normal_equations(frames, points, terms, V, 0.0, H, g, inverse)
+    normal_equations(terms, host_maps(frames), points, 0.0, H, g, inverse)
     return H, g
 
 

@@ -268,54 +268,72 @@ def add_pairs_to_state(terms, A, H, g):  # type: ignore[no-untyped-def]
 
 
 @bare
-def couplings_of_state(terms, A, points, V):  # type: ignore[no-untyped-def]
-    """Fills V (N, 1 + 8F): each point's coupling to the state."""
-    F = A.shape[0]
-    for i in range(points.host.shape[0]):
-        h, row = points.host[i], V[i]
-        row[:] = 0.0
-        for t in range(F):
-            c = terms.coupling[i, t]
-            row[0] += c[8]
-            if t == h or not terms.inlier[i, t]:
-                continue
+def coupling_of_state(coupling, inlier, h, A, row):  # type: ignore[no-untyped-def]
+    """Fills row (1 + 8F): the coupling to the state of a point of host h, whose couplings (F, 9) to its pairs are given."""
+    row[:] = 0.0
+    host = row[1 + 8 * h : 9 + 8 * h]
+    for t in range(A.shape[0]):
+        c = coupling[t]
+        row[0] += c[8]
+        if t == h or not inlier[t]:
+            continue
+        for k in range(8):
+            row[1 + 8 * t + k] = c[k]
+        for n in range(8):
+            of_host, factor = A[h, t, n], c[n]
             for k in range(8):
-                row[1 + 8 * t + k] += c[k]
-                s = 0.0
-                for n in range(8):
-                    s += A[h, t, n, k] * c[n]
-                row[1 + 8 * h + k] += s
+                host[k] += of_host[k] * factor
+
+
+@bare
+def subtract(row, used, inverse, gradient, H, g):  # type: ignore[no-untyped-def]
+    """Subtract v v^T inverse and v inverse gradient of a point's coupling row (1 + 8F) from H (lower) and g; used (F,) whether it has
+    a part in a keyframe's eight columns."""
+    H[0, 0] -= inverse * row[0] * row[0]
+    g[0] -= inverse * gradient * row[0]
+    for t in range(used.shape[0]):
+        if not used[t]:
+            continue
+        for k in range(1 + 8 * t, 9 + 8 * t):
+            c, target = inverse * row[k], H[k]
+            g[k] -= c * gradient
+            for m in range(k + 1):
+                target[m] -= c * row[m]
 
 
 @jit
-def eliminate_points(terms, V, points, damping, H, g, inverse):  # type: ignore[no-untyped-def]
+def eliminate_points(terms, A, points, damping, H, g, inverse):  # type: ignore[no-untyped-def]
     """Schur complement: subtracts v v^T / h and v (own gradient) / h of every point from H (lower) and g; inverse (N,) = 1/h."""
-    F, blocks = (V.shape[1] - 1) // 8, np.empty(V.shape[1], np.int64)
+    F = A.shape[0]
+    row, used = np.empty(1 + 8 * F), np.empty(F, np.bool_)
     for i in range(points.host.shape[0]):
-        information = terms.own[i, 0]
+        information, h = terms.own[i, 0], points.host[i]
         inverse[i] = 0.0
         if information < 1e-9:
             continue
         inverse[i] = 1.0 / (information * (1.0 + damping) + 1e-3)
-        used = 0
+        coupling_of_state(terms.coupling[i], terms.inlier[i], h, A, row)
         for t in range(F):
-            if t == points.host[i] or terms.inlier[i, t]:
-                blocks[used] = 1 + 8 * t
-                used += 1
-        step = inverse[i] * terms.own[i, 1]
-        row = V[i]
-        H[0, 0] -= inverse[i] * row[0] * row[0]
-        g[0] -= step * row[0]
-        for p in range(used):
-            o = blocks[p]
-            for k in range(8):
-                c = inverse[i] * row[o + k]
-                g[o + k] -= step * row[o + k]
-                H[o + k, 0] -= c * row[0]
-                for q in range(p + 1):
-                    n = blocks[q]
-                    for m in range(8):
-                        H[o + k, n + m] -= c * row[n + m]
+            used[t] = t == h or terms.inlier[i, t]
+        subtract(row, used, inverse[i], terms.own[i, 1], H, g)
+
+
+@jit
+def steps_of_pairs(A, x):  # type: ignore[no-untyped-def]
+    """(F, F, 9) by [host, target]: what a step x (1 + 8F) of the state is in the pairs' local unknowns."""
+    F = A.shape[0]
+    out = np.zeros((F, F, LOCAL))
+    for h in range(F):
+        for t in range(F):
+            out[h, t, 8] = x[0]
+            if t == h:
+                continue
+            for n in range(8):
+                s = x[1 + 8 * t + n]
+                for k in range(8):
+                    s += A[h, t, n, k] * x[1 + 8 * h + k]
+                out[h, t, n] = s
+    return out
 
 
 @bare
