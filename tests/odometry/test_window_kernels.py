@@ -223,7 +223,20 @@ def test_right_consistency_is_the_naive_energy_test() -> None:
     window = made_window(3, 20)
     strict = ROBUST._replace(max_energy=70.0)
     window.points.rho[::3] *= 1.5
-    seen = adjustment.right_consistency(window.images, NUMBERS, window.frames, window.points, 2, BIAS_PX, strict)
+    N, everywhere, out = (
+        len(window.point_id),
+        np.ones((len(window.point_id), 5), np.int64),
+        np.zeros((len(window.point_id), 3), np.int64),
+    )
+    every = np.ones(N, np.bool_)
+    assert (
+        adjustment.observations(
+            window.images, NUMBERS, window.frames, window.points, everywhere, every, np.array([2]), BIAS_PX, strict, out
+        )
+        == N
+    )
+    np.testing.assert_array_equal(out[:, :2], np.column_stack([np.arange(N), np.full(N, 2)]))
+    seen = out[:, 2]
     p, frames = window.points, window.frames
     for i, h in enumerate(p.host):
         T = frames.T_cam_world[2] @ np.linalg.inv(frames.T_cam_world[h])

@@ -204,18 +204,25 @@ def reduced_equations(images, rig, frames, points, delta, robust):  # type: igno
 
 
 @jit
-def right_consistency(images, rig, frames, points, t, delta, robust):  # type: ignore[no-untyped-def]
-    """(N,) 1 where a point's patch is a photometric inlier in the right image of frame t, at rows and bias corrected."""
-    T = relative_poses(frames, 0)
-    scratch, out = make_scratch(), np.zeros(points.host.shape[0], np.int64)
-    for i in range(points.host.shape[0]):
-        h = points.host[i]
-        x, y = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
-        gain, gain_right = gain_between(frames.affine[h], frames.affine[t]), frames.gain_right[t, 0]
-        offset = gain_right * (frames.affine[t, 1] - gain * frames.affine[h, 1]) + frames.gain_right[t, 1]
-        energy, inside = patch_residual(
-            images.right[frames.slot[t]], right_of(T[h, t], rig), x, y, points.rho[i], rig, delta, points.colour[i],
-            points.weight[i], gain * gain_right, offset, robust, scratch,
-        )  # fmt: skip
-        out[i] = inside and energy <= robust.max_energy * PATCH
-    return out
+def observations(images, rig, frames, points, inlier, mask, targets, delta, robust, out):  # type: ignore[no-untyped-def]
+    """Where the points in mask (N,) were inliers, by inlier (N, F + 1), in the left images of the frames targets (T,).
+
+    Fills out (N T, 3): point, frame, 1 where the patch is a photometric inlier in the frame's right image too, at rows and bias
+    corrected; by frame, then point. Returns how many.
+    """
+    T, scratch, n = relative_poses(frames, 0), make_scratch(), 0
+    for t in targets:
+        for i in range(points.host.shape[0]):
+            if not (mask[i] and inlier[i, t] > 0):
+                continue
+            h = points.host[i]
+            x, y = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
+            gain, gain_right = gain_between(frames.affine[h], frames.affine[t]), frames.gain_right[t, 0]
+            offset = gain_right * (frames.affine[t, 1] - gain * frames.affine[h, 1]) + frames.gain_right[t, 1]
+            energy, inside = patch_residual(
+                images.right[frames.slot[t]], right_of(T[h, t], rig), x, y, points.rho[i], rig, delta, points.colour[i],
+                points.weight[i], gain * gain_right, offset, robust, scratch,
+            )  # fmt: skip
+            out[n, 0], out[n, 1], out[n, 2] = i, t, inside and energy <= robust.max_energy * PATCH
+            n += 1
+    return n

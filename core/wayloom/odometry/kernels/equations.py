@@ -3,8 +3,6 @@
 State: z = (delta, then for each keyframe its left perturbation (v, omega), a, b), 1 + 8F unknowns.
 """
 
-import math
-
 import numpy as np
 
 from wayloom.odometry.kernels.arrays import LOCAL, PATCH
@@ -152,14 +150,16 @@ def linearise(images, rig, frames, points, delta, robust, terms):  # type: ignor
         relative_poses(frames, 0),
         right_of(still, rig),
     )
+    gains = np.empty(T.shape[:2])
     for h in range(T.shape[0]):
         for t in range(T.shape[0]):
             T_right[h, t] = right_of(T[h, t], rig)
+            gains[h, t] = gain_between(frames.affine[h], frames.affine[t])
     for i in range(N):
         rays[i, 0], rays[i, 1] = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
     clear(terms)
     total = add_hosts(images, rig, frames, points, delta, robust, rays, still, still_right, scratch, terms)
-    return total + add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, scratch, terms)
+    return total + add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, gains, scratch, terms)
 
 
 @bare
@@ -180,17 +180,17 @@ def add_hosts(images, rig, frames, points, delta, robust, rays, still, still_rig
 
 
 @bare
-def add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, scratch, terms):  # type: ignore[no-untyped-def]
+def add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, gains, scratch, terms):  # type: ignore[no-untyped-def]
     """Every point in the left images of the other keyframes, and in the right image of those that it fits; returns the energy."""
     total = 0.0
     for t in range(frames.slot.shape[0]):  # one image at a time, points of one host together: that keeps the caches warm
-        left, right, a, b = images.left[frames.slot[t]], images.right[frames.slot[t]], frames.affine[t, 0], frames.affine[t, 1]
+        left, right, b = images.left[frames.slot[t]], images.right[frames.slot[t]], frames.affine[t, 1]
         gain_right, offset_right = frames.gain_right[t, 0], frames.gain_right[t, 1]
         for i in range(points.host.shape[0]):
             h = points.host[i]
             if t == h or points.closed[i, t]:
                 continue
-            gain, b_host = math.exp(a - frames.affine[h, 0]), frames.affine[h, 1]
+            gain, b_host = gains[h, t], frames.affine[h, 1]
             offset = b - gain * b_host
             energy, good = add_temporal(
                 left, T[h, t], S[h, t], rays[i], points.rho[i], rig, 0.0, 0.0, points.colour[i], points.weight[i], gain, 1.0,
@@ -287,8 +287,10 @@ def coupling_of_state(coupling, inlier, h, A, row):  # type: ignore[no-untyped-d
 
 @bare
 def subtract(row, used, inverse, gradient, H, g):  # type: ignore[no-untyped-def]
-    """Subtract v v^T inverse and v inverse gradient of a point's coupling row (1 + 8F) from H (lower) and g; used (F,) whether it has
-    a part in a keyframe's eight columns."""
+    """Subtract v v^T inverse and v inverse gradient of a point's coupling v = row (1 + 8F) from H (lower) and g.
+
+    used (F,): whether v has a part in a keyframe's eight columns.
+    """
     H[0, 0] -= inverse * row[0] * row[0]
     g[0] -= inverse * gradient * row[0]
     for t in range(used.shape[0]):

@@ -61,7 +61,7 @@ def pixel(word, place):  # type: ignore[no-untyped-def]
 
 @inlined
 def gather(image, T, x, y, rho, rig, shift, words, columns):  # type: ignore[no-untyped-def]
-    """Find a patch's pixels in image (h, w): fractions of their place into columns 0 and 1, the 4 x 4 pixels around each into words.
+    """Find a patch's pixels in image (h, w): fractions of their place into columns 0 and 1, 4 x 4 pixels around each into words.
 
     The patch is taken as a plane that faces its host, its warp as linear around the centre. Returns whether it is inside the image.
     """

@@ -23,6 +23,21 @@ def distance(value, other):  # type: ignore[no-untyped-def]
 
 
 @jit
+def sobel_rows(image, cap, out):  # type: ignore[no-untyped-def]
+    """(h, w) uint8 to out (h, w) int16: horizontal Sobel capped to +-cap, a quarter of it, 0 in the outermost pixels."""
+    h, w = image.shape
+    out[0], out[h - 1] = int16(0), int16(0)
+    low, high = int16(-cap), int16(cap)
+    for y in range(1, h - 1):
+        above, here, below, row = image[y - 1], image[y], image[y + 1], out[y]
+        row[0] = row[w - 1] = 0
+        for x in range(w - 2):
+            sides = int16(int16(above[x + 2]) - int16(above[x])) + int16(int16(below[x + 2]) - int16(below[x]))
+            slope = int16(int16(sides) + int16(int16(2) * int16(int16(here[x + 2]) - int16(here[x]))))
+            row[x + 1] = int16(min(max(slope, low), high) >> int16(2))
+
+
+@jit
 def best_column(template, image, u, v, x_low, x_high, costs):  # type: ignore[no-untyped-def]
     """Sum of absolute differences of template's patch at (u, v) against image's at (x, v), x_low <= x <= x_high, both int16.
 
