@@ -146,14 +146,28 @@ def test_the_windows_normal_equations_are_those_of_the_dense_numerical_twin() ->
     assert energy == pytest.approx(energy_slow, rel=1e-4)
     np.testing.assert_allclose(terms.own[:, 0], np.diag(H_slow)[n:], rtol=2e-3)
     np.testing.assert_allclose(terms.own[:, 1], g_slow[n:], rtol=2e-3, atol=2e-4 * np.abs(g_slow[n:]).max())
-    H, g, V, inverse = np.zeros((n, n)), np.zeros(n), np.zeros((N, n)), np.zeros(N)
-    adjustment.normal_equations(window.frames, window.points, terms, V, 0.0, H, g, inverse)
+    H, g, V, inverse, A = np.zeros((n, n)), np.zeros(n), np.zeros((N, n)), np.zeros(N), equations.host_maps(window.frames)
+    adjustment.normal_equations(terms, A, window.points, 0.0, H, g, inverse)
+    for i, host in enumerate(window.points.host):
+        equations.coupling_of_state(terms.coupling[i], terms.inlier[i], host, A, V[i])
     scale = np.sqrt(np.diag(H_slow)[n:])
     np.testing.assert_allclose(V.T / scale, H_slow[:n, n:] / scale, rtol=1e-2, atol=2e-3 * np.abs(H_slow[:n, n:] / scale).max())
     H_reduced, g_reduced = schur(H_slow, g_slow, n)
     unit = 1 / np.sqrt(np.diag(H_slow)[:n])
     np.testing.assert_allclose(H * np.outer(unit, unit), H_reduced * np.outer(unit, unit), atol=2e-3)
     np.testing.assert_allclose(g * unit, g_reduced * unit, atol=2e-3 * np.abs(g_slow[:n] * unit).max())
+
+
+def test_a_points_step_follows_from_its_couplings_to_the_pairs_as_from_those_to_the_state() -> None:
+    window = made_window()
+    F, N = len(window), len(window.point_id)
+    terms, A = adjustment.make_terms(N, F), equations.host_maps(window.frames)
+    equations.linearise(window.images, NUMBERS, window.frames, window.points, window.delta[0], ROBUST, terms)
+    x, row = np.random.default_rng(3).normal(size=1 + 8 * F), np.zeros(1 + 8 * F)
+    local = equations.steps_of_pairs(A, x)
+    for i, host in enumerate(window.points.host):
+        equations.coupling_of_state(terms.coupling[i], terms.inlier[i], host, A, row)
+        np.testing.assert_allclose((terms.coupling[i] * local[host]).sum(), row @ x, rtol=1e-9)
 
 
 def test_closed_residuals_count_for_nothing() -> None:
@@ -213,7 +227,20 @@ def test_right_consistency_is_the_naive_energy_test() -> None:
     window = made_window(3, 20)
     strict = ROBUST._replace(max_energy=70.0)
     window.points.rho[::3] *= 1.5
-    seen = adjustment.right_consistency(window.images, NUMBERS, window.frames, window.points, 2, BIAS_PX, strict)
+    N, everywhere, out = (
+        len(window.point_id),
+        np.ones((len(window.point_id), 5), np.int64),
+        np.zeros((len(window.point_id), 3), np.int64),
+    )
+    every = np.ones(N, np.bool_)
+    assert (
+        adjustment.observations(
+            window.images, NUMBERS, window.frames, window.points, everywhere, every, np.array([2]), BIAS_PX, strict, out
+        )
+        == N
+    )
+    np.testing.assert_array_equal(out[:, :2], np.column_stack([np.arange(N), np.full(N, 2)]))
+    seen = out[:, 2]
     p, frames = window.points, window.frames
     for i, h in enumerate(p.host):
         T = frames.T_cam_world[2] @ np.linalg.inv(frames.T_cam_world[h])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wayloom.errors import LogError
 from wayloom.geometry.camera import StereoRig
 from wayloom.logs.exposure_csv import EXPOSURE_NAME, read_exposure_csv
-from wayloom.logs.images import ImageHeader, ImagePairs, read_header, read_image
+from wayloom.logs.images import ImageHeader, ImagePairs, read_grey, read_header, read_image
 from wayloom.logs.positioning import Positioning
 from wayloom.logs.sidecar import SIDECAR_NAME, Sidecar
 from wayloom.logs.text_files import utf8_text
@@ -74,7 +74,8 @@ class ImageFolderLog:
     def grey_side(self, index: int, right: bool) -> Image:
         """Decode one image of a pair to grey (h, w), for those who need no colour or not both. Raises LogError as `frame`."""
         files, size = self._sides()[right]
-        image = self._read(files[index], size, colour=False)
+        image = read_grey(files[index])
+        check_size(ImageHeader(image.shape[1], image.shape[0], False), size, files[index])
         if self.rectifier is None:
             return image
         maps = self.rectifier.right if right else self.rectifier.left

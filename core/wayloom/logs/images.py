@@ -133,26 +133,41 @@ def _jpeg_header(stream: BinaryIO, file: Path) -> ImageHeader:
         stream.seek(max(0, int.from_bytes(marker[2:4], "big") - 2), 1)
 
 
-def check_png(data: bytes, file: Path, record: str | None = None) -> None:
-    """Raises LogError where a chunk of the PNG is cut or its CRC-32 is wrong; `record` says where in the file it lies."""
-    at = len(PNG_SIGNATURE)
+def check_png(data: bytes, file: Path, record: str | None = None) -> list[tuple[bytes, memoryview]]:
+    """The chunks of a PNG, kind and content. Raises LogError where one is cut or its CRC-32 is wrong; `record` says where in the
+    file it lies."""
+    view, chunks, at = memoryview(data), [], len(PNG_SIGNATURE)
     while True:
         length = int.from_bytes(data[at : at + 4], "big")
         end = at + 12 + length
         if end > len(data) or at + 12 > len(data):
             what = f"the image is truncated: it ends after {len(data)} bytes"
             raise LogError(what, file=file, record=record, remedy=COPY_AGAIN)
-        if zlib.crc32(memoryview(data)[at + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
+        if zlib.crc32(view[at + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
             where = f"byte {at}" if record is None else f"{record}, byte {at}"
             raise LogError("the image is damaged: wrong check sum", file=file, record=where, remedy=COPY_AGAIN)
-        if data[at + 4 : at + 8] == b"IEND":
-            return
+        chunks.append((data[at + 4 : at + 8], view[at + 8 : end - 4]))
+        if chunks[-1][0] == b"IEND":
+            return chunks
         at = end
 
 
 def read_image(file: Path, *, colour: bool) -> Image:
     """Decode to (h, w, 3) RGB or (h, w) grey, uint8. Raises LogError for an empty, truncated, damaged or foreign file."""
     return decode_image(read_bytes(file, remedy=COPY_AGAIN), file, colour=colour)
+
+
+def read_grey(file: Path) -> Image:
+    """As read_image without colour, by compiled code of our own where that is faster: for those who read image after image."""
+    data = read_bytes(file, remedy=COPY_AGAIN)
+    if data.startswith(PNG_SIGNATURE):
+        from wayloom.logs import grey_png  # numba takes half a second to import, which most readers do without
+
+        chunks = check_png(data, file)
+        image = grey_png.decode(chunks)
+        if image is not None:
+            return image
+    return decode_image(data, file, colour=False)
 
 
 def decode_image(data: bytes, file: Path, *, colour: bool | None, record: str | None = None) -> Image:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wayloom.geometry import se3
 from wayloom.odometry.keeping import KeptPoints, Rule
-from wayloom.odometry.kernels.adjustment import right_consistency
+from wayloom.odometry.kernels.adjustment import observations
 from wayloom.odometry.kernels.arrays import PointColumns, Rig, Robust
 from wayloom.odometry.types import Keyframes, Trajectory
 from wayloom.odometry.window import Window
@@ -70,12 +70,13 @@ class Harvest:
 
     def add_observations(self, window: Window, mask: BoolArray, rig: Rig, robust: Robust, targets: list[int]) -> None:
         """Note in which frames `targets` of the window the points in mask (N,) are inliers, and whether the right image agrees."""
-        for t in targets:
-            seen = np.flatnonzero(mask & (window.inlier[:, t] > 0))
-            points = PointColumns(*(column[seen] for column in window.points))
-            right = right_consistency(window.images, rig, window.frames, points, t, window.delta[0], robust)
-            keyframe = np.full(len(seen), window.keyframe[t])
-            self.observations.append(np.column_stack([window.point_id[seen], keyframe, right]))
+        out = np.empty((len(mask) * len(targets), 3), np.int64)
+        n = observations(
+            window.images, rig, window.frames, window.points, window.inlier, mask, np.array(targets, np.int64), window.delta[0],
+            robust, out,
+        )  # fmt: skip
+        point, frame, right = out[:n].T
+        self.observations.append(np.column_stack([window.point_id[point], window.keyframe[frame], right]))
 
     def add_points(
         self, window: Window, points: PointColumns, ids: NDArray[np.int64], information: FloatArray, bf: float, grey_sigma: float,

@@ -8,6 +8,7 @@ Ordinary frames are aligned once and leave here after a few comparisons.
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +16,7 @@ from wayloom.geometry import se3
 from wayloom.geometry.camera import StereoRig
 from wayloom.odometry import pyramid, relocalise
 from wayloom.odometry.kernels.arrays import Rig
+from wayloom.odometry.kernels.linear import log_se3, relative
 from wayloom.odometry.pyramid import Pyramid
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.track import Alignment, Reference, align, best_alignment, further_guesses, make_reference
@@ -74,7 +76,12 @@ class Found:
 
 def is_blank(image: Image, min_contrast: float) -> bool:
     """Whether an image (h, w) shows nothing: black, white, or grey all over. Looks at every fourth row."""
-    return float(image[::4].std()) < min_contrast
+    return contrast_of(image) < min_contrast
+
+
+def contrast_of(image: Image) -> float:
+    """Standard deviation of an image (h, w), in grey levels, by every fourth row."""
+    return float(cv2.meanStdDev(image[::4])[1][0, 0])
 
 
 def fits_badly(fit: Alignment, usual_rms: float, settings: OdometrySettings) -> bool:
@@ -110,7 +117,7 @@ def motion_failure(
     T_cam_world (4, 4) of the frame, of the last tracked one dt_s seconds before, and by constant motion: None where that need not
     be true
     """
-    motion = se3.log(T_cam_world @ se3.inverse(T_last))
+    motion = log_se3(relative(T_cam_world, T_last))
     way, turn = float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:]))
     if turn > settings.max_turn_rate * dt_s + 0.05:
         return f"a turn of {math.degrees(turn):.1f} deg in {dt_s:.2f} s"
@@ -132,7 +139,7 @@ def gain_failure(fit: Alignment, image: Image, keyframe: Image) -> str | None:
     gain = float(fit.brightness[0])
     if 1.0 / USUAL_GAIN < gain < USUAL_GAIN:
         return None
-    contrast = max(float(image[::4].std()), 1e-3) / max(float(keyframe[::4].std()), 1e-3)
+    contrast = max(contrast_of(image), 1e-3) / max(contrast_of(keyframe), 1e-3)
     if contrast / GAIN_RATIO < gain < contrast * GAIN_RATIO:
         return None
     return f"the image is {gain:.2g} times as bright as the keyframe, its contrast {contrast:.2g} times"

@@ -1,10 +1,9 @@
 """Static stereo at a keyframe: disparities of candidate pixels, and the brightness of the right image against the left one."""
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.odometry.kernels.stereo import match_rows
+from wayloom.odometry.kernels.stereo import match_rows, sobel_rows
 
 Image = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
@@ -12,11 +11,9 @@ FloatArray = NDArray[np.float64]
 
 def capped_slope(image: Image, cap: int) -> NDArray[np.int16]:
     """(h, w) uint8 to int16: horizontal Sobel / 4 capped to +-cap, 0 at the border. Stereo on it needs no left-right gain."""
-    sobel = np.asarray(cv2.Sobel(image, cv2.CV_16S, 1, 0), np.int16)
-    sobel = np.clip(sobel, -4 * cap, 4 * cap) >> 2
-    sobel[[0, -1]] = 0
-    sobel[:, [0, -1]] = 0
-    return np.ascontiguousarray(sobel, np.int16)
+    out = np.empty(image.shape, np.int16)
+    sobel_rows(image, 4 * cap, out)
+    return out
 
 
 def match(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wayloom.geometry import se3
 from wayloom.odometry.kernels.arrays import Rig
-from wayloom.odometry.kernels.linear import orthonormalise
+from wayloom.odometry.kernels.linear import exp_se3, log_se3, orthonormalise, relative
 from wayloom.odometry.kernels.tracking import align_level, gather, splat
 from wayloom.odometry.pyramid import Pyramid
 from wayloom.odometry.settings import OdometrySettings
@@ -78,8 +78,8 @@ def align(
 
 def constant_motion(T_last: FloatArray, T_before: FloatArray, dt_before_s: float, dt_s: float) -> FloatArray:
     """(4, 4) T_cam_world of the new frame if the motion between the last two (T_cam_world) goes on, dt seconds each."""
-    twist = se3.log(T_last @ se3.inverse(T_before))
-    T = np.asarray(se3.exp(twist * (dt_s / max(dt_before_s, 1e-9))) @ T_last)
+    twist = log_se3(relative(T_last, T_before))
+    T = np.asarray(exp_se3(twist * (dt_s / max(dt_before_s, 1e-9))) @ T_last)
     orthonormalise(T)
     return T
 

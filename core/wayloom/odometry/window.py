@@ -126,12 +126,13 @@ def with_rows(H: FloatArray, g: FloatArray, at: int, count: int) -> tuple[FloatA
 def new_points(window: Window, pixels: IntArray, rho: FloatArray, gradient_scale: float) -> PointColumns:
     """Points at pixels (n, 2) of the newest keyframe with inverse depths rho (n,) 1/m."""
     n, newest = len(pixels), len(window) - 1
-    left = window.images.left[window.frames.slot[newest]].astype(np.float32)
+    left = window.images.left[window.frames.slot[newest]]
     x, y = pixels[:, :1] + PATTERN[:, 0], pixels[:, 1:] + PATTERN[:, 1]
-    gradient2 = 0.25 * ((left[y, x + 1] - left[y, x - 1]) ** 2 + (left[y + 1, x] - left[y - 1, x]) ** 2)
+    right, before, below, above = (left[b, a].astype(np.float32) for a, b in ((x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)))
+    gradient2 = np.float32(0.25) * ((right - before) ** 2 + (below - above) ** 2)
     scale2 = np.float32(gradient_scale**2)
     return PointColumns(
-        np.full(n, newest, np.int64), pixels.astype(np.float64), rho, left[y, x], scale2 / (scale2 + gradient2),
+        np.full(n, newest, np.int64), pixels.astype(np.float64), rho, left[y, x].astype(np.float32), scale2 / (scale2 + gradient2),
         np.ones(n, np.int64), np.zeros((n, window.points.closed.shape[1]), np.int64),
     )  # fmt: skip
 

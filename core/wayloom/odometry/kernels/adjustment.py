@@ -6,13 +6,13 @@ from wayloom.odometry.kernels.arrays import LOCAL, PATCH, Terms
 from wayloom.odometry.kernels.compiler import jit
 from wayloom.odometry.kernels.equations import (
     add_pairs_to_state,
-    couplings_of_state,
     eliminate_points,
     host_maps,
     linearise,
     mirror,
     relative_poses,
     right_of,
+    steps_of_pairs,
 )
 from wayloom.odometry.kernels.inertial import add_links, links_energy
 from wayloom.odometry.kernels.linear import exp_se3, log_se3, multiply, orthonormalise, relative, solve_spd
@@ -83,19 +83,18 @@ def add_prior(z, prior_H, prior_g, affine, affine_prior, H, g):  # type: ignore[
 
 
 @jit
-def normal_equations(frames, points, terms, V, damping, H, g, inverse):  # type: ignore[no-untyped-def]
-    """H (1 + 8F, 1 + 8F) and g of delta and keyframes, all points eliminated; V and inverse serve the step back to the points."""
+def normal_equations(terms, A, points, damping, H, g, inverse):  # type: ignore[no-untyped-def]
+    """H (1 + 8F, 1 + 8F) and g of delta and keyframes, all points eliminated; A is host_maps; inverse (N,) serves the step back to
+    the points."""
     H[:] = 0.0
     g[:] = 0.0
-    A = host_maps(frames)
     add_pairs_to_state(terms, A, H, g)
-    couplings_of_state(terms, A, points, V)
-    eliminate_points(terms, V, points, damping, H, g, inverse)
+    eliminate_points(terms, A, points, damping, H, g, inverse)
     mirror(H)
 
 
 @jit
-def take_step(frames, points, inertial, terms, V, inverse, x, min_rho):  # type: ignore[no-untyped-def]
+def take_step(frames, points, inertial, terms, A, inverse, x, min_rho):  # type: ignore[no-untyped-def]
     """Apply the state's step x (1 + 8F, or 1 + 17F + 2) but delta, and the inverse depths' own that follows from it, limited."""
     F = inertial.velocity.shape[0]
     for f in range(F):
@@ -104,10 +103,13 @@ def take_step(frames, points, inertial, terms, V, inverse, x, min_rho):  # type:
     if F:
         inertial.gamma[0] += x[1 + 17 * F]
         inertial.gamma[1] += x[2 + 17 * F]
+    local = steps_of_pairs(A, x)
     for i in range(points.host.shape[0]):
-        s = terms.own[i, 1]
-        for k in range(V.shape[1]):
-            s -= V[i, k] * x[k]
+        h, s = points.host[i], terms.own[i, 1]
+        for t in range(A.shape[0]):
+            if t == h or terms.inlier[i, t]:
+                for k in range(LOCAL):
+                    s -= terms.coupling[i, t, k] * local[h, t, k]
         limit = 0.3 * points.rho[i] + 0.01
         points.rho[i] = max(points.rho[i] + max(-limit, min(limit, inverse[i] * s)), min_rho)
     for f in range(frames.slot.shape[0]):
@@ -142,14 +144,15 @@ def adjust_window(  # type: ignore[no-untyped-def]
     N, F = points.host.shape[0], frames.slot.shape[0]
     seen, n = 1 + 8 * F, prior_g.shape[0]
     current, new = make_terms(N, F), make_terms(N, F)
-    V, inverse, H_seen, g_seen = np.zeros((N, seen)), np.zeros(N), np.zeros((seen, seen)), np.zeros(seen)
+    inverse, H_seen, g_seen = np.zeros(N), np.zeros((seen, seen)), np.zeros(seen)
     H, g, x, z = np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n)
     deviation(frames, delta[0], inertial, z)
     best = linearise(images, rig, frames, points, delta[0], robust, current) + links_energy(frames, inertial)
     best += prior_energy(z, prior_H, prior_g, frames.affine, affine_prior)
     damping = 1e-2
     for _ in range(iterations):
-        normal_equations(frames, points, current, V, damping, H_seen, g_seen, inverse)
+        A = host_maps(frames)
+        normal_equations(current, A, points, damping, H_seen, g_seen, inverse)
         H[:], g[:] = 0.0, 0.0
         H[:seen, :seen], g[:seen] = H_seen, g_seen
         if n > seen:
@@ -168,7 +171,7 @@ def adjust_window(  # type: ignore[no-untyped-def]
         T_before, affine_before, rho_before = frames.T_cam_world.copy(), frames.affine.copy(), points.rho.copy()
         velocity_before, bias_before, gamma_before = inertial.velocity.copy(), inertial.bias.copy(), inertial.gamma.copy()
         delta[0] += x[0]
-        take_step(frames, points, inertial, current, V, inverse, x, min_rho)
+        take_step(frames, points, inertial, current, A, inverse, x, min_rho)
         deviation(frames, delta[0], inertial, z)
         energy = linearise(images, rig, frames, points, delta[0], robust, new) + links_energy(frames, inertial)
         energy += prior_energy(z, prior_H, prior_g, frames.affine, affine_prior)
@@ -194,25 +197,32 @@ def reduced_equations(images, rig, frames, points, delta, robust):  # type: igno
     adds to the prior."""
     N, n = points.host.shape[0], 1 + 8 * frames.slot.shape[0]
     terms = make_terms(N, frames.slot.shape[0])
-    V, inverse, H, g = np.zeros((N, n)), np.zeros(N), np.zeros((n, n)), np.zeros(n)
+    inverse, H, g = np.zeros(N), np.zeros((n, n)), np.zeros(n)
     linearise(images, rig, frames, points, delta, robust, terms)
-    normal_equations(frames, points, terms, V, 0.0, H, g, inverse)
+    normal_equations(terms, host_maps(frames), points, 0.0, H, g, inverse)
     return H, g
 
 
 @jit
-def right_consistency(images, rig, frames, points, t, delta, robust):  # type: ignore[no-untyped-def]
-    """(N,) 1 where a point's patch is a photometric inlier in the right image of frame t, at rows and bias corrected."""
-    T = relative_poses(frames, 0)
-    scratch, out = make_scratch(), np.zeros(points.host.shape[0], np.int64)
-    for i in range(points.host.shape[0]):
-        h = points.host[i]
-        x, y = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
-        gain, gain_right = gain_between(frames.affine[h], frames.affine[t]), frames.gain_right[t, 0]
-        offset = gain_right * (frames.affine[t, 1] - gain * frames.affine[h, 1]) + frames.gain_right[t, 1]
-        energy, inside = patch_residual(
-            images.right[frames.slot[t]], right_of(T[h, t], rig), x, y, points.rho[i], rig, delta, points.colour[i],
-            points.weight[i], gain * gain_right, offset, robust, scratch,
-        )  # fmt: skip
-        out[i] = inside and energy <= robust.max_energy * PATCH
-    return out
+def observations(images, rig, frames, points, inlier, mask, targets, delta, robust, out):  # type: ignore[no-untyped-def]
+    """Where the points in mask (N,) were inliers, by inlier (N, F + 1), in the left images of the frames targets (T,).
+
+    Fills out (N T, 3): point, frame, 1 where the patch is a photometric inlier in the frame's right image too, at rows and bias
+    corrected; by frame, then point. Returns how many.
+    """
+    T, scratch, n = relative_poses(frames, 0), make_scratch(), 0
+    for t in targets:
+        for i in range(points.host.shape[0]):
+            if not (mask[i] and inlier[i, t] > 0):
+                continue
+            h = points.host[i]
+            x, y = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
+            gain, gain_right = gain_between(frames.affine[h], frames.affine[t]), frames.gain_right[t, 0]
+            offset = gain_right * (frames.affine[t, 1] - gain * frames.affine[h, 1]) + frames.gain_right[t, 1]
+            energy, inside = patch_residual(
+                images.right[frames.slot[t]], right_of(T[h, t], rig), x, y, points.rho[i], rig, delta, points.colour[i],
+                points.weight[i], gain * gain_right, offset, robust, scratch,
+            )  # fmt: skip
+            out[n, 0], out[n, 1], out[n, 2] = i, t, inside and energy <= robust.max_energy * PATCH
+            n += 1
+    return n

@@ -76,12 +76,12 @@ class Robust(NamedTuple):
 
 class Scratch(NamedTuple):
     """Working space of one residual: M (4, 4, upper) and e (4,) are a patch's sums, J (2, 8) the projection's Jacobian; the rest
-    are columns of 8, one number a pixel: grey (96,) uint8 the 12 pixels around each, columns (72,) float32."""
+    are columns of 8, one number a pixel: words (32,) int32 the 4 x 4 pixels around each, columns (72,) float32."""
 
     M: np.ndarray
     e: np.ndarray
     J: np.ndarray
-    grey: np.ndarray
+    words: np.ndarray
     columns: np.ndarray
 
 

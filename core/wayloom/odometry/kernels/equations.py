@@ -3,8 +3,6 @@
 State: z = (delta, then for each keyframe its left perturbation (v, omega), a, b), 1 + 8F unknowns.
 """
 
-import math
-
 import numpy as np
 
 from wayloom.odometry.kernels.arrays import LOCAL, PATCH
@@ -185,14 +183,16 @@ def linearise(images, rig, frames, points, delta, robust, terms):  # type: ignor
         relative_poses(frames, 0),
         right_of(still, rig),
     )
+    gains = np.empty(T.shape[:2])
     for h in range(T.shape[0]):
         for t in range(T.shape[0]):
             T_right[h, t] = right_of(T[h, t], rig)
+            gains[h, t] = gain_between(frames.affine[h], frames.affine[t])
     for i in range(N):
         rays[i, 0], rays[i, 1] = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
     clear(terms)
     total = add_hosts(images, rig, frames, points, delta, robust, rays, still, still_right, scratch, terms)
-    return total + add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, scratch, terms)
+    return total + add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, gains, scratch, terms)
 
 
 @bare
@@ -213,17 +213,17 @@ def add_hosts(images, rig, frames, points, delta, robust, rays, still, still_rig
 
 
 @bare
-def add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, scratch, terms):  # type: ignore[no-untyped-def]
+def add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, gains, scratch, terms):  # type: ignore[no-untyped-def]
     """Every point in the left images of the other keyframes, and in the right image of those that it fits; returns the energy."""
     total = 0.0
     for t in range(frames.slot.shape[0]):  # one image at a time, points of one host together: that keeps the caches warm
-        left, right, a, b = images.left[frames.slot[t]], images.right[frames.slot[t]], frames.affine[t, 0], frames.affine[t, 1]
+        left, right, b = images.left[frames.slot[t]], images.right[frames.slot[t]], frames.affine[t, 1]
         gain_right, offset_right = frames.gain_right[t, 0], frames.gain_right[t, 1]
         for i in range(points.host.shape[0]):
             h = points.host[i]
             if t == h or points.closed[i, t]:
                 continue
-            gain, b_host = math.exp(a - frames.affine[h, 0]), frames.affine[h, 1]
+            gain, b_host = gains[h, t], frames.affine[h, 1]
             offset = b - gain * b_host
             energy, good = add_temporal(
                 left, T[h, t], S[h, t], rays[i], points.rho[i], rig, 0.0, 0.0, points.colour[i], points.weight[i], gain, 1.0,
@@ -301,54 +301,74 @@ def add_pairs_to_state(terms, A, H, g):  # type: ignore[no-untyped-def]
 
 
 @bare
-def couplings_of_state(terms, A, points, V):  # type: ignore[no-untyped-def]
-    """Fills V (N, 1 + 8F): each point's coupling to the state."""
-    F = A.shape[0]
-    for i in range(points.host.shape[0]):
-        h, row = points.host[i], V[i]
-        row[:] = 0.0
-        for t in range(F):
-            c = terms.coupling[i, t]
-            row[0] += c[8]
-            if t == h or not terms.inlier[i, t]:
-                continue
+def coupling_of_state(coupling, inlier, h, A, row):  # type: ignore[no-untyped-def]
+    """Fills row (1 + 8F): the coupling to the state of a point of host h, whose couplings (F, 9) to its pairs are given."""
+    row[:] = 0.0
+    host = row[1 + 8 * h : 9 + 8 * h]
+    for t in range(A.shape[0]):
+        c = coupling[t]
+        row[0] += c[8]
+        if t == h or not inlier[t]:
+            continue
+        for k in range(8):
+            row[1 + 8 * t + k] = c[k]
+        for n in range(8):
+            of_host, factor = A[h, t, n], c[n]
             for k in range(8):
-                row[1 + 8 * t + k] += c[k]
-                s = 0.0
-                for n in range(8):
-                    s += A[h, t, n, k] * c[n]
-                row[1 + 8 * h + k] += s
+                host[k] += of_host[k] * factor
+
+
+@bare
+def subtract(row, used, inverse, gradient, H, g):  # type: ignore[no-untyped-def]
+    """Subtract v v^T inverse and v inverse gradient of a point's coupling v = row (1 + 8F) from H (lower) and g.
+
+    used (F,): whether v has a part in a keyframe's eight columns.
+    """
+    H[0, 0] -= inverse * row[0] * row[0]
+    g[0] -= inverse * gradient * row[0]
+    for t in range(used.shape[0]):
+        if not used[t]:
+            continue
+        for k in range(1 + 8 * t, 9 + 8 * t):
+            c, target = inverse * row[k], H[k]
+            g[k] -= c * gradient
+            for m in range(k + 1):
+                target[m] -= c * row[m]
 
 
 @jit
-def eliminate_points(terms, V, points, damping, H, g, inverse):  # type: ignore[no-untyped-def]
+def eliminate_points(terms, A, points, damping, H, g, inverse):  # type: ignore[no-untyped-def]
     """Schur complement: subtracts v v^T / h and v (own gradient) / h of every point from H (lower) and g; inverse (N,) = 1/h."""
-    F, blocks = (V.shape[1] - 1) // 8, np.empty(V.shape[1], np.int64)
+    F = A.shape[0]
+    row, used = np.empty(1 + 8 * F), np.empty(F, np.bool_)
     for i in range(points.host.shape[0]):
-        information = terms.own[i, 0]
+        information, h = terms.own[i, 0], points.host[i]
         inverse[i] = 0.0
         if information < 1e-9:
             continue
         inverse[i] = 1.0 / (information * (1.0 + damping) + 1e-3)
-        used = 0
+        coupling_of_state(terms.coupling[i], terms.inlier[i], h, A, row)
         for t in range(F):
-            if t == points.host[i] or terms.inlier[i, t]:
-                blocks[used] = 1 + 8 * t
-                used += 1
-        step = inverse[i] * terms.own[i, 1]
-        row = V[i]
-        H[0, 0] -= inverse[i] * row[0] * row[0]
-        g[0] -= step * row[0]
-        for p in range(used):
-            o = blocks[p]
-            for k in range(8):
-                c = inverse[i] * row[o + k]
-                g[o + k] -= step * row[o + k]
-                H[o + k, 0] -= c * row[0]
-                for q in range(p + 1):
-                    n = blocks[q]
-                    for m in range(8):
-                        H[o + k, n + m] -= c * row[n + m]
+            used[t] = t == h or terms.inlier[i, t]
+        subtract(row, used, inverse[i], terms.own[i, 1], H, g)
+
+
+@jit
+def steps_of_pairs(A, x):  # type: ignore[no-untyped-def]
+    """(F, F, 9) by [host, target]: what a step x (1 + 8F) of the state is in the pairs' local unknowns."""
+    F = A.shape[0]
+    out = np.zeros((F, F, LOCAL))
+    for h in range(F):
+        for t in range(F):
+            out[h, t, 8] = x[0]
+            if t == h:
+                continue
+            for n in range(8):
+                s = x[1 + 8 * t + n]
+                for k in range(8):
+                    s += A[h, t, n, k] * x[1 + 8 * h + k]
+                out[h, t, n] = s
+    return out
 
 
 @bare

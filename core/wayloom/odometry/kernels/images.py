@@ -16,11 +16,15 @@ def with_gradient(image):  # type: ignore[no-untyped-def]
     h, w = image.shape
     out = np.empty((h, w, 3), np.float32)
     for y in range(h):
-        up, down = max(y - 1, 0), min(y + 1, h - 1)
-        for x in range(w):
-            out[y, x, 0] = image[y, x]
-            out[y, x, 1] = f32(0.5) * (image[y, min(x + 1, w - 1)] - image[y, max(x - 1, 0)])
-            out[y, x, 2] = f32(0.5) * (image[down, x] - image[up, x])
+        above, here, below, row = image[max(y - 1, 0)], image[y], image[min(y + 1, h - 1)], out[y]
+        for x in range(1, w - 1):
+            row[x, 0] = here[x]
+            row[x, 1] = f32(0.5) * (here[x + 1] - here[x - 1])
+            row[x, 2] = f32(0.5) * (below[x] - above[x])
+        for x in (0, w - 1):
+            row[x, 0] = here[x]
+            row[x, 1] = f32(0.5) * (here[min(x + 1, w - 1)] - here[max(x - 1, 0)])
+            row[x, 2] = f32(0.5) * (below[x] - above[x])
     return out
 
 

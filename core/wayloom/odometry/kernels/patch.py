@@ -15,10 +15,10 @@ import numpy as np
 from wayloom.odometry.kernels.arrays import PATCH, PATTERN, Scratch
 from wayloom.odometry.kernels.compiler import inlined, jit
 
-f32 = np.float32
+f32, int32 = np.float32, np.int32
 index = np.uint64
 """Pixels are addressed by unsigned numbers: a signed index is tested for being negative each time."""
-ONE = index(1)
+ONE, TWO, THREE = index(1), index(2), index(3)
 MIN_DEPTH_RATIO = 1e-3
 BORDER = 2
 
@@ -26,7 +26,7 @@ BORDER = 2
 @jit
 def make_scratch():  # type: ignore[no-untyped-def]
     """Working space for patch_residual and projection_jacobian."""
-    return Scratch(np.zeros((4, 4)), np.zeros(4), np.zeros((2, 8)), np.zeros(96, np.uint8), np.zeros(72, np.float32))
+    return Scratch(np.zeros((4, 4)), np.zeros(4), np.zeros((2, 8)), np.zeros(32, np.int32), np.zeros(72, np.float32))
 
 
 @inlined
@@ -38,17 +38,30 @@ def patch_residual(image, T, x, y, rho, rig, shift, colours, weights, gain, offs
     weight times Huber weight (Engel et al. 2018, eq. 4). Returns the energy and whether the patch is inside the image and in front;
     M and e of an outlier (above max_energy a pixel) are not filled.
     """
-    if not gather(image, T, x, y, rho, rig, shift, scratch.grey, scratch.columns):
+    if not gather(image, T, x, y, rho, rig, shift, scratch.words, scratch.columns):
         return 0.0, False
-    energy = weigh(f32(gain), f32(offset), f32(robust.huber), colours, weights, scratch.grey, scratch.columns)
+    energy = weigh(f32(gain), f32(offset), f32(robust.huber), colours, weights, scratch.words, scratch.columns)
     if energy <= robust.max_energy * PATCH:
         add_up(scratch.columns, scratch.M, scratch.e)
     return energy, True
 
 
 @inlined
-def gather(image, T, x, y, rho, rig, shift, grey, columns):  # type: ignore[no-untyped-def]
-    """Find a patch's pixels in image (h, w): fractions of their place into columns 0 and 1, the 12 pixels around each into grey.
+def four(image, x, y):  # type: ignore[no-untyped-def]
+    """Four pixels of a row from (x, y) on as one number, the first one lowest: a single load."""
+    low = int32(image[y, x]) | int32(image[y, x + ONE]) << int32(8)
+    return low | int32(image[y, x + TWO]) << int32(16) | int32(image[y, x + THREE]) << int32(24)
+
+
+@inlined
+def pixel(word, place):  # type: ignore[no-untyped-def]
+    """One of four pixels."""
+    return f32(word >> int32(8 * place) & int32(255))
+
+
+@inlined
+def gather(image, T, x, y, rho, rig, shift, words, columns):  # type: ignore[no-untyped-def]
+    """Find a patch's pixels in image (h, w): fractions of their place into columns 0 and 1, 4 x 4 pixels around each into words.
 
     The patch is taken as a plane that faces its host, its warp as linear around the centre. Returns whether it is inside the image.
     """
@@ -70,20 +83,16 @@ def gather(image, T, x, y, rho, rig, shift, grey, columns):  # type: ignore[no-u
     for k in range(PATCH):
         dx, dy = f32(PATTERN[k, 0]), f32(PATTERN[k, 1])
         p, q = a + au * dx + av * dy, b + bu * dx + bv * dy
-        ip, iq = np.int32(p), np.int32(q)
+        ip, iq = int32(p), int32(q)
         columns[k], columns[8 + k] = p - f32(ip), q - f32(iq)
         x0, y0 = index(left + ip), index(top + iq)
-        x1, y1, xm, ym = x0 + ONE, y0 + ONE, x0 - ONE, y0 - ONE
-        x2, y2 = x1 + ONE, y1 + ONE
-        grey[k], grey[8 + k] = image[ym, x0], image[ym, x1]
-        grey[16 + k], grey[24 + k], grey[32 + k], grey[40 + k] = image[y0, xm], image[y0, x0], image[y0, x1], image[y0, x2]
-        grey[48 + k], grey[56 + k], grey[64 + k], grey[72 + k] = image[y1, xm], image[y1, x0], image[y1, x1], image[y1, x2]
-        grey[80 + k], grey[88 + k] = image[y2, x0], image[y2, x1]
+        words[k], words[8 + k] = four(image, x0 - ONE, y0 - ONE), four(image, x0 - ONE, y0)
+        words[16 + k], words[24 + k] = four(image, x0 - ONE, y0 + ONE), four(image, x0 - ONE, y0 + ONE + ONE)
     return True
 
 
 @inlined
-def weigh(gain, offset, huber, colours, weights, grey, columns):  # type: ignore[no-untyped-def]
+def weigh(gain, offset, huber, colours, weights, words, columns):  # type: ignore[no-untyped-def]
     """Residuals and gradients of the gathered pixels: columns become energy, r, dI/du, dI/dv, prediction, the last three times
     their weight, and the weight. Returns the energy."""
     half, one, two = f32(0.5), f32(1), f32(2)
@@ -91,11 +100,12 @@ def weigh(gain, offset, huber, colours, weights, grey, columns):  # type: ignore
         a, b = columns[k], columns[8 + k]
         w11 = a * b
         w01, w10, w00 = b - w11, a - w11, one - a - b + w11
-        i00, i10, i01, i11 = f32(grey[24 + k]), f32(grey[32 + k]), f32(grey[56 + k]), f32(grey[64 + k])
-        gx = w00 * (i10 - f32(grey[16 + k])) + w10 * (f32(grey[40 + k]) - i00)
-        gx = half * (gx + w01 * (i11 - f32(grey[48 + k])) + w11 * (f32(grey[72 + k]) - i01))
-        gy = w00 * (i01 - f32(grey[k])) + w10 * (i11 - f32(grey[8 + k]))
-        gy = half * (gy + w01 * (f32(grey[80 + k]) - i00) + w11 * (f32(grey[88 + k]) - i10))
+        up, here, below, down = words[k], words[8 + k], words[16 + k], words[24 + k]
+        i00, i10, i01, i11 = pixel(here, 1), pixel(here, 2), pixel(below, 1), pixel(below, 2)
+        gx = w00 * (i10 - pixel(here, 0)) + w10 * (pixel(here, 3) - i00)
+        gx = half * (gx + w01 * (i11 - pixel(below, 0)) + w11 * (pixel(below, 3) - i01))
+        gy = w00 * (i01 - pixel(up, 1)) + w10 * (i11 - pixel(up, 2))
+        gy = half * (gy + w01 * (pixel(down, 1) - i00) + w11 * (pixel(down, 2) - i10))
         predicted = gain * colours[k]
         r = w00 * i00 + w10 * i10 + w01 * i01 + w11 * i11 - (predicted + offset)
         share = huber / max(abs(r), huber)

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from wayloom.odometry.kernels.compiler import jit
+from wayloom.odometry.kernels.compiler import inlined, jit
 
-f32 = np.float32
+f32, int16 = np.float32, np.int16
 NO_MATCH = 1e9
 """The sigma of a pixel without a match, px."""
 BEHIND_INFINITY = 2
@@ -15,12 +15,34 @@ HALF_W, HALF_H = 3, 2
 PATCH_PIXELS = (2 * HALF_W + 1) * (2 * HALF_H + 1)
 
 
+@inlined
+def distance(value, other):  # type: ignore[no-untyped-def]
+    """|value - other| of int16, as int16: wider numbers would halve what a vector holds."""
+    d = int16(value - other)
+    return max(d, int16(-d))
+
+
+@jit
+def sobel_rows(image, cap, out):  # type: ignore[no-untyped-def]
+    """(h, w) uint8 to out (h, w) int16: horizontal Sobel capped to +-cap, a quarter of it, 0 in the outermost pixels."""
+    h, w = image.shape
+    out[0], out[h - 1] = int16(0), int16(0)
+    low, high = int16(-cap), int16(cap)
+    for y in range(1, h - 1):
+        above, here, below, row = image[y - 1], image[y], image[y + 1], out[y]
+        row[0] = row[w - 1] = 0
+        for x in range(w - 2):
+            sides = int16(int16(above[x + 2]) - int16(above[x])) + int16(int16(below[x + 2]) - int16(below[x]))
+            slope = int16(int16(sides) + int16(int16(2) * int16(int16(here[x + 2]) - int16(here[x]))))
+            row[x + 1] = int16(min(max(slope, low), high) >> int16(2))
+
+
 @jit
 def best_column(template, image, u, v, x_low, x_high, costs):  # type: ignore[no-untyped-def]
     """Sum of absolute differences of template's patch at (u, v) against image's at (x, v), x_low <= x <= x_high, both int16.
 
     Returns the best x (-1: range too short), its cost a pixel and the least cost a pixel more than 2 px away from it. The innermost
-    loop runs over x, so that it vectorises.
+    loops run over x, so that they vectorise; a row's seven columns are summed at once.
     """
     x_low, x_high = max(HALF_W, x_low), min(image.shape[1] - 1 - HALF_W, x_high)
     n = x_high - x_low + 1
@@ -28,19 +50,24 @@ def best_column(template, image, u, v, x_low, x_high, costs):  # type: ignore[no
         return -1, NO_MATCH, NO_MATCH
     for k in range(n):
         costs[k] = 0
-    for dy in range(-HALF_H, HALF_H + 1):
-        for dx in range(-HALF_W, HALF_W + 1):
-            value = template[v + dy, u + dx]
-            row = image[v + dy, x_low + dx : x_low + dx + n]
-            for k in range(n):
-                costs[k] += abs(value - row[k])
-    best, second, at = 32767, 32767, 0
+    for y in range(v - HALF_H, v + HALF_H + 1):
+        row = image[y, x_low - 3 : x_low + 3 + n]
+        t0, t1, t2, t3 = template[y, u - 3], template[y, u - 2], template[y, u - 1], template[y, u]
+        t4, t5, t6 = template[y, u + 1], template[y, u + 2], template[y, u + 3]
+        for k in range(n):
+            near = int16(distance(t2, row[k + 2]) + distance(t3, row[k + 3])) + distance(t4, row[k + 4])
+            far = int16(distance(t0, row[k]) + distance(t1, row[k + 1]))
+            far = int16(int16(far + distance(t5, row[k + 5])) + distance(t6, row[k + 6]))
+            costs[k] = int16(int16(costs[k] + int16(near)) + far)
+    best, second, at = int16(32767), int16(32767), 0
     for k in range(n):
-        if costs[k] < best:
-            best, at = costs[k], k
-    for k in range(n):
-        if costs[k] < second and abs(k - at) > 2:
-            second = costs[k]
+        best = min(best, costs[k])
+    while costs[at] != best:
+        at += 1
+    for k in range(at - 2):
+        second = min(second, costs[k])
+    for k in range(at + 3, n):
+        second = min(second, costs[k])
     return x_low + at, best / PATCH_PIXELS, second / PATCH_PIXELS
 
 

@@ -1,0 +1,1 @@
+"""Compiled kernels of the logs: arrays in, arrays out."""
