@@ -1,4 +1,4 @@
-"""A drive of a rig that nobody has calibrated finds its lens in its own first metres; one of a perfect rig loses nothing."""
+"""A drive of a rig that nobody has calibrated finds its lens in its own images; one of a perfect rig loses nothing."""
 
 from pathlib import Path
 

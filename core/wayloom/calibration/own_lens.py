@@ -1,4 +1,4 @@
-"""The lens of a drive whose rig nobody has calibrated: the drive's first metres are tracked coarsely, their evidence tells the
+"""The lens of a drive whose rig nobody has calibrated: a few pieces of the drive are tracked coarsely, their evidence tells the
 lens, and the drive is then tracked with it from its first frame on.
 
 A lens is used only where the evidence contradicts the ideal camera: x^T C^-1 x, x the ten parameters' differences and C their
@@ -26,15 +26,20 @@ from wayloom.odometry.odometry import Odometry, track
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.types import OdometryResult
 
-SNIPPETS: Final = 16
+SNIPPETS: Final = 15
 """Asked for; they are about 4 m apart."""
+POINTS: Final = 160
+"""Of a snippet."""
 LEAST_SNIPPETS: Final = 10
 """As many as the lens has parameters: from fewer, how much they contradict each other cannot be told."""
-MOST_FRAMES: Final = 600
+STRETCHES: Final = 3
+"""Of the drive: turns and straights tell different parameters."""
+LEAST_FRAMES, MOST_FRAMES = 30, 300
+"""Of a stretch."""
 CHI_SQUARE: Final = 29.588
 """Of ten degrees of freedom, exceeded once in a thousand."""
 LEAST_RMS_PX: Final = 0.2
-"""0.5 px cost 0.5 to 0.7 % of the way, and what the first metres do not know of the lens 0.05 to 0.3 %; perfect rigs seem to have
+"""0.5 px cost 0.5 to 0.7 % of the way, and what so few matches do not know of the lens 0.05 to 0.3 %; perfect rigs seem to have
 0.01 to 0.03 px, in hard light up to 0.12."""
 STEP: Final = 1e-7
 """Parameters are whole multiples of it, so that the last bits of a linear algebra library do not decide about a drive's."""
@@ -46,7 +51,7 @@ COARSE: Final = {
 
 @dataclass(frozen=True, slots=True)
 class OwnLens:
-    """What the first metres say: the lens to use (ideal where nothing speaks against it), why, and what it cost.
+    """What the drive says: the lens to use (ideal where nothing speaks against it), why, and what it cost.
 
     rms_px : how far the learnt lens moves pixels, the mean shift of the columns taken off; NaN where none was learnt
     """
@@ -62,7 +67,11 @@ class OwnLens:
         """In words."""
         if self.snippets < LEAST_SNIPPETS:
             return f"{self.snippets} groups of matches are too few to tell a lens by"
-        return "the drive's own first metres" if not self.lens.is_ideal else "nothing speaks against the log's calibration"
+        return (
+            "the drive's own images contradict the log's calibration"
+            if not self.lens.is_ideal
+            else "nothing speaks against the log's calibration"
+        )
 
 
 def track_calibrated(
@@ -85,11 +94,11 @@ def track_calibrated(
 
 
 def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent) -> OwnLens:
-    """The lens that the first metres of a drive tell of. Raises as `track`."""
+    """The lens that a drive tells of. Raises as `track`."""
     start = process_time()
-    progress(0.0, "learning the right camera's lens from the first metres (compiling kernels, first run only)")
+    progress(0.0, "learning the right camera's lens from pieces of the drive (compiling kernels, first run only)")
     with feed.one_opencv_thread():
-        evidence = first_evidence(log, settings)
+        evidence = sampled_evidence(log, settings)
     unknown = OwnLens(IDENTITY, evidence.snippets, float("nan"), float("nan"), process_time() - start)
     if evidence.snippets < LEAST_SNIPPETS:
         return unknown
@@ -105,14 +114,18 @@ def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), pro
     return OwnLens(lens, evidence.snippets, against, learnt.rms_px, process_time() - start)
 
 
-def first_evidence(log: DriveLog, settings: OdometrySettings) -> Evidence:
-    """What the first SNIPPETS snippets of a drive hold, or its first MOST_FRAMES frames, coarsely tracked."""
+def sampled_evidence(log: DriveLog, settings: OdometrySettings) -> Evidence:
+    """SNIPPETS snippets or fewer from STRETCHES parts of a drive, which are tracked coarsely."""
     coarse = settings.model_copy(update=COARSE)
     right_images = rows.RightImages(log.rig, IDENTITY, feed.fit_rows(log, settings.row_frames))
-    collector = EvidenceCollector(log.rig)
+    collector, count = EvidenceCollector(log.rig, POINTS), max(1, min(STRETCHES, len(log) // LEAST_FRAMES))
     odometry = Odometry(right_images, coarse, None, collector)
-    for frame in feed.frames(log, 1, odometry.stopwatch, odometry.levels):
-        odometry.process(frame)
-        if len(collector.finished) >= SNIPPETS or frame.index + 1 >= MOST_FRAMES:
-            break
+    starts = [k * len(log) // count for k in range(count + 1)]
+    for k in range(count):
+        wanted = SNIPPETS * (k + 1) // count
+        for index in range(starts[k], min(starts[k + 1], starts[k] + MOST_FRAMES)):
+            odometry.process(feed.grey_pair(log, index))
+            if len(collector.finished) >= wanted:
+                break
+        odometry.interrupt()
     return collector.evidence(log)

@@ -132,7 +132,7 @@ def warn_of_calibration(report: dict[str, Any]) -> None:
     if own.get("used"):
         sys.stderr.write(
             f"wayloom: warning: the calibration is off: the right image by {own['moves_px']:.1f} px on average; the lens that "
-            "the drive's first metres tell of is used instead; `wayloom calibrate` learns it better from several drives\n"
+            "the drive's own images tell of is used instead; `wayloom calibrate` learns it better from several drives\n"
         )
     elif max(rows, bias) > BAD_CALIBRATION_PX:
         sys.stderr.write(

@@ -95,10 +95,13 @@ class Snippet:
 
 
 class EvidenceCollector:
-    """Fed with every keyframe in order; `evidence` gives what was gathered. The same drive gives the same bytes."""
+    """Fed with every keyframe in order; `evidence` gives what was gathered. The same drive gives the same bytes.
 
-    def __init__(self, rig: StereoRig) -> None:
-        self.rig = rig
+    most_points : of a snippet
+    """
+
+    def __init__(self, rig: StereoRig, most_points: int = MOST_POINTS) -> None:
+        self.rig, self.most_points = rig, most_points
         self.finished: list[Snippet] = []
         self.open: Snippet | None = None
         self.stride, self.seen, self.way_m = 1, 0, 0.0
@@ -124,12 +127,12 @@ class EvidenceCollector:
         self, frame: int, left: Image, right: Image, T_cam_world: FloatArray, right_images: RightImages, delta: float
     ) -> Snippet | None:
         """A new snippet, None where stereo finds too little."""
-        cell = max(4, round(selection.first_cell(left.shape, 8 * MOST_POINTS)))
+        cell = max(4, round(selection.first_cell(left.shape, 8 * self.most_points)))
         pixels = selection.select_candidates(left, np.zeros((0, 2)), cell, 32, 7.0, HALF + int(BORDER) + 2)
         found = stereo.match(left, right_images.align(right), pixels, left.shape[1] // 4, 0.85, 12.0, 60)
         good = found[:, 1] < NO_MATCH
         pixels, disparity = pixels[good], found[good, 0]
-        pixels, disparity = (a[selection.spread_sample(pixels, 4 * MOST_POINTS)] for a in (pixels, disparity))
+        pixels, disparity = (a[selection.spread_sample(pixels, 4 * self.most_points)] for a in (pixels, disparity))
         smooth = smoothed(left)
         start = right_images.real_pixels(np.column_stack([pixels[:, 0] - disparity, pixels[:, 1]]))
         found = matched(smooth, smoothed(right), pixels, start, np.ones(len(pixels)))
@@ -137,7 +140,7 @@ class EvidenceCollector:
         limit = max(GOOD_RMS, float(np.median(fits))) if len(fits) else GOOD_RMS
         uv_right = within(found, limit)
         known = np.flatnonzero(np.isfinite(uv_right[:, 0]))
-        known = known[selection.spread_sample(pixels[known], MOST_POINTS)]
+        known = known[selection.spread_sample(pixels[known], self.most_points)]
         if len(known) < LEAST_POINTS:
             return None
         rho = np.asarray((disparity[known] - delta) / self.rig.bf, np.float64)

@@ -121,6 +121,11 @@ class Odometry:
         if self.debug is not None:
             self.debug.frame(self, frame, left)
 
+    def interrupt(self) -> None:
+        """The next frame does not join on to the last one: it starts a new segment, at the speed of the last two frames."""
+        if len(self.window):
+            self._end_segment()
+
     def _follow(self, frame: feed.GreyPair, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
         """Align a frame with the window; make it a keyframe if it is due, or start anew after too many failures."""
         with self.stopwatch("track"):
@@ -210,7 +215,7 @@ class Odometry:
         if matched < self.settings.min_points:
             self._hold(frame, T_expected, f"stereo finds depth at {matched} points only")
             return
-        self.segment_frames.append(frame.index)
+        self.segment_frames.append(len(self.harvest.frames))
         self.failed, self.last_tracked = 0, len(self.harvest.frames)
         self._add_keyframe(frame, left, images, T_expected, np.zeros(2))
 
