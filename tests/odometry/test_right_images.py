@@ -105,13 +105,13 @@ def length_error(log: LensLog, lens: RightLens) -> tuple[float, float]:
 
 
 def test_a_drive_with_a_known_lens_is_as_good_as_one_of_a_perfect_rig() -> None:
-    truth = curve(16, 0.6, 0.01)
+    truth = curve(40, 0.6, 0.01)
     perfect = length_error(LensLog(truth), IDENTITY)
     known = length_error(LensLog(truth, lens=LENS), LENS)
     unknown = length_error(LensLog(truth, lens=LENS), IDENTITY)
-    assert abs(known[0] - perfect[0]) < 2e-3
+    assert abs(known[0] - perfect[0]) < 3e-3  # 0.05 px of these disparities of 16 px: what sampling an image twice shifts it by
     assert abs(known[0] - perfect[0]) < 0.5 * abs(unknown[0] - perfect[0])
-    assert known[1] < 0.03
+    assert known[1] < 0.003 * 40 * 0.6
 
 
 def test_the_lens_moves_no_pose_of_the_left_camera() -> None:
