@@ -20,8 +20,6 @@ GRAVITY = np.array([0.25, 9.8, -0.4]) / np.linalg.norm([0.25, 9.8, -0.4]) * 9.81
 T_CAM_IMU = se3.exp(np.array([0.1, 0.5, -0.6, 1.0, -1.1, 1.2]))
 BIAS = np.array([0.004, -0.003, 0.002, 0.06, -0.04, 0.05])
 STEP_S, RATE_HZ = 1e-3, 200.0
-SEED_SPREAD_M = 0.003
-"""By how much the error of such a drive differs with the seed of the points alone (9.7 to 13.3 mm over four seeds)."""
 
 
 def camera_pose(t_s: F64) -> F64:
@@ -101,7 +99,7 @@ def test_an_imu_never_makes_a_drive_worse(log: ImuLog, result: OdometryResult) -
     assert without.report["imu"] is None
     assert result.trajectory.tracked.all()
     rms = [float(np.sqrt((position_errors(r, log) ** 2).mean())) for r in (result, without)]
-    assert rms[0] < rms[1] + SEED_SPREAD_M
+    assert rms[0] < 1.05 * rms[1]
 
 
 def test_a_blind_second_is_bridged() -> None:
@@ -132,5 +130,4 @@ def test_a_clock_that_is_off_is_put_right_by_the_setting(log: ImuLog, result: Od
     right, wrong = (track(late, OdometrySettings(imu=ImuSettings(time_offset_s=offset))).report["imu"] for offset in (0.04, 0.0))
     assert right["started_s"] == result.report["imu"]["started_s"]
     np.testing.assert_allclose(right["gravity_world_m_s2"], result.report["imu"]["gravity_world_m_s2"], atol=0.005)
-    late_s = wrong["started_s"][0] - right["started_s"][0] if wrong["started_s"] else np.inf
-    assert late_s > 1.0  # what is felt does not fit what is seen: gravity is not believed for long
+    assert not wrong["started_s"] or wrong["started_s"][0] > 2 * right["started_s"][0]  # what it feels does not fit what is seen

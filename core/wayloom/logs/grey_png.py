@@ -40,12 +40,10 @@ def decode(chunks: list[tuple[bytes, memoryview]]) -> Image | None:
     if kind != b"IHDR" or header[8:] != GREY_8_BIT:
         return None
     width, height = int.from_bytes(header[:4], "big"), int.from_bytes(header[4:8], "big")
-    parts = [np.frombuffer(content, np.uint8) for kind, content in chunks if kind == b"IDAT"]
-    place, size, at = _WORKPLACE, (width + 1) * height, 0
-    place.reserve(sum(len(part) for part in parts), size)
-    for part in parts:
-        place.packed[at : at + len(part)] = part
-        at += len(part)
+    stream = b"".join(content for kind, content in chunks if kind == b"IDAT")
+    place, size, at = _WORKPLACE, (width + 1) * height, len(stream)
+    place.reserve(at, size)
+    place.packed[:at] = np.frombuffer(stream, np.uint8)
     place.packed[at : at + PADDING] = 0
     code_lengths, literals, distances = place.codes
     packed, rows = place.packed[: at + PADDING], place.rows[: size + PADDING]

@@ -3,6 +3,7 @@
 OpenCV decodes a truncated PNG or JPEG into a picture that is grey from some row on and says nothing, so wholeness is checked here.
 """
 
+import struct
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_END = b"IEND\xaeB`\x82"
 JPEG_START, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 TAIL_BYTES = 1024
+_CHUNK_NUMBER = struct.Struct(">I").unpack_from
 # What cannot be decoded is told here, in one line; OpenCV's own lines would stand before it.
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 COPY_AGAIN = "copy the file again from the vehicle, or leave the frame out"
@@ -138,12 +140,11 @@ def check_png(data: bytes, file: Path, record: str | None = None) -> list[tuple[
     file it lies."""
     view, chunks, at = memoryview(data), [], len(PNG_SIGNATURE)
     while True:
-        length = int.from_bytes(data[at : at + 4], "big")
-        end = at + 12 + length
-        if end > len(data) or at + 12 > len(data):
+        end = at + 12 + (_CHUNK_NUMBER(data, at)[0] if at + 12 <= len(data) else len(data))
+        if end > len(data):
             what = f"the image is truncated: it ends after {len(data)} bytes"
             raise LogError(what, file=file, record=record, remedy=COPY_AGAIN)
-        if zlib.crc32(view[at + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
+        if zlib.crc32(view[at + 4 : end - 4]) != _CHUNK_NUMBER(data, end - 4)[0]:
             where = f"byte {at}" if record is None else f"{record}, byte {at}"
             raise LogError("the image is damaged: wrong check sum", file=file, record=where, remedy=COPY_AGAIN)
         chunks.append((data[at + 4 : at + 8], view[at + 8 : end - 4]))

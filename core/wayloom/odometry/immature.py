@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wayloom.odometry.kernels.arrays import Rig, Robust
 from wayloom.odometry.kernels.tracing import MISFIT, TRACED, trace_points, update_depths
-from wayloom.odometry.window import ImmaturePoints, Window, chosen, joined, new_points
+from wayloom.odometry.window import ImmaturePoints, Window, chosen, indices_of, joined, new_points
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -53,7 +53,8 @@ def of_pixels(
 
 def part(points: ImmaturePoints, rows: IntArray | BoolArray) -> ImmaturePoints:
     """Some of them."""
-    return ImmaturePoints(chosen(points.points, rows), *(getattr(points, name)[rows] for name in ImmaturePoints.__slots__[1:]))
+    rows = indices_of(rows)
+    return ImmaturePoints(chosen(points.points, rows), *(getattr(points, name).take(rows) for name in ImmaturePoints.__slots__[1:]))
 
 
 def add(window: Window, fresh: ImmaturePoints) -> None:
@@ -67,7 +68,8 @@ def add(window: Window, fresh: ImmaturePoints) -> None:
 
 def keep(window: Window, mask: BoolArray) -> None:
     """Forget those that are not in mask (N,)."""
-    window.immature = part(window.immature, mask)
+    if not mask.all():
+        window.immature = part(window.immature, mask)
 
 
 def _update(window: Window, waiting: ImmaturePoints, rows: IntArray, target: int, rig: Rig, robust: Robust) -> IntArray:

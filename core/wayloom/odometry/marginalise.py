@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 from wayloom.geometry import se3
 from wayloom.odometry.inertial import inertial_rows, is_inertial, without_keyframe
 from wayloom.odometry.kernels.adjustment import deviation, reduced_equations
-from wayloom.odometry.kernels.arrays import Frames, PointColumns, Rig, Robust
+from wayloom.odometry.kernels.arrays import Frames, Rig, Robust
 from wayloom.odometry.kernels.inertial import Inertial, add_links
-from wayloom.odometry.window import Window, keep_points, remove_keyframe
+from wayloom.odometry.window import Window, chosen, keep_points, remove_keyframe
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -58,7 +58,7 @@ def fold_points(window: Window, fold: BoolArray, rig: Rig, robust: Robust) -> No
     """Add the residuals of the points in fold (N,) to the prior, the points eliminated."""
     first_prior = not window.has_prior
     fix_first_estimates(window.frames, window.inertial)
-    points = PointColumns(*(column[fold] for column in window.points))
+    points = chosen(window.points, fold)
     H, g = reduced_equations(window.images, rig, window.frames, points, window.delta[0], robust)
     if first_prior:
         H[1:7, 1:7] += GAUGE * np.eye(6)  # the drive's first pose is the origin

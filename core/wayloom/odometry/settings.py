@@ -32,15 +32,15 @@ class ImuSettings(Settings):
 class OdometrySettings(Settings):
     """Everything that can be chosen. Grey levels are 0 to 255; shares of the image refer to width + height."""
 
-    window: int = Field(7, ge=3, le=12, description="keyframes in the window")
-    points: int = Field(500, ge=50, le=5000, description="points wanted in view of a keyframe")
+    window: int = Field(6, ge=3, le=12, description="keyframes in the window")
+    points: int = Field(400, ge=50, le=5000, description="points wanted in view of a keyframe")
     new_points: int = Field(400, ge=20, le=5000, description="at most activated at a keyframe")
     min_new_points: int = Field(150, ge=10, le=5000, description="activated even where enough are in view")
     traced_share: float = Field(0.3, ge=0, le=1, description="of the new live points, those that were traced in several keyframes")
     matched_points: int = Field(
         450, ge=0, le=20000, description="wanted from static stereo at a keyframe; those beside the live ones wait"
     )
-    sought_points: int = Field(120, ge=0, le=20000, description="candidates of a keyframe without a static match that are traced")
+    sought_points: int = Field(100, ge=0, le=20000, description="candidates of a keyframe without a static match that are traced")
     candidates: int = Field(1600, ge=50, le=20000, description="pixels tried by stereo at the first keyframe; sets the cell size")
     levels: int = Field(5, ge=1, le=8, description="pyramid levels; fewer in small images")
     track_iterations: tuple[int, ...] = Field((50, 50, 50, 20, 10, 10, 10, 10), description="at most, finest level first")

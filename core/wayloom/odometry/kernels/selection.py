@@ -9,20 +9,20 @@ TAKEN_CELL = 8
 
 
 @inlined
-def scan_cell(size, bits, peak, peak_bits, thresholds, block, x0, x1, y0, y1, best):  # type: ignore[no-untyped-def]
+def scan_cell(size, bits, peak, peak_bits, thresholds, blocks, block, x0, x1, y0, y1, best):  # type: ignore[no-untyped-def]
     """Strongest pixels of a cell: best (3, 3) has rows x, y, gradient of those above 1, 3/4 and 1/2 of the threshold, updated.
 
     A run of pixels that holds nothing new is passed over by its largest gradient. That is found by the numbers' bits, which are in
     order as the numbers are: a maximum of integers runs on vectors. bits (h, w) int32 are those of size, peak and peak_bits one
-    number as both.
+    number as both; blocks (n,) the block of each row or column.
     """
     first, second, third = best[0, 2], best[1, 2], best[2, 2]
     for y in range(y0, y1):
         start = x0
         while start < x1:  # one block's columns at a time: they share a threshold
-            column = start // block
+            column = blocks[start]
             end = min(x1, (column + 1) * block)
-            threshold = np.float64(thresholds[y // block, column])
+            threshold = np.float64(thresholds[blocks[y], column])
             most = np.int32(0)
             for x in range(start, end):
                 most = max(most, bits[y, x])
@@ -66,6 +66,7 @@ def select_pixels(size, thresholds, block, cell, border, taken, points):  # type
     """
     h, w = size.shape[0] - border, size.shape[1] - border
     best, n, bits, peak_bits = np.zeros((3, 3)), 0, size.view(np.int32), np.zeros(1, np.int32)
+    blocks = np.arange(max(size.shape)) // block
     peak = peak_bits.view(np.float32)
     for y4 in range(border, h, 4 * cell):
         for x4 in range(border, w, 4 * cell):
@@ -76,9 +77,8 @@ def select_pixels(size, thresholds, block, cell, border, taken, points):  # type
                     for y1 in range(y2, min(y2 + 2 * cell, h), cell):
                         for x1 in range(x2, min(x2 + 2 * cell, w), cell):
                             best[0, 2] = 0.0
-                            scan_cell(
-                                size, bits, peak, peak_bits, thresholds, block, x1, min(x1 + cell, w), y1, min(y1 + cell, h), best
-                            )  # fmt: skip
+                            right, low = min(x1 + cell, w), min(y1 + cell, h)
+                            scan_cell(size, bits, peak, peak_bits, thresholds, blocks, block, x1, right, y1, low, best)
                             if best[0, 2] > 0.0:
                                 found2 = found4 = True
                                 n = append(int(best[0, 0]), int(best[0, 1]), taken, points, n)

@@ -27,6 +27,8 @@ NOISE_PX = 0.2
 """Error of a match along and across the line, each (Engel, Sturm, Cremers, Semi-Dense Visual Odometry, ICCV 2013, eq. 5 and 8)."""
 FAR = 4.0
 """Times an outlier's energy, below which a patch may still be drawn to where it fits."""
+STEPS = 3
+"""At most, of one image's Gauss-Newton; the next keyframe goes on from there."""
 UNSEEN, VAGUE, AMBIGUOUS, MISFIT, TRACED = 0, 1, 2, 3, 4
 """What a search ends in: out of view; no new knowledge to be had; several matches; none that fits; the interval is new."""
 
@@ -152,7 +154,17 @@ def trace_points(images, rig, frames, points, rows, target, low, high, uniquenes
     Intervals start as (0, nearest). uniqueness: least ratio of the second best squared distance to the best; max_length px of a
     line, longer ones are searched from their far end. Fills state (n,) with UNSEEN to TRACED.
     """
-    T_all, scratch, distances = relative_poses(frames, 0), make_scratch(), np.empty(int(max_length) + 8, np.float32)
+    trace_rows(
+        images, relative_poses(frames, 0), rig, frames, points, rows, target, low, high, uniqueness, max_length, robust,
+        make_scratch(), np.empty(int(max_length) + 8, np.float32), state,
+    )  # fmt: skip
+
+
+@bare
+def trace_rows(  # type: ignore[no-untyped-def]
+    images, T_all, rig, frames, points, rows, target, low, high, uniqueness, max_length, robust, scratch, distances, state
+):
+    """trace_points with T_all (F, F, 4, 4) T_target_host by [host, target] and working space."""
     image = images.left[frames.slot[target]]
     for row in range(rows.shape[0]):
         i = rows[row]
@@ -221,8 +233,22 @@ def update_depths(images, rig, frames, points, rows, target, delta, robust, info
     target is the host), then one step on the target's right image. Fills state (n,) with UNSEEN, MISFIT or TRACED and agrees (n,)
     with 1 where the right image fits too; points that do not fit stay as they are.
     """
-    T_all, still, scratch, sums = relative_poses(frames, 0), np.eye(4), make_scratch(), np.zeros(2)
-    still_right, left, right = right_of(still, rig), images.left[frames.slot[target]], images.right[frames.slot[target]]
+    F, still = frames.slot.shape[0], np.eye(4)
+    T, T_right = np.ascontiguousarray(relative_poses(frames, 0)[:, target]), np.empty((F, 4, 4))
+    for h in range(F):
+        T_right[h] = right_of(T[h], rig)
+    take_depths(
+        images.left[frames.slot[target]], images.right[frames.slot[target]], T, T_right, still, rig, frames, points, rows, target,
+        delta, robust, information, make_scratch(), np.zeros(2), state, agrees,
+    )  # fmt: skip
+
+
+@bare
+def take_depths(  # type: ignore[no-untyped-def]
+    left, right, T, T_right, still, rig, frames, points, rows, target, delta, robust, information, scratch, sums, state, agrees
+):
+    """update_depths with the target's images (h, w) and T (F, 4, 4) T_target_host by host, T_right that of the right camera, still
+    the identity, and working space."""
     gain_right, offset_right, limit = frames.gain_right[target, 0], frames.gain_right[target, 1], robust.max_energy * PATCH
     loose = Robust(robust.huber, FAR * robust.max_energy, robust.static_weight, robust.observer_right_weight)
     for row in range(rows.shape[0]):
@@ -232,19 +258,19 @@ def update_depths(images, rig, frames, points, rows, target, delta, robust, info
         state[row] = agrees[row] = 0
         if h == target:
             rho, base, inside, good = approach(
-                right, still_right, still, 1.0, delta, x, y, rho, base, rig, colour, weight, gain_right, offset_right,
-                robust.static_weight, limit, 5, loose, scratch, sums,
+                right, T_right[h], still, 1.0, delta, x, y, rho, base, rig, colour, weight, gain_right, offset_right,
+                robust.static_weight, limit, STEPS, loose, scratch, sums,
             )  # fmt: skip
         else:
             gain = gain_between(frames.affine[h], frames.affine[target])
             offset = frames.affine[target, 1] - gain * frames.affine[h, 1]
-            T = T_all[h, target]
             rho, base, inside, good = approach(
-                left, T, T, 0.0, 0.0, x, y, rho, base, rig, colour, weight, gain, offset, 1.0, limit, 5, loose, scratch, sums,
+                left, T[h], T[h], 0.0, 0.0, x, y, rho, base, rig, colour, weight, gain, offset, 1.0, limit, STEPS, loose, scratch,
+                sums,
             )  # fmt: skip
             if good:
                 rho, base, _, fits = approach(
-                    right, right_of(T, rig), T, 1.0, delta, x, y, rho, base, rig, colour, weight, gain * gain_right,
+                    right, T_right[h], T[h], 1.0, delta, x, y, rho, base, rig, colour, weight, gain * gain_right,
                     gain_right * offset + offset_right, robust.observer_right_weight, limit, 1, loose, scratch, sums,
                 )  # fmt: skip
                 agrees[row] = fits
