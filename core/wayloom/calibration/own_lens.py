@@ -40,7 +40,8 @@ def track_calibrated(
 
 
 def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent) -> RightLens:
-    """The lens that the first stretch of a drive shows; the ideal one where it is too short, stands, or shows none.
+    """The lens that the first stretch of a drive shows; the ideal one where it is too short, stands, or shows none. What it leaves
+    undetermined stays near the ideal camera.
 
     Raises LogError and CalibrationError as `track` does.
     """
@@ -49,8 +50,7 @@ def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), pro
         learnt = learn_rig([evidence])
     except CalibrationError:  # too few matches
         return IDENTITY
-    believed = learnt.rms_px >= LEAST_RMS_PX and bool(learnt.rig.determined.all())
-    return learnt.rig.lens if believed else IDENTITY
+    return learnt.rig.lens if learnt.rms_px >= LEAST_RMS_PX else IDENTITY
 
 
 def first_evidence(log: DriveLog, settings: OdometrySettings, progress: Progress = silent) -> Evidence:
