@@ -1,14 +1,16 @@
 """The odometry's accuracy, times, density and depths on every recording, what each of its parts is worth, and other programs
 on the same recordings in the same run.
 
-    python benchmarks/odometry.py [--data FOLDER] [--drive FOLDER …] [--simulate PRESET …] [--seeds 5] [--ablations]
-                                  [--peer COMMAND …] [--json FILE] [--write] [--kernels-only]
+    python benchmarks/odometry.py [--data FOLDER] [--drive FOLDER …] [--simulate PRESET[:SIZE[:DRIVES]] …] [--seeds 5]
+                                  [--ablations [NAME …]] [--ablation-seeds 2] [--peer COMMAND …] [--json FILE] [--write]
+                                  [--kernels-only]
 
 --data      the recordings as docs/results.md describes them; default is what WAYLOOM_DATA names, else ../shared/data
 --drive     more drives with their own poses (and truth images), as `wayloom simulate --truth` writes them
---simulate  presets of `wayloom simulate` that are made, half size, where they do not yet lie in the cache folder
+--simulate  presets of `wayloom simulate` that are made where they do not yet lie in the cache folder; size is half unless
+            said, drives all: rig:full:lens-1,perfect-1
 --only      recordings of these names
---ablations also a run for each part left out
+--ablations also runs for each part left out, of these recordings, all where none is named
 --peer      a program to compare with: its command with {log} (KITTI odometry layout) and {out} (poses)
 --write     the tables into docs/odometry.md, the numbers into benchmarks/odometry.json, to which a test holds the odometry
 
@@ -57,18 +59,19 @@ def recordings(options: argparse.Namespace) -> list[Recording]:
     """The clips, the given drives and the simulated ones, those of them that were asked for."""
     found = clip_recordings(options.data) if options.data.is_dir() else []
     found += [recording_of(folder) for folder in options.drive]
-    for preset in options.simulate:
-        for folder in simulated(preset, options.cache):
-            found.append(recording_of(folder, f"{preset} {folder.name}"))
+    for wanted in options.simulate:
+        preset, size, drives = (*wanted.split(":"), "", "")[:3]
+        for folder in simulated(preset, size or "half", tuple(filter(None, drives.split(","))), options.cache):
+            found.append(recording_of(folder, f"{preset} {folder.name}{f', {size}' if size else ''}"))
     return [recording for recording in found if not options.only or recording.name in options.only]
 
 
-def simulated(preset: str, cache: Path) -> list[Path]:
-    """The folders of a preset's drives in the cache, made where they are not yet there."""
-    folder = cache / f"{preset}-half"
+def simulated(preset: str, size: str, drives: tuple[str, ...], cache: Path) -> list[Path]:
+    """The folders of a preset's drives (all where none is named) in the cache, made where they are not yet there."""
+    folder = cache / "-".join((preset, size, *drives))
     if not folder.is_dir():
-        unfinished = cache / f"{preset}-half.unfinished-{os.getpid()}"
-        simulate(preset, unfinished, truth=True, progress=lambda share, what: None)
+        unfinished = cache / f"{folder.name}.unfinished-{os.getpid()}"
+        simulate(preset, unfinished, size=size, truth=True, drives=drives, progress=lambda share, what: None)
         unfinished.rename(folder)
     return sorted(path for path in folder.iterdir() if path.is_dir())
 
@@ -85,8 +88,8 @@ def measured_all(options: argparse.Namespace, cache: Path) -> list[Summary]:
         found += foreign(partial(odometry_peers.prototype_measured, recording, prototypes, seeds, cache))
         for command in options.peer:
             found += foreign(partial(odometry_peers.peer_measured, recording, command))
-        if options.ablations:
-            found += [measured(recording, variant, seeds, say) for variant in ABLATIONS]
+        if options.ablations is not None and recording.name in (options.ablations or [recording.name]):
+            found += [measured(recording, variant, SEEDS[: options.ablation_seeds], say) for variant in ABLATIONS]
     return found
 
 
@@ -162,7 +165,8 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--cache", type=Path, default=cache, help="of simulated drives")
     parser.add_argument("--only", nargs="+", metavar="NAME")
     parser.add_argument("--seeds", type=int, choices=range(1, len(SEEDS) + 1), default=len(SEEDS))
-    parser.add_argument("--ablations", action="store_true")
+    parser.add_argument("--ablations", nargs="*", metavar="NAME")
+    parser.add_argument("--ablation-seeds", type=int, choices=range(1, len(SEEDS) + 1), default=2)
     parser.add_argument("--peer", nargs="+", default=[], metavar="COMMAND")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--write", action="store_true")

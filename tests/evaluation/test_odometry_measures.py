@@ -9,7 +9,7 @@ import pytest
 
 from wayloom.errors import ConfigError, InputError
 from wayloom.evaluation import odometry_density, odometry_depth, odometry_peers, odometry_table
-from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, run_measured, summarise
+from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, drift, run_measured, summarise
 from wayloom.evaluation.odometry_recordings import CLIP_A_WRONG_UNTIL, Recording, Thinned, clip_recordings, recording_of, thinned
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
@@ -196,3 +196,15 @@ def test_truth_images_are_read_at_the_nearest_pixel(tmp_path: Path) -> None:
     assert depth[0] == 512 / odometry_depth.DEPTH_PER_M
     assert np.isnan(depth[1])
     assert classes.tolist() == [7, 0]
+
+
+def test_the_drift_of_a_long_drive_is_told_for_its_first_and_last_kilometre() -> None:
+    truth = np.tile(np.eye(4), (3001, 1, 1))
+    truth[:, 2, 3] = np.arange(3001.0)
+    estimate = truth.copy()
+    estimate[2000:, 2, 3] += 0.01 * np.arange(1001)
+    told = drift(estimate, truth)
+    assert told["way km"] == pytest.approx(3.0)
+    assert told["t_rel % first km"] == pytest.approx(0.0, abs=1e-9)
+    assert told["t_rel % last km"] == pytest.approx(0.95, abs=0.06)
+    assert drift(estimate[:1500], truth[:1500]) == {}

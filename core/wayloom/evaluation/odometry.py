@@ -22,7 +22,7 @@ from wayloom.config.progress import Progress, silent
 from wayloom.evaluation.odometry_density import density
 from wayloom.evaluation.odometry_depth import depth_errors
 from wayloom.evaluation.odometry_recordings import Recording, Thinned, thinned
-from wayloom.evaluation.trajectory import evaluate, path_length
+from wayloom.evaluation.trajectory import evaluate, path_length, relative_errors, stretches
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.types import OdometryResult
 
@@ -31,6 +31,7 @@ Numbers = dict[str, float]
 SEEDS = (0, 1, 2, 3, 4)
 WARM_UP_FRAMES = 12
 POLL_S = 0.02
+DRIFT_STRETCH_M = 100.0
 DEFAULT = "wayloom"
 EVERY_SECOND_FRAME = "every second frame dropped"
 NOTHING_CALIBRATED: dict[str, Any] = {"row_frames": (), "bias_prior": 1e15, "own_lens": False}
@@ -106,7 +107,7 @@ def measures(recording: Recording, result: OdometryResult, cpu_ms: FloatArray) -
             f"frame mm ({name})": 1e3 * errors.frame_translation_m,
             f"frame mdeg ({name})": 1e3 * errors.frame_rotation_deg,
             f"length ratio ({name})": errors.length_ratio,
-        }
+        } | drift(trajectory.T_world_cam, truth)
     dense = density(result, recording.log, way)
     numbers |= {"points/m": dense.points_per_m, "blocks covered": dense.blocks_covered, "horizontal edges": dense.horizontal_edges}
     if recording.depth is not None:
@@ -116,6 +117,20 @@ def measures(recording: Recording, result: OdometryResult, cpu_ms: FloatArray) -
         }
     seconds: Mapping[str, float] = result.report["seconds"]
     return numbers | {f"part {part} ms": 1e3 * value / len(trajectory) for part, value in seconds.items()}
+
+
+def drift(T_world_cam: FloatArray, truth: FloatArray) -> Numbers:
+    """Of a drive of two kilometres and more: its way, and its mean translation error over 100 m in the first and the last one."""
+    if not np.isfinite(truth).all():
+        return {}
+    travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1))])
+    if travelled[-1] < 2e3:
+        return {}
+    pairs = stretches(truth, DRIFT_STRETCH_M)
+    error = 100.0 * relative_errors(T_world_cam, truth, pairs)[0] / DRIFT_STRETCH_M
+    starts = travelled[pairs[:, 0]]
+    ends = {"first": starts < 1e3, "last": starts > starts[-1] - 1e3}
+    return {"way km": 1e-3 * travelled[-1]} | {f"t_rel % {name} km": float(error[those].mean()) for name, those in ends.items()}
 
 
 def summarise(recording: str, variant: str, runs: Sequence[Numbers]) -> Summary:

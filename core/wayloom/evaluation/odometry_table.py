@@ -35,6 +35,16 @@ DEPTH: tuple[tuple[str, str, int], ...] = (
 )
 
 
+DRIFT: tuple[tuple[str, str, int], ...] = (
+    ("km", "way km", 1),
+    ("t_rel % over 100 m in the first km", "t_rel % first km", 3),
+    ("in the last km", "t_rel % last km", 3),
+    ("keyframes", "keyframes", 0),
+    ("segments", "segments", 0),
+    ("peak MB", "peak memory MB", 0),
+)
+
+
 def cell(summary: Summary, name: str, digits: int) -> str:
     """Median ± spread (largest minus smallest over the seeds); a dash where there is no number."""
     value = summary.median.get(name, np.nan)
@@ -112,7 +122,16 @@ def page(summaries: Sequence[Summary], seeds: int) -> str:
             "Depth",
             lambda: plain_table([s for s in own if "depth points" in s.median], DEPTH),
         ),
-        (len(ablations) > len(own), "Ablations", lambda: ablation_table(ablations)),
+        (
+            any("way km" in s.median for s in own),
+            "Long drives",
+            lambda: plain_table([s for s in own if "way km" in s.median], DRIFT),
+        ),
+        (
+            len(ablations) > len(own),
+            f"Ablations ({min((s.runs for s in ablations), default=0)} seeds)",
+            lambda: ablation_table(ablations),
+        ),
     ]
     text = [f"Median ± spread (largest minus smallest) over {seeds} seeds of the choice of points.", ""]
     for wanted, title, lines in blocks:

@@ -136,8 +136,9 @@ def maps(coefficients: FloatArray, rig: StereoRig, lens: RightLens = IDENTITY) -
 
 
 def align(right: Image, row_maps: Maps) -> Image:
-    """The right image (h, w) with its rows on the left's; the outermost pixels repeat."""
-    return np.asarray(cv2.remap(right, row_maps[0], row_maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+    """The right image (h, w) with its rows on the left's; the outermost pixels repeat. By cubics: linear interpolation blurs what
+    lies between pixels, and disparities shrink by that (0.3 % of the way on images of 480 px)."""
+    return np.asarray(cv2.remap(right, row_maps[0], row_maps[1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
 class RightImages:
