@@ -29,7 +29,7 @@ _BLOCK: Final = 65_536
 
 @dataclass(frozen=True, slots=True)
 class Neighbours:
-    """rows (P, K) int64 of each point's neighbours, itself among them; closeness (P, K) float32, 0 to 1, its own OWN, 0: is none."""
+    """rows (P, K) int64 of each point's neighbours, itself among them; closeness (P, K) float32, its own OWN, 0: is none."""
 
     rows: NDArray[np.int64]
     closeness: NDArray[np.float32]
