@@ -87,7 +87,7 @@ def main() -> None:
         "--prototypes", type=Path, default=Path(os.environ.get("WAYLOOM_PROTOTYPES", ROOT.parent / "shared" / "prototypes"))
     )
     parser.add_argument("--model", default="efficientvit-b0", help="a network that has never seen simulated images")
-    parser.add_argument("--views", type=int, default=20, help="stereo pairs of each city")
+    parser.add_argument("--views", type=int, default=40, help="stereo pairs of each city")
     parser.add_argument("--json", type=Path, help="also write all numbers to this file")
     parser.add_argument("--write", action="store_true", help="put the tables into docs/simulation.md")
     options = parser.parse_args()

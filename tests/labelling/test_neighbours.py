@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_drive import even_images, made_drive, random_images, still_drive, texture
 
-from wayloom.labelling.neighbours import NEAREST, neighbours, shared
+from wayloom.labelling.neighbours import NEAREST, OWN, neighbours, shared
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.labelling.tcl import label_points
 from wayloom.labelling.types import PointLabels, SparseVotes
@@ -17,6 +17,7 @@ from wayloom.odometry.types import OdometryResult
 FEW = settings(max_examples=30, deadline=None)
 ALONE = LabellingSettings(votes="hard", spread=0.0)
 TOGETHER = LabellingSettings(votes="hard", spread=0.05)
+FAR = LabellingSettings(votes="hard", spread=0.2)
 
 
 def random_votes(rng: np.random.Generator, count: int) -> SparseVotes:
@@ -38,8 +39,9 @@ def naive_shared(drive: OdometryResult, votes: SparseVotes, spread: float, p: in
     mean, of_all = np.zeros(19), 0.0
     for r, q in near[: NEAREST + 1]:
         if r <= 3 * sigma and dense[q].any():
-            mean += np.exp(-(r**2) / (2 * sigma**2)) * dense[q] / dense[q].sum()
-            of_all += np.exp(-(r**2) / (2 * sigma**2))
+            closeness = np.exp(-(r**2) / (2 * sigma**2)) * (OWN if q == p else 1)
+            mean += closeness * dense[q] / dense[q].sum()
+            of_all += closeness
     return dense[p].sum() * mean / of_all if dense[p].any() else np.zeros(19)
 
 
@@ -67,7 +69,7 @@ def weights_of(labels: PointLabels) -> np.ndarray:
 def test_the_sum_of_a_points_votes_stays() -> None:
     drive, images = made_drive(4, points=200), random_images(4)
     images.smalls = [texture(4)] * 5
-    alone, together = label_points(drive, images, ALONE), label_points(drive, images, TOGETHER)
+    alone, together = label_points(drive, images, ALONE), label_points(drive, images, FAR)
     voted = np.diff(alone.vote_start) > 0
     assert np.array_equal(voted, np.diff(together.vote_start) > 0)
     # Classes with less than 1 % of a point's votes are not kept.
@@ -76,19 +78,19 @@ def test_the_sum_of_a_points_votes_stays() -> None:
 
 
 def test_a_point_takes_the_label_of_those_beside_it_and_not_of_those_behind_it_in_the_image() -> None:
-    drive = still_drive(points=9)
+    drive = still_drive(points=10)
     images = even_images(2)
     images.smalls = [texture(0)] * 5
     for image in images.lefts[:1]:
         image[28:31, 47:53] = 13
-    uv = np.array([[50, 29], [48, 29], [52, 29], [51, 30], [49, 30], [46, 29], [54, 29], [50, 27], [50, 31]], np.float32)
-    depth = np.array([8, 8, 8, 8, 8, 30, 30, 30, 30])
+    uv = np.array([[50, 29], [48, 29], [52, 29], [51, 30], [49, 30], [49, 28], [46, 29], [54, 29], [50, 27], [50, 31]], np.float32)
+    depth = np.array([8, 8, 8, 8, 8, 8, 30, 30, 30, 30])
     images.lefts[0][29, 50] = 2  # the network errs at the first point
     points = replace(drive.points, uv_host=uv, inverse_depth=(1 / depth).astype(np.float32))
     drive = replace(drive, points=points)
     asked = {"reach": 0, "likeness_power": 0.0}
-    assert label_points(drive, images, ALONE.model_copy(update=asked)).stereo.tolist() == [2, 13, 13, 13, 13, 2, 2, 2, 2]
-    assert label_points(drive, images, TOGETHER.model_copy(update=asked)).stereo.tolist() == [13] * 5 + [2] * 4
+    assert label_points(drive, images, ALONE.model_copy(update=asked)).stereo.tolist() == [2] + [13] * 5 + [2] * 4
+    assert label_points(drive, images, TOGETHER.model_copy(update=asked)).stereo.tolist() == [13] * 6 + [2] * 4
 
 
 def test_points_of_another_segment_are_no_neighbours() -> None:
@@ -98,8 +100,8 @@ def test_points_of_another_segment_are_no_neighbours() -> None:
     apart = neighbours(
         replace(drive, points=points, keyframes=replace(drive.keyframes, segment=np.array([0, 0, 1, 1, 1], np.int32))), 0.05
     )
-    assert together.closeness.sum() == 4
-    assert apart.closeness.sum() == 2
+    assert together.closeness.sum() == 2 * OWN + 2
+    assert apart.closeness.sum() == 2 * OWN
     assert (apart.rows[apart.closeness > 0] == [0, 1]).all()
 
 

@@ -44,16 +44,14 @@ class HostedPoints:
 class Ballot:
     """Which of the host's points a voter may judge.
 
-    is_host       whether the voter is the host itself
-    left, right   (N,) whether the odometry saw them in this image
-    within_reach  whether the others may be judged as well
-    seen          (rows, columns) `nearest_seen` of the voter's left image, None: hidden ones are not looked for
+    is_host      whether the voter is the host itself
+    left, right  (N,) whether it may judge them by this image
+    seen         (rows, columns) `nearest_seen` of the voter's left image, None: hidden ones are not looked for
     """
 
     is_host: bool
     left: Mask
     right: Mask
-    within_reach: bool
     seen: NDArray[np.float32] | None
 
 
@@ -73,11 +71,11 @@ def cast(
     left_labels: NDArray[np.uint8] = read_labels(voter.labels[0], uv[0])
     if not nearness.any():
         return left_labels  # every point lies behind it, or too near
-    for side, seen_here in enumerate((ballot.left, ballot.right)):
+    for side, may in enumerate((ballot.left, ballot.right)):
         weight = nearness[side] if settings.nearness_power == 1 else nearness[side] ** np.float32(settings.nearness_power)
         own = ballot.is_host and side == 0
         if not own:
-            weight = weight * _visibility(points, uv[side], nearness[side], side, seen_here, voter, ballot, settings)
+            weight = weight * _visibility(points, uv[side], nearness[side], side, may, voter, ballot, settings)
         if settings.boundary_px > 0 and voter.to_boundary is not None:
             weight = weight * _sureness(voter.to_boundary[side], uv[side], settings.boundary_px)
         if settings.reprojection_px > 0:
@@ -125,13 +123,12 @@ def _visibility(
     uv: FloatArray,
     nearness: Weights,
     side: int,
-    seen_here: Mask,
+    may: Mask,
     voter: Voter,
     ballot: Ballot,
     settings: LabellingSettings,
 ) -> Weights:
     """(N,) 0 to 1: how surely each point is seen by the voter's image."""
-    may = np.ones(len(uv), bool) if ballot.within_reach else seen_here
     if ballot.seen is not None and side == 0 and not ballot.is_host:
         may = may & ~hidden(uv, nearness, ballot.seen, CELL_PX, MARGIN)
     if settings.likeness_power == 0 or points.looks is None or voter.small is None:

@@ -21,13 +21,15 @@ NEAREST: Final = 8
 """How many neighbours a point has at most."""
 FURTHEST: Final = 3.0
 """… and how many sigmas away."""
+OWN: Final = 4.0
+"""How often a point's own votes count among theirs."""
 _BLOCK: Final = 65_536
 """Points whose votes lie side by side in memory, a number for every class."""
 
 
 @dataclass(frozen=True, slots=True)
 class Neighbours:
-    """rows (P, K) int64 of each point's neighbours, itself among them; closeness (P, K) float32, 0 to 1, 0: is none."""
+    """rows (P, K) int64 of each point's neighbours, itself among them; closeness (P, K) float32, its own OWN, 0: is none."""
 
     rows: NDArray[np.int64]
     closeness: NDArray[np.float32]
@@ -53,7 +55,8 @@ def neighbours(odometry: OdometryResult, spread: float) -> Neighbours:
         sigma = spread / points.inverse_depth[members].astype(np.float64)[:, None]
         r = np.where(found, r, np.inf)
         close = np.where(r <= FURTHEST * sigma, np.exp(-0.5 * (r / sigma) ** 2), 0.0)
-        rows[members], closeness[members] = members[np.where(found, near, 0)], close
+        rows[members] = members[np.where(found, near, 0)]
+        closeness[members] = np.where(rows[members] == members[:, None], OWN * close, close)
     return Neighbours(rows, closeness)
 
 

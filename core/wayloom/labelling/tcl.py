@@ -146,10 +146,10 @@ def _votes_on(
     )  # fmt: skip
     votes = np.zeros((2, len(rows), CLASS_COUNT))
     baseline = np.full(len(rows), VOID, np.uint8)
-    for voter, left, right, within_reach in _ballots(odometry, k, rows, electorate, settings):
+    for voter, left, right in _ballots(odometry, k, rows, electorate, settings):
         T_voter_host = electorate.T_cam_world[voter] @ electorate.T_world_cam[host]
         is_host = voter == host
-        ballot = Ballot(is_host, left, right, within_reach, seen.nearest(electorate, voter) if seen else None)
+        ballot = Ballot(is_host, left, right, seen.nearest(electorate, voter) if seen else None)
         labels = cast(votes, hosted, np.eye(4) if is_host else T_voter_host, voters[voter], ballot, odometry, settings)
         if is_host:
             baseline = labels
@@ -158,9 +158,9 @@ def _votes_on(
 
 def _ballots(
     odometry: OdometryResult, k: int, rows: NDArray[np.int64], electorate: _Electorate, settings: LabellingSettings
-) -> Iterator[tuple[int, NDArray[np.bool_], NDArray[np.bool_], bool]]:
-    """Each voter on the points of keyframe k in these rows, in time order: who it is, which points the odometry saw in its left and
-    in its right image, and whether the others are within its reach."""
+) -> Iterator[tuple[int, NDArray[np.bool_], NDArray[np.bool_]]]:
+    """Each voter on the points of keyframe k in these rows, in time order: who it is, and which points it may judge by its left and
+    by its right image: those that the odometry saw there, or all if it is within reach."""
     points, of_keyframe = odometry.points, electorate.of_keyframe
     start, length = points.obs_start[rows], np.diff(points.obs_start)[rows]
     first = np.concatenate([[0], np.cumsum(length)])
@@ -175,13 +175,17 @@ def _ballots(
     by_observer = np.argsort(observer, kind="stable")
     voters = np.unique(np.concatenate([observer, near, [host]]))
     bounds = np.searchsorted(observer[by_observer], np.append(voters, voters[-1] + 1)).tolist()
+    everyone = np.ones(len(rows), bool)
     for i, voter in enumerate(voters.tolist()):
+        if voter in reached:
+            yield voter, everyone, everyone
+            continue
         left, right = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
         here = by_observer[bounds[i] : bounds[i + 1]]
         left[of_point[here]], right[of_point[here]] = True, points.obs_right[taken[here]]
         if voter == host:
             left[:], right[:] = True, points.host_right[rows]
-        yield voter, left, right, voter in reached
+        yield voter, left, right
 
 
 class _SeenPoints:
