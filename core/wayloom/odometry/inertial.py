@@ -15,6 +15,9 @@ from wayloom.odometry.kernels.preintegration import log_so3, predict, preintegra
 from wayloom.odometry.settings import ImuSettings
 
 FloatArray = NDArray[np.float64]
+GREY_SIGMA = 1.0
+"""grey levels of a pixel that count as much as one sigma of the IMU. Pixels fit to eight or so, but weighed by that an IMU remembers
+the speed, and with it the scale that the first metres got wrong, longer than the images would."""
 OWN = 9
 """Inertial unknowns of a keyframe: velocity, gyroscope bias, accelerometer bias."""
 DISCRETISATION = np.array([1e-6, 1e-5, 1e-5])
@@ -122,9 +125,7 @@ def _gyroscope_bias(T_world_imu: FloatArray, links: Sequence[Link]) -> FloatArra
     return np.asarray(np.linalg.solve(H, g), np.float64)
 
 
-def begin(
-    start: Start, bias: FloatArray, links: Sequence[Link | None], T_cam_imu: FloatArray, settings: ImuSettings, grey_sigma: float
-) -> Inertial:
+def begin(start: Start, bias: FloatArray, links: Sequence[Link | None], T_cam_imu: FloatArray, settings: ImuSettings) -> Inertial:
     """The inertial state of F keyframes at its start. bias (6,) of the links (F - 1); the gyroscope's from `start` is added."""
     F, n = len(start.velocity), start.gravity / np.linalg.norm(start.gravity)
     side = np.cross(n, np.eye(3)[int(np.argmin(np.abs(n)))])
@@ -132,7 +133,7 @@ def begin(
     walk = 1.0 / np.array([settings.gyroscope_walk, settings.accelerometer_walk]) ** 2
     out = NO_IMU._replace(
         basis=np.column_stack([n, side, np.cross(n, side)]), gamma=np.zeros(2), T_cam_imu=T_cam_imu, walk=walk,
-        weight=PATCH * grey_sigma**2,
+        weight=PATCH * GREY_SIGMA**2,
     )  # fmt: skip
     bias = bias + np.concatenate([start.gyroscope_bias, np.zeros(3)])
     for f in range(F):

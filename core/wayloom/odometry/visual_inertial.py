@@ -21,8 +21,8 @@ FloatArray = NDArray[np.float64]
 class VisualInertial:
     """The IMU beside a window. It starts once the window has a prior and its poses tell gravity; what it learns stays."""
 
-    def __init__(self, samples: ImuSamples, grey_sigma: float) -> None:
-        self.samples, self._grey_sigma = samples, grey_sigma
+    def __init__(self, samples: ImuSamples) -> None:
+        self.samples = samples
         self.gravity: FloatArray | None = None
         self.bias = np.zeros(6)
         self._started_ns: list[int] = []
@@ -66,7 +66,7 @@ class VisualInertial:
         start = inertial.find_start(T_world_imu, whole, settings)
         if start is None:
             return
-        window.inertial = inertial.begin(start, self.bias, links, self.samples.T_cam_imu, settings, self._grey_sigma)
+        window.inertial = inertial.begin(start, self.bias, links, self.samples.T_cam_imu, settings)
         window.prior_H = np.pad(window.prior_H, (0, inertial.OWN * F + 2))
         window.prior_g = np.pad(window.prior_g, (0, inertial.OWN * F + 2))
         first = inertial.inertial_rows(F, 0)[3:]
@@ -89,4 +89,4 @@ def for_log(log: DriveLog, settings: OdometrySettings) -> VisualInertial | None:
     """The IMU of a log where it has one and the settings let it be used."""
     if log.imu is None or log.T_cam_imu is None or not settings.imu.use or not len(log.imu.t_ns):
         return None
-    return VisualInertial(ImuSamples(log.imu, log.T_cam_imu, int(log.t_ns[0]), settings.imu), settings.grey_sigma)
+    return VisualInertial(ImuSamples(log.imu, log.T_cam_imu, int(log.t_ns[0]), settings.imu))
