@@ -21,7 +21,7 @@ T_CAM_IMU = se3.exp(np.array([0.1, 0.5, -0.6, 1.0, -1.1, 1.2]))
 BIAS = np.array([0.004, -0.003, 0.002, 0.06, -0.04, 0.05])
 STEP_S, RATE_HZ = 1e-3, 200.0
 SEED_SPREAD_M = 0.014
-"""By how much the error of such a drive differs with the seed of the points alone (10.4 to 25.1 mm over four seeds, without IMU)."""
+"""How much the error of such a drive differs by the seed of the points alone (10.4 to 25.1 mm over four seeds without IMU)."""
 
 
 def camera_pose(t_s: F64) -> F64:
