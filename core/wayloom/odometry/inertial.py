@@ -16,8 +16,8 @@ from wayloom.odometry.settings import ImuSettings
 
 FloatArray = NDArray[np.float64]
 GREY_SIGMA = 1.0
-"""grey levels of a pixel that count as much as one sigma of the IMU. Pixels fit to eight or so, but weighed by that an IMU remembers
-the speed, and with it the scale that the first metres got wrong, longer than the images would."""
+"""grey levels of a pixel that count as much as one sigma of the IMU. Pixels fit to eight or so, but weighed by that an IMU
+remembers the speed, and with it the scale that the first metres got wrong, longer than the images would."""
 OWN = 9
 """Inertial unknowns of a keyframe: velocity, gyroscope bias, accelerometer bias."""
 DISCRETISATION = np.array([1e-6, 1e-5, 1e-5])
