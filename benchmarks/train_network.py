@@ -1,7 +1,7 @@
 """Trains `wayloom-city`, the small network in the package, on simulated streets, and exports it to ONNX.
 
-    python -m venv /tmp/train && /tmp/train/bin/pip install '.[train]'
-    /tmp/train/bin/python benchmarks/train_network.py --out OUT
+    python -m venv TRAIN && TRAIN/bin/pip install '.[train]'
+    TRAIN/bin/python benchmarks/train_network.py --out OUT
 
 PyTorch is needed here and nowhere else. The streets of --seeds are trained on, those of --held-out are only judged; neither is a
 seed of a preset of `wayloom simulate`. Training goes for --minutes; with --steps instead a run
