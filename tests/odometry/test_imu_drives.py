@@ -94,12 +94,14 @@ def test_the_gyroscope_bias_is_found(result: OdometryResult) -> None:
     assert np.abs(np.array(result.report["imu"]["gyroscope_bias_rad_s"]) - BIAS[:3]).max() < 0.001
 
 
-def test_an_imu_never_makes_a_drive_worse(log: ImuLog, result: OdometryResult) -> None:
-    without = track(log, OdometrySettings(imu=ImuSettings(use=False)))
-    assert without.report["imu"] is None
-    assert result.trajectory.tracked.all()
-    rms = [float(np.sqrt((position_errors(r, log) ** 2).mean())) for r in (result, without)]
-    assert rms[0] < 1.05 * rms[1]
+def test_an_imu_never_makes_a_drive_worse(log: ImuLog) -> None:
+    def rms(**changes: object) -> F64:
+        found = [track(log, OdometrySettings.model_validate({"seed": seed, **changes})) for seed in range(3)]
+        assert all(r.trajectory.tracked.all() and (r.report["imu"] is None) == bool(changes) for r in found)
+        return np.array([np.sqrt((position_errors(r, log) ** 2).mean()) for r in found])
+
+    with_imu, without = rms(), rms(imu=ImuSettings(use=False))
+    assert with_imu.mean() < without.mean() + 2 * without.std(ddof=1) / np.sqrt(len(without))  # what the seeds alone may do
 
 
 def test_a_blind_second_is_bridged() -> None:

@@ -8,6 +8,7 @@ from io import TextIOWrapper
 import typer
 
 from wayloom import __version__
+from wayloom.cli.interrupts import listen
 from wayloom.errors import InputError, WayloomError
 
 COMMANDS = (
@@ -41,6 +42,7 @@ for _name in COMMANDS:
 
 def main() -> None:
     """Run the command line and end the process with its status."""
+    listen()
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a path may hold what the terminal's encoding does not
     try:

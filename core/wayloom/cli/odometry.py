@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from wayloom.cli.interrupts import check
+
 if TYPE_CHECKING:
     from wayloom.config.progress import Progress
     from wayloom.odometry.types import OdometryResult
@@ -86,7 +88,12 @@ def shown_progress() -> "Iterator[Progress]":
         return
     with Bars(*columns, TextColumn("{task.description}"), console=console) as bars:
         task = bars.add_task("", total=100)
-        yield lambda share, what: bars.update(task, completed=int(100 * share), description=what)
+
+        def show(share: float, what: str, /) -> None:
+            check()
+            bars.update(task, completed=int(100 * share), description=what)
+
+        yield show
 
 
 def lines_on_stderr(every: float = 0.25) -> "Progress":
@@ -95,6 +102,7 @@ def lines_on_stderr(every: float = 0.25) -> "Progress":
 
     def show(share: float, what: str, /) -> None:
         nonlocal due
+        check()
         if share >= due:
             sys.stderr.write(f"odometry {100 * share:3.0f} %: {what}\n")
             due = share + every
