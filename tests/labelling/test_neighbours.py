@@ -124,3 +124,16 @@ def test_the_labels_do_not_depend_on_how_many_points_are_counted_at_once(monkeyp
     assert np.array_equal(whole[0], parts[0])
     assert np.array_equal(whole[1].start, parts[1].start)
     assert np.array_equal(whole[1].weights, parts[1].weights)
+
+
+def test_of_many_points_at_one_place_each_stays_its_own_neighbour() -> None:
+    drive = made_drive(1, points=40)
+    points = drive.points
+    alike = replace(
+        points, host=np.zeros_like(points.host), uv_host=np.tile(points.uv_host[:1], (40, 1)),
+        inverse_depth=np.full_like(points.inverse_depth, 0.1),
+    )  # fmt: skip
+    near = neighbours(replace(drive, points=alike), 0.05)
+    own = near.rows == np.arange(40)[:, None]
+    assert own.any(axis=1).all()
+    np.testing.assert_allclose(near.closeness[own], OWN)

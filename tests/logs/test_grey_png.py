@@ -135,3 +135,10 @@ def test_damage_is_told_as_ever(tmp_path: Path) -> None:
     for damaged in (bytes(wrong), data[:-20], b""):
         with pytest.raises(LogError):
             read_grey(written(tmp_path, damaged))
+
+
+@pytest.mark.parametrize(("width", "height"), [(2**31 - 1, 2**31 - 1), (2**31 - 1, 1000), (5, 0), (0, 5)])
+def test_a_header_that_lies_is_left_to_opencv(width: int, height: int) -> None:
+    header = width.to_bytes(4, "big") + height.to_bytes(4, "big") + bytes([8, 0, 0, 0, 0])
+    stream = zlib.compress(b"")
+    assert grey_png.decode([(b"IHDR", memoryview(header)), (b"IDAT", memoryview(stream))]) is None

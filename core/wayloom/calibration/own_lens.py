@@ -16,7 +16,6 @@ import numpy as np
 from wayloom.calibration.learn import chi_square, learn_rig
 from wayloom.calibration.settings import CalibrationSettings
 from wayloom.config.progress import Progress, silent
-from wayloom.errors import CalibrationError
 from wayloom.geometry.lens import IDENTITY, RightLens, lens_from_values
 from wayloom.logs.types import DriveLog
 from wayloom.odometry import feed, rows
@@ -53,25 +52,16 @@ COARSE: Final = {
 class OwnLens:
     """What the drive says: the lens to use (ideal where nothing speaks against it), why, and what it cost.
 
+    reason : in words; seconds : processor time
     rms_px : how far the learnt lens moves pixels, the mean shift of the columns taken off; NaN where none was learnt
     """
 
     lens: RightLens
+    reason: str
     snippets: int
     chi_square: float
     rms_px: float
     seconds: float
-
-    @property
-    def reason(self) -> str:
-        """In words."""
-        if self.snippets < LEAST_SNIPPETS:
-            return f"{self.snippets} groups of matches are too few to tell a lens by"
-        return (
-            "the drive's own images contradict the log's calibration"
-            if not self.lens.is_ideal
-            else "nothing speaks against the log's calibration"
-        )
 
 
 def track_calibrated(
@@ -99,19 +89,23 @@ def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), pro
     progress(0.0, "learning the right camera's lens from pieces of the drive (compiling kernels, first run only)")
     with feed.one_opencv_thread():
         evidence = sampled_evidence(log, settings)
-    unknown = OwnLens(IDENTITY, evidence.snippets, float("nan"), float("nan"), process_time() - start)
     if evidence.snippets < LEAST_SNIPPETS:
-        return unknown
+        reason = f"{evidence.snippets} groups of matches are too few to tell a lens by"
+        return OwnLens(IDENTITY, reason, evidence.snippets, float("nan"), float("nan"), process_time() - start)
     learning = CalibrationSettings()
-    try:
-        learnt = learn_rig([evidence], learning)
-    except CalibrationError:
-        return unknown
+    learnt = learn_rig([evidence], learning)
     against = chi_square(learnt.rig, learning)
-    used = learnt.converged and against > CHI_SQUARE and learnt.rms_px > LEAST_RMS_PX
-    values = np.round(learnt.rig.lens.values / STEP) * STEP
-    lens = lens_from_values(values) if used else IDENTITY
-    return OwnLens(lens, evidence.snippets, against, learnt.rms_px, process_time() - start)
+    lens, reason = IDENTITY, ""
+    if not learnt.converged:
+        reason = "the matches did not settle on a lens"
+    elif not against > CHI_SQUARE:
+        reason = "nothing speaks against the log's calibration"
+    elif not learnt.rms_px > LEAST_RMS_PX:
+        reason = f"the lens is too small to be worth its own uncertainty ({LEAST_RMS_PX:g} px)"
+    else:
+        reason = "the drive's own images contradict the log's calibration"
+        lens = lens_from_values(np.round(learnt.rig.lens.values / STEP) * STEP)
+    return OwnLens(lens, reason, evidence.snippets, against, learnt.rms_px, process_time() - start)
 
 
 def sampled_evidence(log: DriveLog, settings: OdometrySettings) -> Evidence:

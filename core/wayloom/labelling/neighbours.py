@@ -47,15 +47,19 @@ def neighbours(odometry: OdometryResult, spread: float) -> Neighbours:
     with np.errstate(invalid="ignore"):
         placed = np.isfinite(points.inverse_depth) & (points.inverse_depth > 0)
     segment = odometry.keyframes.segment[points.host]
+    everywhere = odometry.points_world()
     for one in np.unique(segment[placed]):
         members = np.flatnonzero(placed & (segment == one))
-        world = odometry.points_world()[members]
+        world = everywhere[members]
         r, near = cKDTree(world, balanced_tree=False).query(world, k=NEAREST + 1)
         found = np.isfinite(r)
         sigma = spread / points.inverse_depth[members].astype(np.float64)[:, None]
         r = np.where(found, r, np.inf)
         close = np.where(r <= FURTHEST * sigma, np.exp(-0.5 * (r / sigma) ** 2), 0.0)
-        rows[members] = members[np.where(found, near, 0)]
+        around = members[np.where(found, near, 0)]
+        crowded_out = ~(around == members[:, None]).any(axis=1)  # by as many points at the same place
+        around[crowded_out, -1], close[crowded_out, -1] = members[crowded_out], 1.0
+        rows[members] = around
         closeness[members] = np.where(rows[members] == members[:, None], OWN * close, close)
     return Neighbours(rows, closeness)
 

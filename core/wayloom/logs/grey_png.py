@@ -31,6 +31,8 @@ class _Workplace(threading.local):
 
 
 _WORKPLACE = _Workplace()
+MOST_RATIO = 1032
+"""Deflate makes of a byte no more than so many (RFC 1951: 258 bytes of two bits)."""
 
 
 def decode(chunks: list[tuple[bytes, memoryview]]) -> Image | None:
@@ -42,6 +44,8 @@ def decode(chunks: list[tuple[bytes, memoryview]]) -> Image | None:
     width, height = int.from_bytes(header[:4], "big"), int.from_bytes(header[4:8], "big")
     stream = b"".join(content for kind, content in chunks if kind == b"IDAT")
     place, size, at = _WORKPLACE, (width + 1) * height, len(stream)
+    if not width or not height or size > MOST_RATIO * at:  # a header that lies is left to OpenCV, which has its limits
+        return None
     place.reserve(at, size)
     place.packed[:at] = np.frombuffer(stream, np.uint8)
     place.packed[at : at + PADDING] = 0
