@@ -164,7 +164,7 @@ def test_the_hosts_right_image_moves_depths_by_the_bias() -> None:
     assert fits.mean() > 0.5
     sure = fits & (information > np.median(information))
     disparity_error = NUMBERS.fx * 0.5 * (window.points.rho - truth)[sure]
-    assert np.median(np.abs(disparity_error)) < 0.5 * BIAS_PX
+    assert np.median(np.abs(disparity_error)) < 0.5 * BIAS_PX  # a patch's own offset takes some of a shift for brightness
 
 
 def test_points_that_do_not_fit_or_are_out_of_view_stay_as_they_are() -> None:
