@@ -174,3 +174,15 @@ def test_votes_of_little_share_are_not_kept() -> None:
     assert ids.tolist() == [2, 18]
     assert sums.tolist() == [1.0, 0.25]
     assert voting.sparse_votes(votes, 0.0)[0].tolist() == [2, 0, 1]
+
+
+def test_votes_in_the_order_of_the_hosts_come_into_that_of_the_points() -> None:
+    rng = np.random.default_rng(2)
+    point, kinds = rng.permutation(30), rng.integers(0, 4, 30)
+    ids, sums = rng.integers(0, 19, kinds.sum()).astype(np.uint8), rng.random(kinds.sum()).astype(np.float32)
+    start, ids_out, sums_out = voting.in_order(point, kinds, ids, sums)
+    came = np.concatenate([[0], np.cumsum(kinds)])
+    for n, p in enumerate(point):
+        assert ids_out[start[p] : start[p + 1]].tolist() == ids[came[n] : came[n + 1]].tolist()
+        assert sums_out[start[p] : start[p + 1]].tolist() == sums[came[n] : came[n + 1]].tolist()
+    assert start[-1] == len(ids_out) == kinds.sum()

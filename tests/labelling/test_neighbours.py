@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_drive import even_images, made_drive, random_images, still_drive, texture
 
-from wayloom.labelling.neighbours import NEAREST, OWN, neighbours, shared
+from wayloom.labelling.neighbours import NEAREST, OWN, nearest, neighbours, shared
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.labelling.tcl import label_points
 from wayloom.labelling.types import PointLabels, SparseVotes
@@ -137,3 +137,19 @@ def test_of_many_points_at_one_place_each_stays_its_own_neighbour() -> None:
     own = near.rows == np.arange(40)[:, None]
     assert own.any(axis=1).all()
     np.testing.assert_allclose(near.closeness[own], OWN)
+
+
+@pytest.mark.parametrize("count", [1, 7, 40, 700])
+def test_the_nearest_are_those_of_comparing_all_with_all(count: int) -> None:
+    rng = np.random.default_rng(count)
+    places = rng.normal(0, [20, 3, 1], (count, 3))
+    places[::5] = np.round(places[::5])  # some at one place, some in one plane
+    radius = rng.uniform(0.0, 8.0, count)
+    rows, distance2 = nearest(places, radius, 9)
+    for p in range(count):
+        r2 = ((places - places[p]) ** 2).sum(axis=1)
+        expected = [q for q in sorted(range(count), key=lambda q: (r2[q], q)) if r2[q] <= radius[p] ** 2][:9]
+        found = rows[p][rows[p] >= 0].tolist()
+        assert found == expected
+        assert np.isinf(distance2[p, len(found) :]).all()
+        np.testing.assert_allclose(distance2[p, : len(found)], r2[expected])

@@ -9,14 +9,15 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from wayloom.config.classes import CLASS_COUNT
+from wayloom.labelling.kernels.nearest import LEAF, grow_tree, nearest_within
 from wayloom.labelling.kernels.neighbours import votes_around
 from wayloom.labelling.kernels.voting import sparse_votes, winners
 from wayloom.labelling.types import SparseVotes
 from wayloom.odometry.types import OdometryResult
 
+FloatArray = NDArray[np.float64]
 NEAREST: Final = 8
 """How many neighbours a point has at most."""
 FURTHEST: Final = 3.0
@@ -29,9 +30,9 @@ _BLOCK: Final = 65_536
 
 @dataclass(frozen=True, slots=True)
 class Neighbours:
-    """rows (P, K) int64 of each point's neighbours, itself among them; closeness (P, K) float32, its own OWN, 0: is none."""
+    """rows (P, K) int32 of each point's neighbours, itself among them; closeness (P, K) float32, its own OWN, 0: is none."""
 
-    rows: NDArray[np.int64]
+    rows: NDArray[np.int32]
     closeness: NDArray[np.float32]
 
 
@@ -41,7 +42,7 @@ def neighbours(odometry: OdometryResult, spread: float) -> Neighbours:
     A point without a depth has no neighbour but itself.
     """
     points = odometry.points
-    rows = np.repeat(np.arange(len(points))[:, None], NEAREST + 1, axis=1)
+    rows = np.repeat(np.arange(len(points), dtype=np.int32)[:, None], NEAREST + 1, axis=1)
     closeness = np.zeros((len(points), NEAREST + 1), np.float32)
     closeness[:, 0] = 1.0
     with np.errstate(invalid="ignore"):
@@ -50,18 +51,28 @@ def neighbours(odometry: OdometryResult, spread: float) -> Neighbours:
     everywhere = odometry.points_world()
     for one in np.unique(segment[placed]):
         members = np.flatnonzero(placed & (segment == one))
-        world = everywhere[members]
-        r, near = cKDTree(world, balanced_tree=False).query(world, k=NEAREST + 1)
-        found = np.isfinite(r)
-        sigma = spread / points.inverse_depth[members].astype(np.float64)[:, None]
-        r = np.where(found, r, np.inf)
-        close = np.where(r <= FURTHEST * sigma, np.exp(-0.5 * (r / sigma) ** 2), 0.0)
-        around = members[np.where(found, near, 0)]
-        crowded_out = ~(around == members[:, None]).any(axis=1)  # by as many points at the same place
-        around[crowded_out, -1], close[crowded_out, -1] = members[crowded_out], 1.0
-        rows[members] = around
-        closeness[members] = np.where(rows[members] == members[:, None], OWN * close, close)
+        sigma = spread / points.inverse_depth[members].astype(np.float64)
+        near, r2 = nearest(everywhere[members], FURTHEST * sigma, NEAREST + 1)
+        found = near >= 0
+        close = np.exp(-0.5 * r2 / (sigma**2)[:, None])  # exp(-inf) = 0: there are no more
+        own = np.arange(len(members))[:, None]
+        crowded_out = ~(near == own).any(axis=1)  # by as many points at the same place
+        near[crowded_out, -1], close[crowded_out, -1] = own[crowded_out, 0], 1.0
+        rows[members] = members[np.where(found, near, own)]
+        closeness[members] = np.where(near == own, OWN * close, close)
     return Neighbours(rows, closeness)
+
+
+def nearest(places: FloatArray, radius: FloatArray, count: int) -> tuple[NDArray[np.int32], FloatArray]:
+    """Rows (N, count) of the nearest of N places (N, 3), each within its own radius (N,), itself among them, nearest first and of
+    equal ones the lowest rows first; and their squared distances. -1 and inf where there are no more."""
+    levels = max(0, (len(places) // LEAF).bit_length() - 1)
+    sorted_places, order = np.array(places, np.float64, order="C"), np.arange(len(places), dtype=np.int32)
+    axes, splits = np.zeros((1 << levels) - 1, np.int8), np.zeros((1 << levels) - 1)
+    rows, distance2 = np.empty((len(places), count), np.int32), np.empty((len(places), count))
+    grow_tree(sorted_places, order, axes, splits, levels)
+    nearest_within(sorted_places, order, axes, splits, levels, radius, rows, distance2)
+    return rows, distance2
 
 
 def shared(

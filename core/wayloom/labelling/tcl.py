@@ -31,7 +31,7 @@ from wayloom.geometry import se3
 from wayloom.labelling.casting import CELL_PX, Ballot, HostedPoints, cast, looks_of
 from wayloom.labelling.images import LabelImages, Voters
 from wayloom.labelling.kernels.visibility import nearest_seen
-from wayloom.labelling.kernels.voting import sparse_votes, winners
+from wayloom.labelling.kernels.voting import in_order, sparse_votes, winners
 from wayloom.labelling.neighbours import neighbours, shared
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.labelling.types import PointLabels, SparseVotes
@@ -172,6 +172,8 @@ def _ballots(
     near = np.arange(reach[0], reach[1] + 1) if settings.reach else np.array([host])
     near = near[electorate.segment[near] == electorate.segment[host]]
     reached = set(near.tolist()) if settings.reach else set()
+    beyond = np.flatnonzero((observer < reach[0]) | (observer > reach[1])) if reached else np.arange(len(observer))
+    taken, of_point, observer = taken[beyond], of_point[beyond], observer[beyond]
     by_observer = np.argsort(observer, kind="stable")
     voters = np.unique(np.concatenate([observer, near, [host]]))
     bounds = np.searchsorted(observer[by_observer], np.append(voters, voters[-1] + 1)).tolist()
@@ -221,9 +223,4 @@ def _by_point(hosted: NDArray[np.int64], kept: list[_Kept]) -> SparseVotes:
     kinds = np.concatenate([np.zeros(0, np.int64), *(part[0] for part in kept)])
     ids = np.concatenate([np.zeros(0, np.uint8), *(part[1] for part in kept)])
     sums = np.concatenate([np.zeros(0, np.float32), *(part[2] for part in kept)])
-    came = np.concatenate([[0], np.cumsum(kinds)])[:-1]
-    length, place = np.empty_like(kinds), np.empty_like(kinds)
-    length[hosted], place[hosted] = kinds, came
-    start = np.concatenate([[0], np.cumsum(length)])
-    taken = np.repeat(place - start[:-1], length) + np.arange(start[-1])
-    return SparseVotes(start, ids[taken], sums[taken])
+    return SparseVotes(*in_order(hosted, kinds, ids, sums))

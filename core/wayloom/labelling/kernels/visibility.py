@@ -5,27 +5,35 @@ from numba import njit
 
 SIDE = 3
 """A point's looks are SIDE x SIDE grey values around it."""
+_Index = np.uint64
+"""Pixels are addressed by unsigned numbers: a signed index is tested for being negative each time."""
+_ONE = _Index(1)
 _FLAT = 1.0
 """Sum of squared grey values about their mean under which a patch has no looks."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _look_at(image, u, v, scale, look):  # type: ignore[no-untyped-def]
-    """Fill look (SIDE * SIDE,) float32: see `patches`. Bilinear; beyond the border its own value. u and v must be finite."""
+def _look_at(image, u, v, scale, look, across, columns):  # type: ignore[no-untyped-def]
+    """Fill look (SIDE * SIDE,) float32: see `patches`. Bilinear; beyond the border its own value. u and v must be finite.
+
+    across (SIDE,) float32 and columns (SIDE,) uint64 are working space.
+    """
     height, width = image.shape
+    for i in range(SIDE):
+        x = min(max(u + (i - (SIDE - 1) // 2) * scale, np.float32(0.0)), np.float32(width - 1))
+        column = min(int(x), width - 2)
+        across[i], columns[i] = x - np.float32(column), _Index(column)
     mean = np.float32(0.0)
     for j in range(SIDE):
         y = min(max(v + (j - (SIDE - 1) // 2) * scale, np.float32(0.0)), np.float32(height - 1))
-        row = min(int(y), height - 2)
-        below = y - np.float32(row)
+        above = min(int(y), height - 2)
+        down, row = y - np.float32(above), _Index(above)
         for i in range(SIDE):
-            x = min(max(u + (i - (SIDE - 1) // 2) * scale, np.float32(0.0)), np.float32(width - 1))
-            column = min(int(x), width - 2)
-            beside = x - np.float32(column)
-            one, other = np.float32(image[row, column]), np.float32(image[row + 1, column])
-            one += beside * (np.float32(image[row, column + 1]) - one)
-            other += beside * (np.float32(image[row + 1, column + 1]) - other)
-            look[SIDE * j + i] = one + below * (other - one)
+            beside, column = across[i], columns[i]
+            one, other = np.float32(image[row, column]), np.float32(image[row + _ONE, column])
+            one += beside * (np.float32(image[row, column + _ONE]) - one)
+            other += beside * (np.float32(image[row + _ONE, column + _ONE]) - other)
+            look[SIDE * j + i] = one + down * (other - one)
             mean += look[SIDE * j + i]
     mean /= np.float32(SIDE * SIDE)
     square = np.float32(0.0)
@@ -47,9 +55,10 @@ def patches(image, uv, scale):  # type: ignore[no-untyped-def]
     returns  (N, SIDE * SIDE) float32; zeros for a point without looks: one on a flat patch
     """
     looks = np.zeros((len(uv), SIDE * SIDE), np.float32)
+    across, columns = np.empty(SIDE, np.float32), np.empty(SIDE, np.uint64)
     for n in range(len(uv)):
         if np.isfinite(uv[n, 0]) and np.isfinite(uv[n, 1]):
-            _look_at(image, np.float32(uv[n, 0]), np.float32(uv[n, 1]), np.float32(scale[n]), looks[n])
+            _look_at(image, np.float32(uv[n, 0]), np.float32(uv[n, 1]), np.float32(scale[n]), looks[n], across, columns)
     return looks
 
 
@@ -67,7 +76,7 @@ def likeness(looks, small, times_smaller, size, uv, nearness, inverse_depth, may
     returns        (N,) float32; 0 outside the image and where the nearness is 0
     """
     found = np.zeros(len(uv), np.float32)
-    look = np.empty(SIDE * SIDE, np.float32)
+    look, across, columns = np.empty(SIDE * SIDE, np.float32), np.empty(SIDE, np.float32), np.empty(SIDE, np.uint64)
     shrink = np.float32(1.0 / times_smaller)
     half = np.float32(0.5)
     for n in range(len(uv)):
@@ -76,7 +85,8 @@ def likeness(looks, small, times_smaller, size, uv, nearness, inverse_depth, may
         if not (inside and may[n] and nearness[n] > 0.0):
             continue
         scale = nearness[n] / np.float32(inverse_depth[n])
-        _look_at(small, (np.float32(u) + half) * shrink - half, (np.float32(v) + half) * shrink - half, scale, look)
+        x, y = (np.float32(u) + half) * shrink - half, (np.float32(v) + half) * shrink - half
+        _look_at(small, x, y, scale, look, across, columns)
         alike = np.float32(0.0)
         for i in range(SIDE * SIDE):
             alike += looks[n, i] * look[i]

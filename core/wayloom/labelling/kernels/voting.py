@@ -189,3 +189,25 @@ def sparse_votes(votes, least_share):  # type: ignore[no-untyped-def]
                 at += 1
                 kinds[n] += 1
     return kinds, ids[:at].copy(), sums[:at].copy()
+
+
+@njit(cache=True, error_model="numpy")
+def in_order(point, kinds, ids, sums):  # type: ignore[no-untyped-def]
+    """Sparse votes brought into the order of the points.
+
+    point    (P,) int64: the point whose votes come n-th, each once; kinds (P,) int64 how many it has; ids (V,), sums (V,) of all
+    returns  start (P + 1,) int64, ids (V,), sums (V,) by point
+    """
+    start = np.zeros(len(point) + 1, np.int64)
+    for n in range(len(point)):
+        start[point[n] + 1] = kinds[n]
+    for p in range(len(point)):
+        start[p + 1] += start[p]
+    ids_out, sums_out = np.empty_like(ids), np.empty_like(sums)
+    at = 0
+    for n in range(len(point)):
+        to = start[point[n]]
+        for m in range(kinds[n]):
+            ids_out[to + m], sums_out[to + m] = ids[at + m], sums[at + m]
+        at += kinds[n]
+    return start, ids_out, sums_out
