@@ -43,6 +43,15 @@ def patch_terms(image, T, x, y, rho, rig, shift, colours, weights, gain, offset,
     return M, e, energy
 
 
+def correlation(image, T, x, y, rho, rig, shift, colours):
+    """Of a patch's grey values in a target with those of its host."""
+    found = []
+    for dx, dy in PATTERN:
+        u, v = project(T, x + dx / rig.fx, y + dy / rig.fy, rho, rig) - (shift, 0)
+        found.append(sample(image, u, v)[0])
+    return np.corrcoef(found, colours)[0, 1]
+
+
 def tracking_equations(image, reference, T, gain, offset, camera, huber, cutoff):
     """H, g, energy, count, beyond of the tracking kernel; image (h, w, 3) with gradient."""
     fx, fy, cx, cy = camera

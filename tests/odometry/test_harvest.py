@@ -6,6 +6,7 @@ import pytest
 from wayloom.odometry.growing import GrowingArray
 from wayloom.odometry.harvest import Harvest, KeyframeRow
 from wayloom.odometry.keeping import Rule
+from wayloom.odometry.kernels.arrays import LEFT_ALIKE, RIGHT, RIGHT_ALIKE
 
 RULE = Rule(2, 5, 0.2)
 NONE = np.zeros(0, np.int64)
@@ -19,7 +20,9 @@ def drive(settle_every: int | None) -> Harvest:
         harvest.keyframes.append(KeyframeRow(k, segment, np.eye(4), np.zeros(4)))
         alive += [(harvest.next_point + i, k) for i in range(5)]
         harvest.next_point += 5
-        seen = np.array([(number, k, rng.integers(2)) for number, host in alive if host != k and rng.random() < 0.8]).reshape(-1, 3)
+        seen = np.array(
+            [(number, k, rng.integers(8)) for number, host in alive if host != k and rng.random() < 0.8], np.int64
+        ).reshape(-1, 3)
         harvest.observations += [seen, seen[::2]]  # some while immature and while live
         gone = [(number, host) for number, host in alive if k - host >= 6 or rng.random() < 0.05 or k in (24, 39)]
         alive = [point for point in alive if point not in gone]
@@ -49,7 +52,7 @@ def naive_points(harvest_of: Harvest) -> list[int]:
         for i, number in enumerate(part["id"]):
             others = segments.count(segments[part["host"][i]]) - 1
             observers = [r for (p, _), r in seen.items() if p == number]
-            images = len(observers) + sum(observers) + int(part["host_right"][i])
+            images = len(observers) + sum(noted & RIGHT for noted in observers) + int(part["host_right"][i])
             sure = np.sqrt(part["variance"][i]) < RULE.relative_sigma * part["rho"][i]
             enough = len(observers) >= min(RULE.observations, others) and images >= min(RULE.confirmations, others + 1)
             kept += [int(number)] if sure and enough else []
@@ -69,6 +72,18 @@ def test_the_points_kept_are_those_of_the_rule_ordered_by_number(monkeypatch: py
     expected = drive(None).kept.points().uv_host[:, 0].astype(int).tolist()
     monkeypatch.setattr(Harvest, "settle", lambda *arguments: None)
     assert naive_points(drive(None)) == expected
+
+
+def test_observers_of_a_kept_point_are_the_keyframes_in_which_it_looks_like_its_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = drive(None).kept.points()
+    monkeypatch.setattr(Harvest, "settle", lambda *arguments: None)
+    seen = {(int(p), int(k)): int(noted) for part in reversed(drive(None).observations) for p, k, noted in part}
+    for i, number in enumerate(points.uv_host[:, 0].astype(int)):
+        here = slice(points.obs_start[i], points.obs_start[i + 1])
+        alike = sorted((k, noted) for (p, k), noted in seen.items() if p == number and noted & LEFT_ALIKE)
+        assert points.obs_keyframe[here].tolist() == [k for k, _ in alike]
+        assert points.obs_right[here].tolist() == [noted & RIGHT_ALIKE > 0 for _, noted in alike]
+    assert (np.diff(points.obs_start) < RULE.observations).any()  # such a point stays nevertheless
 
 
 def test_what_is_settled_is_forgotten() -> None:

@@ -2,6 +2,7 @@ import numpy as np
 from made_window import NUMBERS, ROBUST, made_window
 
 from wayloom.odometry import immature
+from wayloom.odometry.kernels.arrays import LEFT_ALIKE, RIGHT, RIGHT_ALIKE
 from wayloom.odometry.window import Window
 
 STRICT = ROBUST._replace(max_energy=70.0)
@@ -47,7 +48,9 @@ def test_observations_name_the_point_and_the_keyframe() -> None:
     assert set(observations[:, 1]) == {1, 2}  # the two keyframes before their own
     assert set(observations[:, 0]) <= set(range(1000, 1080))
     assert len(np.unique(observations[:, :2], axis=0)) == len(observations)
-    assert observations[:, 2].mean() > 0.7
+    for bit in (RIGHT, LEFT_ALIKE, RIGHT_ALIKE):
+        assert (observations[:, 2] & bit > 0).mean() > 0.7
+    assert not (observations[observations[:, 2] & RIGHT == 0, 2] & RIGHT_ALIKE).any()
 
 
 def test_points_that_fit_nowhere_are_forgotten() -> None:

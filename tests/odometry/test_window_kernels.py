@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from made_window import BIAS_PX, NUMBERS, ROBUST, made_window
 
-from odometry.naive import patch_terms, project, sample, schur
+from odometry.naive import correlation, patch_terms, project, sample, schur
 from wayloom.geometry import se3
 from wayloom.odometry.inertial import NO_IMU
 from wayloom.odometry.kernels import adjustment, equations, linear, patch
-from wayloom.odometry.kernels.arrays import PATTERN
+from wayloom.odometry.kernels.arrays import LEAST_ALIKE, LEFT_ALIKE, PATTERN, RIGHT, RIGHT_ALIKE
 from wayloom.odometry.window import Window
 
 
@@ -223,45 +223,53 @@ def test_adjusting_again_never_raises_the_energy() -> None:
     assert energies == sorted(energies, reverse=True)
 
 
-def test_right_consistency_is_the_naive_energy_test() -> None:
+def test_observations_note_the_naive_energy_test_and_correlations() -> None:
     window = made_window(3, 20)
-    strict = ROBUST._replace(max_energy=70.0)
-    window.points.rho[::3] *= 1.5
-    N, everywhere, out = (
-        len(window.point_id),
-        np.ones((len(window.point_id), 5), np.int64),
-        np.zeros((len(window.point_id), 3), np.int64),
-    )
-    every = np.ones(N, np.bool_)
-    assert (
-        adjustment.observations(
-            window.images, NUMBERS, window.frames, window.points, everywhere, every, np.array([2]), BIAS_PX, strict, out
-        )
-        == N
-    )
+    strict, p, frames = ROBUST._replace(max_energy=70.0), window.points, window.frames
+    p.rho[::3] *= 1.5
+    N, out = len(window.point_id), np.zeros((len(window.point_id), 3), np.int64)
+    everywhere, every = np.ones((N, 5), np.int64), np.ones(N, np.bool_)
+    count = adjustment.observations(
+        window.images, NUMBERS, frames, p, everywhere, every, np.array([2]), BIAS_PX, strict, out
+    )  # fmt: skip
+    assert count == N
     np.testing.assert_array_equal(out[:, :2], np.column_stack([np.arange(N), np.full(N, 2)]))
-    seen = out[:, 2]
-    p, frames = window.points, window.frames
     for i, h in enumerate(p.host):
-        T = frames.T_cam_world[2] @ np.linalg.inv(frames.T_cam_world[h])
+        T_left = frames.T_cam_world[2] @ np.linalg.inv(frames.T_cam_world[h])
+        T = T_left.copy()
         T[:3, 3] += (NUMBERS.tx, NUMBERS.ty, NUMBERS.tz)
         gain, gain_right = np.exp(frames.affine[2, 0] - frames.affine[h, 0]), frames.gain_right[2, 0]
         offset = gain_right * (frames.affine[2, 1] - gain * frames.affine[h, 1]) + frames.gain_right[2, 1]
-        slow = patch_terms(
-            window.images.right[2],
-            T,
-            *ray(p.uv[i]),
-            p.rho[i],
-            NUMBERS,
-            BIAS_PX,
-            p.colour[i],
-            p.weight[i],
-            gain * gain_right,
-            offset,
-            strict,
+        seen = (*ray(p.uv[i]), p.rho[i], NUMBERS)
+        in_left = patch_terms(window.images.left[2], T_left, *seen, 0.0, p.colour[i], p.weight[i], gain, 0.0, strict)
+        in_right = patch_terms(
+            window.images.right[2], T, *seen, BIAS_PX, p.colour[i], p.weight[i], gain * gain_right, offset, strict
+        )  # fmt: skip
+        right = in_right is not None and in_right[2] <= 560.0
+        left_alike = in_left is not None and correlation(window.images.left[2], T_left, *seen, 0.0, p.colour[i]) >= LEAST_ALIKE
+        right_alike = right and correlation(window.images.right[2], T, *seen, BIAS_PX, p.colour[i]) >= LEAST_ALIKE
+        assert out[i, 2] == RIGHT * right + LEFT_ALIKE * left_alike + RIGHT_ALIKE * right_alike
+    for bit in (RIGHT, LEFT_ALIKE, RIGHT_ALIKE):
+        assert 0 < (out[:, 2] & bit > 0).sum() < N
+
+
+def test_a_patch_of_little_contrast_fits_a_plain_wall_by_its_energy_and_does_not_look_like_it() -> None:
+    scratch, colours = patch.make_scratch(), np.array([100, 104, 98, 103, 101, 97, 105, 99], np.float32)
+    rng = np.random.default_rng(3)
+    wall = rng.integers(98, 104, (40, 40)).astype(np.uint8)
+    seen = np.full((40, 40), 100, np.uint8)
+    for (dx, dy), colour in zip(PATTERN, colours, strict=True):
+        seen[20 + dy, 20 + dx] = colour
+    rig, weights = NUMBERS._replace(fx=30.0, fy=30.0, cx=20.0, cy=20.0), np.ones(8, np.float32)
+    alike = []
+    for image in (wall, seen):
+        energy, inside = patch.patch_residual(
+            image, np.eye(4), 0.0, 0.0, 0.1, rig, 0.0, colours, weights, 1.0, 0.0, ROBUST._replace(max_energy=70.0), scratch
         )
-        assert seen[i] == (slow is not None and slow[2] <= 560.0)
-    assert 0 < seen.sum() < len(seen)
+        assert inside
+        assert energy <= 70.0 * 8
+        alike.append(bool(patch.looks_alike(scratch.columns, LEAST_ALIKE)))
+    assert alike == [False, True]
 
 
 def test_the_deviation_is_the_left_perturbation_since_the_first_estimate() -> None:

@@ -48,7 +48,7 @@ class Harvest:
     frames: list[FrameRow] = field(default_factory=list)
     next_point: int = 0
     observations: list[NDArray[np.int64]] = field(default_factory=list)
-    """(n, 3) each: point, keyframe, 1 where its right image agrees."""
+    """(n, 3) each: point, keyframe, what is noted of it (`arrays.RIGHT` …)."""
     points: list[dict[str, NDArray[np.generic]]] = field(default_factory=list)
     """Points that left and are not yet decided about."""
     kept: KeptPoints = field(default_factory=KeptPoints)
@@ -69,14 +69,14 @@ class Harvest:
             self.keyframes[k].affine = np.array([a, b, a + math.log(gain), gain * b + offset])
 
     def add_observations(self, window: Window, mask: BoolArray, rig: Rig, robust: Robust, targets: list[int]) -> None:
-        """Note in which frames `targets` of the window the points in mask (N,) are inliers, and whether the right image agrees."""
+        """Note in which frames `targets` of the window the points in mask (N,) are inliers, and by which images."""
         out = np.empty((len(mask) * len(targets), 3), np.int64)
         n = observations(
             window.images, rig, window.frames, window.points, window.inlier, mask, np.array(targets, np.int64), window.delta[0],
             robust, out,
         )  # fmt: skip
-        point, frame, right = out[:n].T
-        self.observations.append(np.column_stack([window.point_id[point], window.keyframe[frame], right]))
+        point, frame, noted = out[:n].T
+        self.observations.append(np.column_stack([window.point_id[point], window.keyframe[frame], noted]))
 
     def add_points(
         self, window: Window, points: PointColumns, ids: NDArray[np.int64], information: FloatArray, bf: float, grey_sigma: float,

@@ -74,7 +74,7 @@ def keep(window: Window, mask: BoolArray) -> None:
 
 def _update(window: Window, waiting: ImmaturePoints, rows: IntArray, target: int, rig: Rig, robust: Robust) -> IntArray:
     """What keyframe `target` tells of the points `rows` (n,) of known depth; returns the observations (m, 3) there: point's
-    number, row of the keyframe, 1 where its right image agrees."""
+    number, row of the keyframe, what is noted of it (`arrays.RIGHT` …)."""
     state, agrees = np.zeros((2, len(rows)), np.int64)
     update_depths(
         window.images, rig, window.frames, waiting.points, rows, target, window.delta[0], robust, waiting.information, state, agrees

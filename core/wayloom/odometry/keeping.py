@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.odometry.growing import GrowingArray
+from wayloom.odometry.kernels.arrays import LEFT_ALIKE, RIGHT, RIGHT_ALIKE
 from wayloom.odometry.types import Points
 
 FloatArray = NDArray[np.float64]
@@ -53,9 +54,11 @@ class KeptPoints:
     def append(self, columns: Mapping[str, NDArray[np.generic]], seen: IntArray, others: IntArray, rule: Rule) -> None:
         """Those of the points (n), numbered higher than all before, that `rule` lets stay.
 
-        columns : `id` and the rest as of `Harvest.add_points`; seen (m, 3): point, keyframe, 1 where its right image agrees, a pair
-        perhaps twice, from when the point was immature and from when it was live; others (n,) keyframes of its segment beside its
-        host
+        columns : `id` and the rest as of `Harvest.add_points`; seen (m, 3): point, keyframe, what is noted of it (`arrays.RIGHT`
+        …), a pair perhaps twice, from when the point was immature and from when it was live; others (n,) keyframes of its segment
+        beside its host
+
+        The rule counts photometric inliers; those that look like the host besides are the result's observations.
         """
         order = np.argsort(columns["id"], kind="stable")
         column = {name: values[order] for name, values in columns.items()}
@@ -63,15 +66,16 @@ class KeptPoints:
         seen = seen[np.append(True, (np.diff(seen[:, :2], axis=0) != 0).any(axis=1))[: len(seen)]]
         row = np.searchsorted(column["id"], seen[:, 0])
         observers = np.bincount(row, minlength=len(order))
-        agree = np.bincount(row, weights=seen[:, 2], minlength=len(order)).astype(np.int64)
+        agree = np.bincount(row[seen[:, 2] & RIGHT > 0], minlength=len(order))
         images = observers + agree + column["host_right"].astype(np.int64)
         rho, variance = column["rho"].astype(np.float64), column["variance"].astype(np.float64)
         good = rule.holds(observers, images, others[order], rho, variance)
         for name in ("host", "uv", "rho", "variance", "grey", "host_right"):
             getattr(self, name).append(column[name][good])
-        self.obs_start.append(len(self.obs_keyframe) + np.cumsum(observers[good]))
-        self.obs_keyframe.append(seen[good[row], 1])
-        self.obs_right.append(seen[good[row], 2] > 0)
+        alike = good[row] & (seen[:, 2] & LEFT_ALIKE > 0)
+        self.obs_start.append(len(self.obs_keyframe) + np.cumsum(np.bincount(row[alike], minlength=len(order))[good]))
+        self.obs_keyframe.append(seen[alike, 1])
+        self.obs_right.append(seen[alike, 2] & RIGHT_ALIKE > 0)
 
     def __len__(self) -> int:
         return len(self.host)

@@ -55,8 +55,8 @@ class Points:
     variance       (P,) float32, of inverse_depth, 1/m^2
     grey           (P,) uint8
     obs_start      (P + 1,) int64: point p was seen in keyframes obs_keyframe[obs_start[p]:obs_start[p + 1]], host left out
-    obs_keyframe   (M,) int32, row in Keyframes, in which the point was a photometric inlier in the left image
-    obs_right      (M,) bool, whether it was also consistent with the right image of that keyframe
+    obs_keyframe   (M,) int32, row in Keyframes, in which the point was an inlier in the left image, by energy and looks
+    obs_right      (M,) bool, whether the same holds for the right image of that keyframe
     host_right     (P,) bool, whether it was consistent with the right image of its host
     """
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wayloom.odometry.kernels.arrays import LOCAL, PATCH, Terms
+from wayloom.odometry.kernels.arrays import LEAST_ALIKE, LEFT_ALIKE, LOCAL, PATCH, RIGHT, RIGHT_ALIKE, Terms
 from wayloom.odometry.kernels.compiler import jit
 from wayloom.odometry.kernels.equations import (
     add_pairs_to_state,
@@ -16,7 +16,7 @@ from wayloom.odometry.kernels.equations import (
 )
 from wayloom.odometry.kernels.inertial import add_links, links_energy
 from wayloom.odometry.kernels.linear import exp_se3, log_se3, multiply, orthonormalise, relative, solve_spd
-from wayloom.odometry.kernels.patch import gain_between, make_scratch, patch_residual
+from wayloom.odometry.kernels.patch import gain_between, looks_alike, make_scratch, patch_residual
 
 GAUGE = 1e12
 UNLINKED = 1e-4
@@ -207,8 +207,9 @@ def reduced_equations(images, rig, frames, points, delta, robust):  # type: igno
 def observations(images, rig, frames, points, inlier, mask, targets, delta, robust, out):  # type: ignore[no-untyped-def]
     """Where the points in mask (N,) were inliers, by inlier (N, F + 1), in the left images of the frames targets (T,).
 
-    Fills out (N T, 3): point, frame, 1 where the patch is a photometric inlier in the frame's right image too, at rows and bias
-    corrected; by frame, then point. Returns how many.
+    Fills out (N T, 3): point, frame, the sum of RIGHT where the patch is a photometric inlier in the frame's right image too, at
+    rows and bias corrected, LEFT_ALIKE and RIGHT_ALIKE where it looks like its host as well; by frame, then point. Returns how
+    many.
     """
     T, scratch, n = relative_poses(frames, 0), make_scratch(), 0
     for t in targets:
@@ -218,11 +219,18 @@ def observations(images, rig, frames, points, inlier, mask, targets, delta, robu
             h = points.host[i]
             x, y = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
             gain, gain_right = gain_between(frames.affine[h], frames.affine[t]), frames.gain_right[t, 0]
-            offset = gain_right * (frames.affine[t, 1] - gain * frames.affine[h, 1]) + frames.gain_right[t, 1]
+            offset = frames.affine[t, 1] - gain * frames.affine[h, 1]
+            _, inside = patch_residual(
+                images.left[frames.slot[t]], T[h, t], x, y, points.rho[i], rig, 0.0, points.colour[i], points.weight[i], gain,
+                offset, robust, scratch,
+            )  # fmt: skip
+            left = inside and looks_alike(scratch.columns, LEAST_ALIKE)
             energy, inside = patch_residual(
                 images.right[frames.slot[t]], right_of(T[h, t], rig), x, y, points.rho[i], rig, delta, points.colour[i],
-                points.weight[i], gain * gain_right, offset, robust, scratch,
+                points.weight[i], gain * gain_right, gain_right * offset + frames.gain_right[t, 1], robust, scratch,
             )  # fmt: skip
-            out[n, 0], out[n, 1], out[n, 2] = i, t, inside and energy <= robust.max_energy * PATCH
+            good = inside and energy <= robust.max_energy * PATCH
+            right = good and looks_alike(scratch.columns, LEAST_ALIKE)
+            out[n, 0], out[n, 1], out[n, 2] = i, t, good * RIGHT + left * LEFT_ALIKE + right * RIGHT_ALIKE
             n += 1
     return n

@@ -10,6 +10,12 @@ PATCH = 8
 LOCAL = 9
 """Unknowns of a (host, target) pair: target twist relative to the host (6), a, b, disparity bias."""
 
+RIGHT, LEFT_ALIKE, RIGHT_ALIKE = 1, 2, 4
+"""What is noted of an observation, summed: the patch is a photometric inlier in the right image as well as in the left one, by
+which points are kept; it looks like its host in the left image, and in the right one, by which labels are asked for."""
+LEAST_ALIKE = 0.8
+"""The correlation of a patch with its host's from which on it looks like it."""
+
 
 class Rig(NamedTuple):
     """Intrinsics of both images in px and t_right_left in m: p_right = p_left + t."""

@@ -120,6 +120,24 @@ def weigh(gain, offset, huber, colours, weights, words, columns):  # type: ignor
 
 
 @inlined
+def looks_alike(columns, least):  # type: ignore[no-untyped-def]
+    """Whether a patch's grey values correlate by at least so much with its host's, from weigh's columns.
+
+    The energy alone says nothing of a patch with little contrast, which fits any wall.
+    """
+    zero, centre = f32(0), columns[36]
+    seen, told, both, of_seen, of_told = zero, zero, zero, zero, zero
+    for k in range(PATCH):
+        predicted = columns[32 + k] - centre  # numbers near zero, for float32's sake
+        found = columns[8 + k] + predicted
+        seen, told = seen + found, told + predicted
+        both, of_seen, of_told = both + found * predicted, of_seen + found * found, of_told + predicted * predicted
+    share = f32(1.0 / PATCH)
+    both, of_seen, of_told = both - share * seen * told, of_seen - share * seen * seen, of_told - share * told * told
+    return both >= f32(least) * math.sqrt(of_seen * of_told) and both > zero
+
+
+@inlined
 def add_up(columns, M, e):  # type: ignore[no-untyped-def]
     """Fill M (4, 4, upper) and e (4,) of patch_residual from weigh's columns."""
     zero = f32(0)

@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 
-from wayloom.odometry.kernels.arrays import PATCH, PATTERN, Robust
+from wayloom.odometry.kernels.arrays import LEAST_ALIKE, LEFT_ALIKE, PATCH, PATTERN, RIGHT, RIGHT_ALIKE, Robust
 from wayloom.odometry.kernels.compiler import bare, inlined, jit
 from wayloom.odometry.kernels.equations import relative_poses, remove_patch_offset, right_of
-from wayloom.odometry.kernels.patch import gain_between, make_scratch, patch_residual, projection_jacobian
+from wayloom.odometry.kernels.patch import gain_between, looks_alike, make_scratch, patch_residual, projection_jacobian
 
 f32 = np.float32
 index = np.uint64
@@ -231,7 +231,7 @@ def update_depths(images, rig, frames, points, rows, target, delta, robust, info
 
     Gauss-Newton on information (rho - rho_before)^2 + the patch's energy in the target's left image (in its right one where the
     target is the host), then one step on the target's right image. Fills state (n,) with UNSEEN, MISFIT or TRACED and agrees (n,)
-    with 1 where the right image fits too; points that do not fit stay as they are.
+    with the sum of RIGHT where the right image fits too, LEFT_ALIKE and RIGHT_ALIKE; points that do not fit stay as they are.
     """
     F, still = frames.slot.shape[0], np.eye(4)
     T, T_right = np.ascontiguousarray(relative_poses(frames, 0)[:, target]), np.empty((F, 4, 4))
@@ -269,11 +269,14 @@ def take_depths(  # type: ignore[no-untyped-def]
                 sums,
             )  # fmt: skip
             if good:
+                alike = LEFT_ALIKE * looks_alike(scratch.columns, LEAST_ALIKE)
                 rho, base, _, fits = approach(
                     right, T_right[h], T[h], 1.0, delta, x, y, rho, base, rig, colour, weight, gain * gain_right,
                     gain_right * offset + offset_right, robust.observer_right_weight, limit, 1, loose, scratch, sums,
                 )  # fmt: skip
-                agrees[row] = fits
+                if fits:
+                    alike += RIGHT + RIGHT_ALIKE * looks_alike(scratch.columns, LEAST_ALIKE)
+                agrees[row] = alike
         if inside:
             state[row] = TRACED if good else MISFIT
         if good:
