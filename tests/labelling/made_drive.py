@@ -23,6 +23,7 @@ class HeldImages:
     smalls: list[NDArray[np.uint8]] | None = None
     """Of left and right alike."""
     may_be_void: bool = True
+    is_balanced: bool = True
 
     def left(self, keyframe: int, /) -> NDArray[np.uint8]:
         return self.lefts[keyframe]

@@ -118,6 +118,14 @@ def test_whether_a_pixel_may_be_void_is_known_of_the_network(log: DriveLog, netw
     assert KeyframeLabels(tmp_path / "out", KEYFRAMES[:1]).may_be_void
 
 
+def test_whether_rare_classes_were_weighed_is_known_of_the_network(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:
+    assert not segment_keyframes(log, KEYFRAMES[:1], network, tmp_path / "out").is_balanced
+    balanced = Network(find_model(put(tmp_path, "balanced", logits_network(classes=3), THREE + "\nbalanced = true\n")))
+    assert segment_keyframes(log, KEYFRAMES[:1], balanced, tmp_path / "out").is_balanced
+    (tmp_path / "out" / "model.json").write_text("[]")
+    assert not KeyframeLabels(tmp_path / "out", KEYFRAMES[:1]).is_balanced
+
+
 @pytest.mark.parametrize("content", [None, b"", b"torn"])
 def test_a_missing_or_torn_small_image_names_its_file_and_is_made_again(
     content: bytes | None, log: DriveLog, network: CountingNetwork, tmp_path: Path

@@ -14,6 +14,7 @@ ABLATION: Final[dict[str, LabellingSettings]] = {
     "best, boundaries": LabellingSettings(boundary_px=5.0),
     "best, depth variance": LabellingSettings(reprojection_px=2.0),
     "best, each point alone": LabellingSettings(spread=0.0),
+    "best, rare classes as they are": LabellingSettings(rarity=0.0),
     "best, frames between": LabellingSettings(between_keyframes=True),
 }
 """Name of the row to settings."""

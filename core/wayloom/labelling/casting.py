@@ -64,11 +64,15 @@ def cast(
     odometry: OdometryResult,
     settings: LabellingSettings,
 ) -> NDArray[np.uint8]:
-    """Add the voter's votes to votes (2, N, C), left image and right; returns the left labels (N,) of the points, 255 = void."""
+    """Add the voter's votes to votes (2, N, C), left and right image; returns the labels (N,) of the points in its left one, 255 =
+    void, where it is their host: elsewhere they are read only where scores do not say all."""
     uv, nearness = _projected(points.inverse_depth, points, T_voter_host, odometry, settings)
     if ballot.is_host:
         uv[0] = points.uv
-    left_labels: NDArray[np.uint8] = read_labels(voter.labels[0], uv[0])
+    said = voter.labels[1] is None and voter.scores[0] is not None
+    left_labels: NDArray[np.uint8] = (
+        np.zeros(len(uv[0]), np.uint8) if said and not ballot.is_host else read_labels(voter.labels[0], uv[0])
+    )
     if not nearness.any():
         return left_labels  # every point lies behind it, or too near
     for side, may in enumerate((ballot.left, ballot.right)):

@@ -19,10 +19,14 @@ class LabelImages(Protocol):
     """Label images by voter, (h, w) uint8 train ids: `wayloom.segmentation.stage.KeyframeLabels` is one.
 
     may_be_void : whether a pixel of theirs may be void
+    is_balanced : whether the network's training weighed rare classes more
     """
 
     @property
     def may_be_void(self) -> bool: ...
+
+    @property
+    def is_balanced(self) -> bool: ...
 
     def left(self, keyframe: int, /) -> Image: ...
     def right(self, keyframe: int, /) -> Image: ...

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT
 from wayloom.labelling.kernels.nearest import LEAF, grow_tree, nearest_within
-from wayloom.labelling.kernels.neighbours import votes_around
+from wayloom.labelling.kernels.neighbours import votes_around, weigh_nearest
 from wayloom.labelling.kernels.voting import sparse_votes, winners
 from wayloom.labelling.types import SparseVotes
 from wayloom.odometry.types import OdometryResult
@@ -53,14 +53,13 @@ def neighbours(odometry: OdometryResult, spread: float) -> Neighbours:
         members = np.flatnonzero(placed & (segment == one))
         sigma = spread / points.inverse_depth[members].astype(np.float64)
         near, r2 = nearest(everywhere[members], FURTHEST * sigma, NEAREST + 1)
-        found = near >= 0
-        close = np.exp(-0.5 * r2 / (sigma**2)[:, None])  # exp(-inf) = 0: there are no more
-        own = np.arange(len(members))[:, None]
-        crowded_out = ~(near == own).any(axis=1)  # by as many points at the same place
-        near[crowded_out, -1], close[crowded_out, -1] = own[crowded_out, 0], 1.0
-        rows[members] = members[np.where(found, near, own)]
-        closeness[members] = np.where(near == own, OWN * close, close)
+        weigh_nearest(members, near, r2, sigma, OWN, rows, closeness)
     return Neighbours(rows, closeness)
+
+
+def alone(count: int) -> Neighbours:
+    """Points that share with no other."""
+    return Neighbours(np.arange(count, dtype=np.int32)[:, None], np.ones((count, 1), np.float32))
 
 
 def nearest(places: FloatArray, radius: FloatArray, count: int) -> tuple[NDArray[np.int32], FloatArray]:

@@ -44,8 +44,15 @@ class LabellingSettings(Settings):
         le=0.2,
         description="points share their votes with those beside them, nearer in space than about this share of the depth; 0: none",
     )
+    rarity: float = Field(
+        0.15,
+        ge=0,
+        le=1,
+        description="a class's votes are divided by its share of the drive's votes to this power, where the network's training did "
+        "not weigh rare classes more; 0: not",
+    )
     between_keyframes: bool = Field(False, description="the frames between keyframes are labelled and vote as well")
 
 
-PAPER: Final = LabellingSettings(votes="hard", reach=0, likeness_power=0.0, spread=0.0)
+PAPER: Final = LabellingSettings(votes="hard", reach=0, likeness_power=0.0, spread=0.0, rarity=0.0)
 """Equations 2 and 3 as they stand in the paper."""

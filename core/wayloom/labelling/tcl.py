@@ -12,7 +12,7 @@ that the projection is worth nothing. Only right images with which the odometry 
 Beyond the paper, each by a setting: the images themselves say in which further keyframes the point is seen, and how surely (the
 odometry's obs(p) ends with its window); a vote is shared by the network's probabilities; hidden projections do not vote; votes near
 label boundaries or with uncertain projections count less; frames between keyframes vote as well;
-points beside each other share their votes.
+points beside each other share their votes; rare classes' votes weigh more.
 
 Points are taken host by host, so what is in memory is bounded by the keyframes within reach; time is linear in points x observers.
 """
@@ -32,7 +32,8 @@ from wayloom.labelling.casting import CELL_PX, Ballot, HostedPoints, cast, looks
 from wayloom.labelling.images import LabelImages, Voters
 from wayloom.labelling.kernels.visibility import nearest_seen
 from wayloom.labelling.kernels.voting import in_order, sparse_votes, winners
-from wayloom.labelling.neighbours import neighbours, shared
+from wayloom.labelling.neighbours import alone, neighbours, shared
+from wayloom.labelling.rarity import favour, rarity_factors
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.labelling.types import PointLabels, SparseVotes
 from wayloom.odometry.types import OdometryResult
@@ -97,11 +98,13 @@ def label_points(
         labels[:, rows] = baseline, winners(votes[0], baseline), winners(both, baseline)
         for part, counted in zip(kept, (votes[0], both), strict=True):
             part.append(sparse_votes(counted, least_share))
-    votes_kept = _by_point(hosted, kept[1])
-    if settings.spread > 0 and len(points):
-        near = neighbours(odometry, settings.spread)
-        labels[1], _ = shared(_by_point(hosted, kept[0]), near, labels[0], least_share)
-        labels[2], votes_kept = shared(votes_kept, near, labels[0], least_share)
+    mono, votes_kept = (_by_point(hosted, part) for part in kept)
+    rarity = 0.0 if images.is_balanced else settings.rarity
+    if (settings.spread > 0 or rarity > 0) and len(points):
+        factors = rarity_factors(votes_kept, rarity)
+        near = neighbours(odometry, settings.spread) if settings.spread > 0 else alone(len(points))
+        labels[1], _ = shared(favour(mono, factors), near, labels[0], least_share)
+        labels[2], votes_kept = shared(favour(votes_kept, factors), near, labels[0], least_share)
     progress(1.0, f"votes on the points of {count} keyframes counted")
     return PointLabels(labels[0], labels[1], labels[2], votes_kept.start, votes_kept.classes, votes_kept.weights)
 

@@ -54,6 +54,9 @@ class ModelDescription(Settings):
         tuple(range(CLASS_COUNT)), min_length=2, max_length=256, description="train id of each of the network's classes, 255 = void"
     )
     colour: bool = Field(True, description="whether it needs colour to be judged fairly")
+    balanced: bool = Field(
+        False, description="whether its training weighed rare classes more; else their votes are (`LabellingSettings.rarity`)"
+    )
     simulated: bool = Field(False, description="whether it was trained on simulated streets alone and knows no photographs")
     folder: Path | None = Field(None, exclude=True, description="of the TOML file: set by the reader, not written in it")
 

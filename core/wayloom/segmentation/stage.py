@@ -86,7 +86,9 @@ class KeyframeLabels:
         self._held = held
         self._cache: OrderedDict[tuple[str, int], Labels] = OrderedDict()
         self._with_scores = (folder / f"{SIDES[0]}_scores").is_dir()
-        self.may_be_void = _may_be_void(folder)
+        facts = _facts_in(folder)
+        self.may_be_void = facts.get("may_be_void") is not False
+        self.is_balanced = facts.get("balanced") is True
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -172,19 +174,20 @@ def _facts(log: DriveLog, network: Network) -> dict[str, Any]:
         "settings": hashlib.sha256(d.model_dump_json().encode()).hexdigest(),
         "device": network.device,
         "may_be_void": VOID in d.classes,
+        "balanced": d.balanced,
         "drive": drive.hexdigest(),
         "grey_images_to_a_colour_network": d.colour and not log.colour,
         "photographs_to_a_network_of_simulated_streets": d.simulated and not (log.rig_id or "").startswith(SIMULATED_RIG),
     }
 
 
-def _may_be_void(folder: Path) -> bool:
-    """Whether the network has a class that is none of ours; true where `model.json` does not say."""
+def _facts_in(folder: Path) -> dict[str, Any]:
+    """What `model.json` says; nothing where it cannot be read."""
     try:
         facts = json.loads((folder / "model.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return True
-    return not isinstance(facts, dict) or facts.get("may_be_void") is not False
+        return {}
+    return facts if isinstance(facts, dict) else {}
 
 
 def _claim(out_dir: Path, facts: dict[str, Any], with_scores: bool) -> None:

@@ -3,32 +3,89 @@
 import numpy as np
 from numba import njit
 
+_Index = np.uint64
+"""Unsigned: a signed index is tested for being negative each time."""
+
+
+@njit(cache=True, error_model="numpy")
+def shares_of_classes(start, classes, weights, class_count):  # type: ignore[no-untyped-def]
+    """(class_count,) the mean share that each class has of a point's votes, over the points that have any.
+
+    start (P + 1,) int64, classes (M,) uint8, weights (M,) float32 > 0: the sparse votes of all P points
+    """
+    shares, points = np.zeros(class_count), 0
+    for p in range(len(start) - 1):
+        total = 0.0
+        for m in range(start[p], start[p + 1]):
+            total += np.float64(weights[m])
+        points += total > 0.0
+        for m in range(start[p], start[p + 1]):
+            shares[classes[m]] += np.float64(weights[m]) / total
+    return shares / max(points, 1)
+
+
+@njit(cache=True, error_model="numpy")
+def favoured(start, classes, weights, factors):  # type: ignore[no-untyped-def]
+    """Weights (M,) float32 of sparse votes times their classes' factors (C,), the sum of each point's as it was."""
+    out = np.empty_like(weights)
+    for p in range(len(start) - 1):
+        before, after = 0.0, 0.0
+        for m in range(start[p], start[p + 1]):
+            before += np.float64(weights[m])
+            after += np.float64(weights[m]) * factors[classes[m]]
+        for m in range(start[p], start[p + 1]):
+            out[m] = np.float64(weights[m]) * factors[classes[m]] * (before / after)
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def weigh_nearest(members, near, distance2, sigma, own, rows, closeness):  # type: ignore[no-untyped-def]
+    """Fill rows (P, K) and closeness (P, K) of points members (N,): exp(-r^2 / 2 s^2), for a point itself times `own`; the point
+    and 0 where there are no more.
+
+    near (N, K) places among members of each one's nearest, -1: no more, distance2 (N, K) m^2, sigma (N,) m. A point that is not
+    among its nearest, as many stand at its place, takes the last one's place.
+    """
+    for n in range(len(members)):
+        p, scale, is_there = members[n], -0.5 / (sigma[n] * sigma[n]), False
+        for i in range(near.shape[1]):
+            q = near[n, i]
+            is_there = is_there or q == n
+            rows[p, i] = members[q] if q >= 0 else p
+            closeness[p, i] = np.exp(scale * distance2[n, i]) * (own if q == n else 1.0) if q >= 0 else 0.0
+        if not is_there:
+            rows[p, near.shape[1] - 1], closeness[p, near.shape[1] - 1] = p, own
+
 
 @njit(cache=True, error_model="numpy")
 def votes_around(start, classes, weights, neighbour, closeness, first, stop, class_count):  # type: ignore[no-untyped-def]
     """Votes of points first to stop: the mean of the neighbours' (as shares of 1), weighed by closeness, times the point's own sum.
 
     start      (P + 1,) int64, classes (M,) uint8, weights (M,) float32 > 0: the sparse votes of all P points
-    neighbour  (P, K) int64 rows of points, closeness (P, K) float32, 0: not a neighbour; the point itself is among its neighbours
+    neighbour  (P, K) rows of points, closeness (P, K) float32, 0: not a neighbour; the point itself is among its neighbours
     returns    (stop - first, class_count) float64; zeros for a point without votes of its own
     """
     votes = np.zeros((stop - first, class_count))
     total = np.zeros(len(start) - 1)
+    mean = np.empty(class_count)
     for p in range(len(total)):
         for m in range(start[p], start[p + 1]):
             total[p] += np.float64(weights[m])
-    for p in range(first, stop):
+    for n in range(stop - first):
+        p = first + n
         if not total[p] > 0.0:
             continue
         of_all = 0.0
+        mean[:] = 0.0
         for i in range(neighbour.shape[1]):
             q = neighbour[p, i]
             if not (closeness[p, i] > 0.0 and total[q] > 0.0):
                 continue
             of_all += np.float64(closeness[p, i])
             share = np.float64(closeness[p, i]) / total[q]
-            for m in range(start[q], start[q + 1]):
-                votes[p - first, classes[m]] += share * np.float64(weights[m])
+            for m in range(_Index(start[q]), _Index(start[q + 1])):
+                mean[classes[m]] += share * np.float64(weights[m])
+        scale = total[p] / of_all
         for c in range(class_count):
-            votes[p - first, c] *= total[p] / of_all
+            votes[n, c] = scale * mean[c]
     return votes
