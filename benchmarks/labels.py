@@ -116,6 +116,7 @@ def table(results: list[tuple[LabelBenchmark, dict[str, Bound]]]) -> str:
     lines += [bound_line(result.model, name, bound) for result, bounds in results for name, bound in bounds.items()]
     counts = results[0][0].filters
     lines += ["", "Points: " + ", ".join(f"{number} {name}" for name, number in counts.items()) + "."]
+    lines += [f"Left out: {name}: {why}." for name, why in results[0][0].losses.items()]
     return "\n".join(lines) + "\n"
 
 
