@@ -45,7 +45,7 @@ class LabellingSettings(Settings):
         description="points share their votes with those beside them, nearer in space than about this share of the depth; 0: none",
     )
     rarity: float = Field(
-        0.15,
+        0.1,
         ge=0,
         le=1,
         description="a class's votes are divided by its share of the drive's votes to this power, where the network's training did "
