@@ -46,6 +46,10 @@ def test_the_disparity_bias_is_found(drive) -> None:
     assert drive[1].disparity_bias_px == pytest.approx(0.4, abs=0.1)
 
 
+def test_a_rig_without_bias_keeps_none() -> None:
+    assert track(MadeLog(curve(40))).disparity_bias_px == 0.0
+
+
 def test_points_have_the_right_depth_and_an_honest_variance(drive) -> None:
     log, result = drive
     points, keyframes = result.points, result.keyframes

@@ -198,6 +198,8 @@ def test_adjustment_brings_a_disturbed_window_back_to_the_truth() -> None:
         *prior,
         np.array([1e3, 1.0]),
         1.0,
+        0,
+        np.zeros(2),
         robust,
         30,
         1e-4,
@@ -212,12 +214,36 @@ def test_adjustment_brings_a_disturbed_window_back_to_the_truth() -> None:
     assert inlier[:, -1].mean() > 0.9
 
 
+def test_what_the_first_unknown_wants_is_the_dense_solution() -> None:
+    rng = np.random.default_rng(5)
+    root, g = rng.normal(size=(9, 9)), rng.normal(size=9)
+    H, out = root @ root.T + np.eye(9), np.zeros(2)
+    adjustment.first_alone(H, g, np.zeros(9), np.zeros(9), out)
+    np.testing.assert_allclose(out, [np.linalg.solve(H, g)[0], np.linalg.inv(H)[0, 0]], rtol=1e-10)
+    adjustment.first_alone(-H, g, np.zeros(9), np.zeros(9), out)
+    assert np.isnan(out).all()
+
+
+def test_a_bias_that_is_held_stays_and_says_which_step_it_would_take() -> None:
+    held, free, wish = made_window(4, 60), made_window(4, 60), np.zeros(2)
+    for window, hold in ((held, 1), (free, 0)):
+        window.delta[0] = 0.0
+        adjustment.adjust_window(
+            window.images, NUMBERS, window.frames, window.points, NO_IMU, window.delta, np.zeros((33, 33)), np.zeros(33),
+            np.array([1e3, 1.0]), 1.0, hold, wish, ROBUST, 1, 1e-4,
+        )  # fmt: skip
+    assert held.delta[0] == 0.0
+    assert free.delta[0] == pytest.approx(wish[0], rel=1e-9)
+    assert free.delta[0] > 0.1
+    assert wish[1] > 0
+
+
 def test_adjusting_again_never_raises_the_energy() -> None:
     window, energies = made_window(3, 20), []
     for _ in range(3):
         *_, energy = adjustment.adjust_window(
             window.images, NUMBERS, window.frames, window.points, NO_IMU, window.delta, np.zeros((25, 25)), np.zeros(25),
-            np.array([1e3, 1.0]), 1.0, ROBUST, 4, 1e-4,
+            np.array([1e3, 1.0]), 1.0, 0, np.zeros(2), ROBUST, 4, 1e-4,
         )  # fmt: skip
         energies.append(energy)
     assert energies == sorted(energies, reverse=True)

@@ -102,6 +102,7 @@ class Odometry:
         """An empty window; delta px."""
         shape = (self.stereo_rig.camera.height, self.stereo_rig.camera.width)
         self.window = window.empty_window(shape, self.settings.window + 1, delta, bias_information)
+        self.window.hold_delta = self.settings.bias_gate > 0 and delta == 0.0
         self.references: list[tracking.Reference] = []  # of the newest keyframes, newest last
         self.brightness, self.first_rms, self.smoothed_rms = np.array([1.0, 0.0]), math.inf, math.inf
 
@@ -253,6 +254,8 @@ class Odometry:
             with self.stopwatch("adjust"):
                 adjust.adjust(self.window, self.rig, self.robust, s.affine_prior, s.adjust_iterations)
                 adjust.cull(self.window)
+                if self.window.hold_delta and adjust.bias_is_significant(self.window, s.grey_sigma, s.bias_gate):
+                    self.window.hold_delta = False
             with self.stopwatch("trace"):
                 self.harvest.observations.append(immature.trace(self.window, self.rig, self.robust))
         self.harvest.update_keyframes(self.window)

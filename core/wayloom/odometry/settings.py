@@ -52,6 +52,7 @@ class OdometrySettings(Settings):
     static_weight: float = Field(1.0, ge=0, description="lambda, the weight of a host's own right image")
     observer_right_weight: float = Field(0.5, ge=0, description="the same for the right images of the other keyframes")
     bias_prior: float = Field(300.0, ge=0, description="information of the disparity bias about zero, grey^2/px^2")
+    bias_gate: float = Field(4.0, ge=0, description="sigmas from zero at which the disparity bias is set free; 0: free at once")
     affine_prior: tuple[float, float] = Field((1e3, 1.0), description="information of a and b about zero")
     keyframe_flow: float = Field(0.0594, gt=0, description="rms flow that alone makes a keyframe, share of the image")
     keyframe_shift: float = Field(

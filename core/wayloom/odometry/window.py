@@ -64,6 +64,8 @@ class Window:
     keyframe     (F,) row of each frame in the result's keyframes
     point_id     (N,) number of each live point, counted through the drive
     delta        (1,) px, the disparity bias
+    hold_delta   whether adjustments leave it as it is; wish: (2,) the step, px, that it would take if it were free, and that step's
+                 variance in the energy's units, of the last adjustment in which it was held
     prior_H, prior_g  (1 + 8F, with an IMU 1 + 17F + 2): energy z^T H z - 2 g^T z of the state's deviation z from the first
                       estimates
     inlier, information  (N, F + 1) and (N,), of the last adjustment
@@ -83,6 +85,8 @@ class Window:
     inlier: IntArray = field(default_factory=lambda: np.zeros((0, 1), np.int64))
     information: FloatArray = field(default_factory=lambda: np.zeros(0))
     inertial: Inertial = NO_IMU
+    hold_delta: bool = False
+    wish: FloatArray = field(default_factory=lambda: np.full(2, np.nan))
 
     def __len__(self) -> int:
         return len(self.keyframe)

@@ -1,5 +1,7 @@
 """Levenberg-Marquardt over a window, whole in one kernel: poses, brightness, inverse depths, disparity bias, and the prior."""
 
+import math
+
 import numpy as np
 
 from wayloom.odometry.kernels.arrays import LOCAL, PATCH, Terms
@@ -19,6 +21,7 @@ from wayloom.odometry.kernels.linear import exp_se3, log_se3, multiply, orthonor
 from wayloom.odometry.kernels.patch import gain_between, make_scratch, patch_residual
 
 GAUGE = 1e12
+FIRST_DAMPING = 1e-2
 UNLINKED = 1e-4
 """Information that holds each step of a velocity, bias or gravity that nothing speaks of, in their own units."""
 
@@ -131,25 +134,38 @@ def largest_step(x, F):  # type: ignore[no-untyped-def]
 
 
 @jit
+def first_alone(H, g, unit, x, out):  # type: ignore[no-untyped-def]
+    """Fills out (2,) with the first unknown's step in the solution of H x = g and its variance, the others eliminated; NaN where H
+    is not positive definite. unit, x (n,) scratch."""
+    unit[:] = 0.0
+    unit[0] = 1.0
+    out[0], out[1] = math.nan, math.nan
+    if solve_spd(H, unit, x):
+        out[0], out[1] = np.dot(x, g), x[0]
+
+
+@jit
 def adjust_window(  # type: ignore[no-untyped-def]
-    images, rig, frames, points, inertial, delta, prior_H, prior_g, affine_prior, hold_first, robust, iterations, min_rho
-):
+    images, rig, frames, points, inertial, delta, prior_H, prior_g, affine_prior, hold_first, hold_delta, wish, robust, iterations,
+    min_rho,
+):  # fmt: skip
     """Minimise the window's energy in place: frames.T_cam_world, frames.affine, points.rho, the inertial state and delta (1,).
 
     prior_H, prior_g (1 + 8F, with an IMU 1 + 17F + 2): z^T H z - 2 g^T z left by marginalisation;
     affine_prior (2,) information of a and b about zero;
-    hold_first 1 fixes keyframe 0, for windows without a prior. Returns inlier and own of Terms at the final state and
-    the energy there.
+    hold_first 1 fixes keyframe 0, for windows without a prior. hold_delta 1 leaves delta as it is and fills wish (2,) with the step
+    that it would take if it were free, px, and its variance, in the energy's units. Returns inlier and own of Terms at the final
+    state and the energy there.
     """
     N, F = points.host.shape[0], frames.slot.shape[0]
     seen, n = 1 + 8 * F, prior_g.shape[0]
     current, new = make_terms(N, F), make_terms(N, F)
     inverse, H_seen, g_seen = np.zeros(N), np.zeros((seen, seen)), np.zeros(seen)
-    H, g, x, z = np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n)
+    H, g, x, z, unit = np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     deviation(frames, delta[0], inertial, z)
     best = linearise(images, rig, frames, points, delta[0], robust, current) + links_energy(frames, inertial)
     best += prior_energy(z, prior_H, prior_g, frames.affine, affine_prior)
-    damping = 1e-2
+    damping = FIRST_DAMPING
     for _ in range(iterations):
         A = host_maps(frames)
         normal_equations(current, A, points, damping, H_seen, g_seen, inverse)
@@ -165,11 +181,17 @@ def adjust_window(  # type: ignore[no-untyped-def]
             H[k, k] *= 1.0 + damping
         for k in range(1, 7):
             H[k, k] += GAUGE * hold_first
+        if hold_delta:
+            if damping <= FIRST_DAMPING:  # more would keep the others from following
+                first_alone(H, g, unit, x, wish)
+            H[0, 0] += GAUGE
         if not solve_spd(H, g, x):
             damping *= 10.0
             continue
         T_before, affine_before, rho_before = frames.T_cam_world.copy(), frames.affine.copy(), points.rho.copy()
         velocity_before, bias_before, gamma_before = inertial.velocity.copy(), inertial.bias.copy(), inertial.gamma.copy()
+        if hold_delta:
+            x[0] = 0.0
         delta[0] += x[0]
         take_step(frames, points, inertial, current, A, inverse, x, min_rho)
         deviation(frames, delta[0], inertial, z)
