@@ -84,13 +84,14 @@ def naive_rows(u: int, v: int) -> np.ndarray:
 
 def test_the_normal_equations_are_those_of_the_patchs_rows() -> None:
     A, e, W = np.empty((7, 7)), np.empty(7), np.array([[1.1, 0.05], [-0.02, 0.95]])
-    least = template_equations(HOST, 50, 40, A)
+    template = np.empty(((2 * HALF + 1) ** 2, 3))
+    least = template_equations(HOST, 50, 40, template, A)
     J = naive_rows(50, 40)
     np.testing.assert_allclose(A, J.T @ J, rtol=1e-5)
     centred = J[:, :2] - J[:, :2].mean(axis=0)
     assert least == pytest.approx(np.linalg.eigvalsh(centred.T @ centred)[0] / len(J), rel=1e-4)
     target = image(lambda u, v: (u + 0.3, v))
-    variance = right_side(HOST, target, 50, 40, 49.6, 40.2, W, True, e)
+    variance = right_side(template, target, 49.6, 40.2, W, True, e)
     r = [
         cubic(target, 49.6 + W[0] @ (dx, dy), 40.2 + W[1] @ (dx, dy)) - HOST[40 + dy, 50 + dx]
         for dy in range(-HALF, HALF + 1)

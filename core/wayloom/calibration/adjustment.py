@@ -37,8 +37,6 @@ LEAVE = list(range(LENS, LENS + DRIVE))
 KINDS = (slice(0, 1), slice(1, 1 + TARGETS), slice(1 + TARGETS, MATCHES))
 """Matches that share one noise: right of the host, left of the targets, right of the targets."""
 FIRST_NOISE_PX = 0.5
-SMALLEST_STEP = 1e-2
-"""sigmas: a smaller step of every lens parameter ends the iteration."""
 POSE_PRIOR = np.diag([1e2] * 3 + [1e4] * 3)
 """1/m^2 and 1/rad^2, of each step: 10 cm, 0.6 degrees; it matters for targets without matches only."""
 RHO_PRIOR = 1.0
@@ -87,7 +85,7 @@ def adjust(
         for drive, state, equations in zip(drives, fit.states, fit.equations, strict=True):
             _step_back(drive, state, equations, step, settings)
         fit.noise_px = _noise(fit, drives, settings)
-        fit.converged = k > 2 and bool((np.abs(step) < SMALLEST_STEP * sigma).all())
+        fit.converged = k > 2 and bool((np.abs(step) < settings.smallest_step * sigma).all())
         if fit.converged:
             break
     _linearise(fit, drives, settings)

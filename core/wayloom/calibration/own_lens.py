@@ -1,4 +1,4 @@
-"""The lens of a drive whose rig nobody has calibrated: a few pieces of the drive are tracked coarsely, their evidence tells the
+"""The lens of a drive whose rig nobody has calibrated: a few pieces of the drive are looked at first, their evidence tells the
 lens, and the drive is then tracked with it from its first frame on.
 
 A lens is used only where the evidence contradicts the ideal camera: x^T C^-1 x, x the ten parameters' differences and C their
@@ -12,8 +12,10 @@ from time import process_time
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wayloom.calibration.learn import chi_square, learn_rig
+from wayloom.calibration.sampling import Sampler
 from wayloom.calibration.settings import CalibrationSettings
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry.lens import IDENTITY, RightLens, lens_from_values
@@ -21,10 +23,11 @@ from wayloom.logs.types import DriveLog
 from wayloom.odometry import feed, rows
 from wayloom.odometry.debug import Debug
 from wayloom.odometry.evidence import Evidence, EvidenceCollector
-from wayloom.odometry.odometry import Odometry, track
+from wayloom.odometry.odometry import track
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.types import OdometryResult
 
+FloatArray = NDArray[np.float64]
 SNIPPETS: Final = 15
 """Asked for; they are about 4 m apart."""
 POINTS: Final = 160
@@ -40,19 +43,17 @@ CHI_SQUARE: Final = 29.588
 LEAST_RMS_PX: Final = 0.2
 """0.5 px cost 0.5 to 0.7 % of the way, and what so few matches do not know of the lens 0.05 to 0.3 %; perfect rigs seem to have
 0.01 to 0.03 px, in hard light up to 0.12."""
+SMALLEST_STEP: Final = 0.05
+"""sigmas, of the last iteration; each is about 0.7 of the one before, so a tenth of a sigma is left at most."""
 STEP: Final = 1e-7
 """Parameters are whole multiples of it, so that the last bits of a linear algebra library do not decide about a drive's."""
-COARSE: Final = {
-    "points": 300, "new_points": 200, "min_new_points": 100, "candidates": 900, "matched_points": 0, "sought_points": 0,
-    "traced_share": 0.0, "observer_right_weight": 0.0, "window": 5, "adjust_iterations": 2,
-}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class OwnLens:
-    """What the drive says: the lens to use (ideal where nothing speaks against it), why, and what it cost.
+    """What the drive says: the lens to use (ideal where nothing speaks against it), and why.
 
-    reason : in words; seconds : processor time
+    reason : in words
     rms_px : how far the learnt lens moves pixels, the mean shift of the columns taken off; NaN where none was learnt
     """
 
@@ -61,7 +62,6 @@ class OwnLens:
     snippets: int
     chi_square: float
     rms_px: float
-    seconds: float
 
 
 def track_calibrated(
@@ -72,27 +72,32 @@ def track_calibrated(
     report."""
     if lens is not None or not settings.own_lens:
         return track(log, settings, progress, threads, IDENTITY if lens is None else lens, collector, debug)
-    own = own_lens(log, settings, progress)
-    result = track(log, settings, progress, threads, own.lens, collector, debug)
+    start = process_time()
+    with feed.one_opencv_thread():
+        matches = feed.first_matches(log, settings.row_frames)
+    own = own_lens(log, settings, progress, matches)
+    seconds = process_time() - start
+    result = track(log, settings, progress, threads, own.lens, collector, debug, matches)
     result.report["own_lens"] = {
         "used": not own.lens.is_ideal, "why": own.reason, "snippets": own.snippets,
         "chi_square": None if np.isnan(own.chi_square) else round(own.chi_square, 1),
         "moves_px": None if np.isnan(own.rms_px) else round(own.rms_px, 3),
     }  # fmt: skip
-    result.report["seconds"]["own lens"] = round(own.seconds, 4)
+    result.report["seconds"]["own lens"] = round(seconds, 4)
     return result
 
 
-def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent) -> OwnLens:
-    """The lens that a drive tells of. Raises as `track`."""
-    start = process_time()
+def own_lens(
+    log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, matches: FloatArray | None = None
+) -> OwnLens:
+    """The lens that a drive tells of. matches : as of `track`. Raises as it does."""
     progress(0.0, "learning the right camera's lens from pieces of the drive (compiling kernels, first run only)")
     with feed.one_opencv_thread():
-        evidence = sampled_evidence(log, settings)
+        evidence = sampled_evidence(log, settings, matches)
     if evidence.snippets < LEAST_SNIPPETS:
         reason = f"{evidence.snippets} groups of matches are too few to tell a lens by"
-        return OwnLens(IDENTITY, reason, evidence.snippets, float("nan"), float("nan"), process_time() - start)
-    learning = CalibrationSettings()
+        return OwnLens(IDENTITY, reason, evidence.snippets, float("nan"), float("nan"))
+    learning = CalibrationSettings(smallest_step=SMALLEST_STEP)
     learnt = learn_rig([evidence], learning)
     against = chi_square(learnt.rig, learning)
     lens, reason = IDENTITY, ""
@@ -105,21 +110,14 @@ def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), pro
     else:
         reason = "the drive's own images contradict the log's calibration"
         lens = lens_from_values(np.round(learnt.rig.lens.values / STEP) * STEP)
-    return OwnLens(lens, reason, evidence.snippets, against, learnt.rms_px, process_time() - start)
+    return OwnLens(lens, reason, evidence.snippets, against, learnt.rms_px)
 
 
-def sampled_evidence(log: DriveLog, settings: OdometrySettings) -> Evidence:
-    """SNIPPETS snippets or fewer from STRETCHES parts of a drive, which are tracked coarsely."""
-    coarse = settings.model_copy(update=COARSE)
-    right_images = rows.RightImages(log.rig, IDENTITY, feed.fit_rows(log, settings.row_frames))
+def sampled_evidence(log: DriveLog, settings: OdometrySettings, matches: FloatArray | None = None) -> Evidence:
+    """SNIPPETS snippets or fewer from STRETCHES parts of a drive."""
+    right_images = rows.RightImages(log.rig, IDENTITY, feed.fit_rows(log, settings.row_frames, matches=matches))
     collector, count = EvidenceCollector(log.rig, POINTS), max(1, min(STRETCHES, len(log) // LEAST_FRAMES))
-    odometry = Odometry(right_images, coarse, None, collector)
-    starts = [k * len(log) // count for k in range(count + 1)]
-    for k in range(count):
-        wanted = SNIPPETS * (k + 1) // count
-        for index in range(starts[k], min(starts[k + 1], starts[k] + MOST_FRAMES)):
-            odometry.process(feed.grey_pair(log, index))
-            if len(collector.finished) >= wanted:
-                break
-        odometry.interrupt()
+    sampler, starts = Sampler(log, settings, right_images, collector), [k * len(log) // count for k in range(count + 1)]
+    for k, start in enumerate(starts[:-1]):
+        sampler.stretch(start, min(starts[k + 1], start + MOST_FRAMES), SNIPPETS * (k + 1) // count)
     return collector.evidence(log)

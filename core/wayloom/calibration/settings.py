@@ -48,6 +48,7 @@ class CalibrationSettings(Settings):
     drive: DrivePrior = DrivePrior()
     common_radial: float = Field(0.02, gt=0, description="sigma of a k1 that both lenses share, which rectification left")
     iterations: int = Field(30, ge=1, le=200)
+    smallest_step: float = Field(0.01, gt=0, description="sigmas: a smaller step of every lens parameter ends the iteration")
     robust_scale: float = Field(2.0, gt=0, description="of a match's Cauchy weight, in units of the matches' own noise")
     least_noise_px: float = Field(0.03, gt=0, description="px, below which no match is believed")
     shared_px: float = Field(0.02, gt=0, description="px, error that all matches of a region share, however many they are")

@@ -106,6 +106,7 @@ class EvidenceCollector:
         self.open: Snippet | None = None
         self.stride, self.seen, self.way_m = 1, 0, 0.0
         self.T_last: FloatArray | None = None
+        self._last_smoothed: tuple[int, NDArray[np.float32], NDArray[np.float32]] | None = None
 
     def interrupt(self) -> None:
         """The drive was lost: what is open has no targets any more."""
@@ -118,51 +119,57 @@ class EvidenceCollector:
         if self.T_last is not None:
             self.way_m += float(np.linalg.norm(se3.inverse(T_cam_world)[:3, 3] - se3.inverse(self.T_last)[:3, 3]))
         self.T_last = T_cam_world.copy()
-        if self.open is not None:
-            self._extend(self.open, frame, left, right, T_cam_world, right_images, delta)
+        if self.is_target(T_cam_world):
+            self.extend(frame, left, right, T_cam_world, right_images, delta)
         if self.open is None and (not self.finished or self.way_m - self.finished[-1].at_m >= SPACING_M * self.stride):
-            self.open = self._begin(frame, left, right, T_cam_world, right_images, delta)
+            pixels, disparity = self.host_matches(left, right_images.align(right))
+            self.begin(frame, left, right, pixels, disparity, T_cam_world, right_images, delta)
 
-    def _begin(
-        self, frame: int, left: Image, right: Image, T_cam_world: FloatArray, right_images: RightImages, delta: float
-    ) -> Snippet | None:
-        """A new snippet, None where stereo finds too little."""
+    def host_matches(self, left: Image, aligned: Image) -> tuple[NDArray[np.int64], FloatArray]:
+        """Stereo matches of a pair (h, w), the right image with aligned rows, four times as many as a snippet holds at most:
+        pixels (n, 2) and disparities (n,) px."""
         cell = max(4, round(selection.first_cell(left.shape, 8 * self.most_points)))
         pixels = selection.select_candidates(left, np.zeros((0, 2)), cell, 32, 7.0, HALF + int(BORDER) + 2)
-        found = stereo.match(left, right_images.align(right), pixels, left.shape[1] // 4, 0.85, 12.0, 60)
-        good = found[:, 1] < NO_MATCH
-        pixels, disparity = pixels[good], found[good, 0]
-        pixels, disparity = (a[selection.spread_sample(pixels, 4 * self.most_points)] for a in (pixels, disparity))
-        smooth = smoothed(left)
+        found = stereo.match(left, aligned, pixels, left.shape[1] // 4, 0.85, 12.0, 60)
+        good = np.flatnonzero(found[:, 1] < NO_MATCH)
+        good = good[selection.spread_sample(pixels[good], 4 * self.most_points)]
+        return pixels[good], found[good, 0]
+
+    def begin(
+        self, frame: int, left: Image, right: Image, pixels: NDArray[np.int64], disparity: FloatArray, T_cam_world: FloatArray,
+        right_images: RightImages, delta: float,
+    ) -> None:  # fmt: skip
+        """Open a snippet of this host, with those of its `host_matches` that are found again to a hundredth of a pixel; none where
+        they are too few."""
+        smooth, smooth_right = self._smoothed(frame, left, right)
         start = right_images.real_pixels(np.column_stack([pixels[:, 0] - disparity, pixels[:, 1]]))
-        found = matched(smooth, smoothed(right), pixels, start, np.ones(len(pixels)))
+        found = matched(smooth, smooth_right, pixels, start, np.ones(len(pixels)))
         fits = found[np.isfinite(found[:, 2]), 2]
         limit = max(GOOD_RMS, float(np.median(fits))) if len(fits) else GOOD_RMS
         uv_right = within(found, limit)
         known = np.flatnonzero(np.isfinite(uv_right[:, 0]))
         known = known[selection.spread_sample(pixels[known], self.most_points)]
-        if len(known) < LEAST_POINTS:
-            return None
-        rho = np.asarray((disparity[known] - delta) / self.rig.bf, np.float64)
-        return Snippet(frame, T_cam_world.copy(), smooth, pixels[known], rho, uv_right[known], limit, self.way_m)
+        if len(known) >= LEAST_POINTS:
+            rho = np.asarray((disparity[known] - delta) / self.rig.bf, np.float64)
+            self.open = Snippet(frame, T_cam_world.copy(), smooth, pixels[known], rho, uv_right[known], limit, self.way_m)
 
-    def _extend(
-        self,
-        snippet: Snippet,
-        frame: int,
-        left: Image,
-        right: Image,
-        T_cam_world: FloatArray,
-        right_images: RightImages,
-        delta: float,
+    def is_target(self, T_cam_world: FloatArray) -> bool:
+        """Whether a frame at T_cam_world (4, 4) is far enough from the open snippet's host to be its next target."""
+        if self.open is None:
+            return False
+        T = T_cam_world @ se3.inverse(self.open.T_cam_world)
+        k = len(self.open.targets)
+        return float(np.linalg.norm(T[:3, 3])) >= DISTANCES_M[k] or float(np.linalg.norm(se3.log(T)[3:])) >= ANGLES_RAD[k]
+
+    def extend(
+        self, frame: int, left: Image, right: Image, T_cam_world: FloatArray, right_images: RightImages, delta: float
     ) -> None:
-        """Match the open snippet in this keyframe if it is far enough; close it when it has all its targets or lost its points."""
-        T = T_cam_world @ se3.inverse(snippet.T_cam_world)
-        moved, turned = float(np.linalg.norm(T[:3, 3])), float(np.linalg.norm(se3.log(T)[3:]))
-        k = len(snippet.targets)
-        if moved < DISTANCES_M[k] and turned < ANGLES_RAD[k]:
+        """Match the open snippet in this target; close it when it has all its targets or lost its points."""
+        snippet = self.open
+        if snippet is None:
             return
-        target, target_right = smoothed(left), smoothed(right)
+        T = T_cam_world @ se3.inverse(snippet.T_cam_world)
+        target, target_right = self._smoothed(frame, left, right)
         in_left = self._match_left(snippet, T, target)
         in_right = self._match_right(snippet, T, in_left, target_right, right_images, delta)
         enough = np.isfinite(in_left[:, 0]).sum() >= LEAST_POINTS
@@ -170,6 +177,12 @@ class EvidenceCollector:
             snippet.targets.append((frame, T, in_left, in_right))
         if len(snippet.targets) == TARGETS or not enough:
             self._close(snippet)
+
+    def _smoothed(self, frame: int, left: Image, right: Image) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Both images of a frame (h, w), smoothed; those of the last frame are remembered: a target may be the next host."""
+        if self._last_smoothed is None or self._last_smoothed[0] != frame:
+            self._last_smoothed = (frame, smoothed(left), smoothed(right))
+        return self._last_smoothed[1:]
 
     def _match_left(self, snippet: Snippet, T: FloatArray, target: NDArray[np.float32]) -> FloatArray:
         """(n, 2) px of the snippet's points in a target's smoothed left image, T (4, 4) from the host; NaN where not found."""

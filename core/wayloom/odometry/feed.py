@@ -132,9 +132,13 @@ def _built(log: DriveLog, index: int, levels: int) -> GreyPair:
     return pair
 
 
-def fit_rows(log: DriveLog, indices: tuple[int, ...], lens: RightLens = IDENTITY) -> NDArray[np.float64]:
-    """(3,) px: the rows' misalignment from the pairs `indices`, those that the log has, beside what the lens does."""
-    return rows.fit(rows.through_lens(first_matches(log, indices), log.rig, lens), displaced(log.rig, lens))
+def fit_rows(
+    log: DriveLog, indices: tuple[int, ...], lens: RightLens = IDENTITY, matches: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """(3,) px: the rows' misalignment from the pairs `indices`, those that the log has, beside what the lens does. matches : what
+    `first_matches` gives for them, where it is known already."""
+    matches = first_matches(log, indices) if matches is None else matches
+    return rows.fit(rows.through_lens(matches, log.rig, lens), displaced(log.rig, lens))
 
 
 def first_matches(log: DriveLog, indices: tuple[int, ...]) -> NDArray[np.float64]:

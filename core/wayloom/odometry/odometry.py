@@ -53,17 +53,19 @@ RESTART_BIAS_INFORMATION = 10.0
 def track(
     log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
     lens: RightLens = IDENTITY, collector: EvidenceCollector | None = None, debug: Debug | None = None,
+    matches: FloatArray | None = None,
 ) -> OdometryResult:  # fmt: skip
     """Track a whole drive. One pose for every frame; the result is the same, bit for bit, for any number of threads.
 
     With threads > 1 the next pair is decoded while this one is tracked. lens : of the rig, where it is known; collector : gathers
-    what the drive knows of its rig; debug : is told of every decision.
+    what the drive knows of its rig; debug : is told of every decision; matches : `feed.first_matches` of the settings' row_frames,
+    where they are known already.
 
     Raises LogError for frames that cannot be read or that do not have the rig's size.
     """
     with feed.one_opencv_thread():
         progress(0.0, f"aligning the rows of left and right{COMPILING}")
-        right_images = rows.RightImages(log.rig, lens, feed.fit_rows(log, settings.row_frames, lens))
+        right_images = rows.RightImages(log.rig, lens, feed.fit_rows(log, settings.row_frames, lens, matches))
         odometry = Odometry(right_images, settings, for_log(log, settings), collector, debug)
         for frame in feed.frames(log, threads, odometry.stopwatch, odometry.levels):
             odometry.process(frame)
@@ -102,7 +104,7 @@ class Odometry:
         """An empty window; delta px."""
         shape = (self.stereo_rig.camera.height, self.stereo_rig.camera.width)
         self.window = window.empty_window(shape, self.settings.window + 1, delta, bias_information)
-        self.window.hold_delta = self.settings.bias_gate > 0 and delta == 0.0
+        self.window.hold_delta = self.settings.bias_gate > 0 and delta == 0.0 and self.right_images.lens.is_ideal
         self.references: list[tracking.Reference] = []  # of the newest keyframes, newest last
         self.brightness, self.first_rms, self.smoothed_rms = np.array([1.0, 0.0]), math.inf, math.inf
 

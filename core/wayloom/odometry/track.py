@@ -49,14 +49,18 @@ def make_reference(window: Window, index: int, pyramid: Pyramid, cameras: list[F
     points = window.points
     projected = project_into(window, points, index, rig, border)
     seen = ~np.isnan(projected[:, 0]) & ((points.host == index) | (points.closed[:, index] == 0))
-    uv, rho = projected[seen, :2], projected[seen, 2]
+    return Reference(int(window.keyframe[index]), reference_levels(projected[seen, :2], projected[seen, 2], pyramid, cameras))
+
+
+def reference_levels(uv: FloatArray, rho: FloatArray, pyramid: Pyramid, cameras: list[FloatArray]) -> list[FloatArray]:
+    """`Reference.levels` of points at uv (n, 2) px of the pyramid's image with inverse depths rho (n,) 1/m."""
     levels = []
     for level, (image, camera) in enumerate(zip(pyramid, cameras, strict=True)):
         total, count = splat(uv, rho, level, image.shape[0], image.shape[1])
         spread = level >= SPREAD_FROM_LEVEL
         out = np.empty((len(rho) * (5 if spread else 1), 4))
         levels.append(out[: gather(image, total, count, int(spread), camera, out)])
-    return Reference(int(window.keyframe[index]), levels)
+    return levels
 
 
 def align(
@@ -92,10 +96,15 @@ def further_guesses(
     twist = se3.log(T_constant @ se3.inverse(T_last))
     guesses = [se3.exp(twist * share) @ T_last for share in (2.0, 0.5, 0.0)] + [T_keyframe]
     if starting:
-        guesses += [se3.exp(np.array([0, 0, -speed * dt_s, 0, 0, 0])) @ T_last for speed in START_SPEEDS_M_S]
+        guesses += start_guesses(T_last, dt_s)
     extras = [(0.0, 0.0, 0.0, 0.0, yaw, 0.0) for yaw in TURNS_RAD] + [(0.0, 0.0, 0.0, pitch, 0.0, 0.0) for pitch in NODS_RAD]
     extras += [(0.0, 0.0, way, 0.0, 0.0, 0.0) for way in WAYS_M]
     return guesses + [se3.exp(np.array(xi)) @ T_constant for xi in extras]
+
+
+def start_guesses(T_last: FloatArray, dt_s: float) -> list[FloatArray]:
+    """T_cam_world (4, 4) of a frame dt_s after T_last if the car drives straight on at one of several speeds."""
+    return [se3.exp(np.array([0, 0, -speed * dt_s, 0, 0, 0])) @ T_last for speed in START_SPEEDS_M_S]
 
 
 def best_alignment(

@@ -55,49 +55,56 @@ def stays_inside(image, x, y, reach):  # type: ignore[no-untyped-def]
 
 
 @jit
-def template_equations(host, u, v, A):  # type: ignore[no-untyped-def]
-    """Normal matrix of the warp's six steps (translation 2, linear part 4, row by row) and the offset, from the host's gradients.
+def template_equations(host, u, v, template, A):  # type: ignore[no-untyped-def]
+    """The host's patch around (u, v) and the normal matrix of the warp's six steps (translation 2, linear part 4, row by row) and
+    of the offset, from its gradients.
 
-    Fills A (7, 7) with the sums over the patch of j j^T, j = (gx, gy, gx dx, gx dy, gy dx, gy dy, 1). Returns the least eigenvalue
-    of the structure tensor a pixel with the offset eliminated.
+    Fills template (n, 3) with grey value and gradient (gx, gy) of each pixel, row by row, and A (7, 7) with the sums over the patch
+    of j j^T, j = (gx, gy, gx dx, gx dy, gy dx, gy dy, 1). Returns the least eigenvalue of the structure tensor a pixel with the
+    offset eliminated.
     """
     n = (2 * HALF + 1) ** 2
-    j = np.empty(7)
+    j, i = np.empty(7), 0
     A[:] = 0.0
     for dy in range(-HALF, HALF + 1):
         for dx in range(-HALF, HALF + 1):
             gx = 0.5 * (host[v + dy, u + dx + 1] - host[v + dy, u + dx - 1])
             gy = 0.5 * (host[v + dy + 1, u + dx] - host[v + dy - 1, u + dx])
+            template[i, 0], template[i, 1], template[i, 2] = host[v + dy, u + dx], gx, gy
+            i += 1
             j[0], j[1], j[2], j[3], j[4], j[5], j[6] = gx, gy, gx * dx, gx * dy, gy * dx, gy * dy, 1.0
             for a in range(7):
-                for b in range(7):
+                for b in range(a + 1):
                     A[a, b] += j[a] * j[b]
+    for a in range(7):
+        for b in range(a):
+            A[b, a] = A[a, b]
     xx, xy, yy = A[0, 0] - A[0, 6] * A[0, 6] / n, A[0, 1] - A[0, 6] * A[1, 6] / n, A[1, 1] - A[1, 6] * A[1, 6] / n
     return 0.5 * (xx + yy - math.sqrt((xx - yy) ** 2 + 4.0 * xy * xy)) / n
 
 
 @jit
-def right_side(host, target, u, v, x, y, W, sharp, e):  # type: ignore[no-untyped-def]
-    """Fills e (7,) with the sums of j r, r = target(x + W d) - host(u + d); W (2, 2). Returns the mean of r^2 without its mean."""
-    n = (2 * HALF + 1) ** 2
-    e[:] = 0.0
-    square = 0.0
+def right_side(template, target, x, y, W, sharp, e):  # type: ignore[no-untyped-def]
+    """Fills e (7,) with the sums of j r, r = target(x + W d) - template; W (2, 2). Returns the mean of r^2 without its mean."""
+    n, i = (2 * HALF + 1) ** 2, 0
+    w00, w01, w10, w11 = W[0, 0], W[0, 1], W[1, 0], W[1, 1]
+    e0, e1, e2, e3, e4, e5, e6, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for dy in range(-HALF, HALF + 1):
         for dx in range(-HALF, HALF + 1):
-            px, py = x + W[0, 0] * dx + W[0, 1] * dy, y + W[1, 0] * dx + W[1, 1] * dy
-            value = cubic(target, px, py) if sharp else bilinear(target, px, py)
-            r = value - host[v + dy, u + dx]
-            gx = 0.5 * (host[v + dy, u + dx + 1] - host[v + dy, u + dx - 1])
-            gy = 0.5 * (host[v + dy + 1, u + dx] - host[v + dy - 1, u + dx])
-            e[0] += gx * r
-            e[1] += gy * r
-            e[2] += gx * dx * r
-            e[3] += gx * dy * r
-            e[4] += gy * dx * r
-            e[5] += gy * dy * r
-            e[6] += r
+            px, py = x + w00 * dx + w01 * dy, y + w10 * dx + w11 * dy
+            r = (cubic(target, px, py) if sharp else bilinear(target, px, py)) - template[i, 0]
+            x_part, y_part = template[i, 1] * r, template[i, 2] * r
+            i += 1
+            e0 += x_part
+            e1 += y_part
+            e2 += x_part * dx
+            e3 += x_part * dy
+            e4 += y_part * dx
+            e5 += y_part * dy
+            e6 += r
             square += r * r
-    return (square - e[6] * e[6] / n) / n
+    e[0], e[1], e[2], e[3], e[4], e[5], e[6] = e0, e1, e2, e3, e4, e5, e6
+    return (square - e6 * e6 / n) / n
 
 
 @jit
@@ -124,9 +131,10 @@ def search(host, target, u, v, x, y, W, direction, reach):  # type: ignore[no-un
 
 
 @jit
-def refine_warp(host, target, u, v, x, y, W, A, scratch):  # type: ignore[no-untyped-def]
-    """Inverse compositional alignment (Baker, Matthews 2004) of the host's patch at (u, v) from (x, y) and the warp W (2, 2), which
-    is updated; A (7, 7) of `template_equations`, scratch (7,). Returns x, y and the rms residual, negative where it fails."""
+def refine_warp(template, target, x, y, W, A, scratch):  # type: ignore[no-untyped-def]
+    """Inverse compositional alignment (Baker, Matthews 2004) of the host's patch from (x, y) and the warp W (2, 2), which is
+    updated; template (n, 3) and A (7, 7) of `template_equations`, scratch (7,). Returns x, y and the rms residual, negative where
+    it fails."""
     n, start00, start11 = (2 * HALF + 1) ** 2, W[0, 0], W[1, 1]
     x0, y0, variance, length, smooth, k = x, y, 0.0, 0.0, SMOOTH_STEPS, 0
     step = np.empty(7)
@@ -134,7 +142,7 @@ def refine_warp(host, target, u, v, x, y, W, A, scratch):  # type: ignore[no-unt
         reach = HALF * (max(abs(W[0, 0]), abs(W[1, 1])) + max(abs(W[0, 1]), abs(W[1, 0])))
         if not stays_inside(target, x, y, reach):
             return x, y, -1.0
-        variance = right_side(host, target, u, v, x, y, W, k >= smooth, scratch)
+        variance = right_side(template, target, x, y, W, k >= smooth, scratch)
         if not solve_spd(A, scratch, step):
             return x, y, -1.0
         a, b, c, d = 1.0 + step[2], step[3], step[4], 1.0 + step[5]  # the template's warp: W <- W D^-1
@@ -170,12 +178,13 @@ def match_patches(host, target, pixels, start, scale, directions, reach, min_eig
     match.
     """
     A, scratch, W = np.empty((7, 7)), np.empty(7), np.empty((2, 2))
+    template = np.empty(((2 * HALF + 1) ** 2, 3))
     for i in range(pixels.shape[0]):
         out[i, 0] = out[i, 1] = out[i, 2] = np.nan
         u, v, x, y = pixels[i, 0], pixels[i, 1], start[i, 0], start[i, 1]
         if not (math.isfinite(x) and math.isfinite(y)) or not stays_inside(host, float(u), float(v), HALF):
             continue
-        if template_equations(host, u, v, A) < min_eigenvalue:
+        if template_equations(host, u, v, template, A) < min_eigenvalue:
             continue
         W[0, 0] = W[1, 1] = scale[i]
         W[0, 1] = W[1, 0] = 0.0
@@ -183,6 +192,6 @@ def match_patches(host, target, pixels, start, scale, directions, reach, min_eig
             x, y = search(host, target, u, v, x, y, W, directions[i], reach[i])
             if not math.isfinite(x):
                 continue
-        x, y, rms = refine_warp(host, target, u, v, x, y, W, A, scratch)
+        x, y, rms = refine_warp(template, target, x, y, W, A, scratch)
         if rms >= 0.0:
             out[i, 0], out[i, 1], out[i, 2] = x, y, rms

@@ -1,0 +1,101 @@
+"""Evidence of a rig from pieces of a drive, a third of the odometry's cost: a host's stereo matches are what the next images are
+aligned with, directly and down to half size, until the host's points have been found in its targets; the last one is the next host.
+No window is adjusted: poses and depths of a snippet are unknowns of the calibration, and need a first guess only.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.geometry import se3
+from wayloom.logs.types import DriveLog
+from wayloom.odometry import feed, pyramid, recovery, selection
+from wayloom.odometry import track as tracking
+from wayloom.odometry.evidence import EvidenceCollector
+from wayloom.odometry.rows import RightImages
+from wayloom.odometry.settings import OdometrySettings
+
+FloatArray = NDArray[np.float64]
+REFERENCE_POINTS = 250
+FINEST_LEVEL = 1
+"""Of the pyramid: what is left of the motion is less than matches are searched for."""
+
+
+class Sampler:
+    """Feeds a collector with hosts and targets from stretches of a log.
+
+    reference, T_host_world  the open snippet's host, None where the way was lost; poses (t_ns, T_cam_world) of the last two frames
+    """
+
+    def __init__(
+        self, log: DriveLog, settings: OdometrySettings, right_images: RightImages, collector: EvidenceCollector
+    ) -> None:  # fmt: skip
+        camera = log.rig.camera
+        self.log, self.settings, self.right_images, self.collector = log, settings, right_images, collector
+        self.levels = pyramid.level_count(camera, settings.levels)
+        self.cameras = pyramid.level_cameras(camera, self.levels)
+        self._forget()
+
+    def stretch(self, start: int, stop: int, wanted: int) -> None:
+        """Frames start to stop, until the collector has `wanted` snippets."""
+        for index in range(start, stop):
+            self._frame(feed.grey_pair(self.log, index))
+            if len(self.collector.finished) >= wanted:
+                break
+        self._forget()
+
+    def _forget(self) -> None:
+        """The next frame does not join on to the last one."""
+        self.collector.interrupt()
+        self.reference: tracking.Reference | None = None
+        self.T_host_world, self.brightness = np.eye(4), np.array([1.0, 0.0])
+        self.poses: list[tuple[int, FloatArray]] = []
+
+    def _frame(self, pair: feed.GreyPair) -> None:
+        if recovery.is_blank(pair.left, self.settings.min_contrast):
+            self._forget()
+            return
+        images, T = pyramid.build(pair.left, self.levels), np.eye(4)
+        if self.reference is not None:
+            fit = self._aligned(self.reference, images, pair.t_ns)
+            if recovery.fit_failure(fit, self.settings) is None:
+                self.brightness, T = fit.brightness, fit.T_frame_keyframe @ self.T_host_world
+                if self.collector.is_target(T):
+                    self.collector.extend(pair.index, pair.left, pair.right, T, self.right_images, 0.0)
+            else:
+                self._forget()
+        self.poses = [*self.poses[-1:], (pair.t_ns, T)]
+        if self.collector.open is None:
+            self._begin(pair, images, T)
+
+    def _begin(self, pair: feed.GreyPair, images: pyramid.Pyramid, T_cam_world: FloatArray) -> None:
+        """Make the frame a host, what its points are matched with the reference; where there are too few the way is lost."""
+        aligned = self.right_images.align(pair.right)
+        pixels, disparity = self.collector.host_matches(pair.left, aligned)
+        self.collector.begin(pair.index, pair.left, pair.right, pixels, disparity, T_cam_world, self.right_images, 0.0)
+        if self.collector.open is None:
+            self._forget()
+            return
+        some = selection.spread_sample(pixels, REFERENCE_POINTS)
+        rho = np.maximum(disparity[some], self.settings.min_disparity) / self.right_images.rig.bf
+        levels = tracking.reference_levels(pixels[some].astype(np.float64), rho, images, self.cameras)
+        self.reference, self.T_host_world = tracking.Reference(0, levels), T_cam_world
+        self.brightness = np.array([1.0, 0.0])
+
+    def _aligned(self, reference: tracking.Reference, images: pyramid.Pyramid, t_ns: int) -> tracking.Alignment:
+        """The frame's alignment with the host, from constant motion; from several speeds where none is known yet."""
+        T_world_host, finest = se3.inverse(self.T_host_world), min(FINEST_LEVEL, self.levels - 1)
+        (t_last, T_last), known = self.poses[-1], len(self.poses) > 1
+        guesses = [T_last]
+        if known:
+            t_before, T_before = self.poses[0]
+            guesses = [tracking.constant_motion(T_last, T_before, 1e-9 * (t_last - t_before), 1e-9 * (t_ns - t_last))]
+        else:
+            guesses += tracking.start_guesses(T_last, 1e-9 * (t_ns - t_last))
+        fits = [
+            tracking.align(
+                images, reference, T @ T_world_host, self.brightness, self.cameras, self.levels - 1, finest, self.settings
+            )
+            for T in guesses
+        ]  # fmt: skip
+        seen = [fit for fit in fits if fit.visible >= self.settings.min_visible] or fits
+        return min(seen, key=lambda fit: fit.rms if np.isfinite(fit.rms) else np.inf)
