@@ -128,7 +128,7 @@ def test_the_page_has_a_row_for_each_system_and_a_dash_where_nothing_is_known() 
     page = odometry_table.page([own, other, less], 2)
     assert "| A | poses | wayloom | 9 of 10 | 0.128 ± 0.010 | – |" in page
     assert "| A | peer | – | – |" in page
-    assert "| no rows | 0.123, 1 lost |" in page
+    assert "| no rows | 0.123; –, 1 lost |" in page
 
 
 def test_clips_are_found_with_what_is_known_of_them(data_dir: Path) -> None:

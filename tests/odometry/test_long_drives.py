@@ -54,9 +54,9 @@ def test_the_prior_of_a_long_drive_stays_well_conditioned_and_its_errors_do_not_
     assert np.median(high[-third:] / np.maximum(low[-third:], 1e-12)) < 10.0 * np.median(
         high[third : 2 * third] / np.maximum(low[third : 2 * third], 1e-12)
     )
-    assert abs(np.median(biases[-third:]) - 0.2) < 0.1
-    assert np.ptp(biases[-third:]) <= np.ptp(biases[:third]) + 0.02
+    assert abs(np.median(biases[-third:]) - 0.2) < 0.06
+    assert np.ptp(biases[-third:]) < 0.03
     errors = np.linalg.norm(result.trajectory.T_world_cam[:, :3, 3] - log.truth[:, :3, 3], axis=1)
     per_lap = errors.reshape(-1, PERIOD).max(axis=1)
-    assert per_lap[-1] < 0.3
-    assert np.diff(per_lap).max() < 0.15
+    assert per_lap[-1] < 0.2  # of 64 m, in images of 160 px: 0.09 and 0.13 m with two seeds
+    assert np.diff(per_lap).max() < 0.1

@@ -1,5 +1,7 @@
 """When an alignment is believed, and what is tried for a frame that motion alone does not explain."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from made_street import CAMERA, RIG, MadeLog, curve, pair
@@ -47,6 +49,30 @@ def test_a_motion_far_from_the_expected_one_is_a_failure_only_where_one_is_expec
     stop, expected = np.eye(4), se3.exp(np.array([0, 0, -1.0, 0, 0, 0]))
     assert "1.00 m from where constant motion leads" in str(recovery.motion_failure(stop, stop, expected, 0.1, SETTINGS))
     assert recovery.motion_failure(stop, stop, None, 0.1, SETTINGS) is None
+
+
+def test_after_a_gap_half_an_image_is_not_believed_without_features() -> None:
+    assert recovery.gap_failure(fit(saturated=0.45), 0.3) is None
+    assert recovery.gap_failure(fit(saturated=0.2), 1.3) is None
+    assert "after 1.3 s without a place 45 % of the points" in str(recovery.gap_failure(fit(saturated=0.45), 1.3))
+
+
+def test_the_motion_after_a_blind_second_is_that_between_frames_that_were_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    fast, slow = curve(10, 0.4), curve(12, 0.1)
+    truth, expected = np.concatenate([fast, fast[-1] @ slow[1:]]), []
+    original = recovery.Recovery.align
+
+    def watched(self: recovery.Recovery, sought: recovery.Sought, *rest: Any) -> recovery.Found:
+        expected.append(se3.inverse(sought.T_expected)[:3, 3])
+        return original(self, sought, *rest)
+
+    monkeypatch.setattr(recovery.Recovery, "align", watched)
+    blind = dict.fromkeys(range(10, 14), lambda left, right: (np.zeros_like(left), right))
+    log = MadeLog(truth, changes=blind)
+    result = track(log)
+    assert np.flatnonzero(~result.trajectory.tracked).tolist() == [10, 11, 12, 13]
+    after = expected[10]  # of frame 15, the second one that is seen again; the first frame is sought nowhere
+    assert np.linalg.norm(after - log.truth[15, :3, 3]) < 0.05  # held frames lie 1.2 m ahead: with them it would be sought behind
 
 
 def test_a_gain_without_a_change_of_contrast_is_a_failure() -> None:

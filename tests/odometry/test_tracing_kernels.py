@@ -9,9 +9,11 @@ from wayloom.odometry import window as windows
 from wayloom.odometry.kernels import linear, tracing
 from wayloom.odometry.kernels.arrays import PATTERN
 from wayloom.odometry.kernels.patch import make_scratch
+from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.window import Window
 
 STRICT = ROBUST._replace(max_energy=70.0)
+GREY_SIGMA = OdometrySettings().grey_sigma
 
 
 def ray(uv: np.ndarray) -> tuple[float, float]:
@@ -130,7 +132,7 @@ def test_an_update_is_the_minimum_of_what_was_known_and_what_the_image_says() ->
     )
     fits = np.flatnonzero((state == tracing.TRACED) & (points.host < 2))
     assert len(fits) > 8
-    ratios = []
+    ratios, told = [], []
     for i in fits:
         T, (x, y) = relative(window, points.host[i], 2), ray(points.uv[i])
 
@@ -147,12 +149,14 @@ def test_an_update_is_the_minimum_of_what_was_known_and_what_the_image_says() ->
             window.images.left[2], T, x, y, points.rho[i], NUMBERS, 0.0, points.colour[i], points.weight[i], 1, 0, robust
         )[0]
         expected = 2e4 + M[0, 0] * ru * ru + 2 * M[0, 1] * ru * rv + M[1, 1] * rv * rv
-        assert information[i] == pytest.approx(expected, rel=0.3)
+        told.append(information[i] / expected)
     assert np.median(ratios) < 1.03
+    assert np.median(np.abs(np.array(told) - 1.0)) < 0.02
+    assert told == pytest.approx(np.ones(len(told)), rel=0.3)  # the last step starts from elsewhere
 
 
 def test_the_hosts_right_image_moves_depths_by_the_bias() -> None:
-    window = made_window(1, 60, disturbed=False)
+    window = made_window(1, 200, disturbed=False)
     truth, n = window.points.rho.copy(), len(window.points.rho)
     window.points.rho[:] = truth * 1.03
     state, agrees = np.zeros((2, n), np.int64)
@@ -160,11 +164,13 @@ def test_the_hosts_right_image_moves_depths_by_the_bias() -> None:
     tracing.update_depths(
         window.images, NUMBERS, window.frames, window.points, np.arange(n), 0, BIAS_PX, STRICT, information, state, agrees
     )
-    fits = state == tracing.TRACED
-    assert fits.mean() > 0.5
-    sure = fits & (information > np.median(information))
-    disparity_error = NUMBERS.fx * 0.5 * (window.points.rho - truth)[sure]
-    assert np.median(np.abs(disparity_error)) < 0.5 * BIAS_PX  # a patch's own offset takes some of a shift for brightness
+    near = NUMBERS.fx * 0.5 * truth > 8.0  # farther away the made street's texture is finer than its pixels: left and right differ
+    fits = near & (state == tracing.TRACED)
+    assert fits.sum() > 0.7 * near.sum()  # the others lie across edges of planes
+    error, sigma = NUMBERS.fx * 0.5 * (window.points.rho - truth), NUMBERS.fx * 0.5 * GREY_SIGMA / np.sqrt(information)
+    assert (np.abs(error) < 2.0 * sigma)[fits].mean() > 0.9
+    sure = fits & (information > np.median(information[fits]))
+    assert np.median(error[sure]) == pytest.approx(0.0, abs=0.1)  # BIAS_PX = 0.3 where nobody knew of the bias
 
 
 def test_points_that_do_not_fit_or_are_out_of_view_stay_as_they_are() -> None:

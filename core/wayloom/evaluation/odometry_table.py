@@ -94,9 +94,9 @@ def parts_table(summaries: Sequence[Summary]) -> list[str]:
 
 
 def ablation_table(summaries: Sequence[Summary]) -> list[str]:
-    """ATE of each variant on each recording, the last truth of each; lost frames are said."""
+    """ATE and t_rel of each variant on each recording, by the last truth of each; lost frames are said."""
     recordings = list(dict.fromkeys(s.recording for s in summaries))
-    lines = head(["variant", *(f"{name}: ATE m" for name in recordings)])
+    lines = head(["variant", *(f"{name}: ATE m; t_rel %" for name in recordings)])
     for variant in dict.fromkeys(s.variant for s in summaries):
         cells = {s.recording: _ablation_cell(s) for s in summaries if s.variant == variant}
         lines.append(row([variant, *(cells.get(name, "–") for name in recordings)]))
@@ -105,7 +105,8 @@ def ablation_table(summaries: Sequence[Summary]) -> list[str]:
 
 def _ablation_cell(summary: Summary) -> str:
     lost = summary.median["frames"] - summary.median["tracked"]
-    error = cell(summary, f"ATE m ({truths(summary)[-1]})", 3)
+    truth = truths(summary)[-1]
+    error = f"{cell(summary, f'ATE m ({truth})', 3)}; {cell(summary, f't_rel % ({truth})', 2)}"
     return error + (f", {lost:.0f} lost" if lost else "")
 
 

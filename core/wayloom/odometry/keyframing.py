@@ -11,15 +11,16 @@ from wayloom.odometry.track import Alignment, Reference
 
 FIT_FACTOR = 2.0
 STILL_PX = 1.0
-"""Flow under which the car stands: what moves then is others, and would give no depth."""
+"""Flow under which the car stands: what moves then is others, a new keyframe would give no depth, and clouds that come and go would
+make one each time."""
 
 
 def reason(
     fit: Alignment, reference: Reference, camera: NDArray[float64], first_rms: float, image_extent: int, settings: OdometrySettings
 ) -> str | None:
-    """Why the view has changed enough for a keyframe, or None: flow, flow without rotation (occlusions) and brightness together
-    (Engel et al. 2018, sec. 3.1), or half of the points out of view, or, while the car moves, a residual twice that of the first
-    frame after the keyframe.
+    """Why the view has changed enough for a keyframe, or None: while the car moves flow, flow without rotation (occlusions) and
+    brightness together (Engel et al. 2018, sec. 3.1) or a residual twice that of the first frame after the keyframe; always half of
+    the points out of view.
 
     camera (4,) of the finest level; image_extent: width + height in px, of which the thresholds are shares.
     """
@@ -29,10 +30,11 @@ def reason(
         "parallax": shift / (settings.keyframe_shift * image_extent),
         "brightness": abs(math.log(max(fit.brightness[0], 1e-3))) / settings.keyframe_brightness,
     }
-    if sum(shares.values()) > 1.0:
+    moves = flow > STILL_PX
+    if moves and sum(shares.values()) > 1.0:
         return max(shares, key=lambda name: shares[name])
     if fit.visible < 0.5:
         return "points out of view"
-    if fit.rms > FIT_FACTOR * first_rms and flow > STILL_PX:
+    if moves and fit.rms > FIT_FACTOR * first_rms:
         return "residual"
     return None

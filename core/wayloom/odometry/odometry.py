@@ -97,14 +97,14 @@ class Odometry:
         self.losses: list[dict[str, Any]] = []
         self.segment_frames: list[int] = []
         self.cell = selection.first_cell((rig.camera.height, rig.camera.width), settings.candidates)
-        self.failed, self.last_tracked = 0, 0
+        self.failed, self.last_tracked, self.tracked_before = 0, 0, 0
         self._reset(0.0, settings.bias_prior)
 
     def _reset(self, delta: float, bias_information: float) -> None:
         """An empty window; delta px."""
         shape = (self.stereo_rig.camera.height, self.stereo_rig.camera.width)
         self.window = window.empty_window(shape, self.settings.window + 1, delta, bias_information)
-        self.window.hold_delta = self.settings.bias_gate > 0 and delta == 0.0 and self.right_images.lens.is_ideal
+        self.window.hold_delta = self.settings.bias_gate > 0 and delta == 0.0
         self.references: list[tracking.Reference] = []  # of the newest keyframes, newest last
         self.brightness, self.first_rms, self.smoothed_rms = np.array([1.0, 0.0]), math.inf, math.inf
 
@@ -174,8 +174,9 @@ class Odometry:
             foretold = self.imu.expected_pose((T_world_cam[0], T_world_cam[1]), (self.t_ns[-3], self.t_ns[-2], self.t_ns[-1]))
             if foretold is not None:
                 return se3.inverse(foretold)
-        dt_before, dt = (1e-9 * (self.t_ns[i] - self.t_ns[i - 1]) for i in (-2, -1))
-        return tracking.constant_motion(self.harvest.T_cam_world(n - 1), self.harvest.T_cam_world(n - 2), dt_before, dt)
+        before = self.tracked_before if self.last_tracked == n - 1 else n - 2  # what was held in between is a guess, no motion
+        dt_before, dt = 1e-9 * (self.t_ns[n - 1] - self.t_ns[before]), 1e-9 * (self.t_ns[n] - self.t_ns[n - 1])
+        return tracking.constant_motion(self.harvest.T_cam_world(n - 1), self.harvest.T_cam_world(before), dt_before, dt)
 
     def _align(self, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> recovery.Found:
         """The frame's alignment with a keyframe of the window, and why it is lost if it is."""
@@ -200,6 +201,7 @@ class Odometry:
         """The frame is tracked: keep what the next frame is judged by."""
         self.first_rms = fit.rms if math.isinf(self.first_rms) else self.first_rms
         self.smoothed_rms = max(fit.rms, 1.0) if math.isinf(self.smoothed_rms) else 0.7 * self.smoothed_rms + 0.3 * fit.rms
+        self.tracked_before = self.last_tracked
         self.brightness, self.failed, self.last_tracked = fit.brightness, 0, len(self.harvest.frames)
 
     # ------------------------------------------------------------------ losses and segments

@@ -145,6 +145,14 @@ def gain_failure(fit: Alignment, image: Image, keyframe: Image) -> str | None:
     return f"the image is {gain:.2g} times as bright as the keyframe, its contrast {contrast:.2g} times"
 
 
+def gap_failure(fit: Alignment, since_s: float) -> str | None:
+    """Why an alignment that no features vouch for is not believed since_s seconds after the last place, when the vehicle may be
+    anywhere, or None."""
+    if since_s <= LONG_GAP_S or fit.saturated <= GRAVELY_SATURATED:
+        return None
+    return f"after {since_s:.1f} s without a place {100 * fit.saturated:.0f} % of the points do not fit, and no features do"
+
+
 def turned_guesses(T_expected: FloatArray, T_last: FloatArray) -> list[FloatArray]:
     """T_cam_world (4, 4) of a grid: left and right turns with no, the expected and twice the expected way."""
     twist = se3.log(T_expected @ se3.inverse(T_last))
@@ -186,11 +194,12 @@ class Recovery:
             found = self._by_features(index, seen, sought, references, window)
             if found is not None and (failure is not None or found.fit.rms < fit.rms):
                 return Found(found.fit, found.keyframe, None, tried + 1, found.features)
+        failure = failure or gap_failure(fit, sought.since_s)
         if failure is None:
             return best
         grid = self._best_of_grid(sought, newest, T_world_newest)
         fit = best_alignment(sought.images, newest, grid, sought.brightness, fit, T_world_newest, self.cameras, s)
-        failure = self._failure(fit, newest.keyframe, sought, window)
+        failure = self._failure(fit, newest.keyframe, sought, window) or gap_failure(fit, sought.since_s)
         return Found(fit, newest.keyframe, failure, tried + len(GRID_TURNS_RAD) * len(GRID_WAYS))
 
     def _aligned(self, sought: Sought, reference: Reference, T_frame_keyframe: FloatArray, brightness: FloatArray) -> Alignment:

@@ -1,0 +1,142 @@
+"""What a rig's file is worth on simulated rigs whose calibration is a little wrong: each drive with nothing but rows and
+disparity bias, with the lens of its own images, with a file of the other drives of its rig, with the true lens, and beside it the
+same way of a perfect rig; and by how many of its stated sigmas each learnt parameter is off.
+
+    python benchmarks/calibration.py [--faults worn lens] [--judged 1 5] [--size full] [--seeds 1] [--cache FOLDER] [--write]
+
+--faults  kinds of `wayloom.simulation.rig_faults`; each has five drives of 120 frames, 85 to 144 m
+--judged  the ways on which it is measured; files are learnt from the four others
+--seeds   of the choice of points; medians are told
+--write   the tables into docs/calibration.md
+
+Drives are drawn where they do not yet lie in the cache folder: half a minute to a minute of processor time for each 60 frames.
+"""
+
+import argparse
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy loads its BLAS
+    os.environ.setdefault(name, "1")
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT / "core"), str(ROOT / "benchmarks")]
+
+import numpy as np  # noqa: E402
+
+from wayloom.calibration.learn import learn_rig  # noqa: E402
+from wayloom.calibration.own_lens import track_calibrated  # noqa: E402
+from wayloom.cli.calibrate import evidence_of  # noqa: E402
+from wayloom.evaluation.odometry import SEEDS  # noqa: E402
+from wayloom.evaluation.odometry_table import head, row  # noqa: E402
+from wayloom.evaluation.trajectory import evaluate  # noqa: E402
+from wayloom.geometry.lens import PARAMETERS, RightLens  # noqa: E402
+from wayloom.logs.registry import open_log  # noqa: E402
+from wayloom.odometry.evidence import Evidence  # noqa: E402
+from wayloom.odometry.settings import OdometrySettings  # noqa: E402
+from wayloom.simulation.presets import RIG, RIG_WAYS, DrivePlan, Preset  # noqa: E402
+from wayloom.simulation.rig_faults import FAULTS  # noqa: E402
+from wayloom.simulation.simulate import simulate  # noqa: E402
+from wayloom.simulation.vehicle_settings import VehicleSettings  # noqa: E402
+
+PAGE = ROOT / "docs" / "calibration.md"
+BEGIN, END = "<!-- calibration benchmark: begin -->\n", "<!-- calibration benchmark: end -->\n"
+DRAWN = ("lens", "perfect", "worn")
+SCALES = {"full": 1.0, "half": 0.5, "quarter": 0.25}
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Of one drive: ATE m, and by what share its way is too long; medians over seeds."""
+
+    ate_m: float
+    longer: float
+
+    def cell(self, perfect: "Outcome | None" = None) -> str:
+        """Error of the way's length in %, what of it is more than the perfect rig's, ATE in m."""
+        more = "" if perfect is None else f" ({100 * (self.longer - perfect.longer):+.2f})"
+        return f"{100 * self.longer:+.2f}{more}; {self.ate_m:.3f}"
+
+
+def rigs() -> Preset:
+    """The preset `rig` with all of its five ways for each of the kinds DRAWN."""
+    drives = tuple(
+        DrivePlan(
+            vehicle_id=f"{fault}-{number}", nodes=nodes, reference=reference, before_m=before_m, frames=120, start_s=start_s,
+            vehicle=VehicleSettings(right_lens=FAULTS[fault], rig_name=fault),
+        )
+        for fault in DRAWN
+        for number, (nodes, reference, before_m, start_s) in enumerate(RIG_WAYS, start=1)
+    )  # fmt: skip
+    return RIG.model_copy(update={"drives": drives})
+
+
+def drawn(names: list[str], size: str, cache: Path) -> dict[str, Path]:
+    """The folders of these drives."""
+    folders = simulate(rigs(), cache / f"rigs-{size}", size=size, drives=tuple(names), progress=say)
+    return {folder.name: folder for folder in folders}
+
+
+def say(share: float, what: str) -> None:
+    """Progress, to stderr."""
+    sys.stderr.write(f"calibration benchmark: {100 * share:.0f} % {what}\n")
+
+
+def outcome(folder: Path, seeds: int, lens: RightLens | None, own_lens: bool = True) -> Outcome:
+    """A drive tracked once for each seed, with a lens that is given, its own one, or none."""
+    log, rows = open_log(folder), []
+    assert log.truth is not None
+    for seed in SEEDS[:seeds]:
+        result = track_calibrated(log, OdometrySettings(seed=seed, own_lens=own_lens), lens=lens)
+        errors = evaluate(result.trajectory.T_world_cam, log.truth)
+        rows.append((errors.ate_m, errors.length_ratio - 1.0))
+    ate_m, longer = np.median(rows, axis=0)
+    return Outcome(float(ate_m), float(longer))
+
+
+def measured(fault: str, judged: list[int], size: str, seeds: int, cache: Path) -> list[str]:
+    """Two tables of one fault, as lines of Markdown."""
+    others = [f"{fault}-{k}" for k in range(1, len(RIG_WAYS) + 1)]
+    folders = drawn([*others, *(f"perfect-{k}" for k in judged)], size, cache)
+    truth = FAULTS[fault].lens(SCALES[size])
+    evidence: dict[str, Evidence] = {}
+    for name in others:
+        say(0.0, f"{name}: evidence")
+        evidence[name] = next(iter(evidence_of(folders[name], 1, ())))
+    ways = head(["drive", "perfect rig", "rows and bias only", "lens of its own images", "file of the four others", "true lens"])
+    off = head(["file of all but", *PARAMETERS])
+    for k in judged:
+        name = f"{fault}-{k}"
+        say(0.0, f"{name}: judged")
+        learnt = learn_rig([evidence[other] for other in others if other != name]).rig
+        perfect = outcome(folders[f"perfect-{k}"], seeds, None)
+        found = [outcome(folders[name], seeds, None, own_lens) for own_lens in (False, True)]
+        found += [outcome(folders[name], seeds, lens) for lens in (learnt.lens, truth)]
+        ways.append(row([name, perfect.cell(), *(one.cell(perfect) for one in found)]))
+        errors = (learnt.lens.values - truth.values) / learnt.sigma
+        off.append(row([name, *(f"{error:+.2f}" for error in errors)]))
+    return [*ways, "", *off, ""]
+
+
+def main() -> None:
+    """Measure, print, and where asked for write."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "wayloom" / "benchmark-drives"
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--faults", nargs="+", default=["worn", "lens"], choices=[fault for fault in DRAWN if fault != "perfect"])
+    parser.add_argument("--judged", type=int, nargs="+", default=[1, 5], choices=range(1, len(RIG_WAYS) + 1))
+    parser.add_argument("--size", default="full", choices=SCALES)
+    parser.add_argument("--seeds", type=int, default=1, choices=range(1, len(SEEDS) + 1))
+    parser.add_argument("--cache", type=Path, default=cache, help="of simulated drives")
+    parser.add_argument("--write", action="store_true")
+    options = parser.parse_args()
+    parts = (measured(fault, options.judged, options.size, options.seeds, options.cache) for fault in options.faults)
+    text = "\n".join(line for part in parts for line in part)
+    print(text)
+    if options.write:
+        before, rest = PAGE.read_text().split(BEGIN)
+        PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.split(END)[1]}")
+
+
+if __name__ == "__main__":
+    main()
