@@ -45,6 +45,9 @@ LEAST_RMS_PX: Final = 0.2
 0.01 to 0.03 px, in hard light up to 0.12."""
 SMALLEST_STEP: Final = 0.05
 """sigmas, of the last iteration; each is about 0.7 of the one before, so a tenth of a sigma is left at most."""
+BIAS_SIGMA_PX: Final = 0.025
+"""Of the disparity bias beside a lens of the drive's own, whose shift of the columns holds the bias already: about what such a lens
+is off by."""
 STEP: Final = 1e-7
 """Parameters are whole multiples of it, so that the last bits of a linear algebra library do not decide about a drive's."""
 
@@ -77,6 +80,9 @@ def track_calibrated(
         matches = feed.first_matches(log, settings.row_frames)
     own = own_lens(log, settings, progress, matches)
     seconds = process_time() - start
+    if not own.lens.is_ideal:
+        known = (settings.grey_sigma / BIAS_SIGMA_PX) ** 2
+        settings = settings.model_copy(update={"bias_prior": max(settings.bias_prior, known)})
     result = track(log, settings, progress, threads, own.lens, collector, debug, matches)
     result.report["own_lens"] = {
         "used": not own.lens.is_ideal, "why": own.reason, "snippets": own.snippets,

@@ -104,7 +104,7 @@ class Odometry:
         """An empty window; delta px."""
         shape = (self.stereo_rig.camera.height, self.stereo_rig.camera.width)
         self.window = window.empty_window(shape, self.settings.window + 1, delta, bias_information)
-        self.window.hold_delta = self.settings.bias_gate > 0 and delta == 0.0
+        self.window.hold_delta = self.settings.bias_gate > 0 and delta == 0.0 and self.right_images.lens.is_ideal
         self.references: list[tracking.Reference] = []  # of the newest keyframes, newest last
         self.brightness, self.first_rms, self.smoothed_rms = np.array([1.0, 0.0]), math.inf, math.inf
 
