@@ -42,7 +42,7 @@ CHI_SQUARE: Final = 29.588
 """Of ten degrees of freedom, exceeded once in a thousand."""
 LEAST_RMS_PX: Final = 0.2
 """0.5 px cost 0.5 to 0.7 % of the way, and what so few matches do not know of the lens 0.05 to 0.3 %; perfect rigs seem to have
-0.01 to 0.03 px, in hard light up to 0.12."""
+0.01 to 0.05 px, in hard light up to 0.15."""
 SMALLEST_STEP: Final = 0.05
 """sigmas, of the last iteration; each is about 0.7 of the one before, so a tenth of a sigma is left at most."""
 BIAS_SIGMA_PX: Final = 0.025
