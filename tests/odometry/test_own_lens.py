@@ -8,7 +8,7 @@ from made_rig import LENS, LensLog
 from made_street import MadeLog, curve
 
 from wayloom.calibration.learn import field_size
-from wayloom.calibration.own_lens import LEAST_SNIPPETS, own_lens, track_calibrated
+from wayloom.calibration.own_lens import BIAS_SIGMA_PX, LEAST_SNIPPETS, own_lens, track_calibrated
 from wayloom.evaluation.recordings import ins_truth
 from wayloom.evaluation.trajectory import evaluate
 from wayloom.geometry.lens import IDENTITY, lens_from_values
@@ -31,6 +31,7 @@ def test_a_bent_rig_is_straightened_by_the_drives_own_images() -> None:
     log = LensLog(curve(FRAMES), lens=LENS)
     plain, calibrated = track(log), track_calibrated(log)
     assert calibrated.report["own_lens"]["used"]
+    assert abs(calibrated.disparity_bias_px) < 3 * BIAS_SIGMA_PX < 0.2 < abs(plain.disparity_bias_px)
     field = field_size(lens_from_values(calibrated.lens.values - LENS.values + IDENTITY.values), log.rig.camera)[1]
     assert field < 0.2 * field_size(LENS, log.rig.camera)[1]
     assert abs(way_off(log, calibrated.trajectory.T_world_cam)) < 0.3 * abs(way_off(log, plain.trajectory.T_world_cam))

@@ -13,6 +13,7 @@ from wayloom.geometry.lens import IDENTITY, RightLens, displaced
 from wayloom.odometry import feed, rows
 from wayloom.odometry.odometry import track
 from wayloom.odometry.rows import RightImages
+from wayloom.odometry.settings import OdometrySettings
 
 GRID = np.column_stack([a.ravel() for a in np.meshgrid(np.linspace(0, 479, 25), np.linspace(0, 179, 11))])
 
@@ -95,9 +96,9 @@ def test_the_rows_left_beside_a_known_lens_are_small() -> None:
     assert np.abs(without).max() > 0.3
 
 
-def length_error(log: LensLog, lens: RightLens) -> tuple[float, float]:
+def length_error(log: LensLog, lens: RightLens, settings: OdometrySettings = OdometrySettings()) -> tuple[float, float]:
     """Share by which the way is too long, and the worst position error in m."""
-    result = track(log, lens=lens)
+    result = track(log, settings, lens=lens)
     assert result.rig == displaced(log.rig, lens)
     places, truth = (T[:, :3, 3] for T in (result.trajectory.T_world_cam, log.truth))
     way, true = (float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum()) for p in (places, truth))
@@ -105,13 +106,16 @@ def length_error(log: LensLog, lens: RightLens) -> tuple[float, float]:
 
 
 def test_a_drive_with_a_known_lens_is_as_good_as_one_of_a_perfect_rig() -> None:
-    truth = curve(40, 0.6, 0.01)
-    perfect = length_error(LensLog(truth), IDENTITY)
-    known = length_error(LensLog(truth, lens=LENS), LENS)
+    truth, no_bias = curve(40, 0.6, 0.01), OdometrySettings(bias_prior=1e15)
+    perfect = length_error(LensLog(truth), IDENTITY, no_bias)
+    known = length_error(LensLog(truth, lens=LENS), LENS, no_bias)
     unknown = length_error(LensLog(truth, lens=LENS), IDENTITY)
+    with_bias = length_error(LensLog(truth, lens=LENS), LENS)
     assert abs(known[0] - perfect[0]) < 1e-3  # 0.016 px of these disparities of 16 px
-    assert abs(known[0] - perfect[0]) < 0.2 * abs(unknown[0] - perfect[0])
     assert known[1] < 0.001 * 40 * 0.6
+    assert abs(with_bias[0] - perfect[0]) < 3e-3  # a bias that 24 m tell to 0.02 px or so
+    for found in (known, with_bias):
+        assert abs(found[0] - perfect[0]) < 0.2 * abs(unknown[0] - perfect[0])
 
 
 def test_the_lens_moves_no_pose_of_the_left_camera() -> None:
