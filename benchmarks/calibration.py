@@ -18,30 +18,26 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy loads its BLAS
-    os.environ.setdefault(name, "1")
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "core"), str(ROOT / "benchmarks")]
+import numpy as np
 
-import numpy as np  # noqa: E402
+from pages import DOCS, put_between_marks
+from wayloom.calibration.learn import learn_rig
+from wayloom.calibration.own_lens import track_calibrated
+from wayloom.cli.calibrate import evidence_of
+from wayloom.errors import InputError
+from wayloom.evaluation.odometry import SEEDS
+from wayloom.evaluation.odometry_table import head, row
+from wayloom.evaluation.trajectory import evaluate
+from wayloom.geometry.lens import PARAMETERS, RightLens
+from wayloom.logs.registry import open_log
+from wayloom.odometry.evidence import Evidence
+from wayloom.odometry.settings import OdometrySettings
+from wayloom.simulation.presets import RIG, RIG_WAYS, DrivePlan, Preset
+from wayloom.simulation.rig_faults import FAULTS
+from wayloom.simulation.simulate import simulate
+from wayloom.simulation.vehicle_settings import VehicleSettings
 
-from wayloom.calibration.learn import learn_rig  # noqa: E402
-from wayloom.calibration.own_lens import track_calibrated  # noqa: E402
-from wayloom.cli.calibrate import evidence_of  # noqa: E402
-from wayloom.evaluation.odometry import SEEDS  # noqa: E402
-from wayloom.evaluation.odometry_table import head, row  # noqa: E402
-from wayloom.evaluation.trajectory import evaluate  # noqa: E402
-from wayloom.geometry.lens import PARAMETERS, RightLens  # noqa: E402
-from wayloom.logs.registry import open_log  # noqa: E402
-from wayloom.odometry.evidence import Evidence  # noqa: E402
-from wayloom.odometry.settings import OdometrySettings  # noqa: E402
-from wayloom.simulation.presets import RIG, RIG_WAYS, DrivePlan, Preset  # noqa: E402
-from wayloom.simulation.rig_faults import FAULTS  # noqa: E402
-from wayloom.simulation.simulate import simulate  # noqa: E402
-from wayloom.simulation.vehicle_settings import VehicleSettings  # noqa: E402
-
-PAGE = ROOT / "docs" / "calibration.md"
-BEGIN, END = "<!-- calibration benchmark: begin -->\n", "<!-- calibration benchmark: end -->\n"
+PAGE = DOCS / "calibration.md"
 DRAWN = ("lens", "perfect", "worn")
 SCALES = {"full": 1.0, "half": 0.5, "quarter": 0.25}
 
@@ -86,7 +82,8 @@ def say(share: float, what: str) -> None:
 def outcome(folder: Path, seeds: int, lens: RightLens | None, own_lens: bool = True) -> Outcome:
     """A drive tracked once for each seed, with a lens that is given, its own one, or none."""
     log, rows = open_log(folder), []
-    assert log.truth is not None
+    if log.truth is None:
+        raise InputError("has no poses to be measured against", file=folder, remedy="delete the folder: it is drawn anew")
     for seed in SEEDS[:seeds]:
         result = track_calibrated(log, OdometrySettings(seed=seed, own_lens=own_lens), lens=lens)
         errors = evaluate(result.trajectory.T_world_cam, log.truth)
@@ -134,8 +131,7 @@ def main() -> None:
     text = "\n".join(line for part in parts for line in part)
     print(text)
     if options.write:
-        before, rest = PAGE.read_text().split(BEGIN)
-        PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.split(END)[1]}")
+        put_between_marks(PAGE, "calibration benchmark", text)
 
 
 if __name__ == "__main__":

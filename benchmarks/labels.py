@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pages import put_between_marks
 from real_clips import RESULTS
 from real_labels import found_networks
 from wayloom.config.classes import CLASS_ID
@@ -23,7 +24,6 @@ from wayloom.labelling.settings import PAPER, LabellingSettings
 from wayloom.labelling.tcl import label_points
 from wayloom.segmentation.catalogue import MODELS
 
-BEGIN, END = "<!-- label benchmark: begin -->\n", "<!-- label benchmark: end -->\n"
 TITLES = {"baseline": "single image", "tcl_mono": "TCL mono", "tcl_stereo": "TCL stereo", "best": "default form"}
 
 
@@ -46,8 +46,7 @@ def main() -> None:
     text = table(results)
     print(text, end="")
     if options.write:
-        before, rest = RESULTS.read_text().split(BEGIN)
-        RESULTS.write_text(before + BEGIN + "\n" + text + "\n" + END + rest.split(END)[1])
+        put_between_marks(RESULTS, "label benchmark", text)
 
 
 @dataclass

@@ -9,6 +9,7 @@ on the same recordings in the same run.
 --drive     more drives with their own poses (and truth images), as `wayloom simulate --truth` writes them
 --simulate  presets of `wayloom simulate` that are made where they do not yet lie in the cache folder; size is half unless
             said, drives all: rig:full:lens-1,perfect-1
+--piece     also pieces of recordings: A:16:67 for frames 16 to 66 of A, which is then the recording `A 16:67`
 --only      recordings of these names
 --ablations also runs for each part left out, of these recordings, all where none is named
 --peer      a program to compare with: its command with {log} (KITTI odometry layout) and {out} (poses)
@@ -37,17 +38,17 @@ import naive  # noqa: E402
 import numpy as np  # noqa: E402
 from made_window import NUMBERS, ROBUST, made_window  # noqa: E402
 
+from pages import DOCS, put_between_marks  # noqa: E402
 from wayloom.errors import InputError, WayloomError  # noqa: E402
 from wayloom.evaluation import odometry_peers, odometry_table  # noqa: E402
 from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, SEEDS, Summary, measured, peak_memory_mb, warm_up  # noqa: E402
-from wayloom.evaluation.odometry_recordings import Recording, clip_recordings, recording_of  # noqa: E402
+from wayloom.evaluation.odometry_recordings import Recording, clip_recordings, piece, recording_of  # noqa: E402
 from wayloom.geometry import se3  # noqa: E402
 from wayloom.odometry import pyramid  # noqa: E402
 from wayloom.odometry.kernels import adjustment, equations, linear, patch, tracking  # noqa: E402
 from wayloom.simulation.simulate import simulate  # noqa: E402
 
-PAGE, NUMBERS_FILE = ROOT / "docs" / "odometry.md", ROOT / "benchmarks" / "odometry.json"
-BEGIN, END = "<!-- odometry benchmark: begin -->\n", "<!-- odometry benchmark: end -->\n"
+PAGE, NUMBERS_FILE = DOCS / "odometry.md", ROOT / "benchmarks" / "odometry.json"
 
 
 def say(share: float, what: str) -> None:
@@ -63,6 +64,9 @@ def recordings(options: argparse.Namespace) -> list[Recording]:
         preset, size, drives = (*wanted.split(":"), "", "")[:3]
         for folder in simulated(preset, size or "half", tuple(filter(None, drives.split(","))), options.cache):
             found.append(recording_of(folder, f"{preset} {folder.name}{f', {size}' if size else ''}"))
+    for wanted in options.piece:
+        name, first, stop = wanted.rsplit(":", 2)
+        found += [piece(recording, int(first), int(stop)) for recording in found if recording.name == name]
     return [recording for recording in found if not options.only or recording.name in options.only]
 
 
@@ -149,12 +153,6 @@ def kernel_table() -> None:
     print(f"| linearise, 4 keyframes, 400 points | {linearised:.3f} | | {1e3 * linearised / residuals:.2f} µs a residual slot |")
 
 
-def write_page(text: str) -> None:
-    """Replace what stands between the two marks of docs/odometry.md."""
-    before, rest = PAGE.read_text().split(BEGIN)
-    PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.split(END)[1]}")
-
-
 def arguments() -> argparse.ArgumentParser:
     """What can be asked for."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "wayloom" / "benchmark-drives"
@@ -163,6 +161,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--drive", type=Path, nargs="+", default=[], metavar="FOLDER")
     parser.add_argument("--simulate", nargs="+", default=[], metavar="PRESET")
     parser.add_argument("--cache", type=Path, default=cache, help="of simulated drives")
+    parser.add_argument("--piece", nargs="+", default=[], metavar="NAME:FIRST:STOP")
     parser.add_argument("--only", nargs="+", metavar="NAME")
     parser.add_argument("--seeds", type=int, choices=range(1, len(SEEDS) + 1), default=len(SEEDS))
     parser.add_argument("--ablations", nargs="*", metavar="NAME")
@@ -191,7 +190,7 @@ def main() -> None:
         for file in filter(None, (options.json, NUMBERS_FILE if options.write else None)):
             file.write_text(numbers)
         if options.write:
-            write_page(text)
+            put_between_marks(PAGE, "odometry benchmark", text)
     kernel_table()
 
 

@@ -10,12 +10,12 @@ import os
 import sys
 from pathlib import Path
 
+from pages import DOCS, put_between_marks
 from wayloom.evaluation.georeference import TrackDistance
 from wayloom.evaluation.recordings import RecordingRow, measure_kitti_odometry, measure_kitti_raw
 
 ROOT = Path(__file__).resolve().parents[1]
-RESULTS = ROOT / "docs" / "results.md"
-BEGIN, END = "<!-- real clips: begin -->\n", "<!-- real clips: end -->\n"
+RESULTS = DOCS / "results.md"
 
 
 def measured(data: Path) -> list[RecordingRow]:
@@ -56,13 +56,6 @@ def distance_line(name: str, given: str, distance: TrackDistance) -> str:
     return f"| {name} | {given} | {h.median_m:.3f}, {h.p95_m:.3f}, {h.max_m:.3f} | {v.median_m:.3f}, {v.p95_m:.3f}, {v.max_m:.3f} |"
 
 
-def write_into(results: Path, text: str) -> None:
-    """Replace what stands between the two marks."""
-    page = results.read_text()
-    before, rest = page.split(BEGIN)
-    results.write_text(before + BEGIN + "\n" + text + "\n" + END + rest.split(END)[1])
-
-
 def main() -> None:
     """Measure, print, and where asked for write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -80,7 +73,7 @@ def main() -> None:
     if options.json:
         options.json.write_text(json.dumps([row.as_json() for row in rows], indent=1) + "\n")
     if options.write:
-        write_into(RESULTS, text)
+        put_between_marks(RESULTS, "real clips", text)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from pages import put_between_marks
 from real_clips import RESULTS, ROOT
 from wayloom.calibration.own_lens import track_calibrated
 from wayloom.config.classes import PALETTE_WITH_VOID
@@ -28,7 +29,6 @@ from wayloom.segmentation.catalogue import MODELS, find_model
 from wayloom.segmentation.network import Network
 from wayloom.segmentation.stage import segment_keyframes
 
-BEGIN, END = "<!-- real labels: begin -->\n", "<!-- real labels: end -->\n"
 CLIPS = {"A (grey)": "kitti_odometry/sequences/00", "B (colour)": "kitti_raw/2011_09_26/2011_09_26_drive_0005_sync"}
 
 
@@ -63,8 +63,7 @@ def main() -> None:
             lines.append(f"| {name} | {network.description.name} | {100 * measured.flips:.2f} % | {' | '.join(share)} |")
             print(lines[-1], flush=True)
     if options.write:
-        before, rest = RESULTS.read_text().split(BEGIN)
-        RESULTS.write_text(before + BEGIN + "\n" + "\n".join(lines) + "\n\n" + END + rest.split(END)[1])
+        put_between_marks(RESULTS, "real labels", "\n".join(lines) + "\n")
 
 
 def found_networks(names: list[str]) -> list[Network]:

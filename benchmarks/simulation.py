@@ -12,6 +12,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
+from pages import DOCS, put_between_marks
 from wayloom.evaluation import simulated_views as simulated
 from wayloom.evaluation.labelled_images import ImageScores, scores_on_camvid, scores_on_kitti
 from wayloom.evaluation.realism import Look, look_of
@@ -21,8 +22,7 @@ from wayloom.segmentation.network import Network
 from wayloom.simulation.rigs import sized_rig
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "simulation.md"
-BEGIN, END = "<!-- realism: begin -->\n", "<!-- realism: end -->\n"
+PAGE = DOCS / "simulation.md"
 EVERY_FRAME = 12
 SEEDS = (7, 19, 31)
 """Of the cities that are measured; training cities begin at 1000."""
@@ -117,8 +117,7 @@ def main() -> None:
         }  # fmt: skip
         options.json.write_text(json.dumps(numbers, indent=1) + "\n")
     if options.write:
-        before, rest = PAGE.read_text().split(BEGIN)
-        PAGE.write_text(before + BEGIN + "\n" + text + "\n" + END + rest.split(END)[1])
+        put_between_marks(PAGE, "realism", text)
 
 
 if __name__ == "__main__":

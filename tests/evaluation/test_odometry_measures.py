@@ -10,7 +10,15 @@ import pytest
 from wayloom.errors import ConfigError, InputError
 from wayloom.evaluation import odometry_density, odometry_depth, odometry_peers, odometry_table
 from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, drift, run_measured, summarise
-from wayloom.evaluation.odometry_recordings import CLIP_A_WRONG_UNTIL, Recording, Thinned, clip_recordings, recording_of, thinned
+from wayloom.evaluation.odometry_recordings import (
+    CLIP_A_WRONG_UNTIL,
+    Recording,
+    Thinned,
+    clip_recordings,
+    piece,
+    recording_of,
+    thinned,
+)
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.logs.registry import open_log
@@ -140,6 +148,12 @@ def test_clips_are_found_with_what_is_known_of_them(data_dir: Path) -> None:
     assert len(half.log) == len(half.numbers) == 77
     assert half.log.frame(3).t_ns == b.log.t_ns[6]
     assert half.log.frame(3).index == 3
+    some = piece(a, 20, 30)
+    assert some.name == "A 20:30"
+    assert some.log.frame(2).t_ns == a.log.t_ns[22]
+    np.testing.assert_array_equal(some.truths["poses"], a.truths["poses"][20:30])
+    with pytest.raises(InputError, match="201 frames, not 190 to 202"):
+        piece(a, 190, 202)
     rays = CAMERA.rays(np.array([[10.0, 10.0]]))
     assert rays.shape == (1, 3)
     depth, classes = b.depth.at(24, np.array([[600.0, 300.0], [600.0, 5.0]]))

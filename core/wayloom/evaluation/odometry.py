@@ -41,6 +41,7 @@ ABLATIONS: dict[str, dict[str, Any]] = {
     "no self-calibration": NOTHING_CALIBRATED,
     "no lens of the drive's own": {"own_lens": False},
     "no disparity bias": {"bias_prior": 1e15},
+    "disparity bias free at once": {"bias_gate": 0.0},
     "no rows": {"row_frames": ()},
     "bias not in the prior": {"ablation": {"bias_in_prior": False}},
     "no marginalisation prior": {"ablation": {"marginalisation_prior": False}},

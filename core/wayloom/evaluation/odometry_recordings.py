@@ -64,11 +64,21 @@ class Thinned:
 
 def thinned(recording: Recording, step: int) -> Recording:
     """The recording with only every `step`-th frame."""
-    kept = np.arange(0, len(recording.log), step)
-    return Recording(
-        recording.name, Thinned(recording.log, kept), recording.numbers[kept],
-        {name: truth[kept] for name, truth in recording.truths.items()}, recording.depth,
-    )  # fmt: skip
+    return with_frames(recording, np.arange(0, len(recording.log), step), recording.name)
+
+
+def piece(recording: Recording, first: int, stop: int) -> Recording:
+    """Frames first to stop of a recording, named `A 16:67`. Raises InputError where it does not have them."""
+    if not 0 <= first < stop <= len(recording.log):
+        what = f"{recording.name} has {len(recording.log)} frames, not {first} to {stop}"
+        raise InputError(what, remedy="name frames that it has")
+    return with_frames(recording, np.arange(first, stop), f"{recording.name} {first}:{stop}")
+
+
+def with_frames(recording: Recording, kept: NDArray[np.int64], name: str) -> Recording:
+    """The recording with only the frames kept (M,), by another name."""
+    truths = {truth: poses[kept] for truth, poses in recording.truths.items()}
+    return Recording(name, Thinned(recording.log, kept), recording.numbers[kept], truths, recording.depth)
 
 
 def clip_recordings(data: Path) -> list[Recording]:
