@@ -62,7 +62,7 @@ class Calibration:
     unsure_px: float
     common_radial: float
     doubts: tuple[str, ...]
-    converged: bool = True
+    converged: bool
 
 
 def learn_rig(

@@ -76,9 +76,10 @@ def track_calibrated(
     if lens is not None or not settings.own_lens:
         return track(log, settings, progress, threads, IDENTITY if lens is None else lens, collector, debug)
     start = process_time()
+    progress(0.0, "learning the right camera's lens from pieces of the drive (compiling kernels, first run only)")
     with feed.one_opencv_thread():
         matches = feed.first_matches(log, settings.row_frames)
-    own = own_lens(log, settings, progress, matches)
+    own = own_lens(log, settings, matches)
     seconds = process_time() - start
     if not own.lens.is_ideal:
         known = (settings.grey_sigma / BIAS_SIGMA_PX) ** 2
@@ -93,11 +94,8 @@ def track_calibrated(
     return result
 
 
-def own_lens(
-    log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, matches: FloatArray | None = None
-) -> OwnLens:
+def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), matches: FloatArray | None = None) -> OwnLens:
     """The lens that a drive tells of. matches : as of `track`. Raises as it does."""
-    progress(0.0, "learning the right camera's lens from pieces of the drive (compiling kernels, first run only)")
     with feed.one_opencv_thread():
         evidence = sampled_evidence(log, settings, matches)
     if evidence.snippets < LEAST_SNIPPETS:
