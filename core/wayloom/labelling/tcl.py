@@ -100,11 +100,13 @@ def label_points(
             part.append(sparse_votes(counted, least_share))
     mono, votes_kept = (_by_point(hosted, part) for part in kept)
     rarity = 0.0 if images.is_balanced else settings.rarity
-    if (settings.spread > 0 or rarity > 0) and len(points):
+    if rarity > 0:
         factors = rarity_factors(votes_kept, rarity)
+        mono, votes_kept = favour(mono, factors), favour(votes_kept, factors)
+    if (settings.spread > 0 or rarity > 0) and len(points):
         near = neighbours(odometry, settings.spread) if settings.spread > 0 else alone(len(points))
-        labels[1], _ = shared(favour(mono, factors), near, labels[0], least_share)
-        labels[2], votes_kept = shared(favour(votes_kept, factors), near, labels[0], least_share)
+        labels[1], _ = shared(mono, near, labels[0], least_share)
+        labels[2], votes_kept = shared(votes_kept, near, labels[0], least_share)
     progress(1.0, f"votes on the points of {count} keyframes counted")
     return PointLabels(labels[0], labels[1], labels[2], votes_kept.start, votes_kept.classes, votes_kept.weights)
 
