@@ -4,7 +4,7 @@ same way of a perfect rig; and by how many of its stated sigmas each learnt para
 
     python benchmarks/calibration.py [--faults worn lens] [--judged 1 5] [--size full] [--seeds 1] [--cache FOLDER] [--write]
 
---faults  kinds of `wayloom.simulation.rig_faults`; each has five drives of 120 frames, 85 to 144 m
+--faults  kinds of `wayloom.simulation.vehicle.rig_faults`; each has five drives of 120 frames, 85 to 144 m
 --judged  the ways on which it is measured; files are learnt from the four others
 --seeds   of the choice of points; medians are told
 --write   the tables into docs/calibration.md
@@ -30,12 +30,12 @@ from wayloom.evaluation.odometry_table import head, row
 from wayloom.evaluation.trajectory import evaluate
 from wayloom.geometry.lens import PARAMETERS, RightLens
 from wayloom.logs.registry import open_log
-from wayloom.odometry.evidence import Evidence
+from wayloom.odometry.rig.calibration_observations import Evidence
 from wayloom.odometry.settings import OdometrySettings
-from wayloom.simulation.presets import RIG, RIG_WAYS, DrivePlan, Preset
-from wayloom.simulation.rig_faults import FAULTS
-from wayloom.simulation.simulate import simulate
-from wayloom.simulation.vehicle_settings import VehicleSettings
+from wayloom.simulation.recording.presets import RIG, RIG_WAYS, DrivePlan, Preset
+from wayloom.simulation.recording.simulate import simulate
+from wayloom.simulation.vehicle.rig_faults import FAULTS
+from wayloom.simulation.vehicle.vehicle_settings import VehicleSettings
 
 PAGE = DOCS / "calibration.md"
 DRAWN = ("lens", "perfect", "worn")

@@ -33,7 +33,7 @@ def rendered(seed: int, count: int, size: str, cache: Path) -> Views:
     """`count` views of the streets of city `seed`; rendered once and kept in the folder `cache`."""
     path = cache / f"views-{size}-{seed}-{count}.npz"
     if not path.is_file():
-        from wayloom.simulation.dataset import render_views
+        from wayloom.simulation.recording.dataset import render_views
 
         pairs = list(render_views(seed=seed, count=count, size=size))
         cache.mkdir(parents=True, exist_ok=True)

@@ -44,9 +44,9 @@ from wayloom.evaluation import odometry_peers, odometry_table  # noqa: E402
 from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, SEEDS, Summary, measured, peak_memory_mb, warm_up  # noqa: E402
 from wayloom.evaluation.odometry_recordings import Recording, clip_recordings, piece, recording_of  # noqa: E402
 from wayloom.geometry import se3  # noqa: E402
-from wayloom.odometry import pyramid  # noqa: E402
 from wayloom.odometry.kernels import adjustment, equations, linear, patch, tracking  # noqa: E402
-from wayloom.simulation.simulate import simulate  # noqa: E402
+from wayloom.odometry.tracking import pyramid  # noqa: E402
+from wayloom.simulation.recording.simulate import simulate  # noqa: E402
 
 PAGE, NUMBERS_FILE = DOCS / "odometry.md", ROOT / "benchmarks" / "odometry.json"
 

@@ -19,7 +19,7 @@ from wayloom.evaluation.realism import Look, look_of
 from wayloom.logs.registry import open_log
 from wayloom.segmentation.catalogue import find_model
 from wayloom.segmentation.network import Network
-from wayloom.simulation.rigs import sized_rig
+from wayloom.simulation.vehicle.rigs import sized_rig
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = DOCS / "simulation.md"

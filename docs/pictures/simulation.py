@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 
 from wayloom.config.classes import PALETTE
-from wayloom.simulation.capture import StereoCamera, capture
-from wayloom.simulation.drives import plan_drives
-from wayloom.simulation.presets import DEMO
-from wayloom.simulation.recording import plan_recording, way_of
-from wayloom.simulation.worlds import build_world
+from wayloom.simulation.recording.presets import DEMO
+from wayloom.simulation.recording.record_drive import plan_recording, way_of
+from wayloom.simulation.recording.worlds import build_world
+from wayloom.simulation.sensors.capture import StereoCamera, capture
+from wayloom.simulation.traffic.drives import plan_drives
 
 OUT = Path(__file__).with_name("simulation.jpg")
 WIDTH, HEIGHT = 600, 160

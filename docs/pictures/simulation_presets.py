@@ -11,15 +11,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.simulation.capture import StereoCamera, capture
-from wayloom.simulation.drives import plan_drives
-from wayloom.simulation.light import WEATHERS, CityLight
-from wayloom.simulation.numbering import FIRST_MOVER
-from wayloom.simulation.presets import DEMO, PRESETS, Preset
-from wayloom.simulation.recording import plan_recording, way_of
-from wayloom.simulation.renderer import World
-from wayloom.simulation.rigs import sized_rig
-from wayloom.simulation.worlds import build_world
+from wayloom.simulation.city.numbering import FIRST_MOVER
+from wayloom.simulation.recording.presets import DEMO, PRESETS, Preset
+from wayloom.simulation.recording.record_drive import plan_recording, way_of
+from wayloom.simulation.recording.worlds import build_world
+from wayloom.simulation.rendering.light import WEATHERS, CityLight
+from wayloom.simulation.rendering.renderer import World
+from wayloom.simulation.sensors.capture import StereoCamera, capture
+from wayloom.simulation.traffic.drives import plan_drives
+from wayloom.simulation.vehicle.rigs import sized_rig
 
 FOLDER = Path(__file__).parent
 COLUMNS, WIDTH, HEIGHT = 2, 704, 188

@@ -6,7 +6,7 @@ from wayloom.calibration.residuals import lens_of_drive
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import IDENTITY, RightLens, project_scaled
-from wayloom.odometry.evidence import TARGETS, Evidence
+from wayloom.odometry.rig.calibration_observations import TARGETS, Evidence
 
 CAMERA = PinholeCamera(718.0, 716.0, 607.0, 185.0, 1241, 376)
 RIG = StereoRig(CAMERA, (-0.537, 0.001, 0.0005))

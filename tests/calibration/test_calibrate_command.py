@@ -10,9 +10,9 @@ from made_evidence import LENS, evidence
 
 from wayloom.calibration.learn import learn_rig
 from wayloom.calibration.report import facts, lines, warnings
+from wayloom.calibration.rig_file import read_rig_file
 from wayloom.geometry.lens import IDENTITY, PARAMETERS
-from wayloom.logs.rig_file import read_rig_file
-from wayloom.odometry.evidence_file import save_evidence
+from wayloom.odometry.rig.calibration_file import save_evidence
 
 
 def calibrate(*arguments: object) -> subprocess.CompletedProcess[str]:

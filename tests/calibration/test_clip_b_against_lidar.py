@@ -8,15 +8,15 @@ import pytest
 from wayloom.calibration.learn import learn_rig
 from wayloom.calibration.residuals import lens_of_drive
 from wayloom.geometry.lens import IDENTITY, RightLens, project_scaled
-from wayloom.logs.images import read_image
-from wayloom.logs.kitti_calibration import read_calibration
+from wayloom.logs.images.image_files import read_image
+from wayloom.logs.kitti.kitti_calibration import read_calibration
 from wayloom.logs.registry import open_log
 from wayloom.logs.types import DriveLog
-from wayloom.odometry import stereo
-from wayloom.odometry.evidence import EvidenceCollector, matched, smoothed
 from wayloom.odometry.kernels.stereo import NO_MATCH
 from wayloom.odometry.odometry import track
-from wayloom.odometry.rows import RightImages
+from wayloom.odometry.points import stereo
+from wayloom.odometry.rig.calibration_observations import EvidenceCollector, matched, smoothed
+from wayloom.odometry.rig.rows import RightImages
 
 pytestmark = pytest.mark.real_data
 NEAR_M, ABOVE_GROUND_M = 3.0, 0.9

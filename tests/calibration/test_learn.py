@@ -11,7 +11,7 @@ from wayloom.calibration.settings import CalibrationSettings
 from wayloom.errors import CalibrationError
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import IDENTITY, PARAMETERS, RightLens, lens_field, parameter_jacobian
-from wayloom.odometry.evidence import Evidence
+from wayloom.odometry.rig.calibration_observations import Evidence
 
 TURNS = {"turns": (0.05, 0.05, 0.05), "straights": (0.0, 0.0, 0.0), "a mix": (0.05, 0.0, 0.01)}
 

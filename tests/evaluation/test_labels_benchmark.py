@@ -19,8 +19,8 @@ from wayloom.logs.simulated_truth import open_truth
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, MODELS
 from wayloom.segmentation.network import Network
 from wayloom.segmentation.stage import KeyframeLabels
-from wayloom.simulation import numbering
-from wayloom.simulation.simulate import simulate
+from wayloom.simulation.city import numbering
+from wayloom.simulation.recording.simulate import simulate
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from wayloom.evaluation.realism import (
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.logs.registry import open_log
 from wayloom.odometry.settings import OdometrySettings
-from wayloom.simulation.noise import spectral_noise
+from wayloom.simulation.textures.noise import spectral_noise
 
 RIG = StereoRig(PinholeCamera(500.0, 500.0, 255.5, 127.5, 512, 256), (-0.5, 0.0, 0.0))
 

@@ -13,10 +13,10 @@ from wayloom.georeference.alignment import georeference
 from wayloom.georeference.frames import map_frame_for
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.uncertainty import heading_sigma_rad, position_covariance
-from wayloom.logs.oxts import UP_FACTOR
+from wayloom.logs.sidecars.oxts import UP_FACTOR
 from wayloom.logs.types import FixType, GnssTrack
-from wayloom.simulation.gnss import SIGMA_M, fix_errors, planned
-from wayloom.simulation.vehicle_settings import gnss_steps
+from wayloom.simulation.sensors.gnss import SIGMA_M, fix_errors, planned
+from wayloom.simulation.vehicle.vehicle_settings import gnss_steps
 
 FRAME = map_frame_for(PLACE.lon_deg, PLACE.lat_deg)
 

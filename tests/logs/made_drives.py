@@ -7,14 +7,14 @@ import numpy as np
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.logs.drive_writer import DriveWriter
-from wayloom.logs.exposure_csv import write_exposure_csv
-from wayloom.logs.gnss_csv import write_gnss_csv
-from wayloom.logs.imu_csv import write_imu_csv
-from wayloom.logs.kitti_360_writer import Kitti360Writer
-from wayloom.logs.kitti_odometry_writer import KittiOdometryWriter
-from wayloom.logs.kitti_raw_writer import KittiRawWriter
-from wayloom.logs.mcap_writer import McapWriter
-from wayloom.logs.oxts_writer import OxtsPacket
+from wayloom.logs.kitti.kitti_360_writer import Kitti360Writer
+from wayloom.logs.kitti.kitti_odometry_writer import KittiOdometryWriter
+from wayloom.logs.kitti.kitti_raw_writer import KittiRawWriter
+from wayloom.logs.ros2.mcap_writer import McapWriter
+from wayloom.logs.sidecars.exposure_csv import write_exposure_csv
+from wayloom.logs.sidecars.gnss_csv import write_gnss_csv
+from wayloom.logs.sidecars.imu_csv import write_imu_csv
+from wayloom.logs.sidecars.oxts_writer import OxtsPacket
 from wayloom.logs.types import FixType, GnssTrack, ImuTrack, StereoFrame
 
 FRAMES = 6

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from wayloom.logs.atomic import UNFINISHED, link_or_copy, remove_unfinished, write_atomically
+from wayloom.files.atomic import UNFINISHED, link_or_copy, remove_unfinished, write_atomically
 
 
 def test_a_linked_file_is_the_same_file(tmp_path: Path) -> None:

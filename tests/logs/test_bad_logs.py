@@ -12,8 +12,8 @@ import pytest
 
 from logs.made_drives import write_drive
 from wayloom.errors import CalibrationError, InputError, LogError, UnknownFormatError
+from wayloom.files.timestamps import wall_clock_from_ns
 from wayloom.logs.registry import open_log
-from wayloom.logs.timestamps import wall_clock_from_ns
 
 Spoil = Callable[[Path], object]
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from wayloom.errors import CalibrationError
+from wayloom.files.timestamps import wall_clock_from_ns
 from wayloom.geometry.camera import PinholeCamera
 from wayloom.geometry.rectification import DistortedCamera, undistort
 from wayloom.logs.drive_writer import numbers_text
-from wayloom.logs.image_folder_log import ImageFolderLog
+from wayloom.logs.kitti.image_folder_log import ImageFolderLog
 from wayloom.logs.registry import open_log
-from wayloom.logs.timestamps import wall_clock_from_ns
 
 # KITTI's 2011_09_26 colour pair at half size: K, D, R_rect of cameras 02 and 03.
 K = {

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from logs.made_drives import sample_files, track_file, write_drive
 from wayloom.errors import InputError
+from wayloom.files.ply import read_ply, write_ply
+from wayloom.files.trajectory_files import read_tum, write_tum
 from wayloom.logs.inspection import inspect_log
-from wayloom.logs.oxts import ins_trajectory
-from wayloom.logs.ply import read_ply, write_ply
 from wayloom.logs.registry import open_log
-from wayloom.logs.trajectory_files import read_tum, write_tum
+from wayloom.logs.sidecars.oxts import ins_trajectory
 
 FILES = {
     "kitti-odometry": [

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from wayloom.errors import LogError
-from wayloom.logs import grey_png
-from wayloom.logs.images import check_png, read_grey, read_image
+from wayloom.logs.images import grey_png
+from wayloom.logs.images.image_files import check_png, read_grey, read_image
 from wayloom.logs.kernels.inflate import DISTANCE_BITS, LENGTH_BITS, LITERAL_BITS, PADDING, empty_code, inflate
 
 RNG = np.random.default_rng(5)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wayloom.errors import LogError
-from wayloom.logs.images import ImageHeader, list_images, read_header, read_image
+from wayloom.logs.images.image_files import ImageHeader, list_images, read_header, read_image
 
 COLOURS = np.random.default_rng(0).integers(0, 256, (30, 50, 3), dtype=np.uint8)
 

@@ -7,9 +7,9 @@ import pytest
 
 from logs.made_drives import FRAMES, START_NS, T_CAM_IMU, WRITERS, made_imu, sample_files, write_drive
 from wayloom.errors import LogError
-from wayloom.logs.imu_csv import COLUMNS, read_imu_csv, write_imu_csv
 from wayloom.logs.inspection import inspect_log
 from wayloom.logs.registry import LOG_FORMATS, open_log
+from wayloom.logs.sidecars.imu_csv import COLUMNS, read_imu_csv, write_imu_csv
 from wayloom.logs.types import ImuTrack
 
 HEADER = f"t_ns,{','.join(COLUMNS)}\n"

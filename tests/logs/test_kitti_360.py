@@ -12,11 +12,11 @@ from logs.made_drives import FRAMES, RIG, T_CAM_IMU, made_frames, made_packets, 
 from wayloom.config.classes import CLASS_COUNT
 from wayloom.errors import CalibrationError, LogError, UnknownFormatError
 from wayloom.geometry import se3
-from wayloom.logs import kitti_360_labels as labels
-from wayloom.logs.accumulation import OVERLAP_M, VOXEL_M, WINDOW_M, Thinner, window_frames
-from wayloom.logs.kitti_360_clouds import T_cam_lidar, T_cam_pose, read_cloud, read_scan, windows
-from wayloom.logs.kitti_360_layout import Sequence, find_sequence, find_sequences
-from wayloom.logs.kitti_360_writer import Kitti360Writer
+from wayloom.logs.kitti import kitti_360_labels as labels
+from wayloom.logs.kitti.accumulation import OVERLAP_M, VOXEL_M, WINDOW_M, Thinner, window_frames
+from wayloom.logs.kitti.kitti_360_clouds import T_cam_lidar, T_cam_pose, read_cloud, read_scan, windows
+from wayloom.logs.kitti.kitti_360_layout import Sequence, find_sequence, find_sequences
+from wayloom.logs.kitti.kitti_360_writer import Kitti360Writer
 from wayloom.logs.registry import open_log
 
 T_CAM_LIDAR = se3.from_rotation_translation(

@@ -14,13 +14,13 @@ from logs.made_drives import FRAMES, RIG, T_CAM_IMU, made_frames, write_drive
 from wayloom.errors import CalibrationError, InputError, LogError, UnknownFormatError
 from wayloom.geometry import se3
 from wayloom.geometry.rectification import DistortedCamera, rectifying_maps
-from wayloom.logs import ros_messages as ros
-from wayloom.logs.cdr import CdrError, CdrReader, CdrWriter
 from wayloom.logs.inspection import inspect_log
-from wayloom.logs.mcap_log import McapLog
-from wayloom.logs.mcap_writer import McapWriter
 from wayloom.logs.registry import open_log
-from wayloom.logs.ros_messages import CameraInfo, Header
+from wayloom.logs.ros2 import ros_messages as ros
+from wayloom.logs.ros2.cdr import CdrError, CdrReader, CdrWriter
+from wayloom.logs.ros2.mcap_log import McapLog
+from wayloom.logs.ros2.mcap_writer import McapWriter
+from wayloom.logs.ros2.ros_messages import CameraInfo, Header
 from wayloom.logs.types import FixType, ImuTrack
 
 Messages = list[tuple[int, str, str, bytes]]

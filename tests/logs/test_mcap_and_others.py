@@ -9,8 +9,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from logs.made_drives import FRAMES, RIG, T_CAM_IMU, made_frames, made_imu, made_packets, made_poses
 from wayloom.geometry import se3
-from wayloom.logs.mcap_writer import McapWriter
 from wayloom.logs.registry import open_log
+from wayloom.logs.ros2.mcap_writer import McapWriter
 
 
 def test_others_decode_every_message_that_we_write(tmp_path: Path) -> None:

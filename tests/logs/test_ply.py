@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wayloom.errors import LogError
-from wayloom.logs.ply import read_ply, write_ply
+from wayloom.files.ply import read_ply, write_ply
 
 
 def cloud(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -8,10 +8,10 @@ import pytest
 
 from logs.made_drives import FRAMES, START_NS, T_CAM_IMU, made_frames, write_drive
 from wayloom.errors import LogError, UnknownFormatError
-from wayloom.logs.gnss_csv import write_gnss_csv
-from wayloom.logs.oxts import Field, fix_types
+from wayloom.files.timestamps import wall_clock_from_ns
 from wayloom.logs.registry import open_log
-from wayloom.logs.timestamps import wall_clock_from_ns
+from wayloom.logs.sidecars.gnss_csv import write_gnss_csv
+from wayloom.logs.sidecars.oxts import Field, fix_types
 from wayloom.logs.types import FixType, GnssTrack
 
 

@@ -9,8 +9,8 @@ from logs.made_drives import FRAMES, RIG, START_NS, T_CAM_IMU, WRITERS, made_fra
 from wayloom.errors import LogError, UnknownFormatError
 from wayloom.geometry.wgs84 import enu_from_lonlatheight
 from wayloom.logs.drive_writer import DriveWriter
-from wayloom.logs.oxts import ins_trajectory
 from wayloom.logs.registry import LOG_FORMATS, open_log
+from wayloom.logs.sidecars.oxts import ins_trajectory
 from wayloom.logs.types import FixType, StereoFrame
 
 formats = pytest.mark.parametrize("log_format", list(LOG_FORMATS))

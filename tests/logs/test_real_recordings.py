@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from wayloom.logs.oxts import ins_trajectory
 from wayloom.logs.registry import open_log
+from wayloom.logs.sidecars.oxts import ins_trajectory
 
 pytestmark = pytest.mark.real_data
 

@@ -3,10 +3,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wayloom.calibration.rig_file import RigFile, differences, read_rig_file, text_of, write_rig_file
 from wayloom.errors import CalibrationError
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import PARAMETERS, RightLens
-from wayloom.logs.rig_file import RigFile, differences, read_rig_file, text_of, write_rig_file
 
 RIG = StereoRig(PinholeCamera(718.856, 717.1, 607.1928, 185.2157, 1241, 376), (-0.5372, 0.001, -0.0002))
 LENS = RightLens(1e-3, -2e-3, 1.5e-3, 3e-3, -4e-3, 1.002, -0.7, 0.01, -1e-3, 2e-3)

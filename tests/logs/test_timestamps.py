@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wayloom.errors import LogError
-from wayloom.logs.timestamps import (
+from wayloom.files.timestamps import (
     ns_from_seconds,
     ns_from_wall_clock,
     read_times,

@@ -8,8 +8,8 @@ from evo.tools import file_interface
 
 from logs.made_drives import START_NS, made_poses
 from wayloom.errors import LogError
+from wayloom.files.trajectory_files import read_kitti, read_tum, write_kitti, write_tum
 from wayloom.geometry import se3
-from wayloom.logs.trajectory_files import read_kitti, read_tum, write_kitti, write_tum
 
 
 def trajectory() -> tuple[np.ndarray, np.ndarray]:

@@ -5,10 +5,10 @@ from made_street import CAMERA, curve, pair
 
 from wayloom.geometry import se3
 from wayloom.geometry.camera import StereoRig
-from wayloom.odometry import window as windows
+from wayloom.odometry.backend import window as windows
+from wayloom.odometry.backend.window import Window
 from wayloom.odometry.kernels.arrays import Robust
-from wayloom.odometry.pyramid import rig_numbers
-from wayloom.odometry.window import Window
+from wayloom.odometry.tracking.pyramid import rig_numbers
 
 RIG = StereoRig(CAMERA, (-0.5, 0.01, -0.02))
 NUMBERS = rig_numbers(CAMERA, RIG.t_right_left)

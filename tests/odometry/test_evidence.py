@@ -14,10 +14,10 @@ from made_street import curve, render
 from wayloom.errors import InputError
 from wayloom.geometry import se3
 from wayloom.geometry.lens import IDENTITY, project_scaled
-from wayloom.odometry import evidence as module
-from wayloom.odometry.evidence import Evidence, EvidenceCollector, drive_name
-from wayloom.odometry.evidence_file import is_evidence, load_evidence, save_evidence
-from wayloom.odometry.rows import RightImages
+from wayloom.odometry.rig import calibration_observations as module
+from wayloom.odometry.rig.calibration_file import is_evidence, load_evidence, save_evidence
+from wayloom.odometry.rig.calibration_observations import Evidence, EvidenceCollector, drive_name
+from wayloom.odometry.rig.rows import RightImages
 
 LOG = LensLog(curve(9, 0.8, 0.01), lens=LENS)
 

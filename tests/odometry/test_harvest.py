@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from wayloom.odometry.growing import GrowingArray
-from wayloom.odometry.harvest import Harvest, KeyframeRow
-from wayloom.odometry.keeping import Rule
 from wayloom.odometry.kernels.arrays import LEFT_ALIKE, RIGHT, RIGHT_ALIKE
+from wayloom.odometry.result.growing_arrays import GrowingArray
+from wayloom.odometry.result.point_filter import Rule
+from wayloom.odometry.result.result_builder import Harvest, KeyframeRow
 
 RULE = Rule(2, 5, 0.2)
 NONE = np.zeros(0, np.int64)

@@ -1,7 +1,7 @@
 import numpy as np
 
 from wayloom.odometry.kernels import images, selection
-from wayloom.odometry.selection import gradient_thresholds, next_cell, select_candidates, spread_sample
+from wayloom.odometry.points.selection import gradient_thresholds, next_cell, select_candidates, spread_sample
 
 
 def noise(shape: tuple[int, int] = (41, 53)) -> np.ndarray:

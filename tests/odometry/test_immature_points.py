@@ -1,9 +1,9 @@
 import numpy as np
 from made_window import NUMBERS, ROBUST, made_window
 
-from wayloom.odometry import immature
+from wayloom.odometry.backend.window import Window
 from wayloom.odometry.kernels.arrays import LEFT_ALIKE, RIGHT, RIGHT_ALIKE
-from wayloom.odometry.window import Window
+from wayloom.odometry.points import immature
 
 STRICT = ROBUST._replace(max_energy=70.0)
 

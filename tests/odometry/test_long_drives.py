@@ -6,10 +6,10 @@ from made_street import MadeLog
 
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
-from wayloom.odometry import marginalise
+from wayloom.odometry.backend import marginalisation
+from wayloom.odometry.backend.window import Window
 from wayloom.odometry.odometry import track
 from wayloom.odometry.settings import OdometrySettings
-from wayloom.odometry.window import Window
 
 FRAMES, REACH_M, PERIOD = 240, 8.0, 60
 RIG = StereoRig(PinholeCamera(100.0, 100.0, 79.5, 49.5, 160, 100), (-0.5, 0.0, 0.0))
@@ -35,7 +35,7 @@ def scaled(H: np.ndarray) -> np.ndarray:
 
 def test_the_prior_of_a_long_drive_stays_well_conditioned_and_its_errors_do_not_grow(monkeypatch: pytest.MonkeyPatch) -> None:
     eigenvalues, biases = [], []
-    original = marginalise.marginalise
+    original = marginalisation.marginalise
 
     def watched(window: Window, *arguments: object) -> None:
         original(window, *arguments)  # type: ignore[arg-type]
@@ -43,7 +43,7 @@ def test_the_prior_of_a_long_drive_stays_well_conditioned_and_its_errors_do_not_
         biases.append(float(window.delta[0]))
         assert np.array_equal(window.prior_H, window.prior_H.T)
 
-    monkeypatch.setattr(marginalise, "marginalise", watched)
+    monkeypatch.setattr(marginalisation, "marginalise", watched)
     log = MadeLog(to_and_fro(FRAMES), rig=RIG, bias_px=0.2)
     result = track(log, SETTINGS)
     assert result.trajectory.tracked.all()

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 from wayloom.cli.main import app
 from wayloom.errors import ConfigError, InputError, LogError
-from wayloom.logs.ply import read_ply
-from wayloom.logs.trajectory_files import read_kitti, read_tum
+from wayloom.files.ply import read_ply
+from wayloom.files.trajectory_files import read_kitti, read_tum
 
 FRAMES = 8
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from made_street import MadeLog, curve
 
-from wayloom.odometry import debug_pictures
-from wayloom.odometry.debug import ENERGIES_FILE, FRAMES_FILE, KEYFRAMES_FOLDER, Debug
+from wayloom.odometry.debugging import pictures
+from wayloom.odometry.debugging.recorder import ENERGIES_FILE, FRAMES_FILE, KEYFRAMES_FOLDER, Debug
 from wayloom.odometry.odometry import track
-from wayloom.odometry.track import Reference
+from wayloom.odometry.tracking.alignment import Reference
 from wayloom.odometry.types import OdometryResult
 
 
@@ -78,7 +78,7 @@ def test_residuals_are_those_of_the_image_at_the_projected_points() -> None:
     T = np.eye(4)
     T[0, 3] = 0.5
     camera = np.array([50.0, 50.0, 30.0, 20.0])
-    uv, residual = debug_pictures.residuals(image, Reference(0, [points]), T, np.array([1.1, 2.0]), camera)
+    uv, residual = pictures.residuals(image, Reference(0, [points]), T, np.array([1.1, 2.0]), camera)
     np.testing.assert_allclose(uv, [[40.0, 15.0], [32.5, 30.0]])
     expected = [image[15, 40] - 112.0, 0.5 * (int(image[30, 32]) + int(image[30, 33])) - 57.0]
     np.testing.assert_allclose(residual, expected, atol=0.3)

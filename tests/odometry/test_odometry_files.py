@@ -7,8 +7,8 @@ import pytest
 from made_street import MadeLog, curve
 
 from wayloom.errors import InputError
-from wayloom.odometry.files import load_odometry, save_odometry
 from wayloom.odometry.odometry import track
+from wayloom.odometry.result.odometry_file import load_odometry, save_odometry
 from wayloom.odometry.types import OdometryResult
 
 

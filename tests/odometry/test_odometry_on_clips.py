@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wayloom.files.trajectory_files import read_kitti
 from wayloom.logs.registry import open_log
-from wayloom.logs.trajectory_files import read_kitti
 from wayloom.logs.types import DriveLog, StereoFrame
 from wayloom.odometry.odometry import track
 from wayloom.odometry.types import OdometryResult

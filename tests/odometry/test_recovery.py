@@ -7,10 +7,10 @@ import pytest
 from made_street import CAMERA, RIG, MadeLog, curve, pair
 
 from wayloom.geometry import se3
-from wayloom.odometry import recovery, relocalise
 from wayloom.odometry.odometry import track
 from wayloom.odometry.settings import OdometrySettings
-from wayloom.odometry.track import Alignment
+from wayloom.odometry.tracking import recovery, relocalisation
+from wayloom.odometry.tracking.alignment import Alignment
 from wayloom.odometry.types import OdometryResult
 
 SETTINGS = OdometrySettings()
@@ -86,8 +86,8 @@ def test_a_keyframe_is_found_again_by_its_features_from_elsewhere() -> None:
     T_world_there = se3.exp(np.array([0.4, 0.0, 2.0, 0.0, 0.25, 0.02]))
     left, right, _ = (image.round().astype(np.uint8) if i < 2 else image for i, image in enumerate(pair(np.eye(4))))
     there = (0.5 * pair(T_world_there)[0] + 20.0).round().astype(np.uint8)
-    known = relocalise.landmarks(left, right, RIG, 0.0, SETTINGS)
-    found = relocalise.sight(known, relocalise.find_features(there), CAMERA.K)
+    known = relocalisation.landmarks(left, right, RIG, 0.0, SETTINGS)
+    found = relocalisation.sight(known, relocalisation.find_features(there), CAMERA.K)
     assert found is not None
     assert found.decisive
     difference = se3.log(found.T_frame_keyframe @ T_world_there)
@@ -95,7 +95,7 @@ def test_a_keyframe_is_found_again_by_its_features_from_elsewhere() -> None:
     assert np.abs(difference[3:]).max() < 0.01
     assert found.brightness[0] == pytest.approx(0.5, abs=0.1)
     assert found.brightness[1] == pytest.approx(20.0, abs=12.0)
-    again = relocalise.sight(known, relocalise.find_features(there), CAMERA.K)
+    again = relocalisation.sight(known, relocalisation.find_features(there), CAMERA.K)
     assert again is not None
     np.testing.assert_array_equal(again.T_frame_keyframe, found.T_frame_keyframe)
 
@@ -103,33 +103,33 @@ def test_a_keyframe_is_found_again_by_its_features_from_elsewhere() -> None:
 def test_an_image_of_another_place_is_not_taken_for_the_keyframe() -> None:
     left, right, _ = pair(np.eye(4))
     elsewhere = pair(se3.exp(np.array([0.0, 0.0, 12.0, 0.0, 2.6, 0.0])))[0]
-    known = relocalise.landmarks(left.round().astype(np.uint8), right.round().astype(np.uint8), RIG, 0.0, SETTINGS)
-    found = relocalise.sight(known, relocalise.find_features(elsewhere.round().astype(np.uint8)), CAMERA.K)
+    known = relocalisation.landmarks(left.round().astype(np.uint8), right.round().astype(np.uint8), RIG, 0.0, SETTINGS)
+    found = relocalisation.sight(known, relocalisation.find_features(elsewhere.round().astype(np.uint8)), CAMERA.K)
     assert found is None or not found.decisive
 
 
 def test_blank_images_have_no_features_and_match_nothing() -> None:
-    none = relocalise.find_features(np.full((100, 120), 90, np.uint8))
+    none = relocalisation.find_features(np.full((100, 120), 90, np.uint8))
     assert len(none.uv) == len(none.descriptors) == 0
-    assert relocalise.matches(none, none).shape == (0, 2)
+    assert relocalisation.matches(none, none).shape == (0, 2)
 
 
 def test_matches_are_those_of_the_naive_search() -> None:
     rng = np.random.default_rng(3)
-    ours = relocalise.Features(np.zeros((30, 2)), rng.integers(0, 120, (30, 128)).astype(np.float32), np.zeros(30))
+    ours = relocalisation.Features(np.zeros((30, 2)), rng.integers(0, 120, (30, 128)).astype(np.float32), np.zeros(30))
     shuffled = rng.permutation(30)[:20]
     noisy = np.clip(ours.descriptors[shuffled] + rng.integers(-30, 31, (20, 128)), 0, 255).astype(np.float32)
-    theirs = relocalise.Features(np.zeros((20, 2)), noisy, np.zeros(20))
+    theirs = relocalisation.Features(np.zeros((20, 2)), noisy, np.zeros(20))
     expected = []
     for i, a in enumerate(ours.descriptors):
         d = [float(((a - b) ** 2).sum()) for b in noisy]
         j = int(np.argmin(d))
         back = [float(((noisy[j] - b) ** 2).sum()) for b in ours.descriptors]
-        clear = all(sorted(x)[0] < relocalise.RATIO**2 * sorted(x)[1] for x in (d, back))
+        clear = all(sorted(x)[0] < relocalisation.RATIO**2 * sorted(x)[1] for x in (d, back))
         if clear and int(np.argmin(back)) == i:
             expected.append([i, j])
     assert len(expected) > 10
-    assert relocalise.matches(ours, theirs).tolist() == expected
+    assert relocalisation.matches(ours, theirs).tolist() == expected
 
 
 def errors(result: OdometryResult, log: MadeLog) -> np.ndarray:

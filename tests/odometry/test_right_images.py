@@ -10,9 +10,10 @@ from made_street import curve, render
 from wayloom.cli.odometry import warn_of_calibration
 from wayloom.geometry.camera import StereoRig
 from wayloom.geometry.lens import IDENTITY, RightLens, displaced
-from wayloom.odometry import feed, rows
+from wayloom.odometry import frame_source
 from wayloom.odometry.odometry import track
-from wayloom.odometry.rows import RightImages
+from wayloom.odometry.rig import rows
+from wayloom.odometry.rig.rows import RightImages
 from wayloom.odometry.settings import OdometrySettings
 
 GRID = np.column_stack([a.ravel() for a in np.meshgrid(np.linspace(0, 479, 25), np.linspace(0, 179, 11))])
@@ -91,7 +92,7 @@ def test_all_rows_are_those_of_rows_and_lens_together() -> None:
 
 def test_the_rows_left_beside_a_known_lens_are_small() -> None:
     log = LensLog(curve(10, 0.5), lens=LENS)
-    with_lens, without = feed.fit_rows(log, (0, 3), LENS), feed.fit_rows(log, (0, 3))
+    with_lens, without = frame_source.fit_rows(log, (0, 3), LENS), frame_source.fit_rows(log, (0, 3))
     assert np.abs(with_lens).max() < 0.2
     assert np.abs(without).max() > 0.3
 

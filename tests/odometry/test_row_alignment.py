@@ -3,7 +3,7 @@ import pytest
 from made_street import CAMERA, RIG, pair
 
 from wayloom.geometry.camera import StereoRig
-from wayloom.odometry import rows
+from wayloom.odometry.rig import rows
 
 
 def made_matches(coefficients: np.ndarray, rig: StereoRig, seed: int = 0) -> np.ndarray:

@@ -8,9 +8,9 @@ from wayloom.calibration.sampling import Sampler
 from wayloom.geometry import se3
 from wayloom.geometry.lens import IDENTITY
 from wayloom.logs.types import StereoFrame
-from wayloom.odometry import feed
-from wayloom.odometry.evidence import ANGLES_RAD, DISTANCES_M, Evidence, EvidenceCollector
-from wayloom.odometry.rows import RightImages
+from wayloom.odometry import frame_source
+from wayloom.odometry.rig.calibration_observations import ANGLES_RAD, DISTANCES_M, Evidence, EvidenceCollector
+from wayloom.odometry.rig.rows import RightImages
 from wayloom.odometry.settings import OdometrySettings
 
 
@@ -25,7 +25,7 @@ class Damaged(MadeLog):
 
 
 def sampled(log: MadeLog, wanted: int = 4) -> Evidence:
-    right_images = RightImages(log.rig, IDENTITY, feed.fit_rows(log, (0,)))
+    right_images = RightImages(log.rig, IDENTITY, frame_source.fit_rows(log, (0,)))
     collector = EvidenceCollector(log.rig)
     Sampler(log, OdometrySettings(), right_images, collector).stretch(0, len(log), wanted)
     return collector.evidence(log)

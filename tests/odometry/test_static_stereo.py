@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from made_street import RIG, pair
 
-from wayloom.odometry import stereo
 from wayloom.odometry.kernels import stereo as kernels
-from wayloom.odometry.selection import select_candidates
+from wayloom.odometry.points import stereo
+from wayloom.odometry.points.selection import select_candidates
 
 
 def naive_best_column(template, image, u, v, low, high):

@@ -5,12 +5,12 @@ import pytest
 from made_window import BIAS_PX, NUMBERS, ROBUST, made_window
 
 from odometry.naive import patch_terms, project, sample
-from wayloom.odometry import window as windows
+from wayloom.odometry.backend import window as windows
+from wayloom.odometry.backend.window import Window
 from wayloom.odometry.kernels import linear, tracing
 from wayloom.odometry.kernels.arrays import PATTERN
 from wayloom.odometry.kernels.patch import make_scratch
 from wayloom.odometry.settings import OdometrySettings
-from wayloom.odometry.window import Window
 
 STRICT = ROBUST._replace(max_energy=70.0)
 GREY_SIGMA = OdometrySettings().grey_sigma

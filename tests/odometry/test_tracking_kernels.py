@@ -6,8 +6,8 @@ from made_street import CAMERA, RIG, curve, render
 
 from odometry import naive
 from wayloom.geometry import se3
-from wayloom.odometry import pyramid
 from wayloom.odometry.kernels import tracking
+from wayloom.odometry.tracking import pyramid
 
 LEVEL = np.array([CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy])
 

@@ -6,10 +6,10 @@ from made_window import BIAS_PX, NUMBERS, ROBUST, made_window
 
 from odometry.naive import correlation, patch_terms, project, sample, schur
 from wayloom.geometry import se3
-from wayloom.odometry.inertial import NO_IMU
+from wayloom.odometry.backend.inertial import NO_IMU
+from wayloom.odometry.backend.window import Window
 from wayloom.odometry.kernels import adjustment, equations, linear, patch
 from wayloom.odometry.kernels.arrays import LEAST_ALIKE, LEFT_ALIKE, PATTERN, RIGHT, RIGHT_ALIKE
-from wayloom.odometry.window import Window
 
 
 def ray(uv):

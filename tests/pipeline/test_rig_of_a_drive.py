@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from pipeline.real_log import first_frames
+from wayloom.calibration.rig_file import RigFile, lens_for_log, write_rig_file
 from wayloom.errors import CalibrationError
 from wayloom.geometry.lens import RightLens
 from wayloom.logs.registry import open_log
-from wayloom.logs.rig_file import RigFile, lens_for_log, write_rig_file
-from wayloom.odometry.evidence_file import load_evidence
-from wayloom.odometry.files import load_odometry
+from wayloom.odometry.result.odometry_file import load_odometry
+from wayloom.odometry.rig.calibration_file import load_evidence
 from wayloom.pipeline.drive import process_drive
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stages import run_stage, stage_key

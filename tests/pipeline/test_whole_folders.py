@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from wayloom.errors import ConflictError, InputError
-from wayloom.logs.atomic import UNFINISHED
+from wayloom.files.atomic import UNFINISHED
 from wayloom.pipeline.folders import new_folders, put_in_place, sole_writer, sweep, whole_folder, writing_to
 
 

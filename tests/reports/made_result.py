@@ -12,9 +12,9 @@ from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.georeference.alignment import georeference
 from wayloom.labelling.types import PointLabels
 from wayloom.logs.inspection import inspect_log
-from wayloom.logs.kitti_odometry_writer import KittiOdometryWriter
-from wayloom.logs.oxts_writer import OxtsPacket
+from wayloom.logs.kitti.kitti_odometry_writer import KittiOdometryWriter
 from wayloom.logs.registry import open_log
+from wayloom.logs.sidecars.oxts_writer import OxtsPacket
 from wayloom.logs.types import FixType, StereoFrame
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 from wayloom.pipeline.drive import DriveResult, StageTime

@@ -5,7 +5,7 @@ import numpy as np
 from wayloom.config.classes import VOID
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, MODELS
 from wayloom.segmentation.network import Network
-from wayloom.simulation.dataset import render_views
+from wayloom.simulation.recording.dataset import render_views
 
 HELD_OUT_CITY = 1901
 """Judged, never trained on: see benchmarks/train_network.py."""

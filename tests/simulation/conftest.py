@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from wayloom.simulation.city_settings import CitySettings
-from wayloom.simulation.light import LightSettings
-from wayloom.simulation.presets import DrivePlan, Preset
-from wayloom.simulation.renderer import World
-from wayloom.simulation.rigs import camera_on_ground
-from wayloom.simulation.vehicle_settings import SensorSettings, VehicleSettings
-from wayloom.simulation.worlds import build_world
+from wayloom.simulation.city.city_settings import CitySettings
+from wayloom.simulation.recording.presets import DrivePlan, Preset
+from wayloom.simulation.recording.worlds import build_world
+from wayloom.simulation.rendering.light import LightSettings
+from wayloom.simulation.rendering.renderer import World
+from wayloom.simulation.vehicle.rigs import camera_on_ground
+from wayloom.simulation.vehicle.vehicle_settings import SensorSettings, VehicleSettings
 
 CITY = CitySettings(seed=11, columns=4, rows=4)
 

@@ -6,16 +6,16 @@ import pytest
 
 from wayloom.geometry import se3
 from wayloom.geometry.lens import RightLens
-from wayloom.simulation.camera import developed
-from wayloom.simulation.capture import Captured, StereoCamera, capture
-from wayloom.simulation.drives import Way, plan_drives
-from wayloom.simulation.glare import open_sky_at_sun, with_glare
-from wayloom.simulation.optics import TrueCamera, true_cameras
-from wayloom.simulation.renderer import World
-from wayloom.simulation.rig_faults import WORN
-from wayloom.simulation.rigs import given_rig
-from wayloom.simulation.routes import Route
-from wayloom.simulation.vehicle_settings import (
+from wayloom.simulation.rendering.renderer import World
+from wayloom.simulation.sensors.camera import developed
+from wayloom.simulation.sensors.capture import Captured, StereoCamera, capture
+from wayloom.simulation.sensors.glare import open_sky_at_sun, with_glare
+from wayloom.simulation.sensors.optics import TrueCamera, true_cameras
+from wayloom.simulation.traffic.drives import Way, plan_drives
+from wayloom.simulation.traffic.routes import Route
+from wayloom.simulation.vehicle.rig_faults import WORN
+from wayloom.simulation.vehicle.rigs import given_rig
+from wayloom.simulation.vehicle.vehicle_settings import (
     ExposureSettings,
     GlareSettings,
     LightChange,

@@ -7,16 +7,12 @@ import pytest
 
 from wayloom.config.classes import CLASS_ID
 from wayloom.errors import ConfigError
-from wayloom.simulation.blocks import Kind, kind_of
-from wayloom.simulation.cars import TAIL_LAMP
-from wayloom.simulation.city import City, build_city
-from wayloom.simulation.city_settings import CitySettings
-from wayloom.simulation.models import Models
-from wayloom.simulation.numbering import FIRST_MOVER, NUMBERED, THINGS_PER_BLOCK
-from wayloom.simulation.objects import Area
-from wayloom.simulation.renderer import World, view_planes
-from wayloom.simulation.rigs import camera_on_ground, sized_rig
-from wayloom.simulation.streets import (
+from wayloom.simulation.city.blocks import Kind, kind_of
+from wayloom.simulation.city.city import City, build_city
+from wayloom.simulation.city.city_settings import CitySettings
+from wayloom.simulation.city.numbering import FIRST_MOVER, NUMBERED, THINGS_PER_BLOCK
+from wayloom.simulation.city.objects import Area
+from wayloom.simulation.city.streets import (
     CORNER_RADIUS_M,
     ISLAND_M,
     ROUNDABOUT_M,
@@ -26,6 +22,10 @@ from wayloom.simulation.streets import (
     roundabout_corner,
     rounded_corner,
 )
+from wayloom.simulation.models.cars import TAIL_LAMP
+from wayloom.simulation.models.catalogue import Models
+from wayloom.simulation.rendering.renderer import World, view_planes
+from wayloom.simulation.vehicle.rigs import camera_on_ground, sized_rig
 
 SIGNS_AND_POLES = {CLASS_ID["pole"], CLASS_ID["traffic sign"], CLASS_ID["traffic light"]}
 
@@ -173,7 +173,7 @@ def test_things_have_numbers_of_their_own_that_repeat_far_away_only(models: Mode
 
 
 def test_memory_is_bounded_and_far_blocks_are_coarse(models: Models, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wayloom.simulation.city.FINE_KEPT", 3)
+    monkeypatch.setattr("wayloom.simulation.city.city.FINE_KEPT", 3)
     city = City(CitySettings(columns=40, rows=40), models)
     for block in range(8):
         city.tile(block)

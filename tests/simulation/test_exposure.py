@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from wayloom.simulation.exposure import exposure_of, light_factor, limited, metered, next_factor
-from wayloom.simulation.vehicle_settings import ExposureSettings, LightChange
+from wayloom.simulation.sensors.exposure import exposure_of, light_factor, limited, metered, next_factor
+from wayloom.simulation.vehicle.vehicle_settings import ExposureSettings, LightChange
 
 
 def test_metering_looks_where_it_is_told() -> None:

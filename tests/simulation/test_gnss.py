@@ -8,11 +8,11 @@ from simulation.winding import Winding
 from wayloom.geometry import se3
 from wayloom.georeference.geodesy import enu_from_lonlatheight
 from wayloom.georeference.types import MapFrame
-from wayloom.logs.oxts import R_enu_imu
+from wayloom.logs.sidecars.oxts import R_enu_imu
 from wayloom.logs.types import FixType
-from wayloom.simulation.gnss import SIGMA_M, GnssRecord, fix_errors, packets, planned, received, track
-from wayloom.simulation.motion import camera_poses
-from wayloom.simulation.vehicle_settings import (
+from wayloom.simulation.sensors.gnss import SIGMA_M, GnssRecord, fix_errors, packets, planned, received, track
+from wayloom.simulation.vehicle.motion import camera_poses
+from wayloom.simulation.vehicle.vehicle_settings import (
     ClockSettings,
     GnssBurst,
     GnssSettings,

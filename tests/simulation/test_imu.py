@@ -6,11 +6,11 @@ from scipy import stats
 
 from simulation.winding import Standing, Winding
 from wayloom.geometry import se3
-from wayloom.simulation.drives import Way, plan_drives
-from wayloom.simulation.imu import GRAVITY_M_S2, errors, recorded, samples, true_samples
-from wayloom.simulation.motion import Motion, camera_poses
-from wayloom.simulation.renderer import World
-from wayloom.simulation.vehicle_settings import ClockSettings, ImuSettings, VehicleSettings
+from wayloom.simulation.rendering.renderer import World
+from wayloom.simulation.sensors.imu import GRAVITY_M_S2, errors, recorded, samples, true_samples
+from wayloom.simulation.traffic.drives import Way, plan_drives
+from wayloom.simulation.vehicle.motion import Motion, camera_poses
+from wayloom.simulation.vehicle.vehicle_settings import ClockSettings, ImuSettings, VehicleSettings
 
 VEHICLE = VehicleSettings(imu=ImuSettings(rate_hz=200.0), imu_roll_pitch_yaw_rad=(0.03, -0.02, 0.05))
 T_BODY_IMU = VEHICLE.T_body_cam @ VEHICLE.T_cam_imu

@@ -7,8 +7,8 @@ from simulation.naive import pixel_ray, ray_hits, texture_at
 from wayloom.geometry import se3
 from wayloom.simulation.kernels import raster, sampling, shade, shadow
 from wayloom.simulation.kernels.arrays import DepthMap, TextureStack, Triangles, View
-from wayloom.simulation.materials import Material
-from wayloom.simulation.renderer import World
+from wayloom.simulation.rendering.renderer import World
+from wayloom.simulation.textures.materials import Material
 
 WIDTH, HEIGHT = 40, 24
 
@@ -189,7 +189,7 @@ def test_the_meeting_of_ray_and_triangle_and_its_pixel_steps_are_exact(view: Vie
 
 
 def test_a_pixel_is_the_mean_of_what_its_samples_see(world: World, poses: list[np.ndarray]) -> None:
-    from wayloom.simulation.rigs import sized_rig
+    from wayloom.simulation.vehicle.rigs import sized_rig
 
     camera, T = sized_rig("quarter").camera, poses[0]
     scene = world.scene(camera, T, 1.0)

@@ -5,12 +5,12 @@ import pytest
 
 from simulation.naive import ray_hits
 from wayloom.config.classes import CLASS_ID, SKY
-from wayloom.simulation.lidar import LidarScan, directions, scan
-from wayloom.simulation.materials import CUTOUTS
-from wayloom.simulation.mesh import join
-from wayloom.simulation.renderer import World
-from wayloom.simulation.rigs import sized_rig
-from wayloom.simulation.vehicle_settings import LidarSettings, VehicleSettings
+from wayloom.simulation.models.mesh import join
+from wayloom.simulation.rendering.renderer import World
+from wayloom.simulation.sensors.lidar import LidarScan, directions, scan
+from wayloom.simulation.textures.materials import CUTOUTS
+from wayloom.simulation.vehicle.rigs import sized_rig
+from wayloom.simulation.vehicle.vehicle_settings import LidarSettings, VehicleSettings
 
 EXACT = LidarSettings(rings=32, columns=512, range_noise_m=0.0, dropout=0.0)
 T_CAM_LIDAR = VehicleSettings(lidar=EXACT).T_cam_lidar

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from wayloom.config.classes import SKY
-from wayloom.simulation import two_wheelers, vehicles
-from wayloom.simulation.cars import BRAKE_LAMP, TAIL_LAMP
 from wayloom.simulation.kernels import shade
-from wayloom.simulation.light import WEATHERS, CityLight, LightSettings
-from wayloom.simulation.materials import Material
-from wayloom.simulation.mesh import empty
-from wayloom.simulation.rain import with_rain
-from wayloom.simulation.renderer import Scene, World
-from wayloom.simulation.rigs import sized_rig
+from wayloom.simulation.models import two_wheelers, vehicles
+from wayloom.simulation.models.cars import BRAKE_LAMP, TAIL_LAMP
+from wayloom.simulation.models.mesh import empty
+from wayloom.simulation.rendering.light import WEATHERS, CityLight, LightSettings
+from wayloom.simulation.rendering.rain import with_rain
+from wayloom.simulation.rendering.renderer import Scene, World
+from wayloom.simulation.textures.materials import Material
+from wayloom.simulation.vehicle.rigs import sized_rig
 
 CAMERA = sized_rig("quarter").camera
 DRY = LightSettings(cloud_cover=0.4)

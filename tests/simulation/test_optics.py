@@ -11,12 +11,12 @@ from wayloom.geometry.lens import RightLens
 from wayloom.geometry.rectification import DistortedCamera, rectifying_maps
 from wayloom.simulation.kernels import optics as kernels
 from wayloom.simulation.kernels.arrays import View
-from wayloom.simulation.materials import CUTOUTS
-from wayloom.simulation.optics import TrueCamera, culling_camera, through_lens, true_cameras, truth_of
-from wayloom.simulation.renderer import Truth, World
-from wayloom.simulation.rig_faults import FAULTS, LENS
-from wayloom.simulation.rigs import given_rig
-from wayloom.simulation.vehicle_settings import RightLensSettings, VehicleSettings
+from wayloom.simulation.rendering.renderer import Truth, World
+from wayloom.simulation.sensors.optics import TrueCamera, culling_camera, through_lens, true_cameras, truth_of
+from wayloom.simulation.textures.materials import CUTOUTS
+from wayloom.simulation.vehicle.rig_faults import FAULTS, LENS
+from wayloom.simulation.vehicle.rigs import given_rig
+from wayloom.simulation.vehicle.vehicle_settings import RightLensSettings, VehicleSettings
 
 STRONG = RightLensSettings(
     pitch_rad=0.004, yaw_rad=-0.006, roll_rad=0.005, ty=0.02, tz=-0.03, focal_ratio=1.01, cx_shift_px=6.0, k1=0.02, p1=0.003,

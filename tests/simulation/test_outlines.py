@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from wayloom.config.classes import CLASS_ID
-from wayloom.simulation.outlines import without_holes
-from wayloom.simulation.renderer import Truth
+from wayloom.simulation.rendering.outlines import without_holes
+from wayloom.simulation.rendering.renderer import Truth
 
 ROAD, CAR, BICYCLE, RIDER, SKY = (CLASS_ID[name] for name in ("road", "car", "bicycle", "rider", "sky"))
 SHAPE = (40, 60)

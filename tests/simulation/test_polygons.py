@@ -5,12 +5,12 @@ import pytest
 
 from simulation.polygon import distance, inside
 from wayloom.config.classes import CLASS_ID
-from wayloom.simulation.city import City, build_city
-from wayloom.simulation.city_settings import CitySettings
-from wayloom.simulation.models import Models
-from wayloom.simulation.objects import Area, TrueArea
-from wayloom.simulation.renderer import World
-from wayloom.simulation.rigs import sized_rig
+from wayloom.simulation.city.city import City, build_city
+from wayloom.simulation.city.city_settings import CitySettings
+from wayloom.simulation.city.objects import Area, TrueArea
+from wayloom.simulation.models.catalogue import Models
+from wayloom.simulation.rendering.renderer import World
+from wayloom.simulation.vehicle.rigs import sized_rig
 
 GROUND = [CLASS_ID["road"], CLASS_ID["sidewalk"], CLASS_ID["terrain"]]
 CAMERA = sized_rig("quarter").camera

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from wayloom.errors import ConfigError
-from wayloom.simulation import signals
-from wayloom.simulation.city import City, build_city
-from wayloom.simulation.city_settings import CitySettings
-from wayloom.simulation.drives import Way, plan_drives, random_way
-from wayloom.simulation.lanes import COMFORT_M_S2
-from wayloom.simulation.models import Models
-from wayloom.simulation.paths import LANE_M, lane_path
-from wayloom.simulation.routes import Route, eased
-from wayloom.simulation.streets import ISLAND_M, ROUNDABOUT_M
-from wayloom.simulation.terrain import FLAT, HILLS
+from wayloom.simulation.city.city import City, build_city
+from wayloom.simulation.city.city_settings import CitySettings
+from wayloom.simulation.city.paths import LANE_M, lane_path
+from wayloom.simulation.city.streets import ISLAND_M, ROUNDABOUT_M
+from wayloom.simulation.city.terrain import FLAT, HILLS
+from wayloom.simulation.models.catalogue import Models
+from wayloom.simulation.traffic import signals
+from wayloom.simulation.traffic.drives import Way, plan_drives, random_way
+from wayloom.simulation.traffic.lanes import COMFORT_M_S2
+from wayloom.simulation.traffic.routes import Route, eased
 
 AROUND = (6, 7, 12, 11)
 

@@ -20,15 +20,21 @@ from wayloom.geometry import se3
 from wayloom.georeference.geodesy import enu_from_lonlatheight
 from wayloom.logs.registry import open_log
 from wayloom.logs.simulated_truth import FIX_COLUMNS, open_truth
-from wayloom.simulation.city_settings import CitySettings
-from wayloom.simulation.drives import plan_drives
-from wayloom.simulation.presets import CITY_ORIGIN, PRESETS, START_NS, DrivePlan, Preset
-from wayloom.simulation.recording import plan_recording, way_of
-from wayloom.simulation.renderer import World
-from wayloom.simulation.rigs import given_rig
-from wayloom.simulation.simulate import WRITERS, simulate
-from wayloom.simulation.vehicle_settings import ExposureSettings, ImuSettings, LidarSettings, SensorSettings, VehicleSettings
-from wayloom.simulation.worlds import build_world
+from wayloom.simulation.city.city_settings import CitySettings
+from wayloom.simulation.recording.presets import CITY_ORIGIN, PRESETS, START_NS, DrivePlan, Preset
+from wayloom.simulation.recording.record_drive import plan_recording, way_of
+from wayloom.simulation.recording.simulate import WRITERS, simulate
+from wayloom.simulation.recording.worlds import build_world
+from wayloom.simulation.rendering.renderer import World
+from wayloom.simulation.traffic.drives import plan_drives
+from wayloom.simulation.vehicle.rigs import given_rig
+from wayloom.simulation.vehicle.vehicle_settings import (
+    ExposureSettings,
+    ImuSettings,
+    LidarSettings,
+    SensorSettings,
+    VehicleSettings,
+)
 
 FRAMES = 4
 LIDAR = LidarSettings(rings=16, columns=256)
@@ -100,8 +106,8 @@ def test_a_process_that_is_killed_leaves_nothing_half_written(
         f"""
         import os, signal
         from pathlib import Path
-        from wayloom.simulation.presets import Preset
-        from wayloom.simulation.simulate import simulate
+        from wayloom.simulation.recording.presets import Preset
+        from wayloom.simulation.recording.simulate import simulate
 
         def stop(share, what):
             if "frame 3 of" in what:

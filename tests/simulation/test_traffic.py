@@ -5,17 +5,17 @@ import numpy as np
 import pytest
 
 from wayloom.config.classes import CLASS_ID
-from wayloom.simulation import signals
-from wayloom.simulation.city import City, build_city
-from wayloom.simulation.city_settings import CitySettings
-from wayloom.simulation.drives import Drive, Way, plan_drives
-from wayloom.simulation.lanes import ALONG, Lane, LaneGraph
-from wayloom.simulation.models import Models
-from wayloom.simulation.numbering import FIRST_MOVER, vehicle_number
-from wayloom.simulation.pedestrians import People, places
-from wayloom.simulation.renderer import World
-from wayloom.simulation.streets import Control
-from wayloom.simulation.traffic import Vehicle
+from wayloom.simulation.city.city import City, build_city
+from wayloom.simulation.city.city_settings import CitySettings
+from wayloom.simulation.city.numbering import FIRST_MOVER, vehicle_number
+from wayloom.simulation.city.streets import Control
+from wayloom.simulation.models.catalogue import Models
+from wayloom.simulation.rendering.renderer import World
+from wayloom.simulation.traffic import signals
+from wayloom.simulation.traffic.drives import Drive, Way, plan_drives
+from wayloom.simulation.traffic.lanes import ALONG, Lane, LaneGraph
+from wayloom.simulation.traffic.pedestrians import People, places
+from wayloom.simulation.traffic.traffic import Vehicle
 
 WIDTHS = {"bicycle": 0.5, "rider": 0.5, "motorcycle": 0.6, "car": 1.75}
 WAYS = (Way((6, 7, 12, 11), 30.0, closed=True), Way((12, 7, 6, 11, 16), 33.0, reference=1, before_m=45.0, duration_s=40.0))

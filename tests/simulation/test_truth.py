@@ -6,12 +6,12 @@ import pytest
 from simulation.naive import pixel_ray, ray_hits
 from wayloom.config.classes import CLASS_ID, SKY
 from wayloom.geometry.lens import RightLens
-from wayloom.simulation.materials import CUTOUTS
-from wayloom.simulation.mesh import join
-from wayloom.simulation.optics import T_left_right
-from wayloom.simulation.renderer import Scene, World
-from wayloom.simulation.rigs import sized_rig
-from wayloom.simulation.traffic import FIRST_MOVER
+from wayloom.simulation.models.mesh import join
+from wayloom.simulation.rendering.renderer import Scene, World
+from wayloom.simulation.sensors.optics import T_left_right
+from wayloom.simulation.textures.materials import CUTOUTS
+from wayloom.simulation.traffic.traffic import FIRST_MOVER
+from wayloom.simulation.vehicle.rigs import sized_rig
 
 RIG = sized_rig("quarter")
 

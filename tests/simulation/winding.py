@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wayloom.simulation.vehicle_settings import rotation
+from wayloom.simulation.vehicle.vehicle_settings import rotation
 
 
 class Winding:

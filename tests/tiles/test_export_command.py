@@ -6,7 +6,7 @@ import laspy
 import pytest
 
 from submaps.made_submaps import random_submap
-from wayloom.logs.ply import read_ply
+from wayloom.files.ply import read_ply
 from wayloom.stitching.merge import merge
 from wayloom.submaps.files import save_submaps
 

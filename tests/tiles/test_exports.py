@@ -7,9 +7,9 @@ import pytest
 from made_maps import made_map
 
 from wayloom.config.classes import CLASS_ID, PALETTE, VOID
+from wayloom.files.ply import read_ply
 from wayloom.geometry import se3
 from wayloom.georeference import geodesy
-from wayloom.logs.ply import read_ply
 from wayloom.tiles.exports import ASPRS_OF_CLASS, export_geojson_track, export_laz, export_ply
 from wayloom.tiles.preview import PAPER, TRACK, bar_length_m, top_down
 

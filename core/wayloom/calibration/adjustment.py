@@ -28,7 +28,7 @@ from wayloom.calibration.residuals import (
 from wayloom.calibration.settings import CalibrationSettings
 from wayloom.geometry import se3
 from wayloom.geometry.lens import RightLens, lens_from_values
-from wayloom.odometry.evidence import TARGETS
+from wayloom.odometry.rig.calibration_observations import TARGETS
 
 FloatArray = NDArray[np.float64]
 STAY = [*range(LENS), LENS + DRIVE]

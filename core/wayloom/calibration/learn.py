@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from wayloom.calibration.adjustment import Adjustment, adjust, lens_information, snippet_scores
 from wayloom.calibration.residuals import LENS, drive_of
+from wayloom.calibration.rig_file import RigFile, differences
 from wayloom.calibration.settings import CalibrationSettings
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import CalibrationError
 from wayloom.geometry.camera import PinholeCamera
 from wayloom.geometry.lens import PARAMETERS, RightLens, lens_field, parameter_jacobian
-from wayloom.logs.rig_file import RigFile, differences
-from wayloom.odometry.evidence import Evidence
+from wayloom.odometry.rig.calibration_observations import Evidence
 
 FloatArray = NDArray[np.float64]
 FIELD_STEP = 16

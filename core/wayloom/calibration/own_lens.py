@@ -20,10 +20,11 @@ from wayloom.calibration.settings import CalibrationSettings
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry.lens import IDENTITY, RightLens, lens_from_values
 from wayloom.logs.types import DriveLog
-from wayloom.odometry import feed, rows
-from wayloom.odometry.debug import Debug
-from wayloom.odometry.evidence import Evidence, EvidenceCollector
+from wayloom.odometry import frame_source
+from wayloom.odometry.debugging.recorder import Debug
 from wayloom.odometry.odometry import track
+from wayloom.odometry.rig import rows
+from wayloom.odometry.rig.calibration_observations import Evidence, EvidenceCollector
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.types import OdometryResult
 
@@ -77,8 +78,8 @@ def track_calibrated(
         return track(log, settings, progress, threads, IDENTITY if lens is None else lens, collector, debug)
     start = process_time()
     progress(0.0, "learning the right camera's lens from pieces of the drive (compiling kernels, first run only)")
-    with feed.one_opencv_thread():
-        matches = feed.first_matches(log, settings.row_frames)
+    with frame_source.one_opencv_thread():
+        matches = frame_source.first_matches(log, settings.row_frames)
     own = own_lens(log, settings, matches)
     seconds = process_time() - start
     if not own.lens.is_ideal:
@@ -96,7 +97,7 @@ def track_calibrated(
 
 def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), matches: FloatArray | None = None) -> OwnLens:
     """The lens that a drive tells of. matches : as of `track`. Raises as it does."""
-    with feed.one_opencv_thread():
+    with frame_source.one_opencv_thread():
         evidence = sampled_evidence(log, settings, matches)
     if evidence.snippets < LEAST_SNIPPETS:
         reason = f"{evidence.snippets} groups of matches are too few to tell a lens by"
@@ -119,7 +120,7 @@ def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), mat
 
 def sampled_evidence(log: DriveLog, settings: OdometrySettings, matches: FloatArray | None = None) -> Evidence:
     """SNIPPETS snippets or fewer from STRETCHES parts of a drive."""
-    right_images = rows.RightImages(log.rig, IDENTITY, feed.fit_rows(log, settings.row_frames, matches=matches))
+    right_images = rows.RightImages(log.rig, IDENTITY, frame_source.fit_rows(log, settings.row_frames, matches=matches))
     collector, count = EvidenceCollector(log.rig, POINTS), max(1, min(STRETCHES, len(log) // LEAST_FRAMES))
     sampler, starts = Sampler(log, settings, right_images, collector), [k * len(log) // count for k in range(count + 1)]
     for k, start in enumerate(starts[:-1]):

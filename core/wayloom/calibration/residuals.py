@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from wayloom.geometry import se3
 from wayloom.geometry.lens import PARAMETERS, RightLens, lens_from_values, project_scaled, projection_jacobians
-from wayloom.odometry.evidence import TARGETS, Evidence
+from wayloom.odometry.rig.calibration_observations import TARGETS, Evidence
 
 FloatArray = NDArray[np.float64]
 MATCHES = 1 + 2 * TARGETS

@@ -8,11 +8,13 @@ from numpy.typing import NDArray
 
 from wayloom.geometry import se3
 from wayloom.logs.types import DriveLog
-from wayloom.odometry import feed, pyramid, recovery, selection
-from wayloom.odometry import track as tracking
-from wayloom.odometry.evidence import EvidenceCollector
-from wayloom.odometry.rows import RightImages
+from wayloom.odometry import frame_source
+from wayloom.odometry.points import selection
+from wayloom.odometry.rig.calibration_observations import EvidenceCollector
+from wayloom.odometry.rig.rows import RightImages
 from wayloom.odometry.settings import OdometrySettings
+from wayloom.odometry.tracking import alignment as tracking
+from wayloom.odometry.tracking import pyramid, recovery
 
 FloatArray = NDArray[np.float64]
 REFERENCE_POINTS = 250
@@ -38,7 +40,7 @@ class Sampler:
     def stretch(self, start: int, stop: int, wanted: int) -> None:
         """Frames start to stop, until the collector has `wanted` snippets."""
         for index in range(start, stop):
-            self._frame(feed.grey_pair(self.log, index))
+            self._frame(frame_source.grey_pair(self.log, index))
             if len(self.collector.finished) >= wanted:
                 break
         self._forget()
@@ -50,7 +52,7 @@ class Sampler:
         self.T_host_world, self.brightness = np.eye(4), np.array([1.0, 0.0])
         self.poses: list[tuple[int, FloatArray]] = []
 
-    def _frame(self, pair: feed.GreyPair) -> None:
+    def _frame(self, pair: frame_source.GreyPair) -> None:
         if recovery.is_blank(pair.left, self.settings.min_contrast):
             self._forget()
             return
@@ -67,7 +69,7 @@ class Sampler:
         if self.collector.open is None:
             self._begin(pair, images, T)
 
-    def _begin(self, pair: feed.GreyPair, images: pyramid.Pyramid, T_cam_world: FloatArray) -> None:
+    def _begin(self, pair: frame_source.GreyPair, images: pyramid.Pyramid, T_cam_world: FloatArray) -> None:
         """Make the frame a host, what its points are matched with the reference; where there are too few the way is lost."""
         aligned = self.right_images.align(pair.right)
         pixels, disparity = self.collector.host_matches(pair.left, aligned)

@@ -56,7 +56,7 @@ def labels(
     from wayloom.evaluation.label_tables import as_csv, as_latex, as_text
     from wayloom.evaluation.label_truth import find_labelled_drives
     from wayloom.evaluation.labels import LabelledPoints, benchmark_labels
-    from wayloom.logs.atomic import check_writable, write_atomically
+    from wayloom.files.atomic import check_writable, write_atomically
     from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model
     from wayloom.segmentation.network import Network
 

@@ -9,7 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from wayloom.calibration.learn import Calibration
-    from wayloom.odometry.evidence import Evidence
+    from wayloom.odometry.rig.calibration_observations import Evidence
 
 IN_STAGES = Path("stages", "odometry", "evidence.npz")
 
@@ -27,8 +27,8 @@ def calibrate_command(
     """Learn how the right camera of a rig differs from the ideal one. Logs are tracked first; evidence is used as it is."""
     from wayloom.calibration.learn import learn_rig
     from wayloom.calibration.report import facts, lines
-    from wayloom.logs.atomic import check_writable, write_atomically
-    from wayloom.logs.rig_file import read_rig_file, write_rig_file
+    from wayloom.calibration.rig_file import read_rig_file, write_rig_file
+    from wayloom.files.atomic import check_writable, write_atomically
     from wayloom.pipeline.folders import writing_to
 
     known = None if rig is None else read_rig_file(rig)
@@ -48,7 +48,7 @@ def calibrate_command(
 
 def evidence_of(source: Path, threads: int, outputs: tuple[Path | None, ...]) -> "Iterator[Evidence]":
     """The evidence that a path holds, or that its drive gives when it is tracked. Raises InputError."""
-    from wayloom.odometry.evidence_file import is_evidence, load_evidence
+    from wayloom.odometry.rig.calibration_file import is_evidence, load_evidence
 
     if is_evidence(source):
         yield load_evidence(source)
@@ -65,8 +65,8 @@ def _track(path: Path, threads: int, outputs: tuple[Path | None, ...]) -> "Evide
     """Track a drive log for its evidence alone."""
     from wayloom.cli.odometry import shown_progress
     from wayloom.logs.registry import check_outside, open_log
-    from wayloom.odometry.evidence import EvidenceCollector
     from wayloom.odometry.odometry import track
+    from wayloom.odometry.rig.calibration_observations import EvidenceCollector
 
     log = open_log(path)
     check_outside(log, *outputs)

@@ -97,8 +97,8 @@ def simulated(out: Path) -> Fleet:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from wayloom import __version__
-    from wayloom.simulation.presets import CITY_ORIGIN, PRESETS
-    from wayloom.simulation.simulate import simulate
+    from wayloom.simulation.recording.presets import CITY_ORIGIN, PRESETS
+    from wayloom.simulation.recording.simulate import simulate
 
     origin = ",".join(str(part) for part in (CITY_ORIGIN.lon_deg, CITY_ORIGIN.lat_deg, CITY_ORIGIN.height_m))
     folder = out / "drives"
@@ -177,7 +177,7 @@ def write_map(api: "Api", drives: list[dict[str, Any]], path: Path) -> None:
     import cv2
     import numpy as np
 
-    from wayloom.logs.atomic import write_atomically
+    from wayloom.files.atomic import write_atomically
     from wayloom.reports.map_picture import map_picture
 
     placed = [drive for drive in drives if drive["placed"]]

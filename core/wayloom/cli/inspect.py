@@ -22,7 +22,7 @@ def inspect_command(
 ) -> None:
     """Print what is in a log, what is missing, rates, gaps, duration, distance. Exit status 2 where it cannot be used."""
     from wayloom.errors import LogError
-    from wayloom.logs.atomic import write_atomically
+    from wayloom.files.atomic import write_atomically
     from wayloom.logs.inspection import inspect_log
     from wayloom.logs.registry import check_outside, open_log_unchecked
     from wayloom.pipeline.folders import writing_to

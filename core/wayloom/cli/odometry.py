@@ -46,12 +46,12 @@ def odometry_command(
 ) -> None:
     """Track a drive from its stereo pairs alone. Exit status 0 with a warning where parts of it were lost."""
     from wayloom.calibration.own_lens import track_calibrated
-    from wayloom.logs.atomic import check_writable
+    from wayloom.calibration.rig_file import lens_for_log
+    from wayloom.files.atomic import check_writable
     from wayloom.logs.registry import check_outside, open_log
-    from wayloom.logs.rig_file import lens_for_log
-    from wayloom.odometry.debug import Debug
-    from wayloom.odometry.evidence import EvidenceCollector
-    from wayloom.odometry.evidence_file import save_evidence
+    from wayloom.odometry.debugging.recorder import Debug
+    from wayloom.odometry.rig.calibration_file import save_evidence
+    from wayloom.odometry.rig.calibration_observations import EvidenceCollector
     from wayloom.pipeline.folders import writing_to
 
     drive = open_log(log, gnss=gnss)
@@ -118,9 +118,9 @@ def write_results(
 
     import numpy as np
 
-    from wayloom.logs.atomic import write_atomically
-    from wayloom.logs.ply import write_ply
-    from wayloom.logs.trajectory_files import write_kitti, write_tum
+    from wayloom.files.atomic import write_atomically
+    from wayloom.files.ply import write_ply
+    from wayloom.files.trajectory_files import write_kitti, write_tum
 
     trajectory = result.trajectory
     if trajectory_format is TrajectoryFormat.TUM:

@@ -52,7 +52,7 @@ def simulate_command(
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from wayloom.pipeline.folders import writing_to
-    from wayloom.simulation.simulate import simulate
+    from wayloom.simulation.recording.simulate import simulate
 
     columns = (BarColumn(32), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn(), TextColumn("{task.description}"))
     console = Console(file=sys.stderr)

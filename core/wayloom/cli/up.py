@@ -45,7 +45,7 @@ def up_command(
 def run(settings: "ServiceSettings", listener: socket.socket, workers: int, ready_file: Path | None) -> None:
     """Start everything, say so, and watch over it until a signal comes."""
     from wayloom.cli.supervisor import Supervisor
-    from wayloom.logs.atomic import write_atomically
+    from wayloom.files.atomic import write_atomically
     from wayloom.store.database import Database
     from wayloom.store.migrate import upgrade
 

@@ -28,7 +28,7 @@ def upload_command(
     """Send drive logs to a service. Run it again after any interruption: it continues where the service has it."""
     from wayloom.client.api import Api
     from wayloom.client.manifests import pack
-    from wayloom.logs.atomic import write_atomically
+    from wayloom.files.atomic import write_atomically
 
     if gnss is not None and len(logs) > 1:
         raise ConfigError("--gnss belongs to one drive, several were given", remedy="send the drives one by one")

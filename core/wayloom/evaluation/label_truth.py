@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from wayloom.errors import InputError
 from wayloom.geometry import se3
-from wayloom.logs.accumulation import Scan, window_frames, window_rows
-from wayloom.logs.image_folder_log import ImageFolderLog
-from wayloom.logs.images import ImagePairs
-from wayloom.logs.kitti_360 import open_kitti_360
-from wayloom.logs.kitti_360_clouds import AccumulatedCloud, cloud_of, read_cloud, windows
-from wayloom.logs.kitti_360_labels import has_labels, label_ids, read_semantic, train_ids
-from wayloom.logs.kitti_360_layout import Sequence, find_sequences
+from wayloom.logs.images.image_files import ImagePairs
+from wayloom.logs.kitti.accumulation import Scan, window_frames, window_rows
+from wayloom.logs.kitti.image_folder_log import ImageFolderLog
+from wayloom.logs.kitti.kitti_360 import open_kitti_360
+from wayloom.logs.kitti.kitti_360_clouds import AccumulatedCloud, cloud_of, read_cloud, windows
+from wayloom.logs.kitti.kitti_360_labels import has_labels, label_ids, read_semantic, train_ids
+from wayloom.logs.kitti.kitti_360_layout import Sequence, find_sequences
 from wayloom.logs.registry import open_log
 from wayloom.logs.simulated_truth import SimulatedTruth, has_truth, open_truth, scan_file
 from wayloom.logs.types import DriveLog

@@ -25,7 +25,7 @@ from wayloom.evaluation.label_scores import Counts, LabelScores, count, scores
 from wayloom.evaluation.label_truth import LabelledDrive
 from wayloom.labelling.settings import PAPER, LabellingSettings
 from wayloom.labelling.tcl import label_points, voting_frames
-from wayloom.odometry.files import load_odometry, save_odometry
+from wayloom.odometry.result.odometry_file import load_odometry, save_odometry
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.types import OdometryResult
 from wayloom.segmentation.network import Network

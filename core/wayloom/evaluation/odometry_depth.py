@@ -12,7 +12,7 @@ from wayloom.config.classes import CLASS_ID, VOID
 from wayloom.errors import LogError
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera
-from wayloom.logs.kitti_calibration import (
+from wayloom.logs.kitti.kitti_calibration import (
     CAM_TO_CAM,
     VELO_TO_CAM,
     read_calibration,

@@ -16,9 +16,9 @@ from wayloom.errors import ConfigError, InputError, LogError
 from wayloom.evaluation.odometry import Numbers, Summary, run_measured, summarise
 from wayloom.evaluation.odometry_recordings import Recording
 from wayloom.evaluation.trajectory import evaluate
-from wayloom.logs import kitti_odometry
-from wayloom.logs.image_folder_log import ImageFolderLog
-from wayloom.logs.trajectory_files import read_kitti, read_tum
+from wayloom.files.trajectory_files import read_kitti, read_tum
+from wayloom.logs.kitti import kitti_odometry
+from wayloom.logs.kitti.image_folder_log import ImageFolderLog
 from wayloom.logs.types import DriveLog
 
 FloatArray = NDArray[np.float64]

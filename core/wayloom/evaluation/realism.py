@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geometry.camera import StereoRig
-from wayloom.odometry import pyramid, rows, selection, stereo
+from wayloom.odometry.points import selection, stereo
+from wayloom.odometry.rig import rows
 from wayloom.odometry.settings import OdometrySettings
+from wayloom.odometry.tracking import pyramid
 
 Image = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]

@@ -15,8 +15,8 @@ from wayloom.evaluation.georeference import TrackDistance, distance_to_ins
 from wayloom.evaluation.trajectory import TrajectoryErrors, evaluate, path_length
 from wayloom.geometry import se3
 from wayloom.georeference.alignment import georeference
-from wayloom.logs.oxts import ins_trajectory
 from wayloom.logs.registry import open_log
+from wayloom.logs.sidecars.oxts import ins_trajectory
 from wayloom.logs.types import DriveLog, GnssTrack
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.types import OdometryResult

@@ -20,16 +20,16 @@ from wayloom.errors import StageError
 from wayloom.evaluation.label_scores import count
 from wayloom.evaluation.labelled_images import ImageScores
 from wayloom.segmentation.network import Network
-from wayloom.simulation.camera import developed, wanted_gain
-from wayloom.simulation.city_settings import CitySettings
-from wayloom.simulation.dataset import StereoView, render_pairs
-from wayloom.simulation.light import LightSettings
-from wayloom.simulation.optics import through_lens, true_cameras, truth_of
-from wayloom.simulation.outlines import without_holes
-from wayloom.simulation.renderer import World
-from wayloom.simulation.rigs import camera_on_ground, given_rig
-from wayloom.simulation.vehicle_settings import VehicleSettings
-from wayloom.simulation.worlds import build_world
+from wayloom.simulation.city.city_settings import CitySettings
+from wayloom.simulation.recording.dataset import StereoView, render_pairs
+from wayloom.simulation.recording.worlds import build_world
+from wayloom.simulation.rendering.light import LightSettings
+from wayloom.simulation.rendering.outlines import without_holes
+from wayloom.simulation.rendering.renderer import World
+from wayloom.simulation.sensors.camera import developed, wanted_gain
+from wayloom.simulation.sensors.optics import through_lens, true_cameras, truth_of
+from wayloom.simulation.vehicle.rigs import camera_on_ground, given_rig
+from wayloom.simulation.vehicle.vehicle_settings import VehicleSettings
 
 FOUND_PERCENT = 25.0
 """IoU from which a network is said to find a class."""

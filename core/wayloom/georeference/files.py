@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from wayloom.errors import InputError
+from wayloom.files.atomic import write_atomically
 from wayloom.georeference.types import GeoReference, MapFrame
-from wayloom.logs.atomic import write_atomically
 
 FORMAT = "wayloom-georeference"
 VERSION = 1

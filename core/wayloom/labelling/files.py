@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import StageError
+from wayloom.files.atomic import write_atomically
 from wayloom.labelling.types import PointLabels
-from wayloom.logs.atomic import write_atomically
 
 FORMAT_VERSION: Final = 1
 _EPOCH: Final = (1980, 1, 1, 0, 0, 0)

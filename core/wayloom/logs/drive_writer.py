@@ -12,16 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import LogError
+from wayloom.files.atomic import link_or_copy, remove_unfinished, write_atomically
+from wayloom.files.trajectory_files import write_kitti
 from wayloom.geometry.camera import StereoRig
 from wayloom.geometry.rectification import Coefficients
-from wayloom.logs.atomic import link_or_copy, remove_unfinished, write_atomically
-from wayloom.logs.exposure_csv import EXPOSURE_NAME, write_exposure_csv
-from wayloom.logs.gnss_csv import write_gnss_csv
-from wayloom.logs.imu_csv import IMU_NAME, write_imu_csv
-from wayloom.logs.oxts_writer import OxtsPacket, OxtsWriter
-from wayloom.logs.positioning import CSV_NAME
-from wayloom.logs.sidecar import SIDECAR_NAME, Sidecar
-from wayloom.logs.trajectory_files import write_kitti
+from wayloom.logs.sidecars.exposure_csv import EXPOSURE_NAME, write_exposure_csv
+from wayloom.logs.sidecars.gnss_csv import GNSS_NAME, write_gnss_csv
+from wayloom.logs.sidecars.imu_csv import IMU_NAME, write_imu_csv
+from wayloom.logs.sidecars.oxts_writer import OxtsPacket, OxtsWriter
+from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, Sidecar
 from wayloom.logs.types import GnssTrack, Image, ImuTrack, StereoFrame
 
 FloatArray = NDArray[np.float64]
@@ -207,7 +206,7 @@ class DriveWriter(ABC):
                 oxts.add(packet)
             oxts.finish()
         if self.gnss is not None:
-            write_gnss_csv(self.notes_folder() / CSV_NAME, self.gnss)
+            write_gnss_csv(self.notes_folder() / GNSS_NAME, self.gnss)
         if self.imu is not None:
             write_imu_csv(self.notes_folder() / IMU_NAME, self.imu)
         if self.exposure_s is not None:

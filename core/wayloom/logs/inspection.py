@@ -8,9 +8,9 @@ from pydantic import BaseModel
 
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
+from wayloom.files.text_files import utf8_text
+from wayloom.files.timestamps import NS, wall_clock_from_ns
 from wayloom.geometry.wgs84 import enu_from_lonlatheight
-from wayloom.logs.text_files import utf8_text
-from wayloom.logs.timestamps import NS, wall_clock_from_ns
 from wayloom.logs.types import DriveLog, FixType, GnssTrack, StoredLog
 
 FloatArray = NDArray[np.float64]

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from wayloom.errors import ConfigError, LogError, UnknownFormatError
-from wayloom.logs import kitti_360, kitti_odometry, kitti_raw, mcap_log
+from wayloom.logs.kitti import kitti_360, kitti_odometry, kitti_raw
+from wayloom.logs.ros2 import mcap_log
 from wayloom.logs.types import DriveLog, StoredLog
 
 

@@ -25,11 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import LogError
+from wayloom.files.ply import places, read_vertices
+from wayloom.files.text_files import parse_numbers, read_bytes, read_lines, read_text
 from wayloom.geometry import se3
-from wayloom.logs.kitti_360_clouds import read_scan
-from wayloom.logs.kitti_360_layout import find_sequence, is_root
-from wayloom.logs.ply import places, read_vertices
-from wayloom.logs.text_files import parse_numbers, read_bytes, read_lines, read_text
+from wayloom.logs.kitti.kitti_360_clouds import read_scan
+from wayloom.logs.kitti.kitti_360_layout import find_sequence, is_root
 
 FloatArray = NDArray[np.float64]
 FOLDER: Final = "truth"

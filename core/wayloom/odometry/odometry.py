@@ -15,31 +15,22 @@ from wayloom.config.progress import Progress, silent
 from wayloom.geometry import se3
 from wayloom.geometry.lens import IDENTITY, RightLens
 from wayloom.logs.types import DriveLog
-from wayloom.odometry import (
-    ablation,
-    activation,
-    adjust,
-    feed,
-    immature,
-    keyframing,
-    marginalise,
-    pyramid,
-    recovery,
-    rows,
-    selection,
-    window,
-)
-from wayloom.odometry import track as tracking
-from wayloom.odometry.debug import Debug
-from wayloom.odometry.evidence import EvidenceCollector
-from wayloom.odometry.harvest import FrameRow, Harvest, KeyframeRow
-from wayloom.odometry.keeping import Rule
+from wayloom.odometry import frame_source
+from wayloom.odometry.backend import ablation, adjustment, marginalisation, window
+from wayloom.odometry.backend.visual_inertial import VisualInertial, for_log
+from wayloom.odometry.debugging.recorder import Debug
 from wayloom.odometry.kernels.arrays import Robust
 from wayloom.odometry.kernels.linear import orthonormalise
+from wayloom.odometry.points import activation, immature, selection
+from wayloom.odometry.result.point_filter import Rule
+from wayloom.odometry.result.result_builder import FrameRow, Harvest, KeyframeRow
+from wayloom.odometry.rig import rows
+from wayloom.odometry.rig.calibration_observations import EvidenceCollector
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.stopwatch import Stopwatch
+from wayloom.odometry.tracking import alignment as tracking
+from wayloom.odometry.tracking import keyframing, pyramid, recovery
 from wayloom.odometry.types import OdometryResult
-from wayloom.odometry.visual_inertial import VisualInertial, for_log
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -63,11 +54,11 @@ def track(
 
     Raises LogError for frames that cannot be read or that do not have the rig's size.
     """
-    with feed.one_opencv_thread():
+    with frame_source.one_opencv_thread():
         progress(0.0, f"aligning the rows of left and right{COMPILING}")
-        right_images = rows.RightImages(log.rig, lens, feed.fit_rows(log, settings.row_frames, lens, matches))
+        right_images = rows.RightImages(log.rig, lens, frame_source.fit_rows(log, settings.row_frames, lens, matches))
         odometry = Odometry(right_images, settings, for_log(log, settings), collector, debug)
-        for frame in feed.frames(log, threads, odometry.stopwatch, odometry.levels):
+        for frame in frame_source.frames(log, threads, odometry.stopwatch, odometry.levels):
             odometry.process(frame)
             keyframes = len(odometry.harvest.keyframes)
             progress(
@@ -108,7 +99,7 @@ class Odometry:
         self.references: list[tracking.Reference] = []  # of the newest keyframes, newest last
         self.brightness, self.first_rms, self.smoothed_rms = np.array([1.0, 0.0]), math.inf, math.inf
 
-    def process(self, frame: feed.GreyPair) -> None:
+    def process(self, frame: frame_source.GreyPair) -> None:
         """One pair; the right image is used at keyframes only."""
         left = frame.left
         self.t_ns.append(frame.t_ns)
@@ -129,7 +120,7 @@ class Odometry:
         if len(self.window):
             self._end_segment()
 
-    def _follow(self, frame: feed.GreyPair, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
+    def _follow(self, frame: frame_source.GreyPair, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
         """Align a frame with the window; make it a keyframe if it is due, or start anew after too many failures."""
         with self.stopwatch("track"):
             found = self.found = self._align(left, images, T_expected)
@@ -205,14 +196,14 @@ class Odometry:
         self.brightness, self.failed, self.last_tracked = fit.brightness, 0, len(self.harvest.frames)
 
     # ------------------------------------------------------------------ losses and segments
-    def _hold(self, frame: feed.GreyPair, T_expected: FloatArray, reason: str) -> None:
+    def _hold(self, frame: frame_source.GreyPair, T_expected: FloatArray, reason: str) -> None:
         """Keep a frame that could not be tracked at its expected pose."""
         self.losses.append({"frame": frame.index, "reason": reason})
         row = len(self.harvest.keyframes) - 1
         T = T_expected if row < 0 else T_expected @ se3.inverse(self.harvest.keyframes[row].T_cam_world)
         self.harvest.frames.append(FrameRow(row, T, False, self._segment()))
 
-    def _start_segment(self, frame: feed.GreyPair, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
+    def _start_segment(self, frame: frame_source.GreyPair, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> None:
         """Begin anew from static stereo at the expected pose; where stereo finds too little the frame is lost."""
         right = self._aligned_right(frame)
         _, found = activation.stereo_candidates(left, right, np.zeros((0, 2)), self.cell, self.settings, self.stopwatch)
@@ -224,7 +215,7 @@ class Odometry:
         self.failed, self.last_tracked = 0, len(self.harvest.frames)
         self._add_keyframe(frame, left, images, T_expected, np.zeros(2))
 
-    def _collect(self, frame: feed.GreyPair, left: Image) -> None:
+    def _collect(self, frame: frame_source.GreyPair, left: Image) -> None:
         """Give the newest keyframe to the evidence of the rig."""
         if self.collector is not None:
             right, newest = frame.right, self.window.frames.T_cam_world[-1]
@@ -235,13 +226,13 @@ class Odometry:
         if self.collector is not None:
             self.collector.interrupt()
         if len(self.window) == 1:  # a car that stood: what its own pair says of the points is all there is
-            adjust.adjust(self.window, self.rig, self.robust, self.settings.affine_prior, self.settings.adjust_iterations)
+            adjustment.adjust(self.window, self.rig, self.robust, self.settings.affine_prior, self.settings.adjust_iterations)
         self._harvest_points(np.ones(len(self.window.point_id), bool), np.ones(len(self.window.immature.low), bool))
         self._reset(float(self.window.delta[0]), RESTART_BIAS_INFORMATION * self.settings.bias_prior)
 
     # ------------------------------------------------------------------ keyframes
     def _add_keyframe(
-        self, frame: feed.GreyPair, left: Image, images: pyramid.Pyramid, T_cam_world: FloatArray, affine: FloatArray
+        self, frame: frame_source.GreyPair, left: Image, images: pyramid.Pyramid, T_cam_world: FloatArray, affine: FloatArray
     ) -> None:
         """Make the frame a keyframe: points by static stereo, adjustment of the window, and what is too much for it leaves."""
         s, row = self.settings, len(self.harvest.keyframes)
@@ -256,9 +247,9 @@ class Odometry:
             if self.debug is not None:
                 self.debug.adjustment(self)
             with self.stopwatch("adjust"):
-                adjust.adjust(self.window, self.rig, self.robust, s.affine_prior, s.adjust_iterations)
-                adjust.cull(self.window)
-                if self.window.hold_delta and adjust.bias_is_significant(self.window, s.grey_sigma, s.bias_gate):
+                adjustment.adjust(self.window, self.rig, self.robust, s.affine_prior, s.adjust_iterations)
+                adjustment.cull(self.window)
+                if self.window.hold_delta and adjustment.bias_is_significant(self.window, s.grey_sigma, s.bias_gate):
                     self.window.hold_delta = False
             with self.stopwatch("trace"):
                 self.harvest.observations.append(immature.trace(self.window, self.rig, self.robust))
@@ -286,7 +277,7 @@ class Odometry:
         """Time stamps (ns) of the window's keyframes."""
         return [self.t_ns[self.harvest.keyframes[row].frame] for row in self.window.keyframe]
 
-    def _aligned_right(self, frame: feed.GreyPair) -> Image:
+    def _aligned_right(self, frame: frame_source.GreyPair) -> Image:
         """The right image (h, w), its rows on the left's."""
         with self.stopwatch("decode"):
             right = frame.right
@@ -304,11 +295,11 @@ class Odometry:
 
     def _marginalise_one(self) -> None:
         """One keyframe leaves the window, with its points and those out of sight."""
-        j = marginalise.leaving_keyframe(self.window.frames, self.window.points.host)
-        gone = marginalise.leaving_points(self.window, j)
+        j = marginalisation.leaving_keyframe(self.window.frames, self.window.points.host)
+        gone = marginalisation.leaving_points(self.window, j)
         self.harvest.add_observations(self.window, ~gone, self.rig, self.robust, [j])
         self._harvest_points(gone, self.window.immature.points.host == j)
-        marginalise.marginalise(self.window, j, gone, self.rig, self.robust, self.settings.affine_prior)
+        marginalisation.marginalise(self.window, j, gone, self.rig, self.robust, self.settings.affine_prior)
         ablation.weaken_prior(self.window, self.settings.ablation, self.settings.bias_prior)
 
     def _harvest_points(self, gone: NDArray[np.bool_], gone_immature: NDArray[np.bool_]) -> None:

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol
 
+from wayloom.files.atomic import write_atomically
 from wayloom.georeference.files import load_georeference
 from wayloom.georeference.types import GeoReference
 from wayloom.labelling.files import load_labels
 from wayloom.labelling.types import PointLabels
-from wayloom.logs.atomic import write_atomically
 from wayloom.logs.registry import check_outside, open_log
 from wayloom.logs.types import DriveLog
-from wayloom.odometry.feed import first_matches
-from wayloom.odometry.files import load_odometry
+from wayloom.odometry.frame_source import first_matches
+from wayloom.odometry.result.odometry_file import load_odometry
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.exports import write_exports
 from wayloom.pipeline.folders import discard, new_folders, put_in_place, sole_writer, sweep, whole_folder, writing_to

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import StageError
+from wayloom.files.trajectory_files import write_kitti, write_tum
 from wayloom.geometry import se3
 from wayloom.georeference.types import GeoReference
-from wayloom.logs.trajectory_files import write_kitti, write_tum
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.plane import T_plane_enu

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from wayloom.errors import ConflictError, InputError
-from wayloom.logs.atomic import UNFINISHED
+from wayloom.files.atomic import UNFINISHED
 
 LOCK: Final = ".lock"
 REMEDY: Final = {

@@ -21,6 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from wayloom.calibration.own_lens import track_calibrated
+from wayloom.calibration.rig_file import lens_for_log
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError, TooFewKeyframesError
 from wayloom.geometry.lens import RightLens
@@ -29,11 +30,10 @@ from wayloom.georeference.files import load_georeference, save_georeference
 from wayloom.labelling.files import load_labels, save_labels
 from wayloom.labelling.tcl import label_points, voting_frames
 from wayloom.logs.registry import open_log
-from wayloom.logs.rig_file import lens_for_log
 from wayloom.logs.types import DriveLog
-from wayloom.odometry.evidence import EvidenceCollector
-from wayloom.odometry.evidence_file import save_evidence
-from wayloom.odometry.files import load_odometry, save_odometry
+from wayloom.odometry.result.odometry_file import load_odometry, save_odometry
+from wayloom.odometry.rig.calibration_file import save_evidence
+from wayloom.odometry.rig.calibration_observations import EvidenceCollector
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline import keys
 from wayloom.pipeline.exports import cloud, drive_map, write_image
@@ -248,7 +248,7 @@ def _model(settings: ProcessSettings) -> dict[str, Any]:
 
 
 _PARTS_OF_LOG: Final = {"odometry": ("images",), "segmentation": ("images",), "georeference": ("gnss",)}
-_COMMON: Final = ("errors.py", "geometry", "config/classes.py", "logs", "pipeline/stages.py")
+_COMMON: Final = ("errors.py", "geometry", "config/classes.py", "files", "logs", "pipeline/stages.py")
 _STAGES: Final[dict[str, Stage]] = {
     "ingest": Stage(_ingest, (), lambda settings: {}, (*_COMMON, "pipeline/ingest.py")),
     "odometry": Stage(

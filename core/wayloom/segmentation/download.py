@@ -10,7 +10,7 @@ from typing import Final
 
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import ModelError
-from wayloom.logs.atomic import write_atomically
+from wayloom.files.atomic import write_atomically
 from wayloom.segmentation.conversion.convert import convert
 from wayloom.segmentation.description import ModelDescription
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from wayloom.config.classes import VOID
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError
-from wayloom.logs.atomic import write_atomically
-from wayloom.logs.sidecar import SIMULATED_RIG
+from wayloom.files.atomic import write_atomically
+from wayloom.logs.sidecars.sidecar import SIMULATED_RIG
 from wayloom.logs.types import DriveLog
 from wayloom.segmentation.network import Network
 from wayloom.segmentation.scores import Scores, decode_scores, encode_scores

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from wayloom.errors import InputError
+from wayloom.files.atomic import write_atomically
 from wayloom.georeference.types import MapFrame
-from wayloom.logs.atomic import write_atomically
 from wayloom.submaps.submap import PlacedSubmap, decode_submap
 
 FORMAT = "wayloom-submaps"

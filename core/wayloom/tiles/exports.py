@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_ID, CLASS_NAMES, PALETTE_WITH_VOID
+from wayloom.files.atomic import write_atomically
+from wayloom.files.ply import write_ply
 from wayloom.georeference import geodesy
 from wayloom.georeference.types import MapFrame
-from wayloom.logs.atomic import write_atomically
-from wayloom.logs.ply import write_ply
 from wayloom.stitching.voxel_map import VoxelMap
 from wayloom.tiles.preview import top_down
 from wayloom.tiles.pyramid import TILE_FORMATS, Track, build_tiles

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from wayloom.errors import ModelError
-from wayloom.logs.atomic import write_atomically
+from wayloom.files.atomic import write_atomically
 from wayloom.segmentation.conversion.efficientvit import build_efficientvit_b0
 from wayloom.segmentation.conversion.state_dict import Tensors, read_state_dict
 from wayloom.segmentation.description import read_description

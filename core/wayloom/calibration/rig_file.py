@@ -1,0 +1,255 @@
+"""`RIG.toml`: what was learnt of a rig over several of its drives. docs/formats.md describes every key."""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.errors import CalibrationError
+from wayloom.files.atomic import write_atomically
+from wayloom.files.text_files import read_text
+from wayloom.geometry.camera import PinholeCamera, StereoRig
+from wayloom.geometry.lens import PARAMETERS, RightLens, lens_from_values
+from wayloom.logs.types import DriveLog
+
+FloatArray = NDArray[np.float64]
+VERSION: Final = 1
+COUNT: Final = len(PARAMETERS)
+SAID: Final = COUNT + 1
+"""What drives speak of: the parameters, and a radial error k1 that both lenses share."""
+SAME_RIG, SAME_CALIBRATION = 0.05, 1e-3
+"""Relative differences of focal length, baseline and size: above the first it is another rig, above the second
+another calibration of it."""
+LARGEST: Final = np.array([0.1, 0.1, 0.1, 0.2, 0.2, 0.2, 100.0, 1.0, 0.2, 0.2])
+"""How far a parameter may be from the ideal camera's before a file counts as damaged."""
+REMEDY: Final = "restore the file, or learn it again with `wayloom calibrate`"
+
+
+@dataclass(frozen=True, slots=True)
+class RigFile:
+    """A rig as learnt.
+
+    rig_id       None where the drives did not name it
+    rig          the rectified rig that the lens is relative to: the calibration of the first drive
+    drives       names of the drives that it was learnt from, sorted
+    lens, sigma, determined   the parameters; (10,) standard deviations; (10,) whether the drives determined them
+    information, pull   (11, 11) and (11,): what the drives say without any prior, as energy 1/2 x^T information x - pull^T x of the
+                 parameters' difference from the ideal camera's and a radial error k1 of both lenses; later drives are added
+    matches, noise_px   how many matches it rests on, and how well one fits, px
+    """
+
+    rig_id: str | None
+    rig: StereoRig
+    drives: tuple[str, ...]
+    lens: RightLens
+    sigma: FloatArray
+    determined: NDArray[np.bool_]
+    information: FloatArray = field(default_factory=lambda: np.zeros((SAID, SAID)))
+    pull: FloatArray = field(default_factory=lambda: np.zeros(SAID))
+    matches: int = 0
+    noise_px: float = 0.0
+
+
+def write_rig_file(rig: RigFile, file: Path) -> None:
+    """Write `file`, whole or not at all."""
+    write_atomically(file, text_of(rig).encode())
+
+
+def read_rig_file(file: Path) -> RigFile:
+    """Raises CalibrationError naming the key that is missing, of the wrong kind or impossible."""
+    try:
+        content = tomllib.loads(read_text(file, remedy=REMEDY, error=CalibrationError))
+    except tomllib.TOMLDecodeError as problem:
+        raise CalibrationError(f"is no TOML ({problem})", file=file, remedy=REMEDY) from None
+    version = content.get("format_version")
+    if version != VERSION:
+        raise CalibrationError(f"has format_version {version!r}, not {VERSION}", file=file, remedy=REMEDY)
+    return _Reader(file, content).rig_file()
+
+
+def differences(rig: RigFile, log_rig: StereoRig, rig_id: str | None, *, file: Path | str) -> tuple[str, ...]:
+    """What makes the rig file doubtful for a log with this calibration and rig_id, in words.
+
+    Raises CalibrationError where it is another rig's: another rig_id, or focal length, baseline or size more than 5 % away.
+    """
+    if rig.rig_id is not None and rig_id is not None and rig.rig_id != rig_id:
+        raise CalibrationError(
+            f"is of the rig {rig.rig_id}, the log of {rig_id}",
+            file=file,
+            record="rig_id",
+            remedy="give the file of the log's own rig",
+        )
+    worst, what = max((abs(b / a - 1.0), name) for name, a, b in _numbers(rig.rig, log_rig))
+    if worst > SAME_RIG:
+        raise CalibrationError(
+            f"is of a rig whose {what} differs by {100 * worst:.1f} % from the log's",
+            file=file, record=what, remedy="give the file of the log's own rig",
+        )  # fmt: skip
+    doubts = []
+    if (rig.rig_id is None) != (rig_id is None):
+        doubts.append(f"the rig file says rig {rig.rig_id or 'unknown'}, the log {rig_id or 'unknown'}")
+    if worst > SAME_CALIBRATION:
+        doubts.append(f"the rig file was learnt with another calibration ({what} differs by {100 * worst:.2f} %)")
+    return tuple(doubts)
+
+
+def lens_for_log(path: Path | None, log: DriveLog) -> tuple[RightLens | None, tuple[str, ...]]:
+    """The lens of a log's rig, and doubts about it in words; None where nothing is known.
+
+    path : a rig file, or a folder that holds one named `<rig_id>.toml` for each rig that is known, or None
+    Raises CalibrationError where the file cannot be used for this log.
+    """
+    file = path
+    if path is not None and path.is_dir():
+        file = None if log.rig_id is None else path / f"{log.rig_id}.toml"
+        file = file if file is not None and file.exists() else None
+    if file is None:
+        return None, ()
+    rig = read_rig_file(file)
+    return rig.lens, differences(rig, log.rig, log.rig_id, file=file)
+
+
+def _numbers(a: StereoRig, b: StereoRig) -> list[tuple[str, float, float]]:
+    """Name and values of what must be the same in both rigs; lengths in px relative to the image's width."""
+    values = [("baseline", a.baseline_m, b.baseline_m)]
+    values += [(name, getattr(a.camera, name), getattr(b.camera, name)) for name in ("fx", "fy", "width", "height")]
+    return values
+
+
+def text_of(rig: RigFile) -> str:
+    """The file's text; numbers keep all their digits."""
+    camera = rig.rig.camera
+    lines = [
+        "# A stereo rig's relative lens, by `wayloom calibrate`: from the ideal rectified right camera's pixel to the real one's.",
+        f"format_version = {VERSION}",
+        *([] if rig.rig_id is None else [f"rig_id = {_quoted(rig.rig_id)}"]),
+        f"drives = [{', '.join(_quoted(name) for name in rig.drives)}]",
+        f"matches = {rig.matches}",
+        f"noise_px = {rig.noise_px!r}",
+        "",
+        "[camera]",
+        *(f"{name} = {float(getattr(camera, name))!r}" for name in ("fx", "fy", "cx", "cy")),
+        f"width = {camera.width}",
+        f"height = {camera.height}",
+        f"t_right_left_m = {_row(np.array(rig.rig.t_right_left))}",
+        "",
+        "[right_lens]",
+        *(f"{name} = {float(getattr(rig.lens, name))!r}" for name in PARAMETERS),
+        "",
+        "[right_lens.sigma]",
+        *(f"{name} = {float(sigma)!r}" for name, sigma in zip(PARAMETERS, rig.sigma, strict=True)),
+        "",
+        "[right_lens.determined]",
+        *(f"{name} = {str(bool(known)).lower()}" for name, known in zip(PARAMETERS, rig.determined, strict=True)),
+        "",
+        "# What the drives say without any prior, of the lens's difference from the ideal one and a radial error of both.",
+        "[evidence]",
+        f"pull = {_row(rig.pull)}",
+        "information = [",
+        *(f"  {_row(row)}," for row in rig.information),
+        "]",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _row(values: FloatArray) -> str:
+    return f"[{', '.join(repr(float(value)) for value in values)}]"
+
+
+def _quoted(text: str) -> str:
+    escaped = "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08X}" for c in text)
+    return f'"{escaped}"'
+
+
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    """Takes a file's content apart, each key with its check."""
+
+    file: Path
+    content: Mapping[str, Any]
+
+    def rig_file(self) -> RigFile:
+        values = self._ten("right_lens")
+        offsets = np.abs(values - RightLens().values)
+        if (offsets > LARGEST).any():
+            name = PARAMETERS[int(np.argmax(offsets / LARGEST))]
+            raise self._bad(f"right_lens.{name}", "is impossible for a rectified pair")
+        information = self._matrix("evidence.information")
+        pull = self._floats("evidence.pull", SAID)
+        sigma = self._ten("right_lens.sigma")
+        if (sigma < 0).any():
+            raise self._bad("right_lens.sigma", "is negative")
+        return RigFile(
+            self._rig_id(), self._rig(), self._drives(), lens_from_values(values), sigma, self._determined(), information, pull,
+            int(self._number("matches", 0.0)), self._number("noise_px", 0.0),
+        )  # fmt: skip
+
+    def _get(self, key: str) -> Any:
+        value: Any = self.content
+        for part in key.split("."):
+            if not isinstance(value, Mapping) or part not in value:
+                raise self._bad(key, "is missing")
+            value = value[part]
+        return value
+
+    def _number(self, key: str, low: float = -math.inf) -> float:
+        value = self._get(key)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value) or value < low:
+            raise self._bad(key, f"{value!r} is no number{'' if low == -math.inf else f' from {low:g} on'}")
+        return float(value)
+
+    def _floats(self, key: str, count: int) -> FloatArray:
+        value = self._get(key)
+        if not isinstance(value, list) or len(value) != count:
+            raise self._bad(key, f"must be {count} numbers")
+        if not all(isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x) for x in value):
+            raise self._bad(key, "holds what is no finite number")
+        return np.array(value, float)
+
+    def _ten(self, table: str) -> FloatArray:
+        return np.array([self._number(f"{table}.{name}") for name in PARAMETERS])
+
+    def _matrix(self, key: str) -> FloatArray:
+        rows = self._get(key)
+        if not isinstance(rows, list) or len(rows) != SAID:
+            raise self._bad(key, f"must be {SAID} rows")
+        matrix = np.array([row if isinstance(row, list) and len(row) == SAID else [math.nan] * SAID for row in rows], float)
+        if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-6, atol=1e-6 * np.abs(matrix).max()):
+            raise self._bad(key, f"is no symmetric matrix of {SAID} finite rows and columns")
+        return matrix
+
+    def _determined(self) -> NDArray[np.bool_]:
+        known = [self._get(f"right_lens.determined.{name}") for name in PARAMETERS]
+        for name, value in zip(PARAMETERS, known, strict=True):
+            if not isinstance(value, bool):
+                raise self._bad(f"right_lens.determined.{name}", f"{value!r} is neither true nor false")
+        return np.array(known, bool)
+
+    def _rig_id(self) -> str | None:
+        value = self.content.get("rig_id")
+        if value is not None and not isinstance(value, str):
+            raise self._bad("rig_id", f"{value!r} is no text")
+        return value
+
+    def _drives(self) -> tuple[str, ...]:
+        value = self._get("drives")
+        if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+            raise self._bad("drives", "must be a list of names")
+        return tuple(value)
+
+    def _rig(self) -> StereoRig:
+        fx, fy = (self._number(f"camera.{name}", 1.0) for name in ("fx", "fy"))
+        cx, cy = (self._number(f"camera.{name}") for name in ("cx", "cy"))
+        width, height = (int(self._number(f"camera.{name}", 1.0)) for name in ("width", "height"))
+        tx, ty, tz = self._floats("camera.t_right_left_m", 3)
+        if not tx < 0:
+            raise self._bad("camera.t_right_left_m", "the baseline is not positive")
+        return StereoRig(PinholeCamera(fx, fy, cx, cy, width, height), (float(tx), float(ty), float(tz)))
+
+    def _bad(self, key: str, what: str) -> CalibrationError:
+        return CalibrationError(what, file=self.file, record=key, remedy=REMEDY)

@@ -1,0 +1,81 @@
+"""Trajectories in the two formats that evo and the KITTI devkit read.
+
+TUM: `t x y z qx qy qz qw`, t in seconds. KITTI: the first three rows of T, relative to the first frame.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.errors import LogError
+from wayloom.files.atomic import write_atomically
+from wayloom.files.text_files import parse_numbers, read_lines
+from wayloom.files.timestamps import ns_from_seconds, seconds_from_ns
+from wayloom.geometry import se3
+
+FloatArray = NDArray[np.float64]
+
+
+def write_tum(file: Path, t_ns: NDArray[np.int64], T_world_cam: FloatArray) -> None:
+    """t_ns (N,) int64 and T_world_cam (N, 4, 4), one line each; time stamps are exact, numbers good to 1e-9."""
+    x, y, z = T_world_cam[:, :3, 3].T
+    qw, qx, qy, qz = se3.quaternion_wxyz(T_world_cam).T
+    rows = np.column_stack([x, y, z, qx, qy, qz, qw])
+    lines = (f"{seconds_from_ns(int(t))} {_row(row)}" for t, row in zip(t_ns, rows, strict=True))
+    write_atomically(file, _text(lines))
+
+
+def read_tum(file: Path) -> tuple[NDArray[np.int64], FloatArray]:
+    """t_ns (N,) int64 and T (N, 4, 4). Lines that start with # are comments. Raises LogError naming the line."""
+    t_ns, T = [], []
+    for number, line in enumerate(read_lines(file, remedy="give a trajectory"), start=1):
+        if not line or line.startswith("#"):
+            continue
+        stamp, _, rest = line.partition(" ")
+        record = f"line {number}"
+        values = parse_numbers(rest, file=file, record=record, count=7)
+        try:
+            t_ns.append(ns_from_seconds(stamp))
+        except ValueError as problem:
+            raise LogError(str(problem), file=file, record=record, remedy="correct the line") from None
+        T.append(_from_quaternion(values, file, record))
+    return np.array(t_ns, dtype=np.int64), np.array(T).reshape(-1, 4, 4)
+
+
+def write_kitti(file: Path, T_world_cam: FloatArray) -> None:
+    """T_world_cam (N, 4, 4) as KITTI poses: T of each frame relative to the first."""
+    relative = se3.inverse(T_world_cam[0]) @ T_world_cam if len(T_world_cam) else T_world_cam
+    write_atomically(file, _text(_row(T[:3].ravel()) for T in relative))
+
+
+def read_kitti(file: Path) -> FloatArray:
+    """(N, 4, 4) poses as they stand in the file. Raises LogError naming the line that is cut or no rigid motion (to 1e-2)."""
+    poses = []
+    for number, line in enumerate(read_lines(file, remedy="give a file of KITTI poses"), start=1):
+        record = f"line {number}"
+        T = parse_numbers(line, file=file, record=record, count=12).reshape(3, 4)
+        if not np.allclose(T[:, :3] @ T[:, :3].T, np.eye(3), atol=1e-2):
+            raise LogError("is no rotation", file=file, record=record, remedy="a line is the first three rows of a 4x4 motion")
+        poses.append(np.vstack([T, (0.0, 0.0, 0.0, 1.0)]))
+    return np.array(poses).reshape(-1, 4, 4)
+
+
+def _row(values: FloatArray) -> str:
+    return " ".join(f"{value:.9f}" for value in values)
+
+
+def _text(lines: Iterable[str]) -> bytes:
+    return "".join(line + "\n" for line in lines).encode()
+
+
+def _from_quaternion(values: FloatArray, file: Path, record: str) -> FloatArray:
+    """x y z qx qy qz qw (7,) to T (4, 4)."""
+    norm = float(np.linalg.norm(values[3:]))
+    if not 0.9 < norm < 1.1:
+        raise LogError(f"a quaternion of length {norm:.3g}", file=file, record=record, remedy="quaternions have length 1")
+    x, y, z, w = values[3:] / norm
+    q = np.array([x, y, z])
+    R = (w * w - q @ q) * np.eye(3) + 2.0 * np.outer(q, q) + 2.0 * w * se3.hat(q)
+    return np.asarray(se3.from_rotation_translation(R, values[:3]), dtype=np.float64)

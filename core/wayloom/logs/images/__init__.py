@@ -1,0 +1,1 @@
+"""Image decoding: formats, colour and grey, the PNG decoder of the odometry."""

@@ -1,0 +1,197 @@
+"""Images of a drive log: listing and pairing files, looking at headers and ends without decoding, decoding with checks.
+
+OpenCV decodes a truncated PNG or JPEG into a picture that is grey from some row on and says nothing, so wholeness is checked here.
+"""
+
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.errors import LogError
+from wayloom.files.text_files import read_bytes
+
+Image = NDArray[np.uint8]
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp")
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_END = b"IEND\xaeB`\x82"
+JPEG_START, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
+TAIL_BYTES = 1024
+_CHUNK_NUMBER = struct.Struct(">I").unpack_from
+# What cannot be decoded is told here, in one line; OpenCV's own lines would stand before it.
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+COPY_AGAIN = "copy the file again from the vehicle, or leave the frame out"
+
+
+@dataclass(frozen=True, slots=True)
+class ImageHeader:
+    """width and height in pixels; whether the picture has colour."""
+
+    width: int
+    height: int
+    colour: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ImagePairs:
+    """Left and right image files of the same frames: numbers (the file's number, or its place where it has none), left, right."""
+
+    numbers: tuple[int, ...]
+    left: tuple[Path, ...]
+    right: tuple[Path, ...]
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+
+def has_files(folder: Path) -> bool:
+    """Whether a folder is there and holds something."""
+    try:
+        return next(folder.iterdir(), None) is not None
+    except OSError:
+        return False
+
+
+def list_images(folder: Path) -> dict[str, Path]:
+    """The images of a folder by stem, in order of their number. Raises LogError for no folder, no image, two of one stem."""
+    try:
+        files = [file for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES and not file.name.startswith(".")]
+    except FileNotFoundError:
+        raise LogError("no such folder", file=folder, remedy="a stereo log needs both cameras' images") from None
+    except OSError as problem:
+        raise LogError(f"cannot be listed ({problem.strerror})", file=folder, remedy="check its permissions") from None
+    by_stem: dict[str, Path] = {}
+    for file in sorted(files, key=lambda file: (not file.stem.isdecimal(), file.stem.zfill(20), file.suffix)):
+        if file.stem in by_stem:
+            remedy = f"remove it or {by_stem[file.stem].name}"
+            raise LogError("a second image of the same frame", file=file, remedy=remedy)
+        by_stem[file.stem] = file
+    return by_stem
+
+
+def pair_images(left_folder: Path, right_folder: Path) -> ImagePairs:
+    """Pair left and right images by name. Raises LogError where there is none, or one stands alone (the first is named)."""
+    left, right = list_images(left_folder), list_images(right_folder)
+    if not left and not right:
+        raise LogError("no images", file=left_folder, remedy=f"put images there ({', '.join(IMAGE_SUFFIXES)})")
+    alone = [stem for stem in (*left, *right) if (stem in left) != (stem in right)]
+    if alone:
+        first = min(alone, key=lambda stem: stem.zfill(20))
+        file, other = (left[first], right_folder) if first in left else (right[first], left_folder)
+        what = f"no partner in {other} ({len(left)} left and {len(right)} right images)"
+        raise LogError(what, file=file, remedy="add the missing image or remove this one")
+    numbers = tuple(int(stem) if stem.isdecimal() else i for i, stem in enumerate(left))
+    return ImagePairs(numbers, tuple(left.values()), tuple(right[stem] for stem in left))
+
+
+def read_header(file: Path) -> ImageHeader:
+    """Size and colour of an image, from its first bytes where it is PNG or JPEG, which must also have an end.
+
+    Raises LogError for an empty, truncated or foreign file.
+    """
+    try:
+        with file.open("rb") as stream:
+            start = stream.read(33)
+            size = stream.seek(0, 2)
+            stream.seek(max(0, size - TAIL_BYTES))
+            tail = stream.read(TAIL_BYTES)
+            if start.startswith(JPEG_START):
+                _check_end(tail, JPEG_END, file, size)
+                return _jpeg_header(stream, file)
+    except OSError as problem:
+        raise LogError(f"cannot be read ({problem.strerror})", file=file, remedy="check the file and its permissions") from None
+    if size == 0:
+        raise LogError("the image is empty (0 bytes)", file=file, remedy=COPY_AGAIN)
+    if start.startswith(PNG_SIGNATURE):
+        _check_end(tail if len(start) == 33 else b"", PNG_END, file, size)
+        return ImageHeader(int.from_bytes(start[16:20], "big"), int.from_bytes(start[20:24], "big"), bool(start[25] & 2))
+    picture = _decoded(file.read_bytes(), cv2.IMREAD_ANYCOLOR, file)
+    return ImageHeader(picture.shape[1], picture.shape[0], picture.ndim == 3)
+
+
+def _check_end(tail: bytes, end: bytes, file: Path, size: int, record: str | None = None) -> None:
+    if end not in tail:
+        what = f"the image is truncated: it ends after {size} bytes without its end mark"
+        raise LogError(what, file=file, record=record, remedy=COPY_AGAIN)
+
+
+def _jpeg_header(stream: BinaryIO, file: Path) -> ImageHeader:
+    """Walk the segments to the start of frame (SOF0 … SOF15 without DHT, JPG and DAC), ISO 10918-1 B.2.2."""
+    stream.seek(2)
+    while True:
+        marker = stream.read(4)
+        if len(marker) < 4 or marker[0] != 0xFF:
+            raise LogError("the JPEG has no frame header", file=file, remedy=COPY_AGAIN)
+        if 0xC0 <= marker[1] <= 0xCF and marker[1] not in (0xC4, 0xC8, 0xCC):
+            frame = stream.read(6)
+            if len(frame) < 6:
+                raise LogError("the JPEG's frame header is cut", file=file, remedy=COPY_AGAIN)
+            return ImageHeader(int.from_bytes(frame[3:5], "big"), int.from_bytes(frame[1:3], "big"), frame[5] >= 3)
+        stream.seek(max(0, int.from_bytes(marker[2:4], "big") - 2), 1)
+
+
+def check_png(data: bytes, file: Path, record: str | None = None) -> list[tuple[bytes, memoryview]]:
+    """The chunks of a PNG, kind and content. Raises LogError where one is cut or its CRC-32 is wrong; `record` says where in the
+    file it lies."""
+    view, chunks, at = memoryview(data), [], len(PNG_SIGNATURE)
+    while True:
+        end = at + 12 + (_CHUNK_NUMBER(data, at)[0] if at + 12 <= len(data) else len(data))
+        if end > len(data):
+            what = f"the image is truncated: it ends after {len(data)} bytes"
+            raise LogError(what, file=file, record=record, remedy=COPY_AGAIN)
+        if zlib.crc32(view[at + 4 : end - 4]) != _CHUNK_NUMBER(data, end - 4)[0]:
+            where = f"byte {at}" if record is None else f"{record}, byte {at}"
+            raise LogError("the image is damaged: wrong check sum", file=file, record=where, remedy=COPY_AGAIN)
+        chunks.append((data[at + 4 : at + 8], view[at + 8 : end - 4]))
+        if chunks[-1][0] == b"IEND":
+            return chunks
+        at = end
+
+
+def read_image(file: Path, *, colour: bool) -> Image:
+    """Decode to (h, w, 3) RGB or (h, w) grey, uint8. Raises LogError for an empty, truncated, damaged or foreign file."""
+    return decode_image(read_bytes(file, remedy=COPY_AGAIN), file, colour=colour)
+
+
+def read_grey(file: Path) -> Image:
+    """As read_image without colour, by compiled code of our own where that is faster: for those who read image after image."""
+    data = read_bytes(file, remedy=COPY_AGAIN)
+    if data.startswith(PNG_SIGNATURE):
+        from wayloom.logs.images import grey_png  # numba takes half a second to import, which most readers do without
+
+        chunks = check_png(data, file)
+        image = grey_png.decode(chunks)
+        if image is not None:
+            return image
+    return decode_image(data, file, colour=False)
+
+
+def decode_image(data: bytes, file: Path, *, colour: bool | None, record: str | None = None) -> Image:
+    """The bytes of an image file to (h, w, 3) RGB or (h, w) grey, uint8; whichever it is where `colour` is None.
+
+    file, record : where the bytes are from. Raises LogError for an empty, truncated, damaged or foreign image.
+    """
+    if not data:
+        raise LogError("the image is empty (0 bytes)", file=file, record=record, remedy=COPY_AGAIN)
+    if data.startswith(PNG_SIGNATURE):
+        check_png(data, file, record)
+    elif data.startswith(JPEG_START):
+        _check_end(data[-TAIL_BYTES:], JPEG_END, file, len(data), record)
+    flags = {None: cv2.IMREAD_ANYCOLOR, True: cv2.IMREAD_COLOR, False: cv2.IMREAD_GRAYSCALE}[colour]
+    picture = _decoded(data, flags, file, record)
+    return np.ascontiguousarray(picture[..., ::-1]) if picture.ndim == 3 else picture
+
+
+def _decoded(data: bytes, flags: int, file: Path, record: str | None = None) -> Image:
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
+    except cv2.error:
+        picture = None
+    if picture is None:
+        raise LogError("not an image that can be decoded", file=file, record=record, remedy=COPY_AGAIN)
+    return np.asarray(picture, dtype=np.uint8)

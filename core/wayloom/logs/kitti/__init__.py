@@ -1,0 +1,1 @@
+"""KITTI's three layouts (odometry, raw, KITTI-360): readers, writers, calibration files, accumulated clouds."""

@@ -1,0 +1,181 @@
+"""The drive log that both KITTI layouts become: two lists of image files, their times, and what belongs to them."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.errors import LogError
+from wayloom.files.text_files import utf8_text
+from wayloom.geometry.camera import StereoRig
+from wayloom.logs.images.image_files import ImageHeader, ImagePairs, read_grey, read_header, read_image
+from wayloom.logs.kitti.positioning import Positioning
+from wayloom.logs.sidecars.exposure_csv import EXPOSURE_NAME, read_exposure_csv
+from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, Sidecar
+from wayloom.logs.types import GnssTrack, Image, ImuTrack, StereoFrame
+
+FloatArray = NDArray[np.float64]
+Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
+
+
+@dataclass(frozen=True, slots=True)
+class Rectifier:
+    """Sampling maps (u, v), each (h, w) float32 pixels of the distorted image, for the left and the right camera."""
+
+    left: Maps
+    right: Maps
+
+    def __call__(self, left: Image, right: Image) -> tuple[Image, Image]:
+        """The rectified pair, bilinear; black where the lens saw nothing."""
+        return tuple(cv2.remap(image, *maps, cv2.INTER_LINEAR) for image, maps in ((left, self.left), (right, self.right)))  # type: ignore[return-value]
+
+
+@dataclass(slots=True)
+class ImageFolderLog:
+    """A `DriveLog` of image files. `stored_sizes` are (width, height) of left and right images as they lie on disk, `exposure_s`
+    (N, 2) the exposure times of left and right where the log has them."""
+
+    path: Path
+    format: str
+    name: str
+    rig: StereoRig
+    t_ns: NDArray[np.int64]
+    colour: bool
+    gnss: GnssTrack | None
+    imu: ImuTrack | None
+    p_cam_gnss: FloatArray
+    T_cam_imu: FloatArray | None
+    truth: FloatArray | None
+    rig_id: str | None
+    vehicle_id: str | None
+    missing: tuple[str, ...]
+    root: Path
+    files: tuple[str, ...]
+    pairs: ImagePairs
+    stored_sizes: tuple[tuple[int, int], tuple[int, int]]
+    rectifier: Rectifier | None
+    exposure_s: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    def frame(self, index: int) -> StereoFrame:
+        """Decode (and, where the log is distorted, rectify) one pair. Raises LogError that names the file."""
+        if not 0 <= index < len(self):
+            raise IndexError(f"frame {index} of {len(self)}")
+        left, right = (self._read(files[index], size, self.colour) for files, size in self._sides())
+        if self.rectifier is not None:
+            left, right = self.rectifier(left, right)
+        return StereoFrame(index, int(self.t_ns[index]), left, right, self.exposure_of(index))
+
+    def grey_side(self, index: int, right: bool) -> Image:
+        """Decode one image of a pair to grey (h, w), for those who need no colour or not both. Raises LogError as `frame`."""
+        files, size = self._sides()[right]
+        image = read_grey(files[index])
+        check_size(ImageHeader(image.shape[1], image.shape[0], False), size, files[index])
+        if self.rectifier is None:
+            return image
+        maps = self.rectifier.right if right else self.rectifier.left
+        return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), np.uint8)
+
+    def exposure_of(self, index: int) -> tuple[float, float] | None:
+        """Exposure times in seconds of a pair, left and right, where the log has them."""
+        return None if self.exposure_s is None else (float(self.exposure_s[index, 0]), float(self.exposure_s[index, 1]))
+
+    def frames(self, start: int = 0, stop: int | None = None) -> Iterator[StereoFrame]:
+        """The pairs from start to stop in order, one in memory at a time."""
+        for index in range(start, len(self) if stop is None else min(stop, len(self))):
+            yield self.frame(index)
+
+    @property
+    def rectifies(self) -> bool:
+        """Whether images are rectified as they are read."""
+        return self.rectifier is not None
+
+    def check_headers(self) -> None:
+        """Look at both ends of every image file. Raises LogError at the first that is empty, truncated or of another size."""
+        for left, right in zip(self.pairs.left, self.pairs.right, strict=True):
+            for file, size in ((left, self.stored_sizes[0]), (right, self.stored_sizes[1])):
+                check_size(read_header(file), size, file)
+
+    def damaged(self, *, decode: bool, progress: Callable[[float], None] = lambda share: None) -> list[LogError]:
+        """What is wrong with each image that cannot be used, by looking at headers and ends or by decoding every file."""
+        found = []
+        for i in range(len(self)):
+            for files, size in self._sides():
+                try:
+                    check_size(read_header(files[i]), size, files[i])
+                    if decode:
+                        self._read(files[i], size, self.colour)
+                except LogError as problem:
+                    found.append(problem)
+            progress((i + 1) / len(self))
+        return found
+
+    def _sides(self) -> tuple[tuple[tuple[Path, ...], tuple[int, int]], ...]:
+        return (self.pairs.left, self.stored_sizes[0]), (self.pairs.right, self.stored_sizes[1])
+
+    def _read(self, file: Path, size: tuple[int, int], colour: bool) -> Image:
+        image = read_image(file, colour=colour)
+        check_size(ImageHeader(image.shape[1], image.shape[0], colour), size, file)
+        return image
+
+
+def check_size(header: ImageHeader, size: tuple[int, int], file: Path, record: str | None = None) -> None:
+    """Raises LogError where an image is not (width, height) as the log's other images."""
+    if (header.width, header.height) != size:
+        what = f"the image is {header.width}x{header.height}, the log's others are {size[0]}x{size[1]}"
+        raise LogError(what, file=file, record=record, remedy="all images of a log must have one size: export it again")
+
+
+def assemble(
+    path: Path,
+    log_format: str,
+    *,
+    rig: StereoRig,
+    t_ns: NDArray[np.int64],
+    pairs: ImagePairs,
+    header: ImageHeader,
+    stored_sizes: tuple[tuple[int, int], tuple[int, int]],
+    rectifier: Rectifier | None,
+    positioning: Positioning,
+    sidecar: Sidecar,
+    truth: FloatArray | None,
+    missing: tuple[str, ...],
+    root: Path,
+    files: list[Path],
+    notes: Path,
+) -> ImageFolderLog:
+    """Put a log together from its parts; `files` outside `root` are left out of `log.files`.
+
+    notes : the folder in which wayloom.json and exposure.csv may lie
+    """
+    exposures = notes / EXPOSURE_NAME
+    has_exposures = exposures.is_file()
+    files = [*files, *(file for file in (notes / SIDECAR_NAME, exposures) if file.is_file())]
+    inside = {file for file in (*files, *pairs.left, *pairs.right, *positioning.files) if file.is_relative_to(root)}
+    return ImageFolderLog(
+        path=path,
+        format=log_format,
+        name=utf8_text(path.name),
+        rig=rig,
+        t_ns=t_ns,
+        colour=header.colour,
+        gnss=positioning.gnss,
+        imu=positioning.imu,
+        p_cam_gnss=positioning.p_cam_gnss,
+        T_cam_imu=positioning.T_cam_imu,
+        truth=truth,
+        rig_id=sidecar.rig_id,
+        vehicle_id=sidecar.vehicle_id,
+        missing=missing + positioning.missing,
+        root=root,
+        files=tuple(sorted(file.relative_to(root).as_posix() for file in inside)),
+        pairs=pairs,
+        stored_sizes=stored_sizes,
+        rectifier=rectifier,
+        exposure_s=read_exposure_csv(exposures, len(t_ns)) if has_exposures else None,
+    )

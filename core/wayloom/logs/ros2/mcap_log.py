@@ -1,0 +1,237 @@
+"""ROS 2 recordings in MCAP: a stereo pair of image topics with CameraInfo, and what else there is of GNSS, IMU and truth.
+
+The pair is found by its calibration: two cameras of one kind of image topic whose projection matrices differ by a baseline. Where
+several fit, or none, `left_topic` and `right_topic` of wayloom.json beside the file name them.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.errors import LogError
+from wayloom.files.text_files import utf8_text
+from wayloom.files.timestamps import NS
+from wayloom.geometry.camera import StereoRig
+from wayloom.logs.images.image_files import ImageHeader, decode_image
+from wayloom.logs.kitti.image_folder_log import Rectifier, check_size
+from wayloom.logs.kitti.positioning import FrameClock, find_positioning, lever_arm
+from wayloom.logs.ros2 import ros_messages as ros
+from wayloom.logs.ros2.cdr import CdrError
+from wayloom.logs.ros2.mcap_index import McapFile, Messages, Topic
+from wayloom.logs.ros2.mcap_rig import McapRig, find_rig
+from wayloom.logs.ros2.mcap_sensors import read_exposures, read_fixes, read_imu, read_places, read_truth
+from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, read_sidecar
+from wayloom.logs.types import GnssTrack, Image, ImuTrack, StereoFrame
+
+FloatArray = NDArray[np.float64]
+FORMAT: Final = "mcap"
+ENDING: Final = ".mcap"
+LOOKS_FOR: Final = "a ROS 2 recording .mcap, or a folder with one, with two image topics and their camera_info"
+SYNC_SHARE, SYNC_NS = 0.25, 5_000_000
+"""Images belong together whose stamps differ by at most this share of the usual step, and this."""
+
+
+@dataclass(slots=True)
+class McapLog:
+    """A `DriveLog` of a recording. stored_sizes: (width, height) of left and right images as they are recorded."""
+
+    path: Path
+    format: str
+    name: str
+    rig: StereoRig
+    t_ns: NDArray[np.int64]
+    colour: bool
+    gnss: GnssTrack | None
+    imu: ImuTrack | None
+    p_cam_gnss: FloatArray
+    T_cam_imu: FloatArray | None
+    truth: FloatArray | None
+    rig_id: str | None
+    vehicle_id: str | None
+    missing: tuple[str, ...]
+    root: Path
+    files: tuple[str, ...]
+    stored_sizes: tuple[tuple[int, int], tuple[int, int]]
+    rectifier: Rectifier | None
+    exposure_s: FloatArray | None
+    file: McapFile = field(repr=False)
+    topics: tuple[Topic, Topic]
+    images: tuple[Messages, Messages] = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    def frame(self, index: int) -> StereoFrame:
+        """Decode (and, where the log is distorted, rectify) one pair. Raises LogError that names file, topic and image."""
+        if not 0 <= index < len(self):
+            raise IndexError(f"frame {index} of {len(self)}")
+        left, right = (self._read(side, index) for side in (0, 1))
+        if self.rectifier is not None:
+            left, right = self.rectifier(left, right)
+        exposed = None if self.exposure_s is None else (float(self.exposure_s[index, 0]), float(self.exposure_s[index, 1]))
+        return StereoFrame(index, int(self.t_ns[index]), left, right, exposed)
+
+    def frames(self, start: int = 0, stop: int | None = None) -> Iterator[StereoFrame]:
+        """The pairs from start to stop in order, one in memory at a time."""
+        for index in range(start, len(self) if stop is None else min(stop, len(self))):
+            yield self.frame(index)
+
+    @property
+    def rectifies(self) -> bool:
+        """Whether images are rectified as they are read."""
+        return self.rectifier is not None
+
+    def check_headers(self) -> None:
+        """Nothing: opening has read the head of every message, and its check sum where it is compressed."""
+        return
+
+    def damaged(self, *, decode: bool, progress: Callable[[float], None] = lambda share: None) -> list[LogError]:
+        """What is wrong with each image that cannot be used, by decoding every one; and with the file's check sums."""
+        found: list[LogError] = []
+        for index in range(len(self)) if decode else ():
+            for side in (0, 1):
+                try:
+                    self._read(side, index)
+                except LogError as problem:
+                    found.append(problem)
+            progress((index + 1) / len(self))
+        try:
+            if decode:
+                self.file.check()
+        except LogError as problem:
+            found.append(problem)
+        return found
+
+    def _read(self, side: int, index: int) -> Image:
+        messages, topic, size = self.images[side], self.topics[side], self.stored_sizes[side]
+        return read_image(self.file, topic, messages, index, colour=self.colour, size=size)
+
+
+def recognise(path: Path) -> bool:
+    """Whether a path is a recording, or a folder that holds one and is no other log."""
+    return path.suffix.lower() == ENDING if path.is_file() else len(recordings(path)) == 1
+
+
+def recordings(folder: Path) -> list[Path]:
+    """The .mcap files of a folder, by name."""
+    return sorted(
+        file for file in folder.iterdir() if file.suffix.lower() == ENDING and not file.name.startswith(".") and file.is_file()
+    )
+
+
+def open_mcap(path: Path, gnss: Path | None = None) -> McapLog:
+    """Open without decoding more than the first pair. Raises LogError or CalibrationError."""
+    path = path if path.is_file() else recordings(path)[0]
+    file, sidecar = McapFile(path), read_sidecar(path.parent)
+    found = find_rig(file, sidecar)
+    places = read_places(file, found.frame_id, found.R_rect)
+    names = {topic.name for topic in found.topics} | {t.name for t in file.topics if t.kind in ros_kinds() and t.encoding == "cdr"}
+    messages = file.messages(names)
+    images, lacking = paired(file, found, messages)
+    t_ns = images[0].t_ns
+    first = [read_image(file, topic, of, 0, colour=None, size=None) for topic, of in zip(found.topics, images, strict=True)]
+    sizes = [(image.shape[1], image.shape[0]) for image in first]
+    rig, rectifier = found.rectified((sizes[0], sizes[1]))
+    if gnss is not None:
+        positioning = find_positioning(path.parent, gnss, FrameClock(tuple(range(len(t_ns))), t_ns), np.eye(3, 4), sidecar)
+        track, p_cam_gnss, missing = positioning.gnss, positioning.p_cam_gnss, positioning.missing
+        missing = tuple(what for what in missing if what != "IMU")
+    else:
+        track, place, missing = read_fixes(file, messages, sidecar, places)
+        p_cam_gnss, said = lever_arm(sidecar, place)
+        missing += ("lever arm",) if track is not None and not said else ()
+    imu, T_cam_imu, without = read_imu(file, messages, sidecar, places)
+    truth = read_truth(file, messages, t_ns, found)
+    note = path.parent / SIDECAR_NAME
+    return McapLog(
+        path=path,
+        format=FORMAT,
+        name=utf8_text(path.stem),
+        rig=rig,
+        t_ns=t_ns,
+        colour=first[0].ndim == 3,
+        gnss=track,
+        imu=imu,
+        p_cam_gnss=p_cam_gnss,
+        T_cam_imu=T_cam_imu,
+        truth=truth,
+        rig_id=sidecar.rig_id,
+        vehicle_id=sidecar.vehicle_id,
+        missing=(*lacking, *missing, *without, *(() if truth is not None else ("truth poses",))),
+        root=path.parent,
+        files=tuple(sorted([path.name, *([SIDECAR_NAME] if note.is_file() else [])])),
+        stored_sizes=(sizes[0], sizes[1]),
+        rectifier=rectifier,
+        exposure_s=read_exposures(file, messages, found.topics, t_ns),
+        file=file,
+        topics=found.topics,
+        images=images,
+    )
+
+
+def ros_kinds() -> tuple[str, ...]:
+    """The types of messages that are looked at besides images."""
+    return ros.NAV_SAT_FIX, ros.IMU, ros.POSE, ros.EXPOSURE
+
+
+def paired(file: McapFile, found: McapRig, messages: dict[str, Messages]) -> tuple[tuple[Messages, Messages], tuple[str, ...]]:
+    """The left and right images that belong together, in order, and what is missing, in words. Raises LogError."""
+    left, right = (messages[topic.name] for topic in found.topics)
+    for topic, of in zip(found.topics, (left, right), strict=True):
+        repeated = np.flatnonzero(np.diff(of.t_ns) == 0)
+        if len(repeated):
+            what = f"two images have the time stamp {of.t_ns[repeated[0]] / NS:.9f}"
+            raise LogError(what, file=file.path, record=topic.name, remedy="leave one of them out")
+    step = float(np.median(np.diff(left.t_ns))) if len(left) > 1 else np.inf
+    slack = min(SYNC_SHARE * step, SYNC_NS)
+    after = np.clip(np.searchsorted(right.t_ns, left.t_ns), 1, max(len(right) - 1, 1))
+    near = np.where(
+        np.abs(right.t_ns[np.minimum(after, len(right) - 1)] - left.t_ns) < np.abs(right.t_ns[after - 1] - left.t_ns),
+        np.minimum(after, len(right) - 1),
+        after - 1,
+    )
+    fits = np.abs(right.t_ns[near] - left.t_ns) <= slack
+    if not fits.any():
+        what = f"no image of {found.topics[1].name} was taken with one of {found.topics[0].name}"
+        raise LogError(what, file=file.path, remedy="the cameras must be triggered together, on one clock")
+    lacking = []
+    for side, topic, alone in ((0, found.topics[0], len(left)), (1, found.topics[1], len(right))):
+        without = alone - int(fits.sum())
+        if without > 0:
+            lacking.append(f"{('right', 'left')[side]} image for {without} of {alone} of {topic.name}")
+    return (chosen(left, np.flatnonzero(fits)), chosen(right, near[fits])), tuple(lacking)
+
+
+def chosen(messages: Messages, rows: NDArray[np.int64]) -> Messages:
+    """Some of the messages."""
+    return Messages(messages.t_ns[rows], messages.chunk[rows], messages.start[rows], messages.length[rows])
+
+
+def read_image(
+    file: McapFile, topic: Topic, messages: Messages, index: int, *, colour: bool | None, size: tuple[int, int] | None
+) -> Image:
+    """An image of a topic, (h, w) grey or (h, w, 3) RGB; as it is recorded where `colour` is None. Raises LogError."""
+    data, where = file.read(messages, index), f"{topic.name} at {messages.t_ns[index] / NS:.9f} s"
+    try:
+        if topic.kind == ros.COMPRESSED:
+            image = decode_image(bytes(ros.read_compressed(data)[1]), file.path, colour=colour, record=where)
+        else:
+            image = in_colour(ros.read_raw_image(data)[1], colour)
+    except CdrError as problem:
+        raise LogError(str(problem), file=file.path, record=where, remedy="record images that can be read") from None
+    if size is not None:
+        check_size(ImageHeader(image.shape[1], image.shape[0], image.ndim == 3), size, file.path, where)
+    return image
+
+
+def in_colour(image: Image, colour: bool | None) -> Image:
+    """(h, w) or (h, w, 3) as it is asked for: grey by BT.601, as OpenCV's reader does."""
+    if colour is None or colour == (image.ndim == 3):
+        return image
+    if colour:
+        return np.repeat(image[..., None], 3, axis=2)
+    return np.asarray(image @ np.array([0.299, 0.587, 0.114]) + 0.5, np.uint8)

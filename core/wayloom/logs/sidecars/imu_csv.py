@@ -1,0 +1,70 @@
+"""`imu.csv`: samples of an IMU, one a line, under a header that names the columns."""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from wayloom.errors import LogError
+from wayloom.files.atomic import write_atomically
+from wayloom.files.text_files import QUOTE_CHARACTERS, parse_numbers, quoted, read_lines
+from wayloom.files.timestamps import check_increasing, ns_from_seconds
+from wayloom.logs.types import ImuTrack
+
+IMU_NAME: Final = "imu.csv"
+COLUMNS: Final = ("fx_m_s2", "fy_m_s2", "fz_m_s2", "wx_rad_s", "wy_rad_s", "wz_rad_s")
+"""Specific force (9.81 upwards at rest) and angular rate in the IMU's own axes."""
+HEADER_REMEDY: Final = f"the columns are t_ns or t_s, {', '.join(COLUMNS)}"
+RANGES: Final = (("a specific force", 2000.0, "m/s^2"), ("an angular rate", 200.0, "rad/s"))
+
+
+def read_imu_csv(file: Path) -> ImuTrack:
+    """Raises LogError naming the line that is wrong."""
+    lines = read_lines(file, remedy="give the IMU's samples")
+    columns = [name.strip() for name in lines[0].split(",")] if lines else []
+    clock = next((name for name in ("t_ns", "t_s") if name in columns), None)
+    lacking = [name for name in COLUMNS if name not in columns]
+    if clock is None or lacking:
+        what = f"column {(lacking or ['t_ns'])[0]} is missing"
+        raise LogError(what, file=file, record="line 1", remedy=HEADER_REMEDY)
+    if len(lines) < 2:
+        raise LogError("no samples", file=file, remedy="give the IMU's samples, or remove the file")
+    at, where = columns.index(clock), [columns.index(name) for name in COLUMNS]
+    t_ns, values = np.empty(len(lines) - 1, np.int64), np.empty((len(lines) - 1, len(COLUMNS)))
+    for row, line in enumerate(lines[1:]):
+        record, words = f"line {row + 2}", line.split(",")
+        if len(words) != len(columns):
+            what = f"{len(words)} fields where {len(columns)} belong"
+            raise LogError(what, file=file, record=record, remedy="the line is cut or damaged")
+        t_ns[row] = _time(words[at].strip(), clock, file, record)
+        values[row] = parse_numbers(" ".join(words[k] for k in where), file=file, record=record, count=len(COLUMNS))
+    check_increasing(t_ns, file=file, lines=range(2, len(lines) + 1))
+    _check_ranges(values, file)
+    return ImuTrack(t_ns, values[:, :3].copy(), values[:, 3:].copy())
+
+
+def write_imu_csv(file: Path, track: ImuTrack) -> None:
+    """Write samples; read_imu_csv gives them back exactly."""
+    rows = np.column_stack([track.specific_force, track.angular_rate]).tolist()
+    lines = (f"{t},{','.join(map(repr, row))}\n".encode() for t, row in zip(track.t_ns.tolist(), rows, strict=True))
+    write_atomically(file, (f"t_ns,{','.join(COLUMNS)}\n".encode(), *lines))
+
+
+def _time(text: str, clock: str, file: Path, record: str) -> int:
+    try:
+        if clock == "t_ns" and not text.lstrip("-").isdecimal():
+            raise ValueError(f"{quoted(text)} is not a time in nanoseconds")
+        t_ns = int(text[:QUOTE_CHARACTERS]) if clock == "t_ns" else ns_from_seconds(text)
+        if abs(t_ns) > 9 * 10**18:
+            raise ValueError(f"{quoted(text)} is no possible time")
+    except ValueError as problem:
+        raise LogError(str(problem), file=file, record=record, remedy="correct the time stamp") from None
+    return t_ns
+
+
+def _check_ranges(values: np.ndarray, file: Path) -> None:
+    for (what, most, unit), part in zip(RANGES, (values[:, :3], values[:, 3:]), strict=True):
+        bad = np.flatnonzero(np.abs(part).max(axis=1) > most)
+        if len(bad):
+            said = f"{what} of {np.abs(part[bad[0]]).max():g} {unit} is impossible"
+            raise LogError(said, file=file, record=f"line {bad[0] + 2}", remedy="the columns are in m/s^2 and rad/s")

@@ -1,0 +1,1 @@
+"""Windowed optimisation: keyframe window, photometric bundle adjustment, marginalisation, inertial factors."""

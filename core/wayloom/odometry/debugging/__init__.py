@@ -1,0 +1,1 @@
+"""Debug records of the odometry: per-frame tables and pictures."""

@@ -1,0 +1,1 @@
+"""Points of the map: candidate selection, static stereo, immature points, activation."""

@@ -1,0 +1,93 @@
+"""Where a new keyframe gets its points from: immature ones that have become sure, static stereo, and candidates that must wait."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.odometry.backend import window
+from wayloom.odometry.backend.window import Window
+from wayloom.odometry.kernels.arrays import PointColumns, Rig, Robust
+from wayloom.odometry.kernels.selection import TAKEN_CELL
+from wayloom.odometry.points import immature, selection, stereo
+from wayloom.odometry.settings import OdometrySettings
+from wayloom.odometry.stopwatch import Stopwatch
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """What giving points ends in: the next free number, the cell size px for the next keyframe, and the static matches, pixels
+    (n, 2) and disparities (n,) px."""
+
+    next_id: int
+    cell: float
+    pixels: IntArray
+    disparity: FloatArray
+
+
+def stereo_candidates(
+    left: Image, right: Image, uv_taken: FloatArray, cell: float, settings: OdometrySettings, stopwatch: Stopwatch
+) -> tuple[IntArray, FloatArray]:
+    """Pixels (n, 2) of the left image away from uv_taken (N, 2), and their disparity with its sigma (n, 2) px, 0 where unknown."""
+    s = settings
+    with stopwatch("select"):
+        pixels = selection.select_candidates(left, uv_taken, round(cell), s.block, s.gradient_margin, s.border)
+    with stopwatch("stereo"):
+        found = stereo.match(left, right, pixels, s.max_disparity, s.uniqueness, s.max_cost, s.slope_cap)
+    found[~((found[:, 0] > s.min_disparity) & (found[:, 1] < s.max_sigma))] = 0.0
+    return pixels, found
+
+
+def give_points(
+    now: Window, left: Image, right: Image, rig: Rig, robust: Robust, cell: float, next_id: int, settings: OdometrySettings,
+    stopwatch: Stopwatch,
+) -> Given:  # fmt: skip
+    """New live and immature points for the newest keyframe, as many as the view wants, and its right image's brightness.
+
+    Points are numbered from next_id.
+    """
+    s, newest = settings, len(now) - 1
+    uv_live, _ = seen(now, now.points, rig, s.border)
+    room = s.points if newest == 0 else max(min(s.new_points, s.points - len(uv_live)), s.min_new_points)
+    uv_waiting, waiting = seen(now, now.immature.points, rig, s.border)
+    sure = immature.known(now.immature)[waiting]
+    uv_waiting, waiting = uv_waiting[sure], waiting[sure]
+    pixels, found = stereo_candidates(left, right, np.concatenate([uv_live, uv_waiting]), cell, s, stopwatch)
+    matched = found[:, 0] > 0
+    now.frames.gain_right[newest] = stereo.right_gain(left, right, pixels[matched], found[matched, 0])
+    bf = -rig.fx * rig.tx
+    rho = np.where(matched, np.maximum(found[:, 0] - now.delta[0], 0.1) / bf, 0.0)
+    sought = np.flatnonzero(~matched)
+    sought = sought[selection.spread_sample(pixels[sought], s.sought_points, s.seed)]
+    rows = np.append(np.flatnonzero(matched), sought)
+    fresh = immature.of_pixels(now, pixels[rows], rho[rows], next_id, s.gradient_scale, rig, robust)
+    ripe = waiting[(now.immature.traced[waiting] > 0) & free(left.shape, uv_live, uv_waiting)]
+    ripe = ripe[selection.spread_sample(now.immature.points.uv[ripe].astype(np.int64), int(s.traced_share * room), s.seed)]
+    known = np.flatnonzero(immature.known(fresh))
+    live = known[selection.spread_sample(fresh.points.uv[known].astype(np.int64), room - len(ripe), s.seed)]
+    window.add_points(
+        now, window.joined(window.chosen(now.immature.points, ripe), window.chosen(fresh.points, live)),
+        np.append(now.immature.id[ripe], fresh.id[live]),
+    )  # fmt: skip
+    immature.keep(now, np.isin(np.arange(len(now.immature.id)), ripe, invert=True))
+    immature.add(now, immature.part(fresh, np.setdiff1d(np.arange(len(fresh.id)), live)))
+    wanted = max(room, s.matched_points)
+    return Given(next_id + len(rows), selection.next_cell(cell, len(known), wanted), pixels[matched], found[matched, 0])
+
+
+def seen(now: Window, points: PointColumns, rig: Rig, border: float) -> tuple[FloatArray, IntArray]:
+    """Places (n, 2) px of those points that are in view of the newest keyframe, and their rows (n,)."""
+    projected = window.project_into(now, points, len(now) - 1, rig, border)
+    rows = np.flatnonzero(~np.isnan(projected[:, 0]))
+    return projected[rows, :2], rows
+
+
+def free(shape: tuple[int, ...], uv_taken: FloatArray, uv: FloatArray) -> NDArray[np.bool_]:
+    """(n,) which of the places uv (n, 2) px of an image (h, w) are not where one of uv_taken (N, 2) is."""
+    taken = selection.taken_places(shape, uv_taken)
+    column, row = (uv / TAKEN_CELL).astype(int).T
+    return np.asarray(~taken[row, column])

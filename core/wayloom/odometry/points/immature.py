@@ -1,0 +1,116 @@
+"""Immature points: candidates that wait beside the window until their depth is known, and points of the map that never join it.
+
+What static stereo finds but the window has no room for waits with a known depth. What it does not find (horizontal edges, repeated
+texture) is searched along its epipolar line in every later keyframe (Engel et al. 2018, sec. 3.1 and 3.2), until its depth is sure
+enough to make it live. Each further keyframe improves a known depth, with the poses fixed. When their host leaves the window, those
+whose depth is known become points of the map like the others.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.odometry.backend.window import ImmaturePoints, Window, chosen, indices_of, joined, new_points
+from wayloom.odometry.kernels.arrays import Rig, Robust
+from wayloom.odometry.kernels.tracing import MISFIT, TRACED, trace_points, update_depths
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+NEAREST_M = 2.0
+"""Where the search for an unknown depth ends."""
+UNIQUENESS = 3.0
+"""Least ratio of the second best squared distance to the best (Engel et al. 2018: 3)."""
+MAX_LENGTH_PX = 80.0
+LOOK_BACK = 2
+"""Keyframes before its own in which a point is sought."""
+START_INFORMATION = 1e-3
+"""Of a depth that has just been found; what the images tell is a thousand times that and more."""
+MAX_FAILURES = 2
+SURE = 0.25
+"""Half an interval over the inverse depth, below which a depth is known."""
+
+
+def known(waiting: ImmaturePoints) -> BoolArray:
+    """(N,) whose depth is known."""
+    return np.asarray(waiting.information > 0)
+
+
+def of_pixels(
+    window: Window, pixels: IntArray, rho: FloatArray, first_id: int, gradient_scale: float, rig: Rig, robust: Robust
+) -> ImmaturePoints:
+    """Immature points at pixels (n, 2) of the newest keyframe, numbered from first_id; rho (n,) 1/m from static stereo, 0 where it
+    is unknown; those whose patch does not fit their own right image are left out."""
+    n = len(pixels)
+    points = new_points(window, pixels, rho, gradient_scale)
+    fresh = ImmaturePoints(
+        points, np.arange(first_id, first_id + n), np.zeros(n), np.full(n, 1.0 / NEAREST_M), np.zeros(n), np.zeros(n, np.int64),
+        np.zeros(n, np.int64),
+    )  # fmt: skip
+    _update(window, fresh, np.flatnonzero(rho > 0), len(window) - 1, rig, robust)
+    points.has_static[:] = fresh.information > 0
+    return part(fresh, (points.rho == 0) | (fresh.information > 0))
+
+
+def part(points: ImmaturePoints, rows: IntArray | BoolArray) -> ImmaturePoints:
+    """Some of them."""
+    rows = indices_of(rows)
+    return ImmaturePoints(chosen(points.points, rows), *(getattr(points, name).take(rows) for name in ImmaturePoints.__slots__[1:]))
+
+
+def add(window: Window, fresh: ImmaturePoints) -> None:
+    """Let points of the newest keyframe wait."""
+    old = window.immature
+    window.immature = ImmaturePoints(
+        joined(old.points, fresh.points),
+        *(np.append(getattr(old, name), getattr(fresh, name)) for name in ImmaturePoints.__slots__[1:]),
+    )
+
+
+def keep(window: Window, mask: BoolArray) -> None:
+    """Forget those that are not in mask (N,)."""
+    if not mask.all():
+        window.immature = part(window.immature, mask)
+
+
+def _update(window: Window, waiting: ImmaturePoints, rows: IntArray, target: int, rig: Rig, robust: Robust) -> IntArray:
+    """What keyframe `target` tells of the points `rows` (n,) of known depth; returns the observations (m, 3) there: point's
+    number, row of the keyframe, what is noted of it (`arrays.RIGHT` …)."""
+    state, agrees = np.zeros((2, len(rows)), np.int64)
+    update_depths(
+        window.images, rig, window.frames, waiting.points, rows, target, window.delta[0], robust, waiting.information, state, agrees
+    )  # fmt: skip
+    seen = state == TRACED
+    return np.column_stack([waiting.id[rows][seen], np.full(int(seen.sum()), window.keyframe[target]), agrees[seen]])
+
+
+def trace(window: Window, rig: Rig, robust: Robust) -> IntArray:
+    """Search and improve depths: of older keyframes' points in the newest keyframe, of its own in those before it. Points that fit
+    nowhere are forgotten. Returns the observations (m, 3) as _update."""
+    newest, host = len(window) - 1, window.immature.points.host
+    observations = [_look(window, np.flatnonzero(host < newest), newest, rig, robust)]
+    own = np.flatnonzero(host == newest)
+    observations += [_look(window, own, t, rig, robust) for t in range(newest - 1, max(newest - 1 - LOOK_BACK, -1), -1)]
+    keep(window, window.immature.failures < MAX_FAILURES)
+    return np.concatenate(observations)
+
+
+def _look(window: Window, rows: IntArray, target: int, rig: Rig, robust: Robust) -> IntArray:
+    """Search those of the points `rows` (n,) of unknown depth in keyframe `target`, and take what it tells of the others."""
+    p = window.immature
+    sought = rows[p.information[rows] == 0]
+    state = np.zeros(len(sought), np.int64)
+    trace_points(
+        window.images, rig, window.frames, p.points, sought, target, p.low, p.high, UNIQUENESS, MAX_LENGTH_PX, robust, state
+    )
+    p.failures[sought] += state == MISFIT
+    p.traced[sought] += state == TRACED
+    found = sought[state == TRACED]
+    p.information[found[(p.high - p.low)[found] < 2 * SURE * p.points.rho[found]]] = START_INFORMATION
+    return _update(window, p, rows[p.information[rows] > 0], target, rig, robust)
+
+
+def take(window: Window, gone: BoolArray) -> ImmaturePoints:
+    """Take those in gone (N,) out of the window; returns the ones of known depth."""
+    taken = part(window.immature, gone & known(window.immature))
+    keep(window, ~gone)
+    return taken

@@ -1,0 +1,88 @@
+"""Which of the points that have left the window stay in the result, and those that do. Both can be done in parts."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.odometry.kernels.arrays import LEFT_ALIKE, RIGHT, RIGHT_ALIKE
+from wayloom.odometry.result.growing_arrays import GrowingArray
+from wayloom.odometry.types import Points
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """What a point needs: so many keyframes beside the host that saw it, so many images that agree (left and right ones of
+    observers, and the host's right one), and a depth whose sigma is less than so much of it.
+
+    In a segment with few keyframes all the others must have seen it; where its host is the only one, the host's right image must
+    agree.
+    """
+
+    observations: int
+    confirmations: int
+    relative_sigma: float
+
+    @property
+    def enough_others(self) -> int:
+        """Keyframes beside the host, from which on more of them change nothing."""
+        return max(self.observations, self.confirmations - 1)
+
+    def holds(self, observers: IntArray, images: IntArray, others: IntArray, rho: FloatArray, variance: FloatArray) -> BoolArray:
+        """(n,) of points that `observers` keyframes saw, with `images` that agree, in segments of `others` keyframes beside the
+        host."""
+        confirmed = (observers >= np.minimum(self.observations, others)) & (images >= np.minimum(self.confirmations, others + 1))
+        return np.asarray(confirmed & (np.sqrt(variance) < self.relative_sigma * rho))
+
+
+class KeptPoints:
+    """The result's points, appended in the order of their numbers."""
+
+    def __init__(self) -> None:
+        self.host, self.uv = GrowingArray(np.int32), GrowingArray(np.float32, (2,))
+        self.rho, self.variance = GrowingArray(np.float32), GrowingArray(np.float32)
+        self.grey, self.host_right = GrowingArray(np.uint8), GrowingArray(np.bool_)
+        self.obs_start = GrowingArray(np.int64)
+        self.obs_start.append(np.zeros(1, np.int64))
+        self.obs_keyframe, self.obs_right = GrowingArray(np.int32), GrowingArray(np.bool_)
+
+    def append(self, columns: Mapping[str, NDArray[np.generic]], seen: IntArray, others: IntArray, rule: Rule) -> None:
+        """Those of the points (n), numbered higher than all before, that `rule` lets stay.
+
+        columns : `id` and the rest as of `Harvest.add_points`; seen (m, 3): point, keyframe, what is noted of it (`arrays.RIGHT`
+        …), a pair perhaps twice, from when the point was immature and from when it was live; others (n,) keyframes of its segment
+        beside its host
+
+        The rule counts photometric inliers; those that look like the host besides are the result's observations.
+        """
+        order = np.argsort(columns["id"], kind="stable")
+        column = {name: values[order] for name, values in columns.items()}
+        seen = seen[np.lexsort((seen[:, 1], seen[:, 0]))]
+        seen = seen[np.append(True, (np.diff(seen[:, :2], axis=0) != 0).any(axis=1))[: len(seen)]]
+        row = np.searchsorted(column["id"], seen[:, 0])
+        observers = np.bincount(row, minlength=len(order))
+        agree = np.bincount(row[seen[:, 2] & RIGHT > 0], minlength=len(order))
+        images = observers + agree + column["host_right"].astype(np.int64)
+        rho, variance = column["rho"].astype(np.float64), column["variance"].astype(np.float64)
+        good = rule.holds(observers, images, others[order], rho, variance)
+        for name in ("host", "uv", "rho", "variance", "grey", "host_right"):
+            getattr(self, name).append(column[name][good])
+        alike = good[row] & (seen[:, 2] & LEFT_ALIKE > 0)
+        self.obs_start.append(len(self.obs_keyframe) + np.cumsum(np.bincount(row[alike], minlength=len(order))[good]))
+        self.obs_keyframe.append(seen[alike, 1])
+        self.obs_right.append(seen[alike, 2] & RIGHT_ALIKE > 0)
+
+    def __len__(self) -> int:
+        return len(self.host)
+
+    def points(self) -> Points:
+        """All of them; nothing is appended later."""
+        return Points(
+            self.host.array(), self.uv.array(), self.rho.array(), self.variance.array(), self.grey.array(), self.obs_start.array(),
+            self.obs_keyframe.array(), self.obs_right.array(), self.host_right.array(),
+        )  # fmt: skip

@@ -1,0 +1,136 @@
+"""What is kept of a drive while it passes through the window, and its final form. What is known of points that left is decided
+upon now and then (`settle`), so that it does not grow with the drive."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.geometry import se3
+from wayloom.odometry.backend.window import Window
+from wayloom.odometry.kernels.adjustment import observations
+from wayloom.odometry.kernels.arrays import PointColumns, Rig, Robust
+from wayloom.odometry.result.point_filter import KeptPoints, Rule
+from wayloom.odometry.types import Keyframes, Trajectory
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+CENTRE = 4
+"""The centre's place in the patch pattern."""
+
+
+@dataclass(slots=True)
+class KeyframeRow:
+    """A keyframe as last estimated; affine (4,) a_left, b_left, a_right, b_right."""
+
+    frame: int
+    segment: int
+    T_cam_world: FloatArray
+    affine: FloatArray
+
+
+@dataclass(slots=True)
+class FrameRow:
+    """A frame: its keyframe's row (-1: none yet, the pose is T_cam_world), its pose against it, whether it was tracked."""
+
+    keyframe: int
+    T_frame_keyframe: FloatArray
+    tracked: bool
+    segment: int
+
+
+@dataclass(slots=True)
+class Harvest:
+    """Grows by frames, keyframes and leaving points. Point numbers are given out by `next_point`."""
+
+    keyframes: list[KeyframeRow] = field(default_factory=list)
+    frames: list[FrameRow] = field(default_factory=list)
+    next_point: int = 0
+    observations: list[NDArray[np.int64]] = field(default_factory=list)
+    """(n, 3) each: point, keyframe, what is noted of it (`arrays.RIGHT` …)."""
+    points: list[dict[str, NDArray[np.generic]]] = field(default_factory=list)
+    """Points that left and are not yet decided about."""
+    kept: KeptPoints = field(default_factory=KeptPoints)
+
+    def T_cam_world(self, frame: int) -> FloatArray:
+        """(4, 4) of a frame, by its keyframe's latest estimate."""
+        row = self.frames[frame]
+        if row.keyframe < 0:
+            return row.T_frame_keyframe
+        return np.asarray(row.T_frame_keyframe @ self.keyframes[row.keyframe].T_cam_world)
+
+    def update_keyframes(self, window: Window) -> None:
+        """Copy the window's estimates to its keyframes' rows."""
+        frames = window.frames
+        for i, k in enumerate(window.keyframe):
+            (a, b), (gain, offset) = frames.affine[i], frames.gain_right[i]
+            self.keyframes[k].T_cam_world = frames.T_cam_world[i].copy()
+            self.keyframes[k].affine = np.array([a, b, a + math.log(gain), gain * b + offset])
+
+    def add_observations(self, window: Window, mask: BoolArray, rig: Rig, robust: Robust, targets: list[int]) -> None:
+        """Note in which frames `targets` of the window the points in mask (N,) are inliers, and by which images."""
+        out = np.empty((len(mask) * len(targets), 3), np.int64)
+        n = observations(
+            window.images, rig, window.frames, window.points, window.inlier, mask, np.array(targets, np.int64), window.delta[0],
+            robust, out,
+        )  # fmt: skip
+        point, frame, noted = out[:n].T
+        self.observations.append(np.column_stack([window.point_id[point], window.keyframe[frame], noted]))
+
+    def add_points(
+        self, window: Window, points: PointColumns, ids: NDArray[np.int64], information: FloatArray, bf: float, grey_sigma: float,
+        disparity_sigma: float,
+    ) -> None:  # fmt: skip
+        """Keep leaving points (N) with their numbers and information (N,) as last estimated.
+
+        variance = grey_sigma^2 / information + (disparity_sigma / bf)^2: the second part is the error common to all views (rows,
+        lens, rectification), which the Hessian does not know.
+        """
+        variance = grey_sigma**2 / np.maximum(information, 1e-9) + (disparity_sigma / bf) ** 2
+        grey = np.clip(np.round(points.colour[:, CENTRE]), 0, 255).astype(np.uint8)
+        self.points.append(
+            {
+                "id": ids, "host": window.keyframe[points.host], "uv": points.uv, "rho": points.rho, "variance": variance,
+                "grey": grey, "host_right": points.has_static > 0,
+            }
+        )  # fmt: skip
+
+    def trajectory(self, t_ns: NDArray[np.int64]) -> Trajectory:
+        """Every frame's final pose."""
+        T = np.array([self.T_cam_world(i) for i in range(len(self.frames))]).reshape(-1, 4, 4)
+        tracked = np.array([row.tracked for row in self.frames], bool)
+        segment = np.array([row.segment for row in self.frames], np.int32)
+        return Trajectory(t_ns.copy(), se3.inverse(T), tracked, segment)
+
+    def final_keyframes(self) -> Keyframes:
+        """Every keyframe's final estimate."""
+        rows = self.keyframes
+        return Keyframes(
+            np.array([row.frame for row in rows], np.int32),
+            se3.inverse(np.array([row.T_cam_world for row in rows]).reshape(-1, 4, 4)),
+            np.array([row.affine for row in rows]).reshape(-1, 4),
+            np.array([row.segment for row in rows], np.int32),
+        )
+
+    def settle(self, rule: Rule, alive: NDArray[np.int64], segment: int | None) -> None:
+        """Decide which of the points that left are kept, and forget what was known of them.
+
+        alive (n,) numbers of the points that have not left; segment: the one that still gets keyframes, None at the end. Points
+        wait while one of a lower number lives and while further keyframes could change the decision: so the result is ordered by
+        number and does not depend on how often this is called.
+        """
+        if not self.points:
+            return
+        column = {name: np.concatenate([part[name] for part in self.points]) for name in self.points[0]}
+        seen = np.concatenate([np.zeros((0, 3), np.int64), *self.observations])
+        ids, segments = column["id"].astype(np.int64), np.array([row.segment for row in self.keyframes], np.int64)
+        of_host = segments[column["host"].astype(np.int64)]
+        others = np.bincount(segments)[of_host] - 1
+        undecided = (of_host == (-1 if segment is None else segment)) & (others < rule.enough_others)
+        first_waiting = int(np.concatenate([[self.next_point], alive, ids[undecided]]).min())
+        done, seen_done = ids < first_waiting, seen[:, 0] < first_waiting
+        known = seen_done & np.isin(seen[:, 0], ids[done])
+        self.kept.append({name: values[done] for name, values in column.items()}, seen[known], others[done], rule)
+        self.points = [{name: values[~done] for name, values in column.items()}]
+        self.observations = [seen[~seen_done]]

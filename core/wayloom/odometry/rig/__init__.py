@@ -1,0 +1,1 @@
+"""The stereo rig as it is: row alignment, the right lens undone, observations for calibration."""

@@ -1,0 +1,1 @@
+"""Frame-to-keyframe alignment: image pyramids, direct alignment, recovery, relocalisation, keyframe decision."""

@@ -1,0 +1,1 @@
+"""The static city: street graph, terrain, blocks, buildings, furniture, true outlines."""

@@ -1,0 +1,1 @@
+"""Triangle models: meshes, solids, vehicles, people, vegetation."""

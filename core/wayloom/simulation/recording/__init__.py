@@ -1,0 +1,1 @@
+"""Recording of drives: presets, worlds, journal, truth files, datasets."""

@@ -1,0 +1,172 @@
+"""Drives of the simulated city, written as logs."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from wayloom import __version__
+from wayloom.config.progress import Progress, silent
+from wayloom.errors import ConfigError, LogError
+from wayloom.logs.drive_writer import DriveWriter, unfinished_folder
+from wayloom.logs.kitti.kitti_360_writer import Kitti360Writer
+from wayloom.logs.kitti.kitti_odometry_writer import KittiOdometryWriter
+from wayloom.logs.kitti.kitti_raw_writer import KittiRawWriter
+from wayloom.logs.ros2.mcap_writer import McapWriter
+from wayloom.logs.sidecars.sidecar import SIMULATED_RIG
+from wayloom.logs.simulated_truth import FOLDER as TRUTH_FOLDER
+from wayloom.simulation.recording.journal import RECORD_NAME, Journal, check_record, sole_run, write_record
+from wayloom.simulation.recording.presets import Preset, chosen_drives, find_preset
+from wayloom.simulation.recording.record_drive import Recording, plan_recording, record, way_of
+from wayloom.simulation.recording.truth_files import TruthFolder
+from wayloom.simulation.recording.worlds import build_world
+from wayloom.simulation.rendering.renderer import World
+from wayloom.simulation.traffic.drives import plan_drives
+from wayloom.simulation.vehicle.rigs import given_rig, sized_rig
+
+WRITERS: Final[dict[str, type[DriveWriter]]] = {
+    "kitti": KittiOdometryWriter,
+    "kitti-raw": KittiRawWriter,
+    "kitti-360": Kitti360Writer,
+    "mcap": McapWriter,
+}
+SET_UP_SHARE = 0.1
+FORMAT_VERSION = 1
+
+
+def simulate(
+    preset: str | Preset,
+    out_dir: Path,
+    size: str = "half",
+    seed: int | None = None,
+    format: str = "kitti",
+    truth: bool = False,
+    threads: int = 1,
+    progress: Progress = silent,
+    *,
+    laps: int | None = None,
+    drives: tuple[str, ...] = (),
+    frames: int | None = None,
+    world: World | None = None,
+) -> list[Path]:
+    """Write drives of a preset to out_dir/<vehicle>; returns their folders. The bytes do not depend on `threads`.
+
+    A folder appears when its drive is whole. A run that was stopped, however that came, goes on where it ended when it is called
+    again with the same arguments, and ends with the same bytes; drives that are there are left as they are.
+
+    size    "full", "half" or "quarter" of the rigs' images
+    seed    another city than the preset's
+    format  a key of WRITERS
+    truth   also write what every pixel shows, and where everything is, to <vehicle>/truth
+    laps    another number than the preset's, for presets that go in laps
+    drives  the vehicles to write; all where none is named
+    frames  stop each drive after so many frames
+    world   of the preset's city and light at that size, where it is built already
+    Raises ConfigError for what is unknown or does not go together; LogError where out_dir holds other drives, or was simulated
+    with other settings; ConflictError where another simulation is writing there; OSError, naming the file, where the disk refuses.
+    """
+    chosen = with_laps(with_seed(find_preset(preset) if isinstance(preset, str) else preset, seed), laps)
+    if format not in WRITERS:
+        raise ConfigError(f"unknown format {format!r}", remedy=f"use one of {', '.join(WRITERS)}")
+    sized_rig(size)
+    numbers = chosen_drives(chosen, drives)
+    check_formats(chosen, numbers, format)
+    said = record_of(chosen, size, format, truth, frames)
+    check_record(out_dir, said)
+    paths = [folder_of(out_dir, chosen, number, format) for number in numbers]
+    left = [number for number in numbers if not is_done(out_dir, chosen, number, format)]
+    if not left:
+        return paths
+    progress(0.0, "building the city")
+    world = build_world(chosen.city, chosen.light, size) if world is None else world
+    planned = plan_drives(world.city, [way_of(plan, chosen) for plan in chosen.drives])
+    recordings = [plan_recording(chosen, number, planned[number], frames) for number in left]
+    out_dir.mkdir(parents=True, exist_ok=True)
+    with sole_run(out_dir):
+        check_record(out_dir, said)
+        write_record(out_dir, said)
+        total, done = sum(map(len, recordings)), 0
+        for recording in recordings:
+            for whole in write_drive(out_dir, world, chosen, recording, size, format, truth, threads):
+                last = ", putting the drive together" if whole == len(recording) else ""
+                what = f"{recording.plan.vehicle_id}: frame {whole} of {len(recording)}{last}"
+                progress(SET_UP_SHARE + (1 - SET_UP_SHARE) * (done + whole) / total, what)
+            done += len(recording)
+    progress(1.0, "done")
+    return paths
+
+
+def with_seed(preset: Preset, seed: int | None) -> Preset:
+    """The preset in the city of another seed."""
+    return preset if seed is None else preset.model_copy(update={"city": preset.city.model_copy(update={"seed": seed})})
+
+
+def with_laps(preset: Preset, laps: int | None) -> Preset:
+    """The preset with another number of laps. Raises ConfigError where it does not go in laps."""
+    if laps is None:
+        return preset
+    if preset.laps is None:
+        raise ConfigError(f"{preset.name} does not go in laps", record="--laps", remedy="take the preset long, or leave it out")
+    return preset.model_copy(update={"laps": laps})
+
+
+def check_formats(preset: Preset, numbers: tuple[int, ...], format: str) -> None:
+    """Raises ConfigError where a vehicle's images have distortion, for which the layout has no place."""
+    bent = [preset.drives[number].vehicle_id for number in numbers if preset.drives[number].vehicle.distortion is not None]
+    if bent and not WRITERS[format].holds_raw_images:
+        holding = ", ".join(key for key, writer in WRITERS.items() if writer.holds_raw_images)
+        raise ConfigError(f"the images of {bent[0]} are distorted, {format} holds rectified ones", remedy=f"use {holding}")
+
+
+def folder_of(out_dir: Path, preset: Preset, number: int, format: str) -> Path:
+    """Where a drive will be."""
+    plan = preset.drives[number]
+    return out_dir / WRITERS[format].folder_name(plan.vehicle_id, plan.vehicle.distortion is not None)
+
+
+def is_done(out_dir: Path, preset: Preset, number: int, format: str) -> bool:
+    """Whether a drive is there, by an earlier run. Raises LogError where something else is in its place."""
+    path = folder_of(out_dir, preset, number, format)
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        return False
+    if not path.is_dir() or not (out_dir / RECORD_NAME).is_file():
+        raise LogError("exists and is no empty folder", file=path, remedy="remove it or give another path")
+    shutil.rmtree(unfinished_folder(path), ignore_errors=True)  # of a run that was killed between its last two steps
+    return True
+
+
+def record_of(preset: Preset, size: str, format: str, truth: bool, frames: int | None) -> dict[str, Any]:
+    """All that the bytes of a run depend on."""
+    return {
+        "format_version": FORMAT_VERSION,
+        "wayloom": __version__,
+        "preset": preset.model_dump(mode="json"),
+        "size": size,
+        "format": format,
+        "truth": truth,
+        "frames": frames,
+    }
+
+
+def write_drive(
+    out_dir: Path, world: World, preset: Preset, recording: Recording, size: str, format: str, truth: bool, threads: int
+) -> Iterator[int]:
+    """Write one drive; yields how many of its frames are whole."""
+    plan, path = recording.plan, folder_of(out_dir, preset, recording.number, format)
+    vehicle = plan.vehicle
+    writer = WRITERS[format](
+        path, given_rig(vehicle, size), rig_id=f"{SIMULATED_RIG}{preset.name}-{vehicle.rig_name or plan.vehicle_id}",
+        vehicle_id=plan.vehicle_id,
+        p_cam_gnss=np.array(vehicle.p_cam_gnss_m), T_cam_imu=vehicle.T_cam_imu,
+        T_cam_lidar=None if vehicle.lidar is None else vehicle.T_cam_lidar, jpeg_quality=vehicle.jpeg_quality,
+        distortion=vehicle.distortion, resume=True,
+    )  # fmt: skip
+    journal = Journal(unfinished_folder(path) / "journal.txt")
+    folder = TruthFolder(writer.folder / TRUTH_FOLDER) if truth else None
+    try:
+        with writer:
+            yield from record(writer, journal, world, preset, recording, size, folder, writer.has_labels, threads)
+    finally:
+        journal.close()

@@ -1,0 +1,1 @@
+"""Sensor models: camera, exposure, optics, GNSS, IMU, LiDAR, clock."""

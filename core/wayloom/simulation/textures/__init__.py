@@ -1,0 +1,1 @@
+"""Procedural materials: noise, painters, the texture stack."""

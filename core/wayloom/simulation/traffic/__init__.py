@@ -1,0 +1,1 @@
+"""Moving things: lanes, car-following vehicles, pedestrians, signals, routes and drives."""

@@ -1,0 +1,1 @@
+"""The recording vehicle: settings, stereo rigs and their faults, motion."""
