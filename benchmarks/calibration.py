@@ -22,7 +22,7 @@ import numpy as np
 
 from pages import DOCS, put_between_marks
 from wayloom.calibration.learn import learn_rig
-from wayloom.calibration.own_lens import track_calibrated
+from wayloom.calibration.self_calibration import track_calibrated
 from wayloom.cli.calibrate import evidence_of
 from wayloom.errors import InputError
 from wayloom.evaluation.odometry import SEEDS
@@ -30,7 +30,7 @@ from wayloom.evaluation.odometry_table import head, row
 from wayloom.evaluation.trajectory import evaluate
 from wayloom.geometry.lens import PARAMETERS, RightLens
 from wayloom.logs.registry import open_log
-from wayloom.odometry.rig.calibration_observations import Evidence
+from wayloom.odometry.rig.calibration_observations import CalibrationObservations
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.simulation.recording.presets import RIG, RIG_WAYS, DrivePlan, Preset
 from wayloom.simulation.recording.simulate import simulate
@@ -97,7 +97,7 @@ def measured(fault: str, judged: list[int], size: str, seeds: int, cache: Path) 
     others = [f"{fault}-{k}" for k in range(1, len(RIG_WAYS) + 1)]
     folders = drawn([*others, *(f"perfect-{k}" for k in judged)], size, cache)
     truth = FAULTS[fault].lens(SCALES[size])
-    evidence: dict[str, Evidence] = {}
+    evidence: dict[str, CalibrationObservations] = {}
     for name in others:
         say(0.0, f"{name}: evidence")
         evidence[name] = next(iter(evidence_of(folders[name], 1, ())))

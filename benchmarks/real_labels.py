@@ -14,7 +14,7 @@ import numpy as np
 
 from pages import put_between_marks
 from real_clips import RESULTS, ROOT
-from wayloom.calibration.own_lens import track_calibrated
+from wayloom.calibration.self_calibration import track_calibrated
 from wayloom.config.classes import PALETTE_WITH_VOID
 from wayloom.errors import ModelError
 from wayloom.evaluation.label_consistency import Consistency, consistency

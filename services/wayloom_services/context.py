@@ -19,7 +19,7 @@ from wayloom.store import jobs
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database, Session
 from wayloom.store.folders import Folders
-from wayloom.store.jobs import Wake
+from wayloom.store.jobs import JobMessage
 from wayloom.store.queues import TASK_NAME, celery_settings
 from wayloom_services.errors import ProtocolError
 from wayloom_services.locks import UploadLocks
@@ -56,7 +56,7 @@ class Service:
         """A change in a transaction that commits when it returns."""
         return await self.in_thread(lambda: self._write(change))
 
-    async def wake(self, woken: Iterable[Wake]) -> None:
+    async def wake(self, woken: Iterable[JobMessage]) -> None:
         """After the commit: tell the workers. A broker that is away is no error, the sweeper tells them later."""
         if pending := list(woken):
             await self.in_thread(lambda: self._send(pending))
@@ -69,7 +69,7 @@ class Service:
         with self.database.write() as session:
             return change(session)
 
-    def _send(self, pending: list[Wake]) -> None:
+    def _send(self, pending: list[JobMessage]) -> None:
         try:
             with self._sending:
                 for wake in pending:

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Depends, Path, Query, Response
 
 from wayloom.store import drives, jobs, uploads
 from wayloom.store.database import Session
-from wayloom.store.jobs import Wake
+from wayloom.store.jobs import JobMessage
 from wayloom.store.manifest import Manifest
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem, ProtocolError
@@ -23,7 +23,7 @@ async def register(manifest: Manifest, response: Response, service: ServiceDep) 
     """Announce a drive. The same manifest again is the same drive: 200, with the files that are still missing."""
     _check_size(service, manifest)
 
-    def change(session: Session) -> tuple[Registration, Wake | None]:
+    def change(session: Session) -> tuple[Registration, JobMessage | None]:
         drive, created = drives.register(session, manifest, service.settings.map_id)
         woken = drives.queue_if_complete(session, drive)
         (view,) = drives_out(session, [drive])
@@ -77,7 +77,7 @@ async def preview(drive_id: DriveId, service: ServiceDep) -> Response:
 async def retry(drive_id: DriveId, service: ServiceDep) -> DriveOut:
     """Try the failed stage again, with a fresh set of attempts; finished stages are kept."""
 
-    def change(session: Session) -> list[Wake]:
+    def change(session: Session) -> list[JobMessage]:
         drives.get(session, drive_id)
         return jobs.retry(session, drive_id)
 

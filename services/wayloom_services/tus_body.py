@@ -10,7 +10,7 @@ from starlette.requests import ClientDisconnect
 
 from wayloom.store import drives, uploads
 from wayloom.store.database import Session
-from wayloom.store.jobs import Wake
+from wayloom.store.jobs import JobMessage
 from wayloom.store.tables import Upload
 from wayloom.store.uploads import Part, write_at
 from wayloom_services.context import Service
@@ -99,7 +99,7 @@ async def complete(service: Service, upload: Upload) -> None:
         )
     await service.in_thread(lambda: stored.install(service.folders.drive(upload.drive_id) / upload.path))
 
-    def finish(session: Session) -> Wake | None:
+    def finish(session: Session) -> JobMessage | None:
         uploads.mark_complete(session, upload.id)
         return drives.mark_complete(session, upload.drive_id, upload.path)
 

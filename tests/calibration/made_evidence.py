@@ -6,7 +6,7 @@ from wayloom.calibration.residuals import lens_of_drive
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import IDENTITY, RightLens, project_scaled
-from wayloom.odometry.rig.calibration_observations import TARGETS, Evidence
+from wayloom.odometry.rig.calibration_observations import TARGETS, CalibrationObservations
 
 CAMERA = PinholeCamera(718.0, 716.0, 607.0, 185.0, 1241, 376)
 RIG = StereoRig(CAMERA, (-0.537, 0.001, 0.0005))
@@ -26,7 +26,7 @@ def evidence(
     offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
     rig_id: str | None = "made",
     rig: StereoRig = RIG,
-) -> Evidence:
+) -> CalibrationObservations:
     """A drive of snippets that turn by about turn_rad a metre; offsets: its own disparity bias in px, pitch and roll in rad."""
     rng = np.random.default_rng(seed)
     own, columns = lens_of_drive(lens, np.array(offsets)), []
@@ -40,7 +40,7 @@ def evidence(
         columns.append((np.full(len(uv), s), uv, measured))
     snippet, uv, measured = (np.concatenate(column) for column in zip(*columns, strict=True))
     frames = 10 * np.arange(snippets)[:, None]
-    return Evidence(
+    return CalibrationObservations(
         f"drive {seed}", rig_id, rig, frames[:, 0].astype(np.int32), (frames + np.array([2, 5])).astype(np.int32), T_guess,
         snippet.astype(np.int32), uv.astype(np.int32), measured[:, 0].astype(np.float32),
         measured[:, 1 : 1 + TARGETS].astype(np.float32), measured[:, 1 + TARGETS :].astype(np.float32),

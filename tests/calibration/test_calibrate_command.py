@@ -12,7 +12,7 @@ from wayloom.calibration.learn import learn_rig
 from wayloom.calibration.report import facts, lines, warnings
 from wayloom.calibration.rig_file import read_rig_file
 from wayloom.geometry.lens import IDENTITY, PARAMETERS
-from wayloom.odometry.rig.calibration_file import save_evidence
+from wayloom.odometry.rig.calibration_file import save_observations
 
 
 def calibrate(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -25,8 +25,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Evidence of three drives: two in a folder, one where `wayloom process` leaves it."""
     root = tmp_path_factory.mktemp("drives")
     for seed in range(2):
-        save_evidence(evidence(LENS, seed), root / "gathered" / f"drive-{seed}.npz")
-    save_evidence(evidence(LENS, 2), root / "processed" / "stages" / "odometry" / "evidence.npz")
+        save_observations(evidence(LENS, seed), root / "gathered" / f"drive-{seed}.npz")
+    save_observations(evidence(LENS, 2), root / "processed" / "stages" / "odometry" / "evidence.npz")
     return root
 
 

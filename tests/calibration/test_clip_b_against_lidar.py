@@ -15,8 +15,8 @@ from wayloom.logs.types import DriveLog
 from wayloom.odometry.kernels.stereo import NO_MATCH
 from wayloom.odometry.odometry import track
 from wayloom.odometry.points import stereo
-from wayloom.odometry.rig.calibration_observations import EvidenceCollector, matched, smoothed
-from wayloom.odometry.rig.rows import RightImages
+from wayloom.odometry.rig.calibration_observations import ObservationCollector, matched, smoothed
+from wayloom.odometry.rig.rows import RightRectifier
 
 pytestmark = pytest.mark.real_data
 NEAR_M, ABOVE_GROUND_M = 3.0, 0.9
@@ -52,14 +52,14 @@ def on_smooth_surfaces(points: np.ndarray, log: DriveLog) -> tuple[np.ndarray, n
 
 def seen(log: DriveLog) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Left pixels (n, 2), LiDAR points (n, 3) and matches in the right image (n, 2) of every frame with a scan."""
-    found, right_images = [], RightImages(log.rig, IDENTITY, np.array([0.2, 0.2, 1.7]))
+    found, right_rectifier = [], RightRectifier(log.rig, IDENTITY, np.array([0.2, 0.2, 1.7]))
     for file in sorted((log.path / "velodyne_points" / "data").glob("*.bin")):
         left, right = (read_image(log.path / side / "data" / f"{file.stem}.jpg", colour=False) for side in ("image_02", "image_03"))
         pixels, points = on_smooth_surfaces(lidar_points(log, int(file.stem)), log)
-        disparity, sigma = stereo.match(left, right_images.align(right), pixels, 300, 0.85, 12.0, 60).T
+        disparity, sigma = stereo.match(left, right_rectifier.align(right), pixels, 300, 0.85, 12.0, 60).T
         sure = sigma < min(0.5, NO_MATCH)
         pixels, points, disparity = pixels[sure], points[sure], disparity[sure]
-        start = right_images.real_pixels(np.column_stack([pixels[:, 0] - disparity, pixels[:, 1]]))
+        start = right_rectifier.real_pixels(np.column_stack([pixels[:, 0] - disparity, pixels[:, 1]]))
         match = matched(smoothed(left), smoothed(right), pixels, start, np.ones(len(pixels)))[:, :2]
         good = np.isfinite(match[:, 0])
         found.append((pixels[good], points[good], match[good]))
@@ -77,7 +77,7 @@ def column_errors(log: DriveLog, lens: RightLens, data: tuple[np.ndarray, np.nda
 
 def test_disparities_agree_with_lidar_in_the_middle_by_the_bias_and_at_the_sides_by_the_lens(clip_b: Path) -> None:
     log = open_log(clip_b)
-    collector = EvidenceCollector(log.rig)
+    collector = ObservationCollector(log.rig)
     result = track(log, collector=collector)
     learnt = learn_rig([collector.evidence(log)])
     data = seen(log)

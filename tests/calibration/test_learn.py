@@ -11,7 +11,7 @@ from wayloom.calibration.settings import CalibrationSettings
 from wayloom.errors import CalibrationError
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import IDENTITY, PARAMETERS, RightLens, lens_field, parameter_jacobian
-from wayloom.odometry.rig.calibration_observations import Evidence
+from wayloom.odometry.rig.calibration_observations import CalibrationObservations
 
 TURNS = {"turns": (0.05, 0.05, 0.05), "straights": (0.0, 0.0, 0.0), "a mix": (0.05, 0.0, 0.01)}
 
@@ -75,7 +75,7 @@ def test_drives_added_later_say_the_same_as_all_at_once() -> None:
     assert worst_z(added, LENS) < 2.0
 
 
-def narrow(drive: Evidence, reach_px: float = 60.0) -> Evidence:
+def narrow(drive: CalibrationObservations, reach_px: float = 60.0) -> CalibrationObservations:
     """The drive with matches near the middle of the right image only."""
     near = np.hypot(*(drive.uv_right - (CAMERA.cx, CAMERA.cy)).T) < reach_px
     columns = ("snippet", "uv_host", "uv_right", "uv_left_target", "uv_right_target")

@@ -15,16 +15,16 @@ from wayloom.errors import InputError
 from wayloom.geometry import se3
 from wayloom.geometry.lens import IDENTITY, project_scaled
 from wayloom.odometry.rig import calibration_observations as module
-from wayloom.odometry.rig.calibration_file import is_evidence, load_evidence, save_evidence
-from wayloom.odometry.rig.calibration_observations import Evidence, EvidenceCollector, drive_name
-from wayloom.odometry.rig.rows import RightImages
+from wayloom.odometry.rig.calibration_file import is_evidence, load_observations, save_observations
+from wayloom.odometry.rig.calibration_observations import CalibrationObservations, ObservationCollector, drive_name
+from wayloom.odometry.rig.rows import RightRectifier
 
 LOG = LensLog(curve(9, 0.8, 0.01), lens=LENS)
 
 
-def collected(log: LensLog = LOG, interrupted: int = -1) -> EvidenceCollector:
+def collected(log: LensLog = LOG, interrupted: int = -1) -> ObservationCollector:
     """Every frame of the log a keyframe at its true pose, with nothing known of the right camera."""
-    collector, right = EvidenceCollector(log.rig), RightImages(log.rig, IDENTITY, np.zeros(3))
+    collector, right = ObservationCollector(log.rig), RightRectifier(log.rig, IDENTITY, np.zeros(3))
     for frame in log.frames():
         if frame.index == interrupted:
             collector.interrupt()
@@ -33,11 +33,11 @@ def collected(log: LensLog = LOG, interrupted: int = -1) -> EvidenceCollector:
 
 
 @pytest.fixture(scope="module")
-def drive() -> Evidence:
+def drive() -> CalibrationObservations:
     return collected().evidence(LOG)
 
 
-def test_matches_lie_where_the_real_cameras_see_the_points(drive: Evidence) -> None:
+def test_matches_lie_where_the_real_cameras_see_the_points(drive: CalibrationObservations) -> None:
     camera, t = RIG.camera, np.array(RIG.t_right_left)
     errors: dict[str, list[np.ndarray]] = {"right": [], "left target": [], "right target": []}
     for s, frame in enumerate(drive.host_frame):
@@ -63,7 +63,7 @@ def test_matches_lie_where_the_real_cameras_see_the_points(drive: Evidence) -> N
         assert np.median(np.abs(error)) < 0.1
 
 
-def test_a_snippets_targets_are_the_first_keyframes_far_enough(drive: Evidence) -> None:
+def test_a_snippets_targets_are_the_first_keyframes_far_enough(drive: CalibrationObservations) -> None:
     assert drive.host_frame[0] == 0
     assert drive.target_frame[0].tolist() == [2, 4]  # 1.0 and 2.5 m at 0.8 m a frame
     T = se3.inverse(LOG.truth[2]) @ LOG.truth[0]
@@ -72,9 +72,9 @@ def test_a_snippets_targets_are_the_first_keyframes_far_enough(drive: Evidence) 
     assert np.bincount(drive.snippet).max() <= module.MOST_POINTS
 
 
-def test_the_same_drive_leaves_the_same_bytes(drive: Evidence, tmp_path: Path) -> None:
-    save_evidence(drive, tmp_path / "one.npz")
-    save_evidence(collected().evidence(LOG), tmp_path / "two.npz")
+def test_the_same_drive_leaves_the_same_bytes(drive: CalibrationObservations, tmp_path: Path) -> None:
+    save_observations(drive, tmp_path / "one.npz")
+    save_observations(collected().evidence(LOG), tmp_path / "two.npz")
     assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
 
 
@@ -106,11 +106,11 @@ def test_drives_of_one_name_are_told_apart_by_their_times() -> None:
     assert drive_name(LOG) != drive_name(LensLog(curve(8)))
 
 
-def test_an_evidence_file_comes_back_as_it_was_written(drive: Evidence, tmp_path: Path) -> None:
+def test_an_evidence_file_comes_back_as_it_was_written(drive: CalibrationObservations, tmp_path: Path) -> None:
     file = tmp_path / "evidence.npz"
-    save_evidence(drive, file)
-    again = load_evidence(file)
-    for field in fields(Evidence):
+    save_observations(drive, file)
+    again = load_observations(file)
+    for field in fields(CalibrationObservations):
         np.testing.assert_array_equal(getattr(again, field.name), getattr(drive, field.name))
     assert is_evidence(file)
     assert not is_evidence(tmp_path)
@@ -143,21 +143,23 @@ def array_bytes(array: np.ndarray) -> bytes:
         ("snippet.npy", array_bytes(np.array([5, 1, 0], np.int32)), "shape"),
     ],
 )
-def test_a_damaged_evidence_file_is_refused(drive: Evidence, name: str, content: bytes, says: str, tmp_path: Path) -> None:
+def test_a_damaged_evidence_file_is_refused(
+    drive: CalibrationObservations, name: str, content: bytes, says: str, tmp_path: Path
+) -> None:
     file = tmp_path / "evidence.npz"
-    save_evidence(drive, file)
+    save_observations(drive, file)
     rewritten(file, name, content)
     with pytest.raises(InputError, match=says) as raised:
-        load_evidence(file)
+        load_observations(file)
     assert str(file) in str(raised.value)
 
 
-def test_an_evidence_file_with_impossible_values_is_refused(drive: Evidence, tmp_path: Path) -> None:
+def test_an_evidence_file_with_impossible_values_is_refused(drive: CalibrationObservations, tmp_path: Path) -> None:
     for bad in (
         replace(drive, uv_right=np.full_like(drive.uv_right, np.nan)),
         replace(drive, uv_host=drive.uv_host + 10_000),
         replace(drive, snippet=drive.snippet[::-1].copy() + 3),
     ):
-        save_evidence(bad, tmp_path / "bad.npz")
+        save_observations(bad, tmp_path / "bad.npz")
         with pytest.raises(InputError, match="cannot be"):
-            load_evidence(tmp_path / "bad.npz")
+            load_observations(tmp_path / "bad.npz")

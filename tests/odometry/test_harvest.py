@@ -5,16 +5,16 @@ import pytest
 
 from wayloom.odometry.kernels.arrays import LEFT_ALIKE, RIGHT, RIGHT_ALIKE
 from wayloom.odometry.result.growing_arrays import GrowingArray
-from wayloom.odometry.result.point_filter import Rule
-from wayloom.odometry.result.result_builder import Harvest, KeyframeRow
+from wayloom.odometry.result.point_filter import PointFilter
+from wayloom.odometry.result.result_builder import KeyframeRow, ResultBuilder
 
-RULE = Rule(2, 5, 0.2)
+RULE = PointFilter(2, 5, 0.2)
 NONE = np.zeros(0, np.int64)
 
 
-def drive(settle_every: int | None) -> Harvest:
+def drive(settle_every: int | None) -> ResultBuilder:
     """40 keyframes of two segments, five points each, which live for six keyframes; every point is seen now and then."""
-    rng, harvest, alive = np.random.default_rng(5), Harvest(), []
+    rng, harvest, alive = np.random.default_rng(5), ResultBuilder(), []
     for k in range(40):
         segment = int(k >= 25)
         harvest.keyframes.append(KeyframeRow(k, segment, np.eye(4), np.zeros(4)))
@@ -43,7 +43,7 @@ def columns(numbers: np.ndarray, hosts: np.ndarray) -> dict[str, np.ndarray]:
     }  # fmt: skip
 
 
-def naive_points(harvest_of: Harvest) -> list[int]:
+def naive_points(harvest_of: ResultBuilder) -> list[int]:
     """Numbers of the points that the rule keeps, one after the other, from a harvest that never settled."""
     kept = []
     segments = [row.segment for row in harvest_of.keyframes]
@@ -70,13 +70,13 @@ def test_points_settled_on_the_way_are_those_settled_at_the_end(every: int) -> N
 
 def test_the_points_kept_are_those_of_the_rule_ordered_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = drive(None).kept.points().uv_host[:, 0].astype(int).tolist()
-    monkeypatch.setattr(Harvest, "settle", lambda *arguments: None)
+    monkeypatch.setattr(ResultBuilder, "settle", lambda *arguments: None)
     assert naive_points(drive(None)) == expected
 
 
 def test_observers_of_a_kept_point_are_the_keyframes_in_which_it_looks_like_its_host(monkeypatch: pytest.MonkeyPatch) -> None:
     points = drive(None).kept.points()
-    monkeypatch.setattr(Harvest, "settle", lambda *arguments: None)
+    monkeypatch.setattr(ResultBuilder, "settle", lambda *arguments: None)
     seen = {(int(p), int(k)): int(noted) for part in reversed(drive(None).observations) for p, k, noted in part}
     for i, number in enumerate(points.uv_host[:, 0].astype(int)):
         here = slice(points.obs_start[i], points.obs_start[i + 1])

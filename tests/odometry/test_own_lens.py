@@ -8,7 +8,7 @@ from made_rig import LENS, LensLog
 from made_street import MadeLog, curve
 
 from wayloom.calibration.learn import field_size
-from wayloom.calibration.own_lens import BIAS_SIGMA_PX, LEAST_SNIPPETS, own_lens, track_calibrated
+from wayloom.calibration.self_calibration import BIAS_SIGMA_PX, LEAST_SNIPPETS, own_lens, track_calibrated
 from wayloom.evaluation.recordings import ins_truth
 from wayloom.evaluation.trajectory import evaluate
 from wayloom.geometry.lens import IDENTITY, lens_from_values

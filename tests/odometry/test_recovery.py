@@ -62,7 +62,7 @@ def test_the_motion_after_a_blind_second_is_that_between_frames_that_were_seen(m
     truth, expected = np.concatenate([fast, fast[-1] @ slow[1:]]), []
     original = recovery.Recovery.align
 
-    def watched(self: recovery.Recovery, sought: recovery.Sought, *rest: Any) -> recovery.Found:
+    def watched(self: recovery.Recovery, sought: recovery.TrackingRequest, *rest: Any) -> recovery.TrackingResult:
         expected.append(se3.inverse(sought.T_expected)[:3, 3])
         return original(self, sought, *rest)
 

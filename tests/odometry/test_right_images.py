@@ -13,7 +13,7 @@ from wayloom.geometry.lens import IDENTITY, RightLens, displaced
 from wayloom.odometry import frame_source
 from wayloom.odometry.odometry import track
 from wayloom.odometry.rig import rows
-from wayloom.odometry.rig.rows import RightImages
+from wayloom.odometry.rig.rows import RightRectifier
 from wayloom.odometry.settings import OdometrySettings
 
 GRID = np.column_stack([a.ravel() for a in np.meshgrid(np.linspace(0, 479, 25), np.linspace(0, 179, 11))])
@@ -25,7 +25,7 @@ def grey(image: np.ndarray) -> np.ndarray:
 
 def test_the_maps_are_the_lens_and_the_rows_together() -> None:
     coefficients = np.array([0.4, -0.3, 1.5])
-    right = RightImages(RIG, LENS, coefficients)
+    right = RightRectifier(RIG, LENS, coefficients)
     v, u = np.mgrid[0 : CAMERA.height, 0 : CAMERA.width]
     where = right.maps[0] + (right.maps[1][..., None] // (1, 32) % 32) / 32.0  # cv2's fixed point: 5 bits each
     exact = right.real_pixels(np.column_stack([u.ravel(), v.ravel()]).astype(float)).reshape(*u.shape, 2)
@@ -40,7 +40,7 @@ def test_a_small_rotation_moves_rows_and_columns_as_the_lens_model_says() -> Non
 
 def test_a_lens_that_is_known_is_undone_at_every_depth() -> None:
     left, truth = render(np.eye(4), CAMERA)
-    right = RightImages(RIG, LENS, np.zeros(3))
+    right = RightRectifier(RIG, LENS, np.zeros(3))
     aligned = right.align(grey(right_image(np.eye(4), RIG, LENS)))
     u, v = (a[20:-20:10, 130:-20:10].ravel() for a in np.meshgrid(np.arange(480), np.arange(180)))
     rho = truth[v, u]
@@ -65,7 +65,7 @@ def test_matches_through_the_lens_are_those_of_the_ideal_camera() -> None:
 def test_rows_that_creep_are_followed() -> None:
     left = render(np.eye(4), CAMERA)[0]
     perfect = grey(right_image(np.eye(4), RIG, IDENTITY))
-    right = RightImages(RIG, IDENTITY, np.zeros(3))
+    right = RightRectifier(RIG, IDENTITY, np.zeros(3))
     for k in range(80):
         bent = rows.align(perfect, rows.maps(-np.array([0.005, -0.004, 0.01]) * min(k, 30), RIG))
         aligned = right.align(bent)
@@ -76,7 +76,7 @@ def test_rows_that_creep_are_followed() -> None:
 
 def test_straight_rows_stay_straight() -> None:
     left, perfect = grey(render(np.eye(4), CAMERA)[0]), grey(right_image(np.eye(4), RIG, IDENTITY))
-    right = RightImages(RIG, IDENTITY, np.zeros(3))
+    right = RightRectifier(RIG, IDENTITY, np.zeros(3))
     matches = rows.row_matches(left, perfect)
     for _ in range(20):
         right.follow(left, right.align(perfect), matches[:, :2].astype(np.int64), matches[:, 2])
@@ -84,9 +84,9 @@ def test_straight_rows_stay_straight() -> None:
 
 
 def test_all_rows_are_those_of_rows_and_lens_together() -> None:
-    alone = RightImages(RIG, IDENTITY, np.array([0.3, -0.2, 1.0]))
+    alone = RightRectifier(RIG, IDENTITY, np.array([0.3, -0.2, 1.0]))
     np.testing.assert_allclose(alone.all_rows(), [0.3, -0.2, 1.0])
-    turned = RightImages(RIG, RightLens(pitch_rad=-1e-3), np.array([0.1, 0.0, 0.0]))
+    turned = RightRectifier(RIG, RightLens(pitch_rad=-1e-3), np.array([0.1, 0.0, 0.0]))
     np.testing.assert_allclose(turned.all_rows(), [0.4, 0.0, 0.0], atol=5e-3)
 
 
@@ -126,7 +126,7 @@ def test_the_lens_moves_no_pose_of_the_left_camera() -> None:
 
 
 def test_the_size_of_a_bad_calibration_is_told_in_pixels(capsys: pytest.CaptureFixture[str]) -> None:
-    turned = RightImages(RIG, IDENTITY, np.array([1.2, 0.0, 0.0]))
+    turned = RightRectifier(RIG, IDENTITY, np.array([1.2, 0.0, 0.0]))
     assert turned.worst_px() == pytest.approx(1.2 * (1 + (89.5 / 300) ** 2), rel=0.02)
     warn_of_calibration({"rows_off_px": turned.worst_px(), "disparity_bias_px": -0.4})
     assert "rows of left and right by up to 1.3 px, disparities by 0.4 px" in capsys.readouterr().err

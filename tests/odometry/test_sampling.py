@@ -9,8 +9,8 @@ from wayloom.geometry import se3
 from wayloom.geometry.lens import IDENTITY
 from wayloom.logs.types import StereoFrame
 from wayloom.odometry import frame_source
-from wayloom.odometry.rig.calibration_observations import ANGLES_RAD, DISTANCES_M, Evidence, EvidenceCollector
-from wayloom.odometry.rig.rows import RightImages
+from wayloom.odometry.rig.calibration_observations import ANGLES_RAD, DISTANCES_M, CalibrationObservations, ObservationCollector
+from wayloom.odometry.rig.rows import RightRectifier
 from wayloom.odometry.settings import OdometrySettings
 
 
@@ -24,10 +24,10 @@ class Damaged(MadeLog):
         return frame
 
 
-def sampled(log: MadeLog, wanted: int = 4) -> Evidence:
-    right_images = RightImages(log.rig, IDENTITY, frame_source.fit_rows(log, (0,)))
-    collector = EvidenceCollector(log.rig)
-    Sampler(log, OdometrySettings(), right_images, collector).stretch(0, len(log), wanted)
+def sampled(log: MadeLog, wanted: int = 4) -> CalibrationObservations:
+    right_rectifier = RightRectifier(log.rig, IDENTITY, frame_source.fit_rows(log, (0,)))
+    collector = ObservationCollector(log.rig)
+    Sampler(log, OdometrySettings(), right_rectifier, collector).stretch(0, len(log), wanted)
     return collector.evidence(log)
 
 

@@ -13,7 +13,7 @@ from wayloom.errors import CalibrationError
 from wayloom.geometry.lens import RightLens
 from wayloom.logs.registry import open_log
 from wayloom.odometry.result.odometry_file import load_odometry
-from wayloom.odometry.rig.calibration_file import load_evidence
+from wayloom.odometry.rig.calibration_file import load_observations
 from wayloom.pipeline.drive import process_drive
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stages import run_stage, stage_key
@@ -49,7 +49,7 @@ def test_every_drive_leaves_its_evidence_and_uses_the_lens_that_it_is_given(log_
     file = written(log_path, tmp_path / "RIG.toml")
     known = odometry_stage(log_path, tmp_path / "known", ProcessSettings(rig=str(file)))
     for folder in (plain, known):
-        evidence = load_evidence(folder / "evidence.npz")
+        evidence = load_observations(folder / "evidence.npz")
         assert (evidence.rig_id, evidence.name.split("#")[0]) == ("car-7", "street")
         assert evidence.snippets >= 1
         assert (folder / "evidence.npz").stat().st_size < 300_000
@@ -101,6 +101,6 @@ def test_the_odometry_command_takes_a_rig_and_leaves_evidence(log_path: Path, tm
     done = odometry("--rig", file, "--evidence", tmp_path / "e.npz")
     assert done.returncode == 0, done.stderr
     assert "warning: the rig file says rig car-7, the log unknown" in done.stderr
-    assert load_evidence(tmp_path / "e.npz").snippets >= 1
+    assert load_observations(tmp_path / "e.npz").snippets >= 1
     bad = odometry("--rig", tmp_path / "missing.toml")
     assert (bad.returncode, bad.stderr.count("\n")) == (2, 1)

@@ -13,25 +13,25 @@ import numpy as np
 from wayloom.errors import LogError
 from wayloom.store import drives, jobs, maps
 from wayloom.store.database import Session, now_s
-from wayloom.store.jobs import Wake
+from wayloom.store.jobs import JobMessage
 from wayloom.store.queues import DRIVE_STAGES, REMOVE
 from wayloom.store.tables import SubmapRow
 from wayloom.tiles.png import png_bytes
 from wayloom_workers.publishing import TILES_FILE, publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
-from wayloom_workers.steps import Step, Steps, Work
+from wayloom_workers.steps import StageAttempt, Step, Steps
 
 LON, LAT = 8.4, 49.01
 RUNS = "runs.txt"
 
 
-def note(work: Work, what: str) -> None:
+def note(work: StageAttempt, what: str) -> None:
     """One line for each thing that happens, in a file that all processes append to."""
     with (work.bench.folders.root / RUNS).open("a") as file:
         file.write(f"{what} {work.claim.stage} {work.claim.attempt} {os.getpid()} {work.claim.drive_id or work.claim.map_id}\n")
 
 
-def run(work: Work) -> None:
+def run(work: StageAttempt) -> None:
     """Take the time that the drive asks for, with progress, and leave a file that depends on the inputs."""
     note(work, "start")
     play = json.loads((Path(str(work.log_path)) / "play.json").read_text()).get(work.claim.stage, {})
@@ -50,7 +50,7 @@ def run(work: Work) -> None:
     note(work, "end")
 
 
-def place(session: Session, work: Work) -> list[Wake]:
+def place(session: Session, work: StageAttempt) -> list[JobMessage]:
     """One submap of 100 m beside the others."""
     drive = drives.get(session, str(work.claim.drive_id))
     play = json.loads((Path(str(work.log_path)) / "play.json").read_text())
@@ -61,7 +61,7 @@ def place(session: Session, work: Work) -> list[Wake]:
     place_row(session, drive.id, drive.map_id)
     job = jobs.request_stitch(session, drive.map_id)
     drive.state, drive.stitch_job_id = "stitching", job.id
-    return [Wake(job.id, job.queue)]
+    return [JobMessage(job.id, job.queue)]
 
 
 def place_row(session: Session, drive_id: str, map_id: str) -> None:
@@ -74,7 +74,7 @@ def place_row(session: Session, drive_id: str, map_id: str) -> None:
     maps.place_submaps(session, drive_id, [row])
 
 
-def stitch(work: Work) -> None:
+def stitch(work: StageAttempt) -> None:
     """One coloured tile at every zoom, its colour the number of drives."""
     note(work, "start")
     with work.bench.database.read() as session:
@@ -111,20 +111,20 @@ STEPS: Steps = {
 }
 
 
-def easy(work: Work) -> None:
+def easy(work: StageAttempt) -> None:
     """A stage for a real log: it takes no time."""
     work.progress(0.5, "half")
     (work.out_dir / "result.json").write_text("{}")
 
 
-def place_easily(session: Session, work: Work) -> list[Wake]:
+def place_easily(session: Session, work: StageAttempt) -> list[JobMessage]:
     """As `place`, whatever the log is."""
     drive = drives.get(session, str(work.claim.drive_id))
     drive.placed = True
     job = jobs.request_stitch(session, drive.map_id)
     drive.state, drive.stitch_job_id = "stitching", job.id
     place_row(session, drive.id, drive.map_id)
-    return [Wake(job.id, job.queue)]
+    return [JobMessage(job.id, job.queue)]
 
 
 EASY_STEPS: Steps = {**STEPS, **dict.fromkeys(DRIVE_STAGES[:-1], Step(easy)), "submaps": Step(easy, record=place_easily)}

@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from wayloom.client.manifests import Parcel
+from wayloom.client.manifests import PackedDrive
 from wayloom.store.manifest import Manifest, ManifestFile
 
 
-def parcel(folder: Path, name: str = "drive", play: dict[str, object] | None = None, sizes: tuple[int, ...] = (1000, 0)) -> Parcel:
+def parcel(
+    folder: Path, name: str = "drive", play: dict[str, object] | None = None, sizes: tuple[int, ...] = (1000, 0)
+) -> PackedDrive:
     """A drive with files of these sizes and a `play.json` that says what its stages shall do."""
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(sum(name.encode()))
@@ -19,11 +21,11 @@ def parcel(folder: Path, name: str = "drive", play: dict[str, object] | None = N
     return parcel_of(folder, name, contents)
 
 
-def parcel_of(folder: Path, name: str, contents: dict[str, bytes]) -> Parcel:
+def parcel_of(folder: Path, name: str, contents: dict[str, bytes]) -> PackedDrive:
     """A drive of these files."""
     sources, files = {}, []
     for path, content in contents.items():
         sources[path] = folder / hashlib.sha256(path.encode()).hexdigest()
         sources[path].write_bytes(content)
         files.append(ManifestFile(path=path, size=len(content), sha256=hashlib.sha256(content).hexdigest()))
-    return Parcel(Manifest(name=name, files=tuple(files)), sources)
+    return PackedDrive(Manifest(name=name, files=tuple(files)), sources)

@@ -34,7 +34,7 @@ def take(database: Database, job_id: int, worker: str = "elsewhere|1|1") -> Clai
     return held
 
 
-def done(database: Database, held: Claim) -> jobs.Wake | None:
+def done(database: Database, held: Claim) -> jobs.JobMessage | None:
     with database.write() as session:
         return jobs.finish(session, held, "key")
 

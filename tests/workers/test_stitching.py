@@ -21,14 +21,14 @@ from wayloom.submaps.submap import PlacedSubmap, Submap
 from wayloom_workers.__main__ import make_bench
 from wayloom_workers.production import submap_row
 from wayloom_workers.publishing import TILES_FILE, tidy
-from wayloom_workers.steps import Bench, Work
+from wayloom_workers.steps import StageAttempt, WorkerContext
 from wayloom_workers.stitching import stitch
 
 LON, LAT = 8.4, 48.9995
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Bench]:
+def bench(tmp_path: Path) -> Iterator[WorkerContext]:
     made = make_bench(ServiceSettings(data_dir=tmp_path / "data"))
     upgrade(made.database)
     yield made
@@ -53,7 +53,7 @@ def placed(drive_id: str, seed: int, lat: float = LAT) -> PlacedSubmap:
     return PlacedSubmap(submap, T_enu_submap, np.eye(6) * 0.01, drive_id, frame)
 
 
-def add(bench: Bench, name: str, seed: int, lat: float = LAT) -> str:
+def add(bench: WorkerContext, name: str, seed: int, lat: float = LAT) -> str:
     """A drive with one placed submap."""
     with bench.database.write() as session:
         manifest = Manifest(name=name, files=(ManifestFile(path="log/a", size=1, sha256="0" * 64),))
@@ -64,15 +64,15 @@ def add(bench: Bench, name: str, seed: int, lat: float = LAT) -> str:
     return drive_id
 
 
-def stitched(bench: Bench, out_dir: Path) -> dict[str, object]:
+def stitched(bench: WorkerContext, out_dir: Path) -> dict[str, object]:
     """What `stitch` writes for the map as it is."""
     out_dir.mkdir()
-    stitch(Work(bench, Claim(1, 1, "stitch", 1, None, "city", {}), None, None, out_dir, {}, out_dir, silent))
+    stitch(StageAttempt(bench, Claim(1, 1, "stitch", 1, None, "city", {}), None, None, out_dir, {}, out_dir, silent))
     found: dict[str, object] = json.loads((out_dir / TILES_FILE).read_text())
     return found
 
 
-def test_the_order_in_which_drives_came_changes_no_byte(bench: Bench, tmp_path: Path) -> None:
+def test_the_order_in_which_drives_came_changes_no_byte(bench: WorkerContext, tmp_path: Path) -> None:
     other = make_bench(ServiceSettings(data_dir=tmp_path / "other"))
     upgrade(other.database)
     for name, seed in (("a", 1), ("b", 2), ("c", 3)):
@@ -83,7 +83,7 @@ def test_the_order_in_which_drives_came_changes_no_byte(bench: Bench, tmp_path: 
     other.database.close()
 
 
-def test_a_map_from_which_a_drive_was_removed_is_the_map_without_it(bench: Bench, tmp_path: Path) -> None:
+def test_a_map_from_which_a_drive_was_removed_is_the_map_without_it(bench: WorkerContext, tmp_path: Path) -> None:
     add(bench, "a", 1)
     without = stitched(bench, tmp_path / "1")
     removed = add(bench, "b", 2)
@@ -93,7 +93,7 @@ def test_a_map_from_which_a_drive_was_removed_is_the_map_without_it(bench: Bench
     assert stitched(bench, tmp_path / "3") == without
 
 
-def test_drives_on_both_sides_of_a_degree_lie_side_by_side_in_one_frame(bench: Bench, tmp_path: Path) -> None:
+def test_drives_on_both_sides_of_a_degree_lie_side_by_side_in_one_frame(bench: WorkerContext, tmp_path: Path) -> None:
     south, north = add(bench, "south", 1), add(bench, "north", 2, lat=49.0005)
     said = stitched(bench, tmp_path / "1")
     assert said["frame"] == [8.5, 48.5, 0.0]
@@ -107,7 +107,7 @@ def test_drives_on_both_sides_of_a_degree_lie_side_by_side_in_one_frame(bench: B
 
 
 @pytest.mark.parametrize("far_lat", [LAT - 3.0, LAT + 3.0])
-def test_a_drive_of_another_city_does_not_stop_the_map(bench: Bench, tmp_path: Path, far_lat: float) -> None:
+def test_a_drive_of_another_city_does_not_stop_the_map(bench: WorkerContext, tmp_path: Path, far_lat: float) -> None:
     near = [add(bench, "a", 1), add(bench, "b", 2)]
     without = stitched(bench, tmp_path / "1")
     far = add(bench, "far", 3, lat=far_lat)
@@ -134,7 +134,9 @@ def test_the_settings_origin_is_the_frame_where_there_is_one(tmp_path: Path) -> 
     bench.database.close()
 
 
-def test_before_publishing_unused_blobs_go_and_everything_that_is_to_be_published_stays(bench: Bench, tmp_path: Path) -> None:
+def test_before_publishing_unused_blobs_go_and_everything_that_is_to_be_published_stays(
+    bench: WorkerContext, tmp_path: Path
+) -> None:
     add(bench, "a", 1)
     stitches = bench.folders.map("city") / "stages" / "stitch"
     stitches.mkdir(parents=True)
@@ -147,12 +149,14 @@ def test_before_publishing_unused_blobs_go_and_everything_that_is_to_be_publishe
     with bench.database.read() as session:
         needed |= {row.digest for row in maps.submaps(session, "city")}
     assert needed < set(bench.blobs.older_than(0.0))
-    tidy(Work(bench, Claim(2, 1, "publish", 1, None, "city", {}), None, None, tmp_path, {"stitch": "key"}, tmp_path, silent))
+    tidy(
+        StageAttempt(bench, Claim(2, 1, "publish", 1, None, "city", {}), None, None, tmp_path, {"stitch": "key"}, tmp_path, silent)
+    )
     assert set(bench.blobs.older_than(0.0)) == needed
     assert [path.name for path in stitches.iterdir()] == ["key"]
 
 
-def test_a_map_without_drives_has_no_tiles(bench: Bench, tmp_path: Path) -> None:
+def test_a_map_without_drives_has_no_tiles(bench: WorkerContext, tmp_path: Path) -> None:
     with bench.database.write() as session:
         maps.ensure_map(session, "city")
     said = stitched(bench, tmp_path / "1")

@@ -13,10 +13,10 @@ from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.folders import Folders
 from wayloom.store.queues import QUEUES, TASK_NAME
-from wayloom_workers.broker import Waker, make_app
+from wayloom_workers.broker import JobNotifier, make_app
 from wayloom_workers.heartbeat import stop_requested
 from wayloom_workers.runner import run_job
-from wayloom_workers.steps import Bench, load_steps
+from wayloom_workers.steps import WorkerContext, load_steps
 from wayloom_workers.sweeper import sweep_until_stopped
 
 
@@ -40,23 +40,23 @@ def main() -> int:
     return 0
 
 
-def make_bench(settings: ServiceSettings) -> Bench:
+def make_bench(settings: ServiceSettings) -> WorkerContext:
     """The database, blobs and folders that the settings name."""
     folders = Folders(settings.data_dir)
-    return Bench(settings, Database(settings.database), BlobStore(folders.blobs, settings.blob_url), folders)
+    return WorkerContext(settings, Database(settings.database), BlobStore(folders.blobs, settings.blob_url), folders)
 
 
-def _sweep(bench: Bench) -> None:
+def _sweep(bench: WorkerContext) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop_requested.set())
     sweep_until_stopped(bench)
 
 
-def _work(bench: Bench, queues: str) -> None:
+def _work(bench: WorkerContext, queues: str) -> None:
     """A Celery worker of one process: the stages' own threads are all the concurrency it has, and killing it kills the stage."""
     steps = load_steps(bench.settings.steps)
     app = make_app(bench.settings)
-    waker = Waker(app, bench.database)
+    waker = JobNotifier(app, bench.database)
 
     @app.task(name=TASK_NAME)
     def _task(job_id: int) -> None:

@@ -10,7 +10,7 @@ from kombu.exceptions import OperationalError
 from wayloom.config.service import ServiceSettings
 from wayloom.store import jobs
 from wayloom.store.database import Database
-from wayloom.store.jobs import Wake
+from wayloom.store.jobs import JobMessage
 from wayloom.store.queues import QUEUES, TASK_NAME, celery_settings
 
 log = structlog.get_logger()
@@ -23,14 +23,14 @@ def make_app(settings: ServiceSettings) -> Celery:
     return app
 
 
-class Waker:
+class JobNotifier:
     """Tells workers of jobs. A broker that is away is no error: the sweeper tells them later."""
 
     def __init__(self, app: Celery, database: Database) -> None:
         self._app, self._database = app, database
         self._lock = threading.Lock()
 
-    def __call__(self, woken: Iterable[Wake]) -> None:
+    def __call__(self, woken: Iterable[JobMessage]) -> None:
         """Send a message for each job and remember that it was sent."""
         sent = []
         with self._lock:

@@ -10,7 +10,7 @@ import structlog
 from wayloom.errors import LeaseLostError, WayloomError
 from wayloom.store.database import DatabaseError
 from wayloom.store.jobs import Claim, heartbeat
-from wayloom_workers.steps import Bench
+from wayloom_workers.steps import WorkerContext
 
 log = structlog.get_logger()
 stop_requested = threading.Event()
@@ -26,7 +26,7 @@ class StopRequestedError(WayloomError):
 class Heartbeat:
     """A context in which the job's lease is prolonged. It is the stage's `Progress`: calling it after the lease is lost raises."""
 
-    def __init__(self, bench: Bench, held: Claim) -> None:
+    def __init__(self, bench: WorkerContext, held: Claim) -> None:
         self._bench, self._held = bench, held
         self._share, self._what = 0.0, ""
         self._over, self._lost = threading.Event(), threading.Event()

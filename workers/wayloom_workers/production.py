@@ -12,26 +12,26 @@ from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stages import GEOREFERENCE_FILE, PREVIEW_FILE, run_stage, stage_key
 from wayloom.store import drives, jobs, maps
 from wayloom.store.database import Session, now_s
-from wayloom.store.jobs import Wake
+from wayloom.store.jobs import JobMessage
 from wayloom.store.queues import REMOVE
 from wayloom.store.tables import SubmapRow
 from wayloom.submaps.files import load_submaps
 from wayloom.submaps.submap import PlacedSubmap
 from wayloom_workers.publishing import publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
-from wayloom_workers.steps import Step, Steps, Work
+from wayloom_workers.steps import StageAttempt, Step, Steps
 from wayloom_workers.stitching import stitch
 
 TRACK_POINTS: Final = 2000
 
 
-def _settings(work: Work) -> ProcessSettings:
+def _settings(work: StageAttempt) -> ProcessSettings:
     """The pipeline's settings as the service's say."""
     settings = work.bench.settings
     return ProcessSettings(model=settings.model, map_origin=settings.map_origin, threads=settings.threads)
 
 
-def _call(work: Work) -> dict[str, Any]:
+def _call(work: StageAttempt) -> dict[str, Any]:
     return {
         "log_path": work.log_path,
         "gnss_path": work.gnss_path,
@@ -41,15 +41,15 @@ def _call(work: Work) -> dict[str, Any]:
     }
 
 
-def _run(work: Work) -> None:
+def _run(work: StageAttempt) -> None:
     run_stage(work.claim.stage, out_dir=work.out_dir, progress=work.progress, **_call(work))
 
 
-def _key(work: Work) -> str:
+def _key(work: StageAttempt) -> str:
     return stage_key(work.claim.stage, **_call(work))
 
 
-def _record_log(session: Session, work: Work) -> list[Wake]:
+def _record_log(session: Session, work: StageAttempt) -> list[JobMessage]:
     """What the log is, for the drive's page."""
     said = json.loads((work.out_dir / "log.json").read_text(encoding="utf-8"))
     drive = drives.get(session, str(work.claim.drive_id))
@@ -57,7 +57,7 @@ def _record_log(session: Session, work: Work) -> list[Wake]:
     return []
 
 
-def _record_track(session: Session, work: Work) -> list[Wake]:
+def _record_track(session: Session, work: StageAttempt) -> list[JobMessage]:
     """Where the drive went, thinned for the page, and what the geo-reference says of itself."""
     geo = load_georeference(work.out_dir / GEOREFERENCE_FILE)
     drive = drives.get(session, str(work.claim.drive_id))
@@ -76,18 +76,18 @@ def _finite(facts: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _share_submaps(work: Work) -> None:
+def _share_submaps(work: StageAttempt) -> None:
     for placed in load_submaps(work.out_dir):
         work.bench.blobs.put(placed.submap.encoded)
     work.bench.blobs.put(_preview(work))
 
 
-def _preview(work: Work) -> bytes:
+def _preview(work: StageAttempt) -> bytes:
     """The picture of the drive from above that the stage left."""
     return (work.out_dir / PREVIEW_FILE).read_bytes()
 
 
-def _record_submaps(session: Session, work: Work) -> list[Wake]:
+def _record_submaps(session: Session, work: StageAttempt) -> list[JobMessage]:
     """Place the submaps and have the map stitched; a drive without a place ends here."""
     drive = drives.get(session, str(work.claim.drive_id))
     placed = [item for item in load_submaps(work.out_dir) if item.frame is not None]
@@ -99,7 +99,7 @@ def _record_submaps(session: Session, work: Work) -> list[Wake]:
         return []
     job = jobs.request_stitch(session, drive.map_id)
     drive.state, drive.stitch_job_id = "stitching", job.id
-    return [Wake(job.id, job.queue)]
+    return [JobMessage(job.id, job.queue)]
 
 
 def submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) -> SubmapRow:

@@ -12,22 +12,22 @@ from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseError, Session
 from wayloom.store.folders import Folders
 from wayloom.store.garbage import drop_unused
-from wayloom.store.jobs import Wake
+from wayloom.store.jobs import JobMessage
 from wayloom.store.maps import NewVersion, TileEntry
-from wayloom_workers.steps import Work
+from wayloom_workers.steps import StageAttempt
 
 log = structlog.get_logger()
 TILES_FILE: Final = "tiles.json"
 
 
-def request_publish(session: Session, work: Work) -> list[Wake]:
+def request_publish(session: Session, work: StageAttempt) -> list[JobMessage]:
     """What was stitched is published next; nothing else is done to the map before."""
     payload = {"stitch": work.out_dir.name}
     job = jobs.create_map_job(session, "publish", str(work.claim.map_id), payload, work.claim.job_id)
-    return [Wake(job.id, job.queue)]
+    return [JobMessage(job.id, job.queue)]
 
 
-def tidy(work: Work) -> None:
+def tidy(work: StageAttempt) -> None:
     """Before publishing: drop the lists of tiles of earlier versions, and the blobs that nothing names any more."""
     stages = work.bench.folders.map(str(work.claim.map_id)) / "stages"
     for stage in stages.iterdir():
@@ -47,7 +47,7 @@ def _listed_tiles(folders: Folders) -> Iterator[str]:
         yield from (entry["digest"] for entry in json.loads(path.read_text(encoding="utf-8"))["tiles"])
 
 
-def publish(session: Session, work: Work) -> list[Wake]:
+def publish(session: Session, work: StageAttempt) -> list[JobMessage]:
     """The next version, and the flip of the map's pointer to it."""
     said = json.loads((work.inputs_dir / "stitch" / TILES_FILE).read_text(encoding="utf-8"))
     new = NewVersion(

@@ -11,16 +11,16 @@ import structlog
 
 from wayloom.errors import InputError, LeaseLostError, StageError, WayloomError
 from wayloom.store import drives, jobs
-from wayloom.store.jobs import Claim, Wake
+from wayloom.store.jobs import Claim, JobMessage
 from wayloom.store.processes import identity
 from wayloom.store.queues import DRIVE_STAGES
 from wayloom_workers.heartbeat import Heartbeat, StopRequestedError
-from wayloom_workers.steps import Bench, Step, Steps, Work
+from wayloom_workers.steps import StageAttempt, Step, Steps, WorkerContext
 
 log = structlog.get_logger()
 
 
-def run_job(bench: Bench, steps: Steps, wake: Callable[[Iterable[Wake]], None], job_id: int) -> bool:
+def run_job(bench: WorkerContext, steps: Steps, wake: Callable[[Iterable[JobMessage]], None], job_id: int) -> bool:
     """Run the job if it is to be had. Whatever goes wrong in the stage ends up in the job's row. Returns whether it was claimed."""
     held = jobs.claim(bench.database, job_id, identity(), bench.settings.lease_s)
     if held is None:
@@ -41,7 +41,7 @@ def run_job(bench: Bench, steps: Steps, wake: Callable[[Iterable[Wake]], None], 
     return True
 
 
-def _run(bench: Bench, step: Step, held: Claim) -> list[Wake]:
+def _run(bench: WorkerContext, step: Step, held: Claim) -> list[JobMessage]:
     """Make the output, or find it made, and commit. Returns the jobs to wake."""
     with Heartbeat(bench, held) as beat:
         attempt = _home(bench, held) / "attempts" / f"{held.stage}-{held.job_id}-{held.token}"
@@ -65,15 +65,15 @@ def _run(bench: Bench, step: Step, held: Claim) -> list[Wake]:
             shutil.rmtree(attempt, ignore_errors=True)
 
 
-def _home(bench: Bench, held: Claim) -> Path:
+def _home(bench: WorkerContext, held: Claim) -> Path:
     return bench.folders.map(held.map_id) if held.map_id is not None else bench.folders.drive(str(held.drive_id))
 
 
-def _output(bench: Bench, held: Claim, stage: str, key: str) -> Path:
+def _output(bench: WorkerContext, held: Claim, stage: str, key: str) -> Path:
     return _home(bench, held) / "stages" / stage / key
 
 
-def _prepare(bench: Bench, held: Claim, attempt: Path, beat: Heartbeat) -> Work:
+def _prepare(bench: WorkerContext, held: Claim, attempt: Path, beat: Heartbeat) -> StageAttempt:
     """Fresh folders for the attempt; what earlier attempts of the job left is removed."""
     for old in attempt.parent.glob(f"{held.stage}-{held.job_id}-*"):
         shutil.rmtree(old, ignore_errors=True)
@@ -87,10 +87,10 @@ def _prepare(bench: Bench, held: Claim, attempt: Path, beat: Heartbeat) -> Work:
             raise StageError(f"the output of {name} is gone from {folder}: remove the drive and send it again")
         (inputs_dir / name).symlink_to(folder, target_is_directory=True)
     log_path, gnss_path = _drive_paths(bench, held)
-    return Work(bench, held, log_path, gnss_path, inputs_dir, inputs, out_dir, beat)
+    return StageAttempt(bench, held, log_path, gnss_path, inputs_dir, inputs, out_dir, beat)
 
 
-def _inputs(bench: Bench, held: Claim) -> dict[str, str]:
+def _inputs(bench: WorkerContext, held: Claim) -> dict[str, str]:
     """The stages before this one and the keys of their outputs."""
     if held.drive_id is not None and held.stage in DRIVE_STAGES:
         with bench.database.read() as session:
@@ -98,7 +98,7 @@ def _inputs(bench: Bench, held: Claim) -> dict[str, str]:
     return {"stitch": str(held.payload["stitch"])} if "stitch" in held.payload else {}
 
 
-def _drive_paths(bench: Bench, held: Claim) -> tuple[Path | None, Path | None]:
+def _drive_paths(bench: WorkerContext, held: Claim) -> tuple[Path | None, Path | None]:
     if held.drive_id is None:
         return None, None
     with bench.database.read() as session:
@@ -117,7 +117,7 @@ def _keep(out_dir: Path, output: Path) -> None:
             raise
 
 
-def _give_back(bench: Bench, held: Claim) -> None:
+def _give_back(bench: WorkerContext, held: Claim) -> None:
     try:
         with bench.database.write() as session:
             jobs.release(session, held)
@@ -126,7 +126,7 @@ def _give_back(bench: Bench, held: Claim) -> None:
         log.warning("lease lost", error=str(error))
 
 
-def _write_failure(bench: Bench, held: Claim, error: Exception) -> None:
+def _write_failure(bench: WorkerContext, held: Claim, error: Exception) -> None:
     """Bad input fails at once, anything else after the last attempt. A job to repeat waits for the sweeper: a short pause."""
     final = isinstance(error, InputError | StageError) or held.attempt >= bench.settings.max_attempts
     text = str(error) if isinstance(error, WayloomError) else f"{type(error).__name__}: {error}"
@@ -137,6 +137,6 @@ def _write_failure(bench: Bench, held: Claim, error: Exception) -> None:
         log.warning("lease lost", error=str(lost))
 
 
-def _without_folders(bench: Bench, text: str) -> str:
+def _without_folders(bench: WorkerContext, text: str) -> str:
     """The message without this machine's paths, which say nothing to whoever sent the drive."""
     return text.replace(f"{bench.folders.root}/", "")

@@ -12,11 +12,11 @@ from wayloom.pipeline.keys import sha256_of_json
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database, Session
 from wayloom.store.folders import Folders
-from wayloom.store.jobs import Claim, Wake
+from wayloom.store.jobs import Claim, JobMessage
 
 
 @dataclass(frozen=True, slots=True)
-class Bench:
+class WorkerContext:
     """What a worker has at hand for every job."""
 
     settings: ServiceSettings
@@ -26,7 +26,7 @@ class Bench:
 
 
 @dataclass(frozen=True, slots=True)
-class Work:
+class StageAttempt:
     """One attempt of one stage.
 
     log_path, gnss_path   the drive's log and the GNSS log beside it; None for a map's stage
@@ -35,7 +35,7 @@ class Work:
     out_dir               where to write; an empty folder that becomes the stage's output when the step returns
     """
 
-    bench: Bench
+    bench: WorkerContext
     claim: Claim
     log_path: Path | None
     gnss_path: Path | None
@@ -45,7 +45,7 @@ class Work:
     progress: Progress
 
 
-def key_of_inputs(work: Work, /) -> str:
+def key_of_inputs(work: StageAttempt, /) -> str:
     """The address of an output that depends on nothing but the job and its inputs."""
     held = work.claim
     about = {"of": held.drive_id or held.map_id, "job": held.job_id if held.drive_id is None else None}
@@ -62,10 +62,10 @@ class Step:
     key     the address of the output: a hash of all that it depends on; where the output exists the work is not done again
     """
 
-    run: Callable[[Work], None]
-    share: Callable[[Work], None] = lambda _work: None
-    record: Callable[[Session, Work], list[Wake]] = lambda _session, _work: []
-    key: Callable[[Work], str] = key_of_inputs
+    run: Callable[[StageAttempt], None]
+    share: Callable[[StageAttempt], None] = lambda _work: None
+    record: Callable[[Session, StageAttempt], list[JobMessage]] = lambda _session, _work: []
+    key: Callable[[StageAttempt], str] = key_of_inputs
 
 
 Steps = Mapping[str, Step]

@@ -18,13 +18,13 @@ from wayloom.store.tables import SubmapRow
 from wayloom.submaps.submap import PlacedSubmap, decode_submap
 from wayloom.tiles.pyramid import Track, build_tiles
 from wayloom_workers.publishing import TILES_FILE
-from wayloom_workers.steps import Work
+from wayloom_workers.steps import StageAttempt
 
 REACH_M: Final = 0.95 * KEY_LIMIT * MergeSettings().voxel_m
 """How far from its frame's origin a map goes: the voxel grid's end (105 km), less a margin for the submaps' own size."""
 
 
-def stitch(work: Work) -> None:
+def stitch(work: StageAttempt) -> None:
     """Merge every placed submap of the map, store the tiles as blobs and list them in `tiles.json`."""
     with work.bench.database.read() as session:
         placed = maps.submaps(session, str(work.claim.map_id))
@@ -41,7 +41,7 @@ def stitch(work: Work) -> None:
     (work.out_dir / TILES_FILE).write_text(json.dumps(said) + "\n", encoding="utf-8")
 
 
-def _within_reach(work: Work, rows: Sequence[SubmapRow]) -> tuple[MapFrame, Sequence[SubmapRow]]:
+def _within_reach(work: StageAttempt, rows: Sequence[SubmapRow]) -> tuple[MapFrame, Sequence[SubmapRow]]:
     """The frame of the map and the submaps that its grid can hold: one drive of another city must not stop the map.
 
     The frame is the settings' origin, or, of the cells that the drives lie in, the most south-western of those that reach the most
@@ -63,7 +63,7 @@ def _reached(frame: MapFrame, rows: Sequence[SubmapRow]) -> list[SubmapRow]:
     return [row for row, is_near in zip(rows, near.tolist(), strict=True) if is_near]
 
 
-def _tiles(work: Work, rows: Sequence[SubmapRow], frame: MapFrame) -> list[TileEntry]:
+def _tiles(work: StageAttempt, rows: Sequence[SubmapRow], frame: MapFrame) -> list[TileEntry]:
     """Merge, cut, and store each tile under its hash."""
     tracks: list[tuple[tuple[str, int, str], Track]] = []
     voxels = merge(_placed(work, rows, frame, tracks))
@@ -77,7 +77,7 @@ def _tiles(work: Work, rows: Sequence[SubmapRow], frame: MapFrame) -> list[TileE
 
 
 def _placed(
-    work: Work, rows: Sequence[SubmapRow], frame: MapFrame, tracks: list[tuple[tuple[str, int, str], Track]]
+    work: StageAttempt, rows: Sequence[SubmapRow], frame: MapFrame, tracks: list[tuple[tuple[str, int, str], Track]]
 ) -> Iterator[PlacedSubmap]:
     """The submaps, one in memory at a time, all in the map's frame; their tracks are left in `tracks`."""
     for count, row in enumerate(rows):

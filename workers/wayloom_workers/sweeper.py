@@ -6,14 +6,14 @@ from redis.exceptions import RedisError
 
 from wayloom.store import sweep, uploads
 from wayloom.store.database import DatabaseError
-from wayloom_workers.broker import Waker, make_app
+from wayloom_workers.broker import JobNotifier, make_app
 from wayloom_workers.heartbeat import stop_requested
-from wayloom_workers.steps import Bench
+from wayloom_workers.steps import WorkerContext
 
 log = structlog.get_logger()
 
 
-def sweep_once(bench: Bench, waker: Waker) -> None:
+def sweep_once(bench: WorkerContext, waker: JobNotifier) -> None:
     """One look."""
     lost = sweep.requeue_lost(bench.database, bench.settings.max_attempts)
     if lost:
@@ -26,9 +26,9 @@ def sweep_once(bench: Bench, waker: Waker) -> None:
         uploads.drop_expired(session, bench.folders)
 
 
-def sweep_until_stopped(bench: Bench) -> None:
+def sweep_until_stopped(bench: WorkerContext) -> None:
     """Sweep until this process is told to stop, whatever is away meanwhile."""
-    waker = Waker(make_app(bench.settings), bench.database)
+    waker = JobNotifier(make_app(bench.settings), bench.database)
     while not stop_requested.is_set():
         try:
             sweep_once(bench, waker)

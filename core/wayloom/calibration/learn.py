@@ -15,7 +15,7 @@ from wayloom.config.progress import Progress, silent
 from wayloom.errors import CalibrationError
 from wayloom.geometry.camera import PinholeCamera
 from wayloom.geometry.lens import PARAMETERS, RightLens, lens_field, parameter_jacobian
-from wayloom.odometry.rig.calibration_observations import Evidence
+from wayloom.odometry.rig.calibration_observations import CalibrationObservations
 
 FloatArray = NDArray[np.float64]
 FIELD_STEP = 16
@@ -66,7 +66,7 @@ class Calibration:
 
 
 def learn_rig(
-    evidence: Sequence[Evidence],
+    evidence: Sequence[CalibrationObservations],
     settings: CalibrationSettings = CalibrationSettings(),
     known: RigFile | None = None,
     progress: Progress = silent,
@@ -94,10 +94,10 @@ def learn_rig(
 
 
 def _usable(
-    evidence: Sequence[Evidence], known: RigFile | None, settings: CalibrationSettings
-) -> tuple[list[Evidence], tuple[tuple[str, str], ...], tuple[str, ...]]:
+    evidence: Sequence[CalibrationObservations], known: RigFile | None, settings: CalibrationSettings
+) -> tuple[list[CalibrationObservations], tuple[tuple[str, str], ...], tuple[str, ...]]:
     """The drives to learn from, those left out and why, and doubts. Raises CalibrationError."""
-    used: list[Evidence] = []
+    used: list[CalibrationObservations] = []
     left_out: list[tuple[str, str]] = []
     doubts: list[str] = []
     names = set() if known is None else set(known.drives)
@@ -120,7 +120,9 @@ def _usable(
     return used, tuple(left_out), tuple(doubts)
 
 
-def _rig_file(used: list[Evidence], fit: Adjustment, known: RigFile | None, settings: CalibrationSettings) -> RigFile:
+def _rig_file(
+    used: list[CalibrationObservations], fit: Adjustment, known: RigFile | None, settings: CalibrationSettings
+) -> RigFile:
     """What was learnt, with standard deviations that hold for matches whose errors are correlated.
 
     What the drives say is weakened by how much their snippets contradict each other beyond the noise of single matches.
@@ -188,7 +190,7 @@ def _shared_covariance(rig: RigFile, settings: CalibrationSettings) -> FloatArra
     return np.asarray(np.linalg.inv(H), np.float64)
 
 
-def _outcome(evidence: Evidence, fit: Adjustment, d: int) -> DriveOutcome:
+def _outcome(evidence: CalibrationObservations, fit: Adjustment, d: int) -> DriveOutcome:
     weight, offsets = fit.weights[d], fit.states[d].offsets
     mean = float(weight[weight > 0].mean()) if (weight > 0).any() else 0.0
     bias, pitch, roll = (float(x) for x in offsets)

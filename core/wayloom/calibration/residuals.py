@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from wayloom.geometry import se3
 from wayloom.geometry.lens import PARAMETERS, RightLens, lens_from_values, project_scaled, projection_jacobians
-from wayloom.odometry.rig.calibration_observations import TARGETS, Evidence
+from wayloom.odometry.rig.calibration_observations import TARGETS, CalibrationObservations
 
 FloatArray = NDArray[np.float64]
 MATCHES = 1 + 2 * TARGETS
@@ -47,12 +47,12 @@ class DriveState:
 class Drive:
     """A drive's evidence as arrays: rays (P, 3) in the host, measured (P, 5, 2) px, NaN where there is no match."""
 
-    evidence: Evidence
+    evidence: CalibrationObservations
     rays: FloatArray
     measured: FloatArray
 
 
-def drive_of(evidence: Evidence) -> Drive:
+def drive_of(evidence: CalibrationObservations) -> Drive:
     """The arrays of an evidence."""
     measured = np.concatenate(
         [evidence.uv_right[:, None], evidence.uv_left_target, evidence.uv_right_target], axis=1, dtype=np.float64

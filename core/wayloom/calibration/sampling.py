@@ -10,8 +10,8 @@ from wayloom.geometry import se3
 from wayloom.logs.types import DriveLog
 from wayloom.odometry import frame_source
 from wayloom.odometry.points import selection
-from wayloom.odometry.rig.calibration_observations import EvidenceCollector
-from wayloom.odometry.rig.rows import RightImages
+from wayloom.odometry.rig.calibration_observations import ObservationCollector
+from wayloom.odometry.rig.rows import RightRectifier
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.tracking import alignment as tracking
 from wayloom.odometry.tracking import pyramid, recovery
@@ -29,10 +29,10 @@ class Sampler:
     """
 
     def __init__(
-        self, log: DriveLog, settings: OdometrySettings, right_images: RightImages, collector: EvidenceCollector
+        self, log: DriveLog, settings: OdometrySettings, right_rectifier: RightRectifier, collector: ObservationCollector
     ) -> None:  # fmt: skip
         camera = log.rig.camera
-        self.log, self.settings, self.right_images, self.collector = log, settings, right_images, collector
+        self.log, self.settings, self.right_rectifier, self.collector = log, settings, right_rectifier, collector
         self.levels = pyramid.level_count(camera, settings.levels)
         self.cameras = pyramid.level_cameras(camera, self.levels)
         self._forget()
@@ -62,7 +62,7 @@ class Sampler:
             if recovery.fit_failure(fit, self.settings) is None:
                 self.brightness, T = fit.brightness, fit.T_frame_keyframe @ self.T_host_world
                 if self.collector.is_target(T):
-                    self.collector.extend(pair.index, pair.left, pair.right, T, self.right_images, 0.0)
+                    self.collector.extend(pair.index, pair.left, pair.right, T, self.right_rectifier, 0.0)
             else:
                 self._forget()
         self.poses = [*self.poses[-1:], (pair.t_ns, T)]
@@ -71,14 +71,14 @@ class Sampler:
 
     def _begin(self, pair: frame_source.GreyPair, images: pyramid.Pyramid, T_cam_world: FloatArray) -> None:
         """Make the frame a host, what its points are matched with the reference; where there are too few the way is lost."""
-        aligned = self.right_images.align(pair.right)
+        aligned = self.right_rectifier.align(pair.right)
         pixels, disparity = self.collector.host_matches(pair.left, aligned)
-        self.collector.begin(pair.index, pair.left, pair.right, pixels, disparity, T_cam_world, self.right_images, 0.0)
+        self.collector.begin(pair.index, pair.left, pair.right, pixels, disparity, T_cam_world, self.right_rectifier, 0.0)
         if self.collector.open is None:
             self._forget()
             return
         some = selection.spread_sample(pixels, REFERENCE_POINTS)
-        rho = np.maximum(disparity[some], self.settings.min_disparity) / self.right_images.rig.bf
+        rho = np.maximum(disparity[some], self.settings.min_disparity) / self.right_rectifier.rig.bf
         levels = tracking.reference_levels(pixels[some].astype(np.float64), rho, images, self.cameras)
         self.reference, self.T_host_world = tracking.Reference(0, levels), T_cam_world
         self.brightness = np.array([1.0, 0.0])

@@ -9,7 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from wayloom.calibration.learn import Calibration
-    from wayloom.odometry.rig.calibration_observations import Evidence
+    from wayloom.odometry.rig.calibration_observations import CalibrationObservations
 
 IN_STAGES = Path("stages", "odometry", "evidence.npz")
 
@@ -46,31 +46,31 @@ def calibrate_command(
     typer.echo(f"written: {out}")
 
 
-def evidence_of(source: Path, threads: int, outputs: tuple[Path | None, ...]) -> "Iterator[Evidence]":
+def evidence_of(source: Path, threads: int, outputs: tuple[Path | None, ...]) -> "Iterator[CalibrationObservations]":
     """The evidence that a path holds, or that its drive gives when it is tracked. Raises InputError."""
-    from wayloom.odometry.rig.calibration_file import is_evidence, load_evidence
+    from wayloom.odometry.rig.calibration_file import is_evidence, load_observations
 
     if is_evidence(source):
-        yield load_evidence(source)
+        yield load_observations(source)
     elif (source / IN_STAGES).is_file():
-        yield load_evidence(source / IN_STAGES)
+        yield load_observations(source / IN_STAGES)
     elif files := [file for file in sorted(source.glob("*.npz")) if is_evidence(file)]:
         for file in files:
-            yield load_evidence(file)
+            yield load_observations(file)
     else:
         yield _track(source, threads, outputs)
 
 
-def _track(path: Path, threads: int, outputs: tuple[Path | None, ...]) -> "Evidence":
+def _track(path: Path, threads: int, outputs: tuple[Path | None, ...]) -> "CalibrationObservations":
     """Track a drive log for its evidence alone."""
     from wayloom.cli.odometry import shown_progress
     from wayloom.logs.registry import check_outside, open_log
     from wayloom.odometry.odometry import track
-    from wayloom.odometry.rig.calibration_observations import EvidenceCollector
+    from wayloom.odometry.rig.calibration_observations import ObservationCollector
 
     log = open_log(path)
     check_outside(log, *outputs)
-    collector = EvidenceCollector(log.rig)
+    collector = ObservationCollector(log.rig)
     sys.stderr.write(f"tracking {log.name}\n")
     with shown_progress() as progress:
         track(log, progress=progress, threads=threads, collector=collector)

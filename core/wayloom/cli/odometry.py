@@ -45,13 +45,13 @@ def odometry_command(
     ] = None,
 ) -> None:
     """Track a drive from its stereo pairs alone. Exit status 0 with a warning where parts of it were lost."""
-    from wayloom.calibration.own_lens import track_calibrated
     from wayloom.calibration.rig_file import lens_for_log
+    from wayloom.calibration.self_calibration import track_calibrated
     from wayloom.files.atomic import check_writable
     from wayloom.logs.registry import check_outside, open_log
     from wayloom.odometry.debugging.recorder import Debug
-    from wayloom.odometry.rig.calibration_file import save_evidence
-    from wayloom.odometry.rig.calibration_observations import EvidenceCollector
+    from wayloom.odometry.rig.calibration_file import save_observations
+    from wayloom.odometry.rig.calibration_observations import ObservationCollector
     from wayloom.pipeline.folders import writing_to
 
     drive = open_log(log, gnss=gnss)
@@ -59,7 +59,7 @@ def odometry_command(
     lens, doubts = lens_for_log(rig, drive)
     for doubt in doubts:
         sys.stderr.write(f"wayloom: warning: {doubt}\n")
-    collector = None if evidence is None else EvidenceCollector(drive.rig)
+    collector = None if evidence is None else ObservationCollector(drive.rig)
     with writing_to(out):
         for file in filter(None, (out, points, json, evidence)):
             check_writable(file)
@@ -68,7 +68,7 @@ def odometry_command(
             result = track_calibrated(drive, progress=progress, threads=threads, lens=lens, collector=collector, debug=written)
         write_results(result, out, format, points, json)
         if collector is not None and evidence is not None:
-            save_evidence(collector.evidence(drive), evidence)
+            save_observations(collector.evidence(drive), evidence)
     warn_of_losses(result.report)
     warn_of_calibration(result.report)
     typer.echo(f"{result.report['tracked']} of {len(drive)} frames tracked, {result.report['keyframes']} keyframes: {out}")

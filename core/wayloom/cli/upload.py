@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from wayloom.client.api import Api
-    from wayloom.client.manifests import Parcel
+    from wayloom.client.manifests import PackedDrive
 
 
 def upload_command(
@@ -51,7 +51,7 @@ def upload_command(
         raise typer.Exit(1)
 
 
-def send(api: "Api", parcel: "Parcel", bars: "Progress", connections: int) -> str:
+def send(api: "Api", parcel: "PackedDrive", bars: "Progress", connections: int) -> str:
     """Upload one drive under a bar of bytes. Returns its id."""
     from wayloom.client.upload import upload
 

@@ -16,7 +16,7 @@ HASH_THREADS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Parcel:
+class PackedDrive:
     """A manifest and where each of its files is on this machine."""
 
     manifest: Manifest
@@ -28,7 +28,7 @@ def pack(
     gnss: Path | None = None,
     vehicle_id: str | None = None,
     told: Callable[[int, int], None] = lambda _done, _of: None,
-) -> Parcel:
+) -> PackedDrive:
     """Open the log, which refuses a bad one before a byte is sent, and hash its files. `told(done, of)` hears of bytes.
 
     Raises InputError.
@@ -43,7 +43,7 @@ def pack(
     manifest = Manifest(
         name=log.name, vehicle_id=vehicle_id or log.vehicle_id, format=log.format, log=_log_name(log), gnss=gnss_name, files=files
     )
-    return Parcel(manifest, sources)
+    return PackedDrive(manifest, sources)
 
 
 def _log_name(log: DriveLog) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from wayloom.client.api import RETRIED_STATUS, AnswerError, Api
-from wayloom.client.manifests import Parcel
+from wayloom.client.manifests import PackedDrive
 from wayloom.errors import LogError, ServiceError
 
 CHUNK: Final = 16 << 20
@@ -28,7 +28,7 @@ class Stopped(Exception):  # noqa: N818 - no error: another file's upload has fa
 
 
 def upload(
-    api: Api, parcel: Parcel, told: Told = lambda _done, _of: None, connections: int = CONNECTIONS, chunk: int = CHUNK
+    api: Api, parcel: PackedDrive, told: Told = lambda _done, _of: None, connections: int = CONNECTIONS, chunk: int = CHUNK
 ) -> dict[str, Any]:
     """Send what the server lacks of the drive and return its registration. `told(done, of)` hears of bytes that the server has.
 
@@ -68,7 +68,7 @@ class _Counter:
 
 
 def _send_all(
-    api: Api, parcel: Parcel, drive_id: str, missing: list[dict[str, Any]], counter: _Counter, connections: int, chunk: int
+    api: Api, parcel: PackedDrive, drive_id: str, missing: list[dict[str, Any]], counter: _Counter, connections: int, chunk: int
 ) -> None:
     over = threading.Event()
 

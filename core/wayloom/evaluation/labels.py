@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.calibration.own_lens import track_calibrated
+from wayloom.calibration.self_calibration import track_calibrated
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError, WayloomError
 from wayloom.evaluation.label_gains import Gain, Tally, gain, pieces, pooled, tally

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.calibration.own_lens import track_calibrated
+from wayloom.calibration.self_calibration import track_calibrated
 from wayloom.config.progress import Progress, silent
 from wayloom.evaluation.odometry_density import density
 from wayloom.evaluation.odometry_depth import depth_errors

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.calibration.own_lens import track_calibrated
+from wayloom.calibration.self_calibration import track_calibrated
 from wayloom.config.progress import Progress, silent
 from wayloom.evaluation.georeference import TrackDistance, distance_to_ins
 from wayloom.evaluation.trajectory import TrajectoryErrors, evaluate, path_length

@@ -41,7 +41,7 @@ class HostedPoints:
 
 
 @dataclass(frozen=True, slots=True)
-class Ballot:
+class Projections:
     """Which of the host's points a voter may judge.
 
     is_host      whether the voter is the host itself
@@ -60,7 +60,7 @@ def cast(
     points: HostedPoints,
     T_voter_host: FloatArray,
     voter: Voter,
-    ballot: Ballot,
+    ballot: Projections,
     odometry: OdometryResult,
     settings: LabellingSettings,
 ) -> NDArray[np.uint8]:
@@ -129,7 +129,7 @@ def _visibility(
     side: int,
     may: Mask,
     voter: Voter,
-    ballot: Ballot,
+    ballot: Projections,
     settings: LabellingSettings,
 ) -> Weights:
     """(N,) 0 to 1: how surely each point is seen by the voter's image."""

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from wayloom.config.classes import CLASS_COUNT, VOID
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry import se3
-from wayloom.labelling.casting import CELL_PX, Ballot, HostedPoints, cast, looks_of
+from wayloom.labelling.casting import CELL_PX, HostedPoints, Projections, cast, looks_of
 from wayloom.labelling.images import LabelImages, Voters
 from wayloom.labelling.kernels.visibility import nearest_seen
 from wayloom.labelling.kernels.voting import in_order, sparse_votes, winners
@@ -154,7 +154,7 @@ def _votes_on(
     for voter, left, right in _ballots(odometry, k, rows, electorate, settings):
         T_voter_host = electorate.T_cam_world[voter] @ electorate.T_world_cam[host]
         is_host = voter == host
-        ballot = Ballot(is_host, left, right, seen.nearest(electorate, voter) if seen else None)
+        ballot = Projections(is_host, left, right, seen.nearest(electorate, voter) if seen else None)
         labels = cast(votes, hosted, np.eye(4) if is_host else T_voter_host, voters[voter], ballot, odometry, settings)
         if is_host:
             baseline = labels

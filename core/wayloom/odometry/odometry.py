@@ -22,10 +22,10 @@ from wayloom.odometry.debugging.recorder import Debug
 from wayloom.odometry.kernels.arrays import Robust
 from wayloom.odometry.kernels.linear import orthonormalise
 from wayloom.odometry.points import activation, immature, selection
-from wayloom.odometry.result.point_filter import Rule
-from wayloom.odometry.result.result_builder import FrameRow, Harvest, KeyframeRow
+from wayloom.odometry.result.point_filter import PointFilter
+from wayloom.odometry.result.result_builder import FrameRow, KeyframeRow, ResultBuilder
 from wayloom.odometry.rig import rows
-from wayloom.odometry.rig.calibration_observations import EvidenceCollector
+from wayloom.odometry.rig.calibration_observations import ObservationCollector
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.stopwatch import Stopwatch
 from wayloom.odometry.tracking import alignment as tracking
@@ -35,7 +35,7 @@ from wayloom.odometry.types import OdometryResult
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
 COMPILING = " (compiling kernels, first run only)"
-SETTLE_EVERY = 128
+DECIDE_EVERY = 128
 """Keyframes after which it is decided which points stay."""
 RESTART_BIAS_INFORMATION = 10.0
 """times the first prior's: how firmly a new segment believes the disparity bias of the one before."""
@@ -43,7 +43,7 @@ RESTART_BIAS_INFORMATION = 10.0
 
 def track(
     log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
-    lens: RightLens = IDENTITY, collector: EvidenceCollector | None = None, debug: Debug | None = None,
+    lens: RightLens = IDENTITY, collector: ObservationCollector | None = None, debug: Debug | None = None,
     matches: FloatArray | None = None,
 ) -> OdometryResult:  # fmt: skip
     """Track a whole drive. One pose for every frame; the result is the same, bit for bit, for any number of threads.
@@ -56,8 +56,8 @@ def track(
     """
     with frame_source.one_opencv_thread():
         progress(0.0, f"aligning the rows of left and right{COMPILING}")
-        right_images = rows.RightImages(log.rig, lens, frame_source.fit_rows(log, settings.row_frames, lens, matches))
-        odometry = Odometry(right_images, settings, for_log(log, settings), collector, debug)
+        right_rectifier = rows.RightRectifier(log.rig, lens, frame_source.fit_rows(log, settings.row_frames, lens, matches))
+        odometry = Odometry(right_rectifier, settings, for_log(log, settings), collector, debug)
         for frame in frame_source.frames(log, threads, odometry.stopwatch, odometry.levels):
             odometry.process(frame)
             keyframes = len(odometry.harvest.keyframes)
@@ -71,18 +71,18 @@ class Odometry:
     """Feed the pairs of a drive in order to `process`; `finish` gives the result."""
 
     def __init__(
-        self, right_images: rows.RightImages, settings: OdometrySettings, imu: VisualInertial | None = None,
-        collector: EvidenceCollector | None = None, debug: Debug | None = None,
+        self, right_rectifier: rows.RightRectifier, settings: OdometrySettings, imu: VisualInertial | None = None,
+        collector: ObservationCollector | None = None, debug: Debug | None = None,
     ) -> None:  # fmt: skip
-        self.settings, self.right_images, self.collector, self.debug = settings, right_images, collector, debug
-        self.found: recovery.Found | None = None  # the last frame's alignment, where one was tried
+        self.settings, self.right_rectifier, self.collector, self.debug = settings, right_rectifier, collector, debug
+        self.found: recovery.TrackingResult | None = None  # the last frame's alignment, where one was tried
         self.keyframe_reason = ""
-        self.stereo_rig = rig = right_images.rig
+        self.stereo_rig = rig = right_rectifier.rig
         self.rig = pyramid.rig_numbers(rig.camera, rig.t_right_left)
         self.levels = pyramid.level_count(rig.camera, settings.levels)
         self.cameras = pyramid.level_cameras(rig.camera, self.levels)
         self.robust = Robust(settings.huber, settings.max_energy, settings.static_weight, settings.observer_right_weight)
-        self.imu, self.harvest, self.stopwatch = imu, Harvest(), Stopwatch()
+        self.imu, self.harvest, self.stopwatch = imu, ResultBuilder(), Stopwatch()
         self.recovery = recovery.Recovery(settings, rig, self.rig, self.cameras)
         self.t_ns: list[int] = []
         self.losses: list[dict[str, Any]] = []
@@ -95,7 +95,7 @@ class Odometry:
         """An empty window; delta px."""
         shape = (self.stereo_rig.camera.height, self.stereo_rig.camera.width)
         self.window = window.empty_window(shape, self.settings.window + 1, delta, bias_information)
-        self.window.hold_delta = self.settings.bias_gate > 0 and delta == 0.0 and self.right_images.lens.is_ideal
+        self.window.hold_delta = self.settings.bias_gate > 0 and delta == 0.0 and self.right_rectifier.lens.is_ideal
         self.references: list[tracking.Reference] = []  # of the newest keyframes, newest last
         self.brightness, self.first_rms, self.smoothed_rms = np.array([1.0, 0.0]), math.inf, math.inf
 
@@ -162,19 +162,19 @@ class Odometry:
             return self.harvest.T_cam_world(0) if n else np.eye(4)
         if self.imu is not None:
             T_world_cam = tuple(se3.inverse(self.harvest.T_cam_world(i)) for i in (n - 2, n - 1))
-            foretold = self.imu.expected_pose((T_world_cam[0], T_world_cam[1]), (self.t_ns[-3], self.t_ns[-2], self.t_ns[-1]))
-            if foretold is not None:
-                return se3.inverse(foretold)
+            predicted_pose = self.imu.expected_pose((T_world_cam[0], T_world_cam[1]), (self.t_ns[-3], self.t_ns[-2], self.t_ns[-1]))
+            if predicted_pose is not None:
+                return se3.inverse(predicted_pose)
         before = self.tracked_before if self.last_tracked == n - 1 else n - 2  # what was held in between is a guess, no motion
         dt_before, dt = 1e-9 * (self.t_ns[n - 1] - self.t_ns[before]), 1e-9 * (self.t_ns[n] - self.t_ns[n - 1])
         return tracking.constant_motion(self.harvest.T_cam_world(n - 1), self.harvest.T_cam_world(before), dt_before, dt)
 
-    def _align(self, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> recovery.Found:
+    def _align(self, left: Image, images: pyramid.Pyramid, T_expected: FloatArray) -> recovery.TrackingResult:
         """The frame's alignment with a keyframe of the window, and why it is lost if it is."""
         n, tracked = len(self.harvest.frames), self.last_tracked
         dt, since = (1e-9 * (self.t_ns[-1] - self.t_ns[i]) for i in (-2, tracked))
         T_last, T_tracked = self.harvest.T_cam_world(n - 1), self.harvest.T_cam_world(tracked)
-        sought = recovery.Sought(
+        sought = recovery.TrackingRequest(
             left,
             images,
             T_expected,
@@ -219,7 +219,7 @@ class Odometry:
         """Give the newest keyframe to the evidence of the rig."""
         if self.collector is not None:
             right, newest = frame.right, self.window.frames.T_cam_world[-1]
-            self.collector.keyframe(frame.index, left, right, newest, self.right_images, float(self.window.delta[0]))
+            self.collector.keyframe(frame.index, left, right, newest, self.right_rectifier, float(self.window.delta[0]))
 
     def _end_segment(self) -> None:
         """Every live point leaves into the result; the window is emptied, the disparity bias stays known."""
@@ -260,7 +260,7 @@ class Odometry:
         with self.stopwatch("marginalise"):
             while len(self.window) > s.window:
                 self._marginalise_one()
-            if row % SETTLE_EVERY == SETTLE_EVERY - 1:
+            if row % DECIDE_EVERY == DECIDE_EVERY - 1:
                 alive = np.concatenate([self.window.point_id, self.window.immature.id])
                 self.harvest.settle(self._rule(), alive, self._segment())
         if self.imu is not None:
@@ -270,8 +270,8 @@ class Odometry:
         self.references = [r for r in self.references[-2:] if r.keyframe in self.window.keyframe] + [newest]
         self.brightness, self.first_rms = np.array([1.0, 0.0]), math.inf
 
-    def _rule(self) -> Rule:
-        return Rule(self.settings.min_observations, self.settings.min_confirmations, self.settings.max_relative_sigma)
+    def _rule(self) -> PointFilter:
+        return PointFilter(self.settings.min_observations, self.settings.min_confirmations, self.settings.max_relative_sigma)
 
     def _keyframe_times(self) -> list[int]:
         """Time stamps (ns) of the window's keyframes."""
@@ -282,16 +282,16 @@ class Odometry:
         with self.stopwatch("decode"):
             right = frame.right
         with self.stopwatch("rows"):
-            return self.right_images.align(right)
+            return self.right_rectifier.align(right)
 
     def _give_points(self, left: Image, right: Image) -> None:
         """New points for the newest keyframe; the rows of the right images follow what stereo finds."""
-        given = activation.give_points(
+        given = activation.activate_points(
             self.window, left, right, self.rig, self.robust, self.cell, self.harvest.next_point, self.settings, self.stopwatch
         )  # fmt: skip
         self.harvest.next_point, self.cell = given.next_id, given.cell
         with self.stopwatch("rows"):
-            self.right_images.follow(left, right, given.pixels, given.disparity)
+            self.right_rectifier.follow(left, right, given.pixels, given.disparity)
 
     def _marginalise_one(self) -> None:
         """One keyframe leaves the window, with its points and those out of sight."""
@@ -322,8 +322,8 @@ class Odometry:
         self.harvest.settle(self._rule(), np.zeros(0, np.int64), None)
         points = self.harvest.kept.points()
         return OdometryResult(
-            self.stereo_rig, trajectory, self.harvest.final_keyframes(), points, delta, self.right_images.all_rows(),
-            self._report(len(points), delta), self.right_images.lens,
+            self.stereo_rig, trajectory, self.harvest.final_keyframes(), points, delta, self.right_rectifier.all_rows(),
+            self._report(len(points), delta), self.right_rectifier.lens,
         )  # fmt: skip
 
     def _report(self, points: int, delta: float) -> dict[str, Any]:
@@ -339,9 +339,9 @@ class Odometry:
             "segments": [{"first_frame": a, "last_frame": b - 1} for a, b in zip(self.segment_frames, ends, strict=False)],
             "losses": self.losses,
             "disparity_bias_px": delta,
-            "row_coefficients_px": [float(c) for c in self.right_images.coefficients],
-            "rows_off_px": self.right_images.worst_px(),
-            "right_lens": None if self.right_images.lens.is_ideal else asdict(self.right_images.lens),
+            "row_coefficients_px": [float(c) for c in self.right_rectifier.coefficients],
+            "rows_off_px": self.right_rectifier.worst_px(),
+            "right_lens": None if self.right_rectifier.lens.is_ideal else asdict(self.right_rectifier.lens),
             "imu": None if self.imu is None else self.imu.report(),
             "seconds": {part: round(seconds, 4) for part, seconds in sorted(self.stopwatch.seconds.items())},
         }

@@ -20,8 +20,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from wayloom.calibration.own_lens import track_calibrated
 from wayloom.calibration.rig_file import lens_for_log
+from wayloom.calibration.self_calibration import track_calibrated
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError, TooFewKeyframesError
 from wayloom.geometry.lens import RightLens
@@ -32,8 +32,8 @@ from wayloom.labelling.tcl import label_points, voting_frames
 from wayloom.logs.registry import open_log
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.result.odometry_file import load_odometry, save_odometry
-from wayloom.odometry.rig.calibration_file import save_evidence
-from wayloom.odometry.rig.calibration_observations import EvidenceCollector
+from wayloom.odometry.rig.calibration_file import save_observations
+from wayloom.odometry.rig.calibration_observations import ObservationCollector
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline import keys
 from wayloom.pipeline.exports import cloud, drive_map, write_image
@@ -186,12 +186,12 @@ def _ingest(call: StageCall, out_dir: Path, progress: Progress) -> None:
 
 def _odometry(call: StageCall, out_dir: Path, progress: Progress) -> None:
     log = call.log()
-    lens, collector = lens_of(call.settings, log)[0], EvidenceCollector(log.rig)
+    lens, collector = lens_of(call.settings, log)[0], ObservationCollector(log.rig)
     result = track_calibrated(log, call.settings.odometry, progress, call.settings.threads, lens, collector)
     if not np.isfinite(result.trajectory.T_world_cam).all():
         raise StageError("the odometry gave poses that are not finite: please report this drive as a fault of wayloom")
     save_odometry(result, out_dir / ODOMETRY_FILE)
-    save_evidence(collector.evidence(log), out_dir / EVIDENCE_FILE)
+    save_observations(collector.evidence(log), out_dir / EVIDENCE_FILE)
     _write_report(out_dir, result.report)
 
 

@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from wayloom.errors import ConflictError, NotFoundError
 from wayloom.store.database import now_s
-from wayloom.store.jobs import Wake, create_drive_jobs, create_remove_job
+from wayloom.store.jobs import JobMessage, create_drive_jobs, create_remove_job
 from wayloom.store.manifest import Manifest
 from wayloom.store.maps import ensure_map
 from wayloom.store.queues import REMOVE
@@ -86,7 +86,7 @@ def received(session: Session, drives: Sequence[Drive]) -> dict[str, Received]:
     return whole | dict.fromkeys(open_ids, Received(0, 0)) | {key: Received(count, int(size)) for key, count, size in counted}
 
 
-def mark_complete(session: Session, drive_id: str, path: str) -> Wake | None:
+def mark_complete(session: Session, drive_id: str, path: str) -> JobMessage | None:
     """A file has arrived and is verified. When it was the last one the drive is queued, and the job to wake is returned."""
     drive = session.get(Drive, drive_id, with_for_update=True)
     if drive is None:
@@ -95,7 +95,7 @@ def mark_complete(session: Session, drive_id: str, path: str) -> Wake | None:
     return queue_if_complete(session, drive)
 
 
-def queue_if_complete(session: Session, drive: Drive) -> Wake | None:
+def queue_if_complete(session: Session, drive: Drive) -> JobMessage | None:
     """Start the drive's jobs when all of its files are there and they have not been started."""
     if drive.state != "uploading" or missing_any(session, drive.id):
         return None
@@ -109,7 +109,7 @@ def missing_any(session: Session, drive_id: str) -> bool:
     return session.scalars(query).first() is not None
 
 
-def request_removal(session: Session, drive_id: str) -> Wake:
+def request_removal(session: Session, drive_id: str) -> JobMessage:
     """Take the drive out of everything that is yet to run; a job then removes its files and its part of the map."""
     drive = get(session, drive_id)
     if drive.state == "removing":

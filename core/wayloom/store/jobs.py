@@ -34,21 +34,21 @@ class Claim:
 
 
 @dataclass(frozen=True, slots=True)
-class Wake:
+class JobMessage:
     """A job that a worker should be told of."""
 
     job_id: int
     queue: str
 
 
-def create_drive_jobs(session: Session, drive_id: str) -> Wake:
+def create_drive_jobs(session: Session, drive_id: str) -> JobMessage:
     """One row for every stage of the drive; the first is queued, the others wait for the one before."""
     now = now_s(session)
     jobs = [_job(stage, now, drive_id=drive_id, position=i, state="waiting") for i, stage in enumerate(DRIVE_STAGES)]
     jobs[0].state = "queued"
     session.add_all(jobs)
     session.flush()
-    return Wake(jobs[0].id, jobs[0].queue)
+    return JobMessage(jobs[0].id, jobs[0].queue)
 
 
 def create_map_job(
@@ -68,12 +68,12 @@ def request_stitch(session: Session, map_id: str) -> Job:
     return session.scalars(waiting.order_by(Job.id)).first() or create_map_job(session, "stitch", map_id)
 
 
-def create_remove_job(session: Session, drive_id: str, stage: str) -> Wake:
+def create_remove_job(session: Session, drive_id: str, stage: str) -> JobMessage:
     """A queued job that removes a drive; its rows go with the drive."""
     job = _job(stage, now_s(session), drive_id=drive_id, position=0)
     session.add(job)
     session.flush()
-    return Wake(job.id, job.queue)
+    return JobMessage(job.id, job.queue)
 
 
 def claim(database: Database, job_id: int, worker: str, lease_s: float) -> Claim | None:
@@ -105,7 +105,7 @@ def heartbeat(database: Database, held: Claim, lease_s: float, progress: float, 
             raise LeaseLostError(f"job {held.job_id} ({held.stage}): another worker has taken it over, or its drive is gone")
 
 
-def finish(session: Session, held: Claim, key: str) -> Wake | None:
+def finish(session: Session, held: Claim, key: str) -> JobMessage | None:
     """Mark the job done, its output being `key`, and queue the drive's next stage, which is returned. Raises LeaseLostError."""
     values: dict[str, Any] = {"state": "done", "finished_at": now_s(session), "progress": 1.0, "message": "", "error": None}
     values |= {"worker": None, "lease_until": None, "payload": {**held.payload, "key": key}}
@@ -118,7 +118,7 @@ def finish(session: Session, held: Claim, key: str) -> Wake | None:
     if job is None:
         return None
     job.state, job.sent_at = "queued", None
-    return Wake(job.id, job.queue)
+    return JobMessage(job.id, job.queue)
 
 
 def fail(session: Session, held: Claim, error: str, *, final: bool) -> None:
@@ -148,7 +148,7 @@ def input_keys(session: Session, drive_id: str, stage: str) -> dict[str, str]:
     return {name: keys[name] for name in before}
 
 
-def retry(session: Session, drive_id: str) -> list[Wake]:
+def retry(session: Session, drive_id: str) -> list[JobMessage]:
     """Fresh attempts for the failed stages of a drive, or the map job that it waits for. Raises ConflictError where none failed."""
     drive = session.get_one(Drive, drive_id)
     of_drive = (Job.drive_id == drive_id) | (Job.id == (drive.stitch_job_id or 0)) | (Job.parent_id == (drive.stitch_job_id or 0))
@@ -162,10 +162,10 @@ def retry(session: Session, drive_id: str) -> list[Wake]:
             _update(session, waiting, state="stitching", error=None, finished_at=None)
         else:
             drive.state, drive.error, drive.finished_at = "queued", None, None
-    return [Wake(job.id, job.queue) for job in jobs]
+    return [JobMessage(job.id, job.queue) for job in jobs]
 
 
-def mark_sent(database: Database, woken: Iterable[Wake]) -> None:
+def mark_sent(database: Database, woken: Iterable[JobMessage]) -> None:
     """Remember that the jobs' messages went out."""
     ids = [wake.job_id for wake in woken]
     if ids:

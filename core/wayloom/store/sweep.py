@@ -5,7 +5,7 @@ from sqlalchemy.orm import Session
 
 from wayloom.errors import LeaseLostError
 from wayloom.store.database import Database, now_s
-from wayloom.store.jobs import Claim, Wake, fail
+from wayloom.store.jobs import Claim, JobMessage, fail
 from wayloom.store.processes import is_dead
 from wayloom.store.tables import Job
 
@@ -23,12 +23,12 @@ def requeue_lost(database: Database, max_attempts: int) -> int:
     return len(lost)
 
 
-def unsent(database: Database, resend_s: float, limit: int = 500) -> list[Wake]:
+def unsent(database: Database, resend_s: float, limit: int = 500) -> list[JobMessage]:
     """Queued jobs whose message never went out, or went out `resend_s` ago and woke nobody; oldest first."""
     with database.read() as session:
         long_ago = now_s(session) - resend_s
         queued = select(Job.id, Job.queue).where(Job.state == "queued", or_(Job.sent_at.is_(None), Job.sent_at < long_ago))
-        return [Wake(job_id, queue) for job_id, queue in session.execute(queued.order_by(Job.id).limit(limit))]
+        return [JobMessage(job_id, queue) for job_id, queue in session.execute(queued.order_by(Job.id).limit(limit))]
 
 
 def _lost(session: Session) -> list[tuple[Claim, str]]:

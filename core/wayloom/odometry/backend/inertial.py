@@ -170,7 +170,7 @@ def without_keyframe(inertial: Inertial, j: int) -> Inertial:
     return inertial._replace(**columns)
 
 
-def foretold(
+def predicted_pose(
     samples: ImuSamples,
     T_world_cam: tuple[FloatArray, FloatArray],
     t_ns: tuple[int, int, int],

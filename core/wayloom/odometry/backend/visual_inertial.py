@@ -31,7 +31,7 @@ class VisualInertial:
         """T_world_cam (4, 4) at the last of three moments from the poses at the first two; None while gravity is unknown."""
         if self.gravity is None:
             return None
-        return inertial.foretold(self.samples, T_world_cam, t_ns, self.gravity, self.bias)
+        return inertial.predicted_pose(self.samples, T_world_cam, t_ns, self.gravity, self.bias)
 
     def extend(self, window: Window, t_ns: Sequence[int]) -> None:
         """Link the window's newest keyframe, just added, with the one before. t_ns: of the window's keyframes."""

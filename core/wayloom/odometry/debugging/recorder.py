@@ -84,7 +84,7 @@ class Debug:
         """The plots of the whole drive."""
         pictures.write_drive_plot(self.folder / "drive.png", self.frames)
         pixels = pictures.field_pixels(odometry.stereo_rig)
-        moved = odometry.right_images.real_pixels(pixels) - pixels
+        moved = odometry.right_rectifier.real_pixels(pixels) - pixels
         pictures.write_row_field(self.folder / "row_field.png", odometry.stereo_rig, moved)
         self.close()
 
@@ -138,7 +138,7 @@ def alignment_values(odometry: "Odometry", reference: Reference | None) -> dict[
 
 def window_values(odometry: "Odometry") -> dict[str, Any]:
     """Of the window as it is now."""
-    window, c = odometry.window, odometry.right_images.coefficients
+    window, c = odometry.window, odometry.right_rectifier.coefficients
     F, points = len(window), window.points
     values = {"window": F, "live_points": len(points.rho), "bias_px": window.delta[0]}
     values |= {f"row_c{k}_px": c[k] for k in range(3)}

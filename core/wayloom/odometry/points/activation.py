@@ -19,7 +19,7 @@ Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
-class Given:
+class ActivationResult:
     """What giving points ends in: the next free number, the cell size px for the next keyframe, and the static matches, pixels
     (n, 2) and disparities (n,) px."""
 
@@ -42,10 +42,10 @@ def stereo_candidates(
     return pixels, found
 
 
-def give_points(
+def activate_points(
     now: Window, left: Image, right: Image, rig: Rig, robust: Robust, cell: float, next_id: int, settings: OdometrySettings,
     stopwatch: Stopwatch,
-) -> Given:  # fmt: skip
+) -> ActivationResult:  # fmt: skip
     """New live and immature points for the newest keyframe, as many as the view wants, and its right image's brightness.
 
     Points are numbered from next_id.
@@ -76,7 +76,7 @@ def give_points(
     immature.keep(now, np.isin(np.arange(len(now.immature.id)), ripe, invert=True))
     immature.add(now, immature.part(fresh, np.setdiff1d(np.arange(len(fresh.id)), live)))
     wanted = max(room, s.matched_points)
-    return Given(next_id + len(rows), selection.next_cell(cell, len(known), wanted), pixels[matched], found[matched, 0])
+    return ActivationResult(next_id + len(rows), selection.next_cell(cell, len(known), wanted), pixels[matched], found[matched, 0])
 
 
 def seen(now: Window, points: PointColumns, rig: Rig, border: float) -> tuple[FloatArray, IntArray]:

@@ -16,7 +16,7 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class PointFilter:
     """What a point needs: so many keyframes beside the host that saw it, so many images that agree (left and right ones of
     observers, and the host's right one), and a depth whose sigma is less than so much of it.
 
@@ -51,14 +51,13 @@ class KeptPoints:
         self.obs_start.append(np.zeros(1, np.int64))
         self.obs_keyframe, self.obs_right = GrowingArray(np.int32), GrowingArray(np.bool_)
 
-    def append(self, columns: Mapping[str, NDArray[np.generic]], seen: IntArray, others: IntArray, rule: Rule) -> None:
+    def append(self, columns: Mapping[str, NDArray[np.generic]], seen: IntArray, others: IntArray, rule: PointFilter) -> None:
         """Those of the points (n), numbered higher than all before, that `rule` lets stay.
 
-        columns : `id` and the rest as of `Harvest.add_points`; seen (m, 3): point, keyframe, what is noted of it (`arrays.RIGHT`
-        …), a pair perhaps twice, from when the point was immature and from when it was live; others (n,) keyframes of its segment
-        beside its host
-
-        The rule counts photometric inliers; those that look like the host besides are the result's observations.
+        columns : `id` and the rest as of `ResultBuilder.add_points`; seen (m, 3): point, keyframe, what is noted of it
+        (`arrays.RIGHT` …), a pair perhaps twice, from when the point was immature and from when it was live; others (n,)
+        keyframes of its segment beside its host The rule counts photometric inliers; those that look like the host besides are
+        the result's observations.
         """
         order = np.argsort(columns["id"], kind="stable")
         column = {name: values[order] for name, values in columns.items()}

@@ -11,7 +11,7 @@ from wayloom.geometry import se3
 from wayloom.odometry.backend.window import Window
 from wayloom.odometry.kernels.adjustment import observations
 from wayloom.odometry.kernels.arrays import PointColumns, Rig, Robust
-from wayloom.odometry.result.point_filter import KeptPoints, Rule
+from wayloom.odometry.result.point_filter import KeptPoints, PointFilter
 from wayloom.odometry.types import Keyframes, Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -41,7 +41,7 @@ class FrameRow:
 
 
 @dataclass(slots=True)
-class Harvest:
+class ResultBuilder:
     """Grows by frames, keyframes and leaving points. Point numbers are given out by `next_point`."""
 
     keyframes: list[KeyframeRow] = field(default_factory=list)
@@ -113,7 +113,7 @@ class Harvest:
             np.array([row.segment for row in rows], np.int32),
         )
 
-    def settle(self, rule: Rule, alive: NDArray[np.int64], segment: int | None) -> None:
+    def settle(self, rule: PointFilter, alive: NDArray[np.int64], segment: int | None) -> None:
         """Decide which of the points that left are kept, and forget what was known of them.
 
         alive (n,) numbers of the points that have not left; segment: the one that still gets keyframes, None at the end. Points

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wayloom.errors import InputError
 from wayloom.files.atomic import write_atomically
 from wayloom.geometry.camera import PinholeCamera, StereoRig
-from wayloom.odometry.rig.calibration_observations import TARGETS, Evidence
+from wayloom.odometry.rig.calibration_observations import TARGETS, CalibrationObservations
 
 FORMAT: Final = "wayloom-evidence"
 VERSION: Final = 1
@@ -33,7 +33,7 @@ ARRAYS: Final[dict[str, tuple[str, tuple[str | int, ...]]]] = {
 }
 
 
-def save_evidence(evidence: Evidence, file: Path) -> None:
+def save_observations(evidence: CalibrationObservations, file: Path) -> None:
     """Write `file`, whole or not at all."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -46,7 +46,7 @@ def save_evidence(evidence: Evidence, file: Path) -> None:
     write_atomically(file, buffer.getvalue())
 
 
-def load_evidence(file: Path) -> Evidence:
+def load_observations(file: Path) -> CalibrationObservations:
     """Read what save_evidence wrote. Raises InputError naming the file where it is none, of another version or damaged."""
     try:
         with zipfile.ZipFile(file) as archive:
@@ -59,7 +59,7 @@ def load_evidence(file: Path) -> Evidence:
             numbers = {name: float(camera[name]) for name in ("fx", "fy", "cx", "cy")}
             pinhole = PinholeCamera(**numbers, width=int(camera["width"]), height=int(camera["height"]))
             rig = StereoRig(pinhole, (float(t[0]), float(t[1]), float(t[2])))
-            evidence = Evidence(str(meta["name"]), meta["rig_id"], rig, **arrays)
+            evidence = CalibrationObservations(str(meta["name"]), meta["rig_id"], rig, **arrays)
     except (OSError, zipfile.BadZipFile, KeyError, ValueError, TypeError, AttributeError, IndexError) as problem:
         raise InputError(f"is no evidence of a drive ({problem})", file=file, remedy=REMEDY) from None
     _check(evidence, file)
@@ -74,7 +74,7 @@ def is_evidence(path: Path) -> bool:
         return META in archive.namelist() and "uv_right_target.npy" in archive.namelist()
 
 
-def _meta(evidence: Evidence) -> dict[str, Any]:
+def _meta(evidence: CalibrationObservations) -> dict[str, Any]:
     camera = evidence.rig.camera
     return {
         "format": FORMAT,
@@ -107,7 +107,7 @@ def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
     return array
 
 
-def _check(evidence: Evidence, file: Path) -> None:
+def _check(evidence: CalibrationObservations, file: Path) -> None:
     """Raises InputError where shapes do not fit each other or values cannot be."""
     sizes: dict[str | int, int] = {"S": evidence.snippets, "P": len(evidence)}
     for name, (_, shape) in ARRAYS.items():

@@ -18,7 +18,7 @@ from wayloom.logs.types import DriveLog
 from wayloom.odometry.kernels.matches import BORDER, HALF, match_patches
 from wayloom.odometry.kernels.stereo import NO_MATCH
 from wayloom.odometry.points import selection, stereo
-from wayloom.odometry.rig.rows import RightImages
+from wayloom.odometry.rig.rows import RightRectifier
 
 Image = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
@@ -42,7 +42,7 @@ TARGET_RMS = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
+class CalibrationObservations:
     """Matches of one drive; S snippets, P points, T = 2 targets.
 
     name, rig_id   of the log, the name as `drive_name` gives it
@@ -78,7 +78,7 @@ class Evidence:
 
 
 @dataclass(slots=True)
-class Snippet:
+class MatchGroup:
     """A snippet that grows: its host's smoothed left image and its points; pixels (n, 2), inverse depths rho (n,) 1/m;
     limit: the largest rms residual of a match, grey levels."""
 
@@ -94,7 +94,7 @@ class Snippet:
     """frame, T_target_host (4, 4), left (n, 2) and right (n, 2) matches"""
 
 
-class EvidenceCollector:
+class ObservationCollector:
     """Fed with every keyframe in order; `evidence` gives what was gathered. The same drive gives the same bytes.
 
     most_points : of a snippet
@@ -102,8 +102,8 @@ class EvidenceCollector:
 
     def __init__(self, rig: StereoRig, most_points: int = MOST_POINTS) -> None:
         self.rig, self.most_points = rig, most_points
-        self.finished: list[Snippet] = []
-        self.open: Snippet | None = None
+        self.finished: list[MatchGroup] = []
+        self.open: MatchGroup | None = None
         self.stride, self.seen, self.way_m = 1, 0, 0.0
         self.T_last: FloatArray | None = None
         self._last_smoothed: tuple[int, NDArray[np.float32], NDArray[np.float32]] | None = None
@@ -113,17 +113,17 @@ class EvidenceCollector:
         self.open, self.T_last = None, None
 
     def keyframe(
-        self, frame: int, left: Image, right: Image, T_cam_world: FloatArray, right_images: RightImages, delta: float
+        self, frame: int, left: Image, right: Image, T_cam_world: FloatArray, right_rectifier: RightRectifier, delta: float
     ) -> None:
         """A keyframe: images (h, w) as the log gives them, pose (4, 4), what is known of the right camera, bias in px."""
         if self.T_last is not None:
             self.way_m += float(np.linalg.norm(se3.inverse(T_cam_world)[:3, 3] - se3.inverse(self.T_last)[:3, 3]))
         self.T_last = T_cam_world.copy()
         if self.is_target(T_cam_world):
-            self.extend(frame, left, right, T_cam_world, right_images, delta)
+            self.extend(frame, left, right, T_cam_world, right_rectifier, delta)
         if self.open is None and (not self.finished or self.way_m - self.finished[-1].at_m >= SPACING_M * self.stride):
-            pixels, disparity = self.host_matches(left, right_images.align(right))
-            self.begin(frame, left, right, pixels, disparity, T_cam_world, right_images, delta)
+            pixels, disparity = self.host_matches(left, right_rectifier.align(right))
+            self.begin(frame, left, right, pixels, disparity, T_cam_world, right_rectifier, delta)
 
     def host_matches(self, left: Image, aligned: Image) -> tuple[NDArray[np.int64], FloatArray]:
         """Stereo matches of a pair (h, w), the right image with aligned rows, four times as many as a snippet holds at most:
@@ -137,12 +137,12 @@ class EvidenceCollector:
 
     def begin(
         self, frame: int, left: Image, right: Image, pixels: NDArray[np.int64], disparity: FloatArray, T_cam_world: FloatArray,
-        right_images: RightImages, delta: float,
+        right_rectifier: RightRectifier, delta: float,
     ) -> None:  # fmt: skip
         """Open a snippet of this host, with those of its `host_matches` that are found again to a hundredth of a pixel; none where
         they are too few."""
         smooth, smooth_right = self._smoothed(frame, left, right)
-        start = right_images.real_pixels(np.column_stack([pixels[:, 0] - disparity, pixels[:, 1]]))
+        start = right_rectifier.real_pixels(np.column_stack([pixels[:, 0] - disparity, pixels[:, 1]]))
         found = matched(smooth, smooth_right, pixels, start, np.ones(len(pixels)))
         fits = found[np.isfinite(found[:, 2]), 2]
         limit = max(GOOD_RMS, float(np.median(fits))) if len(fits) else GOOD_RMS
@@ -151,7 +151,7 @@ class EvidenceCollector:
         known = known[selection.spread_sample(pixels[known], self.most_points)]
         if len(known) >= LEAST_POINTS:
             rho = np.asarray((disparity[known] - delta) / self.rig.bf, np.float64)
-            self.open = Snippet(frame, T_cam_world.copy(), smooth, pixels[known], rho, uv_right[known], limit, self.way_m)
+            self.open = MatchGroup(frame, T_cam_world.copy(), smooth, pixels[known], rho, uv_right[known], limit, self.way_m)
 
     def is_target(self, T_cam_world: FloatArray) -> bool:
         """Whether a frame at T_cam_world (4, 4) is far enough from the open snippet's host to be its next target."""
@@ -162,7 +162,7 @@ class EvidenceCollector:
         return float(np.linalg.norm(T[:3, 3])) >= DISTANCES_M[k] or float(np.linalg.norm(se3.log(T)[3:])) >= ANGLES_RAD[k]
 
     def extend(
-        self, frame: int, left: Image, right: Image, T_cam_world: FloatArray, right_images: RightImages, delta: float
+        self, frame: int, left: Image, right: Image, T_cam_world: FloatArray, right_rectifier: RightRectifier, delta: float
     ) -> None:
         """Match the open snippet in this target; close it when it has all its targets or lost its points."""
         snippet = self.open
@@ -171,7 +171,7 @@ class EvidenceCollector:
         T = T_cam_world @ se3.inverse(snippet.T_cam_world)
         target, target_right = self._smoothed(frame, left, right)
         in_left = self._match_left(snippet, T, target)
-        in_right = self._match_right(snippet, T, in_left, target_right, right_images, delta)
+        in_right = self._match_right(snippet, T, in_left, target_right, right_rectifier, delta)
         enough = np.isfinite(in_left[:, 0]).sum() >= LEAST_POINTS
         if enough:
             snippet.targets.append((frame, T, in_left, in_right))
@@ -184,7 +184,7 @@ class EvidenceCollector:
             self._last_smoothed = (frame, smoothed(left), smoothed(right))
         return self._last_smoothed[1:]
 
-    def _match_left(self, snippet: Snippet, T: FloatArray, target: NDArray[np.float32]) -> FloatArray:
+    def _match_left(self, snippet: MatchGroup, T: FloatArray, target: NDArray[np.float32]) -> FloatArray:
         """(n, 2) px of the snippet's points in a target's smoothed left image, T (4, 4) from the host; NaN where not found."""
         camera = self.rig.camera
         q = camera.rays(snippet.pixels.astype(float)) @ T[:3, :3].T + snippet.rho[:, None] * T[:3, 3]
@@ -200,21 +200,21 @@ class EvidenceCollector:
 
     def _match_right(
         self,
-        snippet: Snippet,
+        snippet: MatchGroup,
         T: FloatArray,
         in_left: FloatArray,
         target_right: NDArray[np.float32],
-        right_images: RightImages,
+        right_rectifier: RightRectifier,
         delta: float,
     ) -> FloatArray:
         """(n, 2) px of the points in a target's right image, for those with a match in_left (n, 2) px."""
         z = (self.rig.camera.rays(snippet.pixels.astype(float)) @ T[:3, :3].T)[:, 2] + snippet.rho * T[2, 3]
         scale = 1.0 / np.maximum(z, 1e-6)
         disparity = self.rig.bf * snippet.rho * scale + delta
-        start = right_images.real_pixels(in_left - np.column_stack([disparity, np.zeros(len(disparity))]))
+        start = right_rectifier.real_pixels(in_left - np.column_stack([disparity, np.zeros(len(disparity))]))
         return within(matched(snippet.left, target_right, snippet.pixels, start, scale), TARGET_RMS * snippet.limit)
 
-    def _close(self, snippet: Snippet) -> None:
+    def _close(self, snippet: MatchGroup) -> None:
         """Keep the snippet if it has a target; where there are too many, every second goes and the next come half as often."""
         self.open = None
         if not snippet.targets:
@@ -225,7 +225,7 @@ class EvidenceCollector:
             del self.finished[1::2]
             self.stride *= 2
 
-    def evidence(self, log: DriveLog) -> Evidence:
+    def evidence(self, log: DriveLog) -> CalibrationObservations:
         """What was gathered of this log."""
         S, done = len(self.finished), self.finished
         frames, T = np.full((S, TARGETS), -1, np.int32), np.tile(np.eye(4), (S, TARGETS, 1, 1))
@@ -236,7 +236,7 @@ class EvidenceCollector:
                 frames[s, t], T[s, t], matches[0, :, t], matches[1, :, t] = frame, T_target_host, in_left, in_right
             columns.append((snippet.pixels.astype(float), snippet.uv_right, matches[0], matches[1]))
         pixels, right, left_target, right_target = (np.concatenate(column) for column in zip(*columns, strict=True))
-        return Evidence(
+        return CalibrationObservations(
             drive_name(log), log.rig_id, self.rig, np.array([s.frame for s in done], np.int32), frames, T,
             np.repeat(np.arange(S, dtype=np.int32), [len(s.pixels) for s in done]), pixels.astype(np.int32),
             right.astype(np.float32), left_target.astype(np.float32), right_target.astype(np.float32),

@@ -141,7 +141,7 @@ def align(right: Image, row_maps: Maps) -> Image:
     return np.asarray(cv2.remap(right, row_maps[0], row_maps[1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
-class RightImages:
+class RightRectifier:
     """The right camera of a drive as far as it is known. `align` makes its images those of `rig`, the log's rig with the lens's
     displacement; `follow` keeps the rows up to date.
 

@@ -19,8 +19,8 @@ FloatArray = NDArray[np.float64]
 SPREAD_FROM_LEVEL = 2
 START_SPEEDS_M_S = (4.0, 8.0, 12.0, 16.0, 20.0, 26.0, 32.0)
 TURNS_RAD = (-0.03, -0.015, 0.015, 0.03)
-NODS_RAD = (-0.015, 0.015)
-WAYS_M = (-0.6, -0.3, 0.3, 0.6)
+PITCH_PERTURBATIONS_RAD = (-0.015, 0.015)
+FORWARD_PERTURBATIONS_M = (-0.6, -0.3, 0.3, 0.6)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,8 +97,10 @@ def further_guesses(
     guesses = [se3.exp(twist * share) @ T_last for share in (2.0, 0.5, 0.0)] + [T_keyframe]
     if starting:
         guesses += start_guesses(T_last, dt_s)
-    extras = [(0.0, 0.0, 0.0, 0.0, yaw, 0.0) for yaw in TURNS_RAD] + [(0.0, 0.0, 0.0, pitch, 0.0, 0.0) for pitch in NODS_RAD]
-    extras += [(0.0, 0.0, way, 0.0, 0.0, 0.0) for way in WAYS_M]
+    extras = [(0.0, 0.0, 0.0, 0.0, yaw, 0.0) for yaw in TURNS_RAD] + [
+        (0.0, 0.0, 0.0, pitch, 0.0, 0.0) for pitch in PITCH_PERTURBATIONS_RAD
+    ]
+    extras += [(0.0, 0.0, way, 0.0, 0.0, 0.0) for way in FORWARD_PERTURBATIONS_M]
     return guesses + [se3.exp(np.array(xi)) @ T_constant for xi in extras]
 
 

@@ -39,7 +39,7 @@ USUAL_GAIN, GAIN_RATIO = 2.0, 2.5
 
 
 @dataclass(frozen=True, slots=True)
-class Sought:
+class TrackingRequest:
     """A new frame before its pose is known.
 
     left         (h, w) its left image; images its pyramid
@@ -63,7 +63,7 @@ class Sought:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class TrackingResult:
     """The alignment chosen, with the window's keyframe `keyframe` (its row in the result), why it is not believed if it is not,
     and how it was come by: the number of motions tried, and `features` agreeing."""
 
@@ -89,7 +89,7 @@ def fits_badly(fit: Alignment, usual_rms: float, settings: OdometrySettings) -> 
     return not fit.rms <= WORSE_THAN_USUAL * usual_rms or fit.visible < settings.min_visible or fit.saturated > SATURATED
 
 
-def is_doubtful(fit: Alignment, sought: Sought, settings: OdometrySettings) -> bool:
+def is_doubtful(fit: Alignment, sought: TrackingRequest, settings: OdometrySettings) -> bool:
     """Whether other motions should be tried beside the one that gave this alignment."""
     return sought.starting or sought.since_s > LONG_GAP_S or fits_badly(fit, sought.usual_rms, settings)
 
@@ -167,7 +167,7 @@ class Recovery:
         self.settings, self.stereo_rig, self.rig, self.cameras = settings, stereo_rig, rig, cameras
         self.landmarks: dict[int, relocalisation.Landmarks] = {}
 
-    def align(self, sought: Sought, references: list[Reference], window: Window) -> Found:
+    def align(self, sought: TrackingRequest, references: list[Reference], window: Window) -> TrackingResult:
         """The frame's alignment with the newest keyframe by constant motion, where that fits; else the best that can be found.
 
         references : of the newest keyframes, newest last
@@ -175,17 +175,17 @@ class Recovery:
         newest, T_world_newest = references[-1], _T_world_keyframe(window, references[-1].keyframe)
         fit = self._aligned(sought, newest, sought.T_expected @ T_world_newest, sought.brightness)
         if not self._in_question(fit, newest.keyframe, sought, window):
-            return Found(fit, newest.keyframe, None)
+            return TrackingResult(fit, newest.keyframe, None)
         return self._search(fit, sought, references, window)
 
-    def _search(self, fit: Alignment, sought: Sought, references: list[Reference], window: Window) -> Found:
+    def _search(self, fit: Alignment, sought: TrackingRequest, references: list[Reference], window: Window) -> TrackingResult:
         """Other motions, then features, then a grid of turns, until one fits and is possible."""
         s, newest = self.settings, references[-1]
         T_world_newest = _T_world_keyframe(window, newest.keyframe)
         guesses = further_guesses(sought.T_expected, sought.T_last, se3.inverse(T_world_newest), sought.dt_s, sought.starting)
         fit = best_alignment(sought.images, newest, guesses, sought.brightness, fit, T_world_newest, self.cameras, s)
         failure, tried = self._failure(fit, newest.keyframe, sought, window), 1 + len(guesses)
-        best = Found(fit, newest.keyframe, failure, tried)
+        best = TrackingResult(fit, newest.keyframe, failure, tried)
         uncertain = sought.since_s > LONG_GAP_S or fit.saturated > (SATURATED if sought.starting else GRAVELY_SATURATED)
         if failure is None and not uncertain and not self._surprises(fit, newest.keyframe, sought, window):
             return best
@@ -193,22 +193,24 @@ class Recovery:
         for index in self._candidates(window)[: 1 if failure is None else None]:
             found = self._by_features(index, seen, sought, references, window)
             if found is not None and (failure is not None or found.fit.rms < fit.rms):
-                return Found(found.fit, found.keyframe, None, tried + 1, found.features)
+                return TrackingResult(found.fit, found.keyframe, None, tried + 1, found.features)
         failure = failure or gap_failure(fit, sought.since_s)
         if failure is None:
             return best
         grid = self._best_of_grid(sought, newest, T_world_newest)
         fit = best_alignment(sought.images, newest, grid, sought.brightness, fit, T_world_newest, self.cameras, s)
         failure = self._failure(fit, newest.keyframe, sought, window) or gap_failure(fit, sought.since_s)
-        return Found(fit, newest.keyframe, failure, tried + len(GRID_TURNS_RAD) * len(GRID_WAYS))
+        return TrackingResult(fit, newest.keyframe, failure, tried + len(GRID_TURNS_RAD) * len(GRID_WAYS))
 
-    def _aligned(self, sought: Sought, reference: Reference, T_frame_keyframe: FloatArray, brightness: FloatArray) -> Alignment:
+    def _aligned(
+        self, sought: TrackingRequest, reference: Reference, T_frame_keyframe: FloatArray, brightness: FloatArray
+    ) -> Alignment:
         return align(
             sought.images, reference, T_frame_keyframe, brightness, self.cameras, len(self.cameras) - 1, 0, self.settings
         )  # fmt: skip
 
     def _failure(
-        self, fit: Alignment, keyframe: int, sought: Sought, window: Window, min_visible: float | None = None
+        self, fit: Alignment, keyframe: int, sought: TrackingRequest, window: Window, min_visible: float | None = None
     ) -> str | None:
         """Why an alignment cannot be believed, or None. A motion that does not go on as it was is believed where the whole image
         agrees: half an image may be a bus that passes."""
@@ -221,14 +223,14 @@ class Recovery:
         T_cam_world, dt_s = fit.T_frame_keyframe @ window.frames.T_cam_world[index], max(sought.since_s, sought.dt_s)
         return motion_failure(T_cam_world, sought.T_tracked, None if free else sought.T_expected, dt_s, self.settings)
 
-    def _in_question(self, fit: Alignment, keyframe: int, sought: Sought, window: Window) -> bool:
+    def _in_question(self, fit: Alignment, keyframe: int, sought: TrackingRequest, window: Window) -> bool:
         """Whether more should be tried: the alignment fits badly, cannot be believed, or leads elsewhere than the motion so far."""
         if is_doubtful(fit, sought, self.settings) or fit_failure(fit, self.settings) is not None:
             return True
         keyframe_image = window.images.left[window.frames.slot[_index_of(window, keyframe)]]
         return gain_failure(fit, sought.left, keyframe_image) is not None or self._surprises(fit, keyframe, sought, window)
 
-    def _surprises(self, fit: Alignment, keyframe: int, sought: Sought, window: Window) -> bool:
+    def _surprises(self, fit: Alignment, keyframe: int, sought: TrackingRequest, window: Window) -> bool:
         """Whether an alignment, right or not, leads away from where constant motion does."""
         T_cam_world, dt_s = fit.T_frame_keyframe @ window.frames.T_cam_world[_index_of(window, keyframe)], sought.since_s
         return motion_failure(T_cam_world, sought.T_tracked, sought.T_expected, max(dt_s, sought.dt_s), self.settings) is not None
@@ -239,8 +241,8 @@ class Recovery:
         return range(len(window) - 1, max(-1, len(window) - 2 - OLDER_KEYFRAMES), -1)
 
     def _by_features(
-        self, index: int, seen: relocalisation.Features, sought: Sought, references: list[Reference], window: Window
-    ) -> Found | None:
+        self, index: int, seen: relocalisation.Features, sought: TrackingRequest, references: list[Reference], window: Window
+    ) -> TrackingResult | None:
         """The alignment with keyframe `index` of the window to which features lead; None where it fails or leads elsewhere."""
         row, slot = int(window.keyframe[index]), window.frames.slot[index]
         if row not in self.landmarks:
@@ -257,14 +259,14 @@ class Recovery:
         min_visible = VISIBLE_BESIDE_FEATURES if sighting.inliers >= MANY_FEATURES else None
         if self._failure(fit, row, sought, window, min_visible) is not None or not _agree(fit, sighting):
             return None
-        return Found(fit, row, None, 1, sighting.inliers)
+        return TrackingResult(fit, row, None, 1, sighting.inliers)
 
     def _reference(self, window: Window, index: int) -> Reference:
         """What frames are aligned with, of a keyframe that is no longer one of the newest."""
         images = pyramid.build(window.images.left[window.frames.slot[index]], len(self.cameras))
         return make_reference(window, index, images, self.cameras, self.rig, self.settings.border)
 
-    def _best_of_grid(self, sought: Sought, reference: Reference, T_world_keyframe: FloatArray) -> list[FloatArray]:
+    def _best_of_grid(self, sought: TrackingRequest, reference: Reference, T_world_keyframe: FloatArray) -> list[FloatArray]:
         """The turned guesses that fit best on the coarsest levels, T_cam_world (4, 4) each."""
         top = len(self.cameras) - 1
         found: list[tuple[float, int, FloatArray]] = []

@@ -24,7 +24,7 @@ from wayloom.odometry import frame_source
 from wayloom.odometry.debugging.recorder import Debug
 from wayloom.odometry.odometry import track
 from wayloom.odometry.rig import rows
-from wayloom.odometry.rig.calibration_observations import Evidence, EvidenceCollector
+from wayloom.odometry.rig.calibration_observations import CalibrationObservations, ObservationCollector
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.types import OdometryResult
 
@@ -54,7 +54,7 @@ STEP: Final = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
-class OwnLens:
+class SelfCalibration:
     """What the drive says: the lens to use (ideal where nothing speaks against it), and why.
 
     reason : in words
@@ -70,7 +70,7 @@ class OwnLens:
 
 def track_calibrated(
     log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
-    lens: RightLens | None = None, collector: EvidenceCollector | None = None, debug: Debug | None = None,
+    lens: RightLens | None = None, collector: ObservationCollector | None = None, debug: Debug | None = None,
 ) -> OdometryResult:  # fmt: skip
     """As `wayloom.odometry.odometry.track`; without a lens (of a rig's file) the drive's own is learnt first, and told in the
     report."""
@@ -95,13 +95,13 @@ def track_calibrated(
     return result
 
 
-def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), matches: FloatArray | None = None) -> OwnLens:
+def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), matches: FloatArray | None = None) -> SelfCalibration:
     """The lens that a drive tells of. matches : as of `track`. Raises as it does."""
     with frame_source.one_opencv_thread():
         evidence = sampled_evidence(log, settings, matches)
     if evidence.snippets < LEAST_SNIPPETS:
         reason = f"{evidence.snippets} groups of matches are too few to tell a lens by"
-        return OwnLens(IDENTITY, reason, evidence.snippets, float("nan"), float("nan"))
+        return SelfCalibration(IDENTITY, reason, evidence.snippets, float("nan"), float("nan"))
     learning = CalibrationSettings(smallest_step=SMALLEST_STEP)
     learnt = learn_rig([evidence], learning)
     against = chi_square(learnt.rig, learning)
@@ -115,14 +115,14 @@ def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), mat
     else:
         reason = "the drive's own images contradict the log's calibration"
         lens = lens_from_values(np.round(learnt.rig.lens.values / STEP) * STEP)
-    return OwnLens(lens, reason, evidence.snippets, against, learnt.rms_px)
+    return SelfCalibration(lens, reason, evidence.snippets, against, learnt.rms_px)
 
 
-def sampled_evidence(log: DriveLog, settings: OdometrySettings, matches: FloatArray | None = None) -> Evidence:
+def sampled_evidence(log: DriveLog, settings: OdometrySettings, matches: FloatArray | None = None) -> CalibrationObservations:
     """SNIPPETS snippets or fewer from STRETCHES parts of a drive."""
-    right_images = rows.RightImages(log.rig, IDENTITY, frame_source.fit_rows(log, settings.row_frames, matches=matches))
-    collector, count = EvidenceCollector(log.rig, POINTS), max(1, min(STRETCHES, len(log) // LEAST_FRAMES))
-    sampler, starts = Sampler(log, settings, right_images, collector), [k * len(log) // count for k in range(count + 1)]
+    right_rectifier = rows.RightRectifier(log.rig, IDENTITY, frame_source.fit_rows(log, settings.row_frames, matches=matches))
+    collector, count = ObservationCollector(log.rig, POINTS), max(1, min(STRETCHES, len(log) // LEAST_FRAMES))
+    sampler, starts = Sampler(log, settings, right_rectifier, collector), [k * len(log) // count for k in range(count + 1)]
     for k, start in enumerate(starts[:-1]):
         sampler.stretch(start, min(starts[k + 1], start + MOST_FRAMES), SNIPPETS * (k + 1) // count)
     return collector.evidence(log)
