@@ -134,7 +134,7 @@ def test_a_full_disk_is_told_and_the_run_goes_on_when_there_is_space(
         f"""
         import resource, sys
         from wayloom.cli import main
-        from wayloom.simulation import presets
+        from wayloom.simulation.recording import presets
         presets.PRESETS["short"] = presets.Preset.model_validate_json({preset.model_dump_json()!r})
         resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, resource.RLIM_INFINITY))
         sys.argv = ["wayloom", "simulate", "short", "--out", {str(tmp_path)!r}, "--size", "quarter", "--truth"]
