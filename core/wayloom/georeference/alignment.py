@@ -62,7 +62,7 @@ def georeference(
     try:
         guess = guess_nodes(chain.T_world_node, trajectory.segment[nodes], fixes, travelled(trajectory)[nodes], settings)
         progress(0.3, "optimising")
-        solution = optimise_drive(chain, fixes, guess, _noise(settings))
+        solution = optimise_drive(chain, fixes, guess, _noise(settings, log))
     except np.linalg.LinAlgError:
         what = f"the {len(fixes)} GNSS fixes contradict each other and the odometry so much that no place fits them"
         raise StageError(f"{what}; look at them with `wayloom inspect`, or process the drive without GNSS") from None
@@ -87,7 +87,7 @@ def _frame_of_place(lon_lat_height: FloatArray) -> MapFrame:
     return MapFrame(lon, lat, height)
 
 
-def _noise(settings: GeoReferenceSettings) -> DriveNoise:
+def _noise(settings: GeoReferenceSettings, log: DriveLog) -> DriveNoise:
     return DriveNoise(
         position_m=settings.position_noise_m,
         rotation_rad=float(np.radians(settings.rotation_noise_deg)),
@@ -100,6 +100,8 @@ def _noise(settings: GeoReferenceSettings) -> DriveNoise:
         white_share=settings.gnss_white_share,
         gate_floor_m=settings.gate_floor_m,
         gate_probability=settings.gate_probability,
+        time_offset_s=settings.time_offset_sigma_s,
+        lever_m=settings.lever_sigma_m if log.p_cam_gnss.any() else settings.unknown_lever_sigma_m,
     )
 
 
@@ -116,13 +118,17 @@ def _antenna_fixes(
     node = nearest_node(nodes, trajectory.segment, usable.frame)
     T_node_cam = se3.inverse(trajectory.T_world_cam[nodes[node]]) @ usable.T_world_cam
     from_node_m = np.linalg.norm(T_node_cam[:, :3, 3], axis=1)
+    v_cam_gnss = usable.twist[:, :3] + np.cross(usable.twist[:, 3:], log.p_cam_gnss)
     variance = settings.sigma_floor_m**2 + settings.position_noise_m**2 * from_node_m
     return AntennaFixes(
         t_s=(gnss.t_ns[usable.rows] - trajectory.t_ns[0]) * 1e-9,
         node=node,
         p_node_gnss=T_node_cam[:, :3, :3] @ log.p_cam_gnss + T_node_cam[:, :3, 3],
+        v_node_gnss=(T_node_cam[:, :3, :3] @ v_cam_gnss[:, :, None])[:, :, 0],
+        R_node_cam=T_node_cam[:, :3, :3],
         position_enu=geodesy.enu_from_lonlatheight(gnss.lon_lat_height[usable.rows], local),
         covariance=gnss.covariance_enu[usable.rows] + variance[:, None, None] * np.eye(3),
+        kind=gnss.fix_type[usable.rows],
     )
 
 

@@ -11,15 +11,17 @@ from wayloom.odometry.types import Trajectory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+TWIST_NS = 400_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class UsableFixes:
-    """rows (M,) of the GNSS track, in time order; T_world_cam (M, 4, 4) at their times; frame (M,) the last frame not after each;
-    unusable counts the others by reason."""
+    """rows (M,) of the GNSS track, in time order; T_world_cam (M, 4, 4) at their times; twist (M, 6) of the camera there, (v, omega) in
+    its own frame, m/s and rad/s; frame (M,) the last frame not after each; unusable counts the others by reason."""
 
     rows: IntArray
     T_world_cam: FloatArray
+    twist: FloatArray
     frame: IntArray
     unusable: dict[str, int]
 
@@ -45,15 +47,41 @@ def usable_fixes(gnss: GnssTrack, trajectory: Trajectory, max_rate_hz: float) ->
     after = np.minimum(before + 1, len(trajectory) - 1)
     tracked = trajectory.tracked[before] & trajectory.tracked[after] & (trajectory.segment[before] == trajectory.segment[after])
     keep(tracked, "track lost")
-    T = interpolate(trajectory.T_world_cam[before[tracked]], trajectory.T_world_cam[after[tracked]], share[tracked])
-    return UsableFixes(rows, T, before[tracked], unusable)
+    before, after, share = before[tracked], after[tracked], share[tracked]
+    T = interpolate(trajectory.T_world_cam[before], trajectory.T_world_cam[after], share)
+    return UsableFixes(rows, T, _smooth_twists(trajectory, gnss.t_ns[rows], before), before, unusable)
+
+
+def _smooth_twists(trajectory: Trajectory, t_ns: IntArray, frame: IntArray) -> FloatArray:
+    """(M, 6) the camera's twist at each time, over TWIST_NS before and after, within its segment.
+
+    From one frame to the next it would hold the odometry's noise of that step, which the poses hold as well: a time offset could then
+    explain noise.
+    """
+    first, last = _segment_ends(trajectory.segment)
+    low = np.maximum(np.searchsorted(trajectory.t_ns, t_ns - TWIST_NS), first[frame])
+    high = np.minimum(np.searchsorted(trajectory.t_ns, t_ns + TWIST_NS, side="right") - 1, last[frame])
+    high = np.maximum(high, low)
+    seconds = np.maximum(1e-9 * (trajectory.t_ns[high] - trajectory.t_ns[low]), 1e-9)
+    return twists(trajectory.T_world_cam[low], trajectory.T_world_cam[high]) / seconds[:, None]
+
+
+def _segment_ends(segment: NDArray[np.int32]) -> tuple[IntArray, IntArray]:
+    """(N,) first and (N,) last frame of each frame's segment."""
+    change = np.flatnonzero(np.diff(segment)) + 1
+    bounds = np.concatenate([[0], change, [len(segment)]])
+    piece = np.searchsorted(bounds, np.arange(len(segment)), side="right") - 1
+    return bounds[piece], bounds[piece + 1] - 1
+
+
+def twists(T_a: FloatArray, T_b: FloatArray) -> FloatArray:
+    """(N, 6) log(T_a^-1 T_b) of T_a, T_b (N, 4, 4)."""
+    return np.array([se3.log(T) for T in se3.inverse(T_a) @ T_b]).reshape(-1, 6)
 
 
 def interpolate(T_a: FloatArray, T_b: FloatArray, share: FloatArray) -> FloatArray:
     """(N, 4, 4) motions a share (N,) of the way from T_a to T_b (N, 4, 4): T_a exp(share log(T_a^-1 T_b))."""
-    step = se3.inverse(T_a) @ T_b
-    twists = np.array([se3.log(T) for T in step]).reshape(-1, 6)
-    return T_a @ se3.exp(share[:, None] * twists)
+    return T_a @ se3.exp(share[:, None] * twists(T_a, T_b))
 
 
 def _on_earth(lon_lat_height: FloatArray) -> NDArray[np.bool_]:

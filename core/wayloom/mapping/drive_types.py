@@ -1,6 +1,6 @@
 """What the graph of a drive is given, and what it returns."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,28 +32,41 @@ class AntennaFixes:
     t_s           (M,) increasing, s
     node          (M,) row of the node
     p_node_gnss   (M, 3) m, the antenna at the time of the fix in the node's camera frame
+    v_node_gnss   (M, 3) m/s, its velocity there
+    R_node_cam    (M, 3, 3) from the camera at the time of the fix to the node's camera
     position_enu  (M, 3) m
     covariance    (M, 3, 3) m^2
+    kind          (M,) uint8 FixType
     """
 
     t_s: FloatArray
     node: NDArray[np.int64]
     p_node_gnss: FloatArray
+    v_node_gnss: FloatArray
+    R_node_cam: FloatArray
     position_enu: FloatArray
     covariance: FloatArray
+    kind: NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.t_s)
 
     def take(self, rows: NDArray[np.int64]) -> "AntennaFixes":
         """The fixes of these rows."""
-        return AntennaFixes(self.t_s[rows], self.node[rows], self.p_node_gnss[rows], self.position_enu[rows], self.covariance[rows])
+        return AntennaFixes(*(getattr(self, field.name)[rows] for field in fields(self)))
 
-    def residuals(self, T_enu_node: FloatArray) -> FloatArray:
-        """(M, 3) m: fix minus antenna."""
+    def p_node_antenna(self, receiver: FloatArray) -> FloatArray:
+        """(M, 3) m, the antenna in its node's frame; receiver (4,): time offset s, error of the lever arm m."""
+        return np.asarray(self.p_node_gnss - receiver[0] * self.v_node_gnss + self.R_node_cam @ receiver[1:])
+
+    def antenna_enu(self, T_enu_node: FloatArray, receiver: FloatArray) -> FloatArray:
+        """(M, 3) m: the antenna on poses T_enu_node (K, 4, 4)."""
         T = T_enu_node[self.node]
-        antenna = np.einsum("nij,nj->ni", T[:, :3, :3], self.p_node_gnss) + T[:, :3, 3]
-        return np.asarray(self.position_enu - antenna)
+        return np.asarray(np.einsum("nij,nj->ni", T[:, :3, :3], self.p_node_antenna(receiver)) + T[:, :3, 3])
+
+    def residuals(self, T_enu_node: FloatArray, receiver: FloatArray) -> FloatArray:
+        """(M, 3) m: fix minus antenna."""
+        return np.asarray(self.position_enu - self.antenna_enu(T_enu_node, receiver))
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +84,8 @@ class DriveNoise:
     white_share: float
     gate_floor_m: float
     gate_probability: float
+    time_offset_s: float = 0.02
+    lever_m: float = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +97,10 @@ class DriveSolution:
     scale         (S,) metres of road per metre of odometry, stretch by stretch; scale_sigma (S,) its sigma
     inlier        (M,) whether the fix was used
     residual_enu  (M, 3) m
+    receiver      (4,) time offset s and error of the lever arm m; receiver_covariance (4, 4)
+    noise_ratio   for each kind of fix that scatters more than it says: how many times
+    shifted       stretches of fixes that lie apart from the others
+    unconfirmed_m metres by which the drive would lie elsewhere if the lesser part of its fixes were right; see `fix_screening`
     """
 
     T_enu_node: FloatArray
@@ -90,3 +109,17 @@ class DriveSolution:
     scale_sigma: FloatArray
     inlier: BoolArray
     residual_enu: FloatArray
+    receiver: FloatArray
+    receiver_covariance: FloatArray
+    noise_ratio: dict[int, float]
+    shifted: tuple["ShiftedFixes", ...]
+    unconfirmed_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class ShiftedFixes:
+    """Fixes in a row, first to last (rows of AntennaFixes, inclusive), that lie apart from the drive by about offset_enu (3,) m."""
+
+    first: int
+    last: int
+    offset_enu: FloatArray

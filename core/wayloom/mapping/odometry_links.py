@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wayloom.geometry import se3
+from wayloom.mapping.drive_types import DriveNoise, OdometryChain
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -85,6 +86,24 @@ def chain_correlations(middle_m: FloatArray, scale_length_m: float) -> FloatArra
     rho = np.zeros(len(middle_m) + 1)
     rho[1:-1] = np.exp(-np.diff(middle_m) / scale_length_m)
     return rho
+
+
+def links_of(chain: OdometryChain, noise: DriveNoise) -> OdometryLinks:
+    """The odometry between nodes, where the track was not lost. A link of L m errs across by its rotation too, which turns on its way."""
+    first = np.flatnonzero(chain.connected)
+    length = chain.length_m[first]
+    stretch, middle_m = stretches_of((np.cumsum(chain.length_m) - 0.5 * chain.length_m)[first])
+    rotation = np.hypot(noise.standing_rotation_rad, noise.rotation_rad * np.sqrt(length))
+    white = np.hypot(noise.standing_position_m, noise.position_m * np.sqrt(length))
+    position = np.hypot(white, noise.rotation_rad * length**1.5 / np.sqrt(3.0))
+    return OdometryLinks(
+        first=first,
+        T_i_j=se3.inverse(chain.T_world_node[first]) @ chain.T_world_node[first + 1],
+        sigma=np.repeat(np.stack([rotation, position], axis=1), 3, axis=1),
+        stretch=stretch,
+        scale_sigma=noise.scale_sigma,
+        scale_rho=chain_correlations(middle_m, noise.scale_length_m),
+    )
 
 
 def link_errors(links: OdometryLinks, T_enu_node: FloatArray, scale: FloatArray) -> FloatArray:

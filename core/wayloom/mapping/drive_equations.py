@@ -1,0 +1,222 @@
+"""Normal equations of a drive: odometry links, gravity, GNSS and the receiver, descended by Gauss-Newton.
+
+gtsam perturbs Pose3 on the right and orders (omega, v); covariances are converted to the left, (v, omega), in `left_covariances`.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.geometry import se3
+from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain
+from wayloom.mapping.gnss_factors import (
+    RECEIVER,
+    add_correlated_noise,
+    antenna_errors,
+    antenna_factors,
+    antenna_key,
+    fix_factors,
+    information_roots,
+    receiver_key,
+    receiver_prior,
+    receiver_sigmas,
+)
+from wayloom.mapping.odometry_links import OdometryLinks, add_scale_factors, link_cost, link_factors, pose_key, scale_key
+
+FloatArray = NDArray[np.float64]
+LOST_POSITION_M, LOST_ROTATION_RAD = 20.0, 0.5  # a link over a loss, plus half of the guessed distance
+GAUGE_POSITION_M, GAUGE_ROTATION_RAD = 1e3, float(np.pi)
+MAX_ITERATIONS, MAX_HALVINGS, CONVERGED = 30, 8, 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class DriveState:
+    """All unknowns at one point: T_enu_node (K, 4, 4), scale s (S,), receiver (4,), place_enu (M, 3) m of the antenna at each fix (M = 0
+    where fixes have independent noise), and poses, scales and places as gtsam's values."""
+
+    T_enu_node: FloatArray
+    scale: FloatArray
+    receiver: FloatArray
+    place_enu: FloatArray
+    values: gtsam.Values
+
+
+class FixTerms(Protocol):
+    """What GNSS says: nonlinear factors that stay, places that are unknowns, and factors and cost at a state."""
+
+    def constant(self) -> gtsam.NonlinearFactorGraph: ...
+
+    def places(self, T_enu_node: FloatArray, receiver: FloatArray) -> FloatArray: ...
+
+    def factors(self, at: DriveState) -> gtsam.GaussianFactorGraph: ...
+
+    def cost(self, at: DriveState) -> float: ...
+
+
+@dataclass(frozen=True, slots=True)
+class CorrelatedFixes:
+    """Fixes whose noise is correlated over time: `wayloom.mapping.gnss_factors`."""
+
+    fixes: AntennaFixes
+    noise: DriveNoise
+
+    def constant(self) -> gtsam.NonlinearFactorGraph:
+        """The Ornstein-Uhlenbeck part."""
+        graph = gtsam.NonlinearFactorGraph()
+        add_correlated_noise(graph, self.fixes, self.noise)
+        return graph
+
+    def places(self, T_enu_node: FloatArray, receiver: FloatArray) -> FloatArray:
+        """(M, 3) m: the antenna on its pose."""
+        return self.fixes.antenna_enu(T_enu_node, receiver)
+
+    def factors(self, at: DriveState) -> gtsam.GaussianFactorGraph:
+        """The white part."""
+        return antenna_factors(self.fixes, self.noise.white_share, at.T_enu_node, at.receiver, at.place_enu)
+
+    def cost(self, at: DriveState) -> float:
+        """Half the squared white errors."""
+        errors = antenna_errors(self.fixes, at.T_enu_node, at.receiver, at.place_enu)
+        return _half_square(self.noise.white_share**2 * self.fixes.covariance, errors)
+
+
+@dataclass(frozen=True, slots=True)
+class IndependentFixes:
+    """Fixes with independent noise, each with a weight (M,) > 0 of its information."""
+
+    fixes: AntennaFixes
+    weight: FloatArray
+
+    def constant(self) -> gtsam.NonlinearFactorGraph:
+        """Nothing."""
+        return gtsam.NonlinearFactorGraph()
+
+    def places(self, T_enu_node: FloatArray, receiver: FloatArray) -> FloatArray:
+        """(0, 3): none is an unknown."""
+        return np.zeros((0, 3))
+
+    def factors(self, at: DriveState) -> gtsam.GaussianFactorGraph:
+        """Each fix against the antenna."""
+        return fix_factors(self.fixes, self._covariance(), at.T_enu_node, at.receiver)
+
+    def cost(self, at: DriveState) -> float:
+        """Half the weighted squared errors."""
+        return _half_square(self._covariance(), self.fixes.residuals(at.T_enu_node, at.receiver))
+
+    def _covariance(self) -> FloatArray:
+        return np.asarray(self.fixes.covariance / self.weight[:, None, None])
+
+
+def _half_square(covariance: FloatArray, errors: FloatArray) -> float:
+    whitened = information_roots(covariance) @ errors[:, :, None]
+    return 0.5 * float((whitened**2).sum())
+
+
+class DriveEquations:
+    """What the unknowns must agree with: gravity and gauge, the odometry's links, the receiver's prior and the fixes."""
+
+    def __init__(self, chain: OdometryChain, links: OdometryLinks, fixes: FixTerms, noise: DriveNoise) -> None:
+        self.links, self.fixes, self.noise = links, fixes, noise
+        self._graph = _anchor_factors(chain, noise)
+        add_scale_factors(self._graph, links)
+        self._graph.push_back(fixes.constant())
+
+    def first_state(self, T_enu_node: FloatArray, receiver: FloatArray | None = None) -> DriveState:
+        """True scale, the receiver as told, every antenna where its node has it."""
+        receiver = np.zeros(RECEIVER) if receiver is None else receiver
+        values, places = gtsam.Values(), self.fixes.places(T_enu_node, receiver)
+        for i, T in enumerate(T_enu_node):
+            values.insert(pose_key(i), gtsam.Pose3(T))
+        for k in range(self.links.stretches):
+            values.insert(scale_key(k), 0.0)
+        for k, place in enumerate(places):
+            values.insert(antenna_key(k), gtsam.Point3(*place))
+        return DriveState(T_enu_node, np.zeros(self.links.stretches), receiver, places, values)
+
+    def tree(self, at: DriveState) -> gtsam.GaussianBayesTree:
+        """By QR: Cholesky gives up where a heading that nothing observes stands beside millimetres."""
+        linear = self._graph.linearize(at.values)
+        linear.push_back(link_factors(self.links, at.T_enu_node, at.scale))
+        linear.push_back(self.fixes.factors(at))
+        linear.push_back(receiver_prior(self.noise, at.receiver))
+        return linear.eliminateMultifrontal(function=gtsam.EliminateQR)
+
+    def cost(self, at: DriveState) -> float:
+        """Half the sum of squares, as gtsam counts."""
+        prior = 0.5 * float(((at.receiver / receiver_sigmas(self.noise)) ** 2).sum())
+        own = float(self._graph.error(at.values))
+        return own + link_cost(self.links, at.T_enu_node, at.scale) + self.fixes.cost(at) + prior
+
+    def descend(self, state: DriveState, iterations: int = MAX_ITERATIONS) -> DriveState:
+        """Gauss-Newton, with halved steps while the cost would grow."""
+        cost = self.cost(state)
+        for _ in range(iterations):
+            before = cost
+            state, cost = self._step(state, self.tree(state).optimize(), before)
+            if before - cost <= CONVERGED * (before + 1.0):
+                break
+        return state
+
+    def _step(self, state: DriveState, step: gtsam.VectorValues, cost: float) -> tuple[DriveState, float]:
+        """The state after the step, or after the first of its half, quarter, … that lowers the cost; unchanged when none does."""
+        receiver_step, share = step.at(receiver_key()), 1.0
+        for _ in range(MAX_HALVINGS):
+            moved = _moved(state, step, state.receiver + share * receiver_step)
+            new_cost = self.cost(moved)
+            if new_cost < cost:
+                return moved, new_cost
+            step, share = step.scale(0.5), 0.5 * share
+        return state, cost
+
+
+def _moved(state: DriveState, step: gtsam.VectorValues, receiver: FloatArray) -> DriveState:
+    values = state.values.retract(step)
+    scale = np.array([values.atDouble(scale_key(k)) for k in range(len(state.scale))])
+    places = np.array([values.atPoint3(antenna_key(k)) for k in range(len(state.place_enu))]).reshape(-1, 3)
+    T = np.array([values.atPose3(pose_key(i)).matrix() for i in range(len(state.T_enu_node))])
+    return DriveState(T, scale, receiver, places, values)
+
+
+def _anchor_factors(chain: OdometryChain, noise: DriveNoise) -> gtsam.NonlinearFactorGraph:
+    """Level, gauge and the guesses over losses: everything but odometry and GNSS."""
+    graph = gtsam.NonlinearFactorGraph()
+    gauge = _pose_sigmas(GAUGE_ROTATION_RAD, GAUGE_POSITION_M)
+    graph.add(gtsam.PriorFactorPose3(pose_key(0), gtsam.Pose3(), gauge))
+    for i in np.flatnonzero(~chain.connected).tolist():
+        lost = _pose_sigmas(LOST_ROTATION_RAD, LOST_POSITION_M + 0.5 * float(chain.length_m[i]))
+        step = gtsam.Pose3(se3.inverse(chain.T_world_node[i]) @ chain.T_world_node[i + 1])
+        graph.add(gtsam.BetweenFactorPose3(pose_key(i), pose_key(i + 1), step, lost))
+    up, camera_up = gtsam.Unit3(np.array([0.0, 0.0, 1.0])), gtsam.Unit3(np.array([0.0, -1.0, 0.0]))
+    level = gtsam.noiseModel.Isotropic.Sigma(2, noise.level_rad)
+    for node in chain.level:
+        graph.add(gtsam.AttitudeFactorPose3(pose_key(int(node)), up, level, camera_up))
+    return graph
+
+
+def _pose_sigmas(rotation_rad: float, position_m: float) -> gtsam.noiseModel.Diagonal:
+    return gtsam.noiseModel.Diagonal.Sigmas(np.array([rotation_rad] * 3 + [position_m] * 3))
+
+
+def marginal(tree: gtsam.GaussianBayesTree, key: int) -> FloatArray:
+    """Covariance of one unknown, (R^T R)^-1 of its marginal. (R is a view: the marginal must live as long.)"""
+    factor = tree.marginalFactor(key, function=gtsam.EliminateQR)
+    inverse_root = np.linalg.inv(factor.R())
+    return np.asarray(inverse_root @ inverse_root.T)
+
+
+def scale_sigmas(tree: gtsam.GaussianBayesTree, stretches: int) -> FloatArray:
+    """(S,) sigma of each scale unknown."""
+    variances = [float(marginal(tree, scale_key(k))[0, 0]) for k in range(stretches)]
+    return np.sqrt(np.array(variances, np.float64))
+
+
+def left_covariances(tree: gtsam.GaussianBayesTree, T_enu_node: FloatArray) -> FloatArray:
+    """(K, 6, 6): T exp(xi) = exp(Ad_T xi) T, after (omega, v) has been put in the order (v, omega)."""
+    order = [3, 4, 5, 0, 1, 2]
+    right = np.array([marginal(tree, pose_key(i))[np.ix_(order, order)] for i in range(len(T_enu_node))])
+    Ad = se3.adjoint(T_enu_node)
+    covariance = Ad @ right @ np.swapaxes(Ad, -1, -2)
+    return np.asarray(0.5 * (covariance + np.swapaxes(covariance, -1, -2)))

@@ -1,0 +1,311 @@
+"""Screening of GNSS fixes: how much they scatter, where they jump, and which stretches of them lie apart from the drive.
+
+GNSS errors come in stretches (a reflected signal, a wrong integer), not fix by fix; so fixes are judged by *stretches*, runs without a
+jump of at most STRETCH_S. Odometry is good to millimetres from fix to fix: a jump between two fixes that it does not show begins a new
+stretch.
+
+1. Scatter: the differences of neighbouring fixes against the odometry's say how much a receiver's fixes really scatter. Where that
+   is more than white noise of the claimed covariance, the covariance is inflated by it (median: up to half of the fixes may be wild).
+2. Jumps: differences beyond the gate of the noise so found cut the fixes into stretches, and each stretch into *witnesses*, the means of
+   few fixes near its ends and of more inside: a jump is only seen where both sides are near by, as the odometry's scale may explain the
+   same distance over a hundred metres.
+3. Stretches: truncated least squares with one weight a stretch, on a graph of the odometry with its slowly varying scale, the
+   receiver's time offset and lever arm, by graduated non-convexity (Yang et al., RA-L 2020). A stretch is left out for a price: the
+   quantile of chi-square of its witnesses, and PRICE_S for each second, so that of two parts that contradict each other the longer
+   is believed. It starts at the first guess; a second descent, which begins by leaving out what the guess itself denies, competes
+   with it, and the lower cost wins: the result is never worse than what the first guess says.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from wayloom.geometry import se3
+from wayloom.mapping.drive_equations import DriveEquations, DriveState, IndependentFixes
+from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain, ShiftedFixes
+from wayloom.mapping.gnss_factors import RECEIVER
+from wayloom.mapping.odometry_links import links_of
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+STRETCH_S = 20.0
+WITNESS_S = (0.4, 0.8, 1.6, 3.2)
+"""Durations of the witnesses from each end of a stretch inwards, s; the last one repeats."""
+PRICE_S = 1.0
+LEAST_FOR_SCATTER = 20
+SCATTER_SLACK = 1.3
+"""Times the claimed scatter from which a receiver is said to understate it."""
+HEADING_RAD = 0.03
+"""What the first guess's heading may be off by when neighbouring fixes are compared."""
+JUMP_PROBABILITY = 1.0 - 1e-5
+STEPS, SOLVES, FIRST_SOLVES, GROWTH, ALTERNATIONS = 40, 2, 6, 2.0, 10
+LEAST_WEIGHT = 1e-6
+LEAST_DOUBT = 0.05
+"""Share of the fixes' duration under which a part that lies apart at an end is no rival."""
+
+
+@dataclass(frozen=True, slots=True)
+class Screening:
+    """covariance (M, 3, 3) of the fixes as they really scatter; inlier (M,); noise_ratio by kind; shifted stretches; T_enu_node
+    (K, 4, 4) of all nodes and receiver (4,) at the end of it; unconfirmed_m: see `DriveSolution`."""
+
+    covariance: FloatArray
+    inlier: BoolArray
+    noise_ratio: dict[int, float]
+    shifted: tuple[ShiftedFixes, ...]
+    T_enu_node: FloatArray
+    receiver: FloatArray
+    unconfirmed_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Witnesses:
+    """W means of neighbouring fixes, in time order, and the B stretches that they belong to.
+
+    fixes        the middle fix of each witness with the mean of all, and the covariance of that
+    stretch      (W,) row of the stretch
+    first, last  (B,) rows of the fixes of each stretch, inclusive
+    price        (B,) half of what leaving it out costs; duration_s (B,)
+    """
+
+    fixes: AntennaFixes
+    stretch: IntArray
+    first: IntArray
+    last: IntArray
+    price: FloatArray
+    duration_s: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def sums(self, of_witness: FloatArray) -> FloatArray:
+        """(B,) sums over the witnesses (W,) of each stretch."""
+        return np.bincount(self.stretch, of_witness, len(self.first))
+
+    def means(self, of_witness: FloatArray) -> FloatArray:
+        """(B, 3) means over the witnesses (W, 3) of each stretch."""
+        count = np.bincount(self.stretch, minlength=len(self.first))
+        return np.stack([self.sums(column) / count for column in of_witness.T], axis=1)
+
+
+def screen(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise) -> Screening:
+    """Judge the fixes of a drive against its odometry, from a first guess T_enu_node (K, 4, 4)."""
+    steps = _steps(chain, fixes, T_enu_node)
+    covariance, ratios = _as_scattered(fixes, steps)
+    jump = _jumps(fixes, steps, covariance)
+    witnesses = _witnesses(fixes, jump, covariance, T_enu_node, noise)
+    graph = _WitnessGraph(chain, witnesses, noise)
+    weight, state = _lowest(graph, T_enu_node)
+    good = weight > 0.5
+    if not good.any():  # nothing agrees with the odometry: believe the fixes
+        good[:] = True
+    inlier = np.zeros(len(fixes), bool)
+    for first, last in zip(witnesses.first[good], witnesses.last[good], strict=True):
+        inlier[first : last + 1] = True
+    offset = witnesses.means(graph.fixes.residuals(state.T_enu_node, state.receiver))
+    shifted = _shifted(witnesses, good, jump, offset)
+    T = _carried(chain, graph.nodes, state.T_enu_node)
+    return Screening(covariance, inlier, ratios, shifted, T, state.receiver, _unconfirmed_m(witnesses, good, offset))
+
+
+def _carried(chain: OdometryChain, nodes: IntArray, T_enu_coarse: FloatArray) -> FloatArray:
+    """(K, 4, 4) all nodes, each carried by the last of `nodes` before it."""
+    before = np.searchsorted(nodes, np.arange(len(chain.T_world_node)), side="right") - 1
+    T_enu_world = T_enu_coarse @ se3.inverse(chain.T_world_node[nodes])
+    return np.asarray(T_enu_world[before] @ chain.T_world_node)
+
+
+def _steps(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(M - 1, 3) m by how much each fix differs from the one before more than the odometry does, and (M - 1,) m travelled."""
+    antenna = fixes.antenna_enu(T_enu_node, np.zeros(RECEIVER))
+    moved = np.diff(antenna, axis=0)
+    return np.diff(fixes.position_enu, axis=0) - moved, np.linalg.norm(moved, axis=1)
+
+
+def _as_scattered(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, dict[int, float]]:
+    """(M, 3, 3) covariances, inflated for kinds of fix whose differences are larger than white noise of them would give."""
+    covariance, ratios = fixes.covariance.copy(), {}
+    distance2 = _whitened2(fixes.covariance, steps)
+    same = fixes.kind[1:] == fixes.kind[:-1]
+    for kind in np.unique(fixes.kind).tolist():
+        rows = same & (fixes.kind[1:] == kind)
+        if rows.sum() < LEAST_FOR_SCATTER:
+            continue
+        ratio = float(np.sqrt(np.median(distance2[rows]) / chi2.ppf(0.5, 3)))
+        if ratio > SCATTER_SLACK:
+            ratios[kind] = ratio
+            covariance[fixes.kind == kind] *= ratio**2
+    return covariance, ratios
+
+
+def _whitened2(covariance: FloatArray, steps: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """(M - 1,) squared differences in sigmas, were the fixes' noise white and the heading as good as the guess."""
+    step, moved = steps
+    spread = covariance[1:] + covariance[:-1] + (HEADING_RAD * moved)[:, None, None] ** 2 * np.eye(3)
+    return np.einsum("ni,ni->n", step, np.linalg.solve(spread, step[:, :, None])[:, :, 0])
+
+
+def _jumps(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray], covariance: FloatArray) -> BoolArray:
+    """(M,) whether a fix begins something new: another kind, or a place that odometry does not lead to; true for the first."""
+    jump = np.ones(len(fixes), bool)
+    jump[1:] = (fixes.kind[1:] != fixes.kind[:-1]) | (_whitened2(covariance, steps) > chi2.ppf(JUMP_PROBABILITY, 3))
+    return jump
+
+
+def _witnesses(fixes: AntennaFixes, jump: BoolArray, covariance: FloatArray, T_enu_node: FloatArray, noise: DriveNoise) -> Witnesses:
+    """Cut the fixes at jumps and every STRETCH_S, and each stretch into witnesses."""
+    starts, parts = [0], []
+    for k in range(1, len(fixes)):
+        if jump[k] or fixes.t_s[k] - fixes.t_s[starts[-1]] > STRETCH_S:
+            starts.append(k)
+    ends = np.append(np.array(starts[1:], np.int64), len(fixes)) - 1
+    for row, (first, last) in enumerate(zip(starts, ends.tolist(), strict=True)):
+        parts += [(row, first + a, first + b) for a, b in _cuts(fixes.t_s[first : last + 1])]
+    stretch, a, b = np.array(parts, np.int64).reshape(-1, 3).T
+    middle, count = (a + b) // 2, (b - a + 1).astype(np.float64)
+    residual = fixes.residuals(T_enu_node, np.zeros(RECEIVER))
+    offset = np.array([np.median(residual[i : j + 1], axis=0) for i, j in zip(a, b, strict=True)]) - residual[middle]
+    share = noise.white_share**2 / count + (1.0 - noise.white_share**2)
+    spread = share[:, None, None] * covariance[middle] + noise.gate_floor_m**2 * np.eye(3)
+    taken = fixes.take(middle)
+    duration = fixes.t_s[ends] - fixes.t_s[starts]
+    price = chi2.ppf(noise.gate_probability, 3 * np.bincount(stretch)) + PRICE_S * duration
+    return Witnesses(
+        replace(taken, position_enu=taken.position_enu + offset, covariance=spread), stretch, np.array(starts, np.int64), ends, price,
+        duration,
+    )  # fmt: skip
+
+
+def _cuts(t_s: FloatArray) -> list[tuple[int, int]]:
+    """First and last (inclusive) of the witnesses of a stretch of fixes at t_s (n,): short ones near both ends."""
+    head, tail, low, high = [], [], 0, len(t_s) - 1
+    for step in range(len(t_s)):
+        width = WITNESS_S[min(step, len(WITNESS_S) - 1)]
+        if t_s[high] - t_s[low] <= 2.0 * width:
+            break
+        to = low + int(np.searchsorted(t_s[low:high], t_s[low] + width))
+        back = high - int(np.searchsorted(-t_s[low : high + 1][::-1], -t_s[high] + width)) + 1
+        head.append((low, max(to - 1, low)))
+        tail.append((min(back, high), high))
+        low, high = head[-1][1] + 1, tail[-1][0] - 1
+        if low > high:
+            break
+    return head + ([(low, high)] if low <= high else []) + tail[::-1]
+
+
+class _WitnessGraph:
+    """Witnesses and odometry over the nodes that witnesses are seen from."""
+
+    def __init__(self, chain: OdometryChain, witnesses: Witnesses, noise: DriveNoise) -> None:
+        ends, lost = np.array([0, len(chain.T_world_node) - 1], np.int64), np.flatnonzero(~chain.connected)
+        self.chain, self.witnesses, self.noise = chain, witnesses, noise
+        self.nodes = np.unique(np.concatenate([ends, witnesses.fixes.node, lost, lost + 1, chain.level]))
+        self.coarse = coarse_chain(chain, self.nodes)
+        self.links = links_of(self.coarse, noise)
+        self.fixes = replace(witnesses.fixes, node=np.searchsorted(self.nodes, witnesses.fixes.node))
+
+    def equations(self, weight: FloatArray) -> DriveEquations:
+        """With each stretch's weight (B,), 0 to 1, of its information."""
+        terms = IndependentFixes(self.fixes, np.maximum(weight, LEAST_WEIGHT)[self.witnesses.stretch])
+        return DriveEquations(self.coarse, self.links, terms, self.noise)
+
+    def solve(self, weight: FloatArray, start: DriveState, solves: int) -> DriveState:
+        """Descend from a state."""
+        return self.equations(weight).descend(start, solves)
+
+    def distance2(self, at: DriveState) -> FloatArray:
+        """(B,) sum of the squared distances of each stretch's witnesses from the antenna, in their sigmas."""
+        residual = self.fixes.residuals(at.T_enu_node, at.receiver)
+        of_witness = np.einsum("ni,ni->n", residual, np.linalg.solve(self.fixes.covariance, residual[:, :, None])[:, :, 0])
+        return self.witnesses.sums(of_witness)
+
+    def truncated_cost(self, at: DriveState) -> float:
+        """Half the truncated squares of the stretches plus what all else costs."""
+        distance2 = self.distance2(at)
+        others = self.equations(np.ones(len(self.witnesses))).cost(at) - 0.5 * float(distance2.sum())
+        return others + 0.5 * float(np.minimum(distance2, self.witnesses.price).sum())
+
+
+def coarse_chain(chain: OdometryChain, nodes: IntArray) -> OdometryChain:
+    """The chain over some of its nodes, both ends among them."""
+    road = np.concatenate([[0.0], np.cumsum(chain.length_m)])
+    breaks = np.concatenate([[0], np.cumsum(~chain.connected)])
+    level = np.flatnonzero(np.isin(nodes, chain.level))
+    return OdometryChain(chain.T_world_node[nodes], np.diff(road[nodes]), np.diff(breaks[nodes]) == 0, level)
+
+
+def _lowest(graph: _WitnessGraph, T_enu_node: FloatArray) -> tuple[FloatArray, DriveState]:
+    """Weights (B,) and state of the cheaper of two descents: graduated from convex, and from what the first guess itself denies."""
+    start = graph.equations(np.ones(len(graph.witnesses))).first_state(T_enu_node[graph.nodes])
+    ends = [_graduated(graph, start), _alternated(graph, start)]
+    return ends[int(np.argmin([graph.truncated_cost(state) for _, state in ends]))]
+
+
+def _graduated(graph: _WitnessGraph, start: DriveState) -> tuple[FloatArray, DriveState]:
+    """Truncated least squares by graduated non-convexity (Yang et al. 2020, eqs. 12 to 14)."""
+    price = graph.witnesses.price
+    weight = np.ones(len(price))
+    state = graph.solve(weight, start, FIRST_SOLVES)
+    ratio = graph.distance2(state) / price
+    mu = 1.0 / max(2.0 * float(ratio.max()) - 1.0, 1.0)
+    for _ in range(STEPS):
+        low, high = mu / (mu + 1.0), (mu + 1.0) / mu
+        middle = np.sqrt(mu * (mu + 1.0) / np.maximum(ratio, 1e-12)) - mu
+        weight = np.where(ratio <= low, 1.0, np.where(ratio >= high, 0.0, middle))
+        if ((weight < 0.001) | (weight > 0.999)).all() and mu > 1.0:
+            break
+        state = graph.solve(weight, state, SOLVES)
+        ratio = graph.distance2(state) / price
+        mu *= GROWTH
+    return _settled(graph, state)
+
+
+def _alternated(graph: _WitnessGraph, start: DriveState) -> tuple[FloatArray, DriveState]:
+    """Leave out the half that the first guess fits worst, then what the others deny."""
+    ratio = graph.distance2(start) / graph.witnesses.price
+    weight = np.where(ratio <= max(1.0, float(np.median(ratio))), 1.0, 0.0)
+    return _settled(graph, graph.solve(weight, start, FIRST_SOLVES))
+
+
+def _settled(graph: _WitnessGraph, state: DriveState) -> tuple[FloatArray, DriveState]:
+    """Stretches worth their price and the poses that go with them, in turn, until neither changes."""
+    weight = np.where(graph.distance2(state) <= graph.witnesses.price, 1.0, 0.0)
+    for _ in range(ALTERNATIONS):
+        state = graph.solve(weight, state, FIRST_SOLVES)
+        again = np.where(graph.distance2(state) <= graph.witnesses.price, 1.0, 0.0)
+        if (again == weight).all():
+            break
+        weight = again
+    return weight, state
+
+
+def _shifted(witnesses: Witnesses, good: BoolArray, jump: BoolArray, offset: FloatArray) -> tuple[ShiftedFixes, ...]:
+    """The stretches of fixes that lie apart, joined where no jump stands between them."""
+    found: list[list[int]] = []
+    for b in np.flatnonzero(~good).tolist():
+        if found and found[-1][-1] == b - 1 and not jump[witnesses.first[b]]:
+            found[-1].append(b)
+        else:
+            found.append([b])
+    return tuple(
+        ShiftedFixes(int(witnesses.first[rows[0]]), int(witnesses.last[rows[-1]]), np.median(offset[rows], axis=0)) for rows in found
+    )
+
+
+def _unconfirmed_m(witnesses: Witnesses, good: BoolArray, offset: FloatArray) -> float:
+    """How far the drive would lie elsewhere if the lesser part of its fixes were right, m, root of the expected square.
+
+    Where good fixes stand on both sides of a shifted stretch, the place is confirmed: the shift came and went. Where the fixes changed
+    once and for all, the greater part is believed, but the lesser may be right in proportion to its duration.
+    """
+    rows = np.flatnonzero(good)
+    outside = np.ones(len(good), bool)
+    outside[rows[0] : rows[-1] + 1] = False
+    if not outside.any():
+        return 0.0
+    believed, lesser = float(witnesses.duration_s[good].sum()), float(witnesses.duration_s[outside].sum())
+    share = lesser / max(believed + lesser, 1e-9)
+    return float(np.sqrt(share * (np.linalg.norm(offset[outside], axis=1) ** 2).max())) if share > LEAST_DOUBT else 0.0
