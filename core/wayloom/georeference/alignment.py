@@ -129,6 +129,7 @@ def _antenna_fixes(
         position_enu=geodesy.enu_from_lonlatheight(gnss.lon_lat_height[usable.rows], local),
         covariance=gnss.covariance_enu[usable.rows] + variance[:, None, None] * np.eye(3),
         kind=gnss.fix_type[usable.rows],
+        white_share=np.full(len(usable.rows), settings.gnss_white_share),
     )
 
 

@@ -23,6 +23,7 @@ from wayloom.mapping.gnss_factors import (
     receiver_key,
     receiver_prior,
     receiver_sigmas,
+    white_covariance,
 )
 from wayloom.mapping.odometry_links import OdometryLinks, add_scale_factors, link_cost, link_factors, pose_key, scale_key
 
@@ -75,12 +76,12 @@ class CorrelatedFixes:
 
     def factors(self, at: DriveState) -> gtsam.GaussianFactorGraph:
         """The white part."""
-        return antenna_factors(self.fixes, self.noise.white_share, at.T_enu_node, at.receiver, at.place_enu)
+        return antenna_factors(self.fixes, at.T_enu_node, at.receiver, at.place_enu)
 
     def cost(self, at: DriveState) -> float:
         """Half the squared white errors."""
         errors = antenna_errors(self.fixes, at.T_enu_node, at.receiver, at.place_enu)
-        return _half_square(self.noise.white_share**2 * self.fixes.covariance, errors)
+        return _half_square(white_covariance(self.fixes), errors)
 
 
 @dataclass(frozen=True, slots=True)

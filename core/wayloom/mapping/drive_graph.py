@@ -10,13 +10,9 @@ every fix that is kept the true place g of the antenna at that time.
 - Gravity: a camera is roughly level. On a straight road GNSS cannot tell the roll about the track; this weak prior does.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
-from wayloom.geometry import se3
 from wayloom.mapping.drive_equations import CorrelatedFixes, DriveEquations, left_covariances, marginal, scale_sigmas
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, DriveSolution, OdometryChain
 from wayloom.mapping.fix_screening import screen
@@ -33,7 +29,7 @@ def optimise_drive(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatA
     Fixes that are found to lie apart are left out altogether; at least one fix is needed.
     """
     screened = screen(chain, fixes, T_enu_node, noise)
-    kept = replace(fixes, covariance=screened.covariance).take(np.flatnonzero(screened.inlier))
+    kept = screened.fixes.take(np.flatnonzero(screened.inlier))
     links = links_of(chain, noise)
     equations = DriveEquations(chain, links, CorrelatedFixes(kept, noise), noise)
     state = equations.descend(equations.first_state(screened.T_enu_node, screened.receiver))

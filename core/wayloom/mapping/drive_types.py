@@ -37,6 +37,7 @@ class AntennaFixes:
     position_enu  (M, 3) m
     covariance    (M, 3, 3) m^2
     kind          (M,) uint8 FixType
+    white_share   (M,) share of sigma that is new with each fix
     """
 
     t_s: FloatArray
@@ -47,6 +48,7 @@ class AntennaFixes:
     position_enu: FloatArray
     covariance: FloatArray
     kind: NDArray[np.uint8]
+    white_share: FloatArray
 
     def __len__(self) -> int:
         return len(self.t_s)

@@ -36,6 +36,7 @@ WITNESS_S = (0.4, 0.8, 1.6, 3.2)
 """Durations of the witnesses from each end of a stretch inwards, s; the last one repeats."""
 PRICE_S = 1.0
 LEAST_FOR_SCATTER = 20
+WHITE_SHARES = (0.1, 0.95)
 SCATTER_SLACK = 1.3
 """Times the claimed scatter from which a receiver is said to understate it."""
 HEADING_RAD = 0.03
@@ -49,10 +50,10 @@ LEAST_DOUBT = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Screening:
-    """covariance (M, 3, 3) of the fixes as they really scatter; inlier (M,); noise_ratio by kind; shifted stretches; T_enu_node
+    """fixes as they really scatter; inlier (M,); noise_ratio by kind; shifted stretches; T_enu_node
     (K, 4, 4) of all nodes and receiver (4,) at the end of it; unconfirmed_m: see `DriveSolution`."""
 
-    covariance: FloatArray
+    fixes: AntennaFixes
     inlier: BoolArray
     noise_ratio: dict[int, float]
     shifted: tuple[ShiftedFixes, ...]
@@ -94,9 +95,9 @@ class Witnesses:
 def screen(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise) -> Screening:
     """Judge the fixes of a drive against its odometry, from a first guess T_enu_node (K, 4, 4)."""
     steps = _steps(chain, fixes, T_enu_node)
-    covariance, ratios = _as_scattered(fixes, steps)
-    jump = _jumps(fixes, steps, covariance)
-    witnesses = _witnesses(fixes, jump, covariance, T_enu_node, noise)
+    fixes, ratios = _as_scattered(fixes, steps)
+    jump = _jumps(fixes, steps)
+    witnesses = _witnesses(fixes, jump, T_enu_node, noise)
     graph = _WitnessGraph(chain, witnesses, noise)
     weight, state = _lowest(graph, T_enu_node)
     good = weight > 0.5
@@ -108,7 +109,7 @@ def screen(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, no
     offset = witnesses.means(graph.fixes.residuals(state.T_enu_node, state.receiver))
     shifted = _shifted(witnesses, good, jump, offset)
     T = _carried(chain, graph.nodes, state.T_enu_node)
-    return Screening(covariance, inlier, ratios, shifted, T, state.receiver, _unconfirmed_m(witnesses, good, offset))
+    return Screening(fixes, inlier, ratios, shifted, T, state.receiver, _unconfirmed_m(witnesses, good, offset))
 
 
 def _carried(chain: OdometryChain, nodes: IntArray, T_enu_coarse: FloatArray) -> FloatArray:
@@ -125,20 +126,29 @@ def _steps(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray) ->
     return np.diff(fixes.position_enu, axis=0) - moved, np.linalg.norm(moved, axis=1)
 
 
-def _as_scattered(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, dict[int, float]]:
-    """(M, 3, 3) covariances, inflated for kinds of fix whose differences are larger than white noise of them would give."""
-    covariance, ratios = fixes.covariance.copy(), {}
-    distance2 = _whitened2(fixes.covariance, steps)
-    same = fixes.kind[1:] == fixes.kind[:-1]
+def _as_scattered(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> tuple[AntennaFixes, dict[int, float]]:
+    """The fixes with the white share that their differences show, kind by kind, and covariances inflated where even wholly white
+    noise of them would differ less. How many times less, by kind."""
+    covariance, share, ratios = fixes.covariance.copy(), fixes.white_share.copy(), {}
+    distance2 = _scatter2(fixes.covariance, steps[0])
+    same = (fixes.kind[2:] == fixes.kind[1:-1]) & (fixes.kind[1:-1] == fixes.kind[:-2])
     for kind in np.unique(fixes.kind).tolist():
-        rows = same & (fixes.kind[1:] == kind)
+        rows = same & (fixes.kind[2:] == kind)
         if rows.sum() < LEAST_FOR_SCATTER:
             continue
         ratio = float(np.sqrt(np.median(distance2[rows]) / chi2.ppf(0.5, 3)))
+        share[fixes.kind == kind] = np.clip(ratio, *WHITE_SHARES)
         if ratio > SCATTER_SLACK:
             ratios[kind] = ratio
             covariance[fixes.kind == kind] *= ratio**2
-    return covariance, ratios
+    return replace(fixes, covariance=covariance, white_share=share), ratios
+
+
+def _scatter2(covariance: FloatArray, step: FloatArray) -> FloatArray:
+    """(M - 2,) squared second differences in sigmas, were the fixes' noise white. A heading that is off leaves no second difference."""
+    bend = np.diff(step, axis=0)
+    spread = covariance[2:] + 4.0 * covariance[1:-1] + covariance[:-2]
+    return np.einsum("ni,ni->n", bend, np.linalg.solve(spread, bend[:, :, None])[:, :, 0])
 
 
 def _whitened2(covariance: FloatArray, steps: tuple[FloatArray, FloatArray]) -> FloatArray:
@@ -148,14 +158,14 @@ def _whitened2(covariance: FloatArray, steps: tuple[FloatArray, FloatArray]) -> 
     return np.einsum("ni,ni->n", step, np.linalg.solve(spread, step[:, :, None])[:, :, 0])
 
 
-def _jumps(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray], covariance: FloatArray) -> BoolArray:
+def _jumps(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> BoolArray:
     """(M,) whether a fix begins something new: another kind, or a place that odometry does not lead to; true for the first."""
     jump = np.ones(len(fixes), bool)
-    jump[1:] = (fixes.kind[1:] != fixes.kind[:-1]) | (_whitened2(covariance, steps) > chi2.ppf(JUMP_PROBABILITY, 3))
+    jump[1:] = (fixes.kind[1:] != fixes.kind[:-1]) | (_whitened2(fixes.covariance, steps) > chi2.ppf(JUMP_PROBABILITY, 3))
     return jump
 
 
-def _witnesses(fixes: AntennaFixes, jump: BoolArray, covariance: FloatArray, T_enu_node: FloatArray, noise: DriveNoise) -> Witnesses:
+def _witnesses(fixes: AntennaFixes, jump: BoolArray, T_enu_node: FloatArray, noise: DriveNoise) -> Witnesses:
     """Cut the fixes at jumps and every STRETCH_S, and each stretch into witnesses."""
     starts, parts = [0], []
     for k in range(1, len(fixes)):
@@ -168,8 +178,9 @@ def _witnesses(fixes: AntennaFixes, jump: BoolArray, covariance: FloatArray, T_e
     middle, count = (a + b) // 2, (b - a + 1).astype(np.float64)
     residual = fixes.residuals(T_enu_node, np.zeros(RECEIVER))
     offset = np.array([np.median(residual[i : j + 1], axis=0) for i, j in zip(a, b, strict=True)]) - residual[middle]
-    share = noise.white_share**2 / count + (1.0 - noise.white_share**2)
-    spread = share[:, None, None] * covariance[middle] + noise.gate_floor_m**2 * np.eye(3)
+    white2 = fixes.white_share[middle] ** 2
+    share = white2 / count + (1.0 - white2)
+    spread = share[:, None, None] * fixes.covariance[middle] + noise.gate_floor_m**2 * np.eye(3)
     taken = fixes.take(middle)
     duration = fixes.t_s[ends] - fixes.t_s[starts]
     price = chi2.ppf(noise.gate_probability, 3 * np.bincount(stretch)) + PRICE_S * duration

@@ -51,7 +51,7 @@ def add_correlated_noise(graph: gtsam.NonlinearFactorGraph, fixes: AntennaFixes,
     """Add the Ornstein-Uhlenbeck part of the noise: priors on the g_k and links between them."""
     rho = correlations(fixes.t_s, fixes.covariance, noise.correlation_s)
     unary = ou_unary(rho)
-    correlated = (1.0 - noise.white_share**2) * fixes.covariance
+    correlated = (1.0 - fixes.white_share**2)[:, None, None] * fixes.covariance
     sigma = np.sqrt(np.trace(fixes.covariance, axis1=1, axis2=2))
     for k in range(len(fixes)):
         prior = gtsam.noiseModel.Gaussian.Covariance(correlated[k] / unary[k])
@@ -81,18 +81,23 @@ def antenna_jacobians(fixes: AntennaFixes, T_enu_node: FloatArray, receiver: Flo
 
 
 def antenna_factors(
-    fixes: AntennaFixes, white_share: float, T_enu_node: FloatArray, receiver: FloatArray, place_enu: FloatArray
+    fixes: AntennaFixes, T_enu_node: FloatArray, receiver: FloatArray, place_enu: FloatArray
 ) -> gtsam.GaussianFactorGraph:
     """e_k linear at T_enu_node (K, 4, 4), receiver (4,) and the g of each fix place_enu (M, 3), whitened."""
     by_pose, by_receiver = antenna_jacobians(fixes, T_enu_node, receiver)
     error = antenna_errors(fixes, T_enu_node, receiver, place_enu)
-    root = information_roots(white_share**2 * fixes.covariance)
+    root = information_roots(white_covariance(fixes))
     graph = gtsam.GaussianFactorGraph()
     unit, key = gtsam.noiseModel.Unit.Create(3), receiver_key()
     rows = zip(fixes.node.tolist(), root @ by_pose, root @ by_receiver, -(root @ error[:, :, None])[:, :, 0], strict=True)
     for k, (node, A, B, b) in enumerate(rows):
         graph.add(gtsam.JacobianFactor(pose_key(node), A, antenna_key(k), -root[k], key, B, b, unit))
     return graph
+
+
+def white_covariance(fixes: AntennaFixes) -> FloatArray:
+    """(M, 3, 3) m^2 of w_k."""
+    return np.asarray((fixes.white_share**2)[:, None, None] * fixes.covariance)
 
 
 def fix_factors(
