@@ -32,7 +32,7 @@ class GeoReferenceSettings(Settings):
         0.9999, gt=0.9, lt=1.0, description="a fix is an outlier beyond this quantile of chi-square (3)"
     )
     gate_floor_m: float = Field(
-        0.05, ge=0.0, le=5.0, description="added to a fix's sigma when it is judged, never when it is used, m"
+        0.02, ge=0.0, le=5.0, description="added to a fix's sigma when it is judged, never when it is used, m"
     )
     time_offset_sigma_s: float = Field(
         0.02, gt=0.0, le=10.0, description="prior sigma of the receiver's clock against the cameras', s"

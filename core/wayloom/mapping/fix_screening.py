@@ -35,6 +35,7 @@ STRETCH_S = 20.0
 WITNESS_S = (0.4, 0.8, 1.6, 3.2)
 """Durations of the witnesses from each end of a stretch inwards, s; the last one repeats."""
 PRICE_S = 1.0
+IMPORTANT_S, LEAST_IMPORTANCE = 2.0, 0.05
 LEAST_FOR_SCATTER = 20
 WHITE_SHARES = (0.1, 0.95)
 SCATTER_SLACK = 1.3
@@ -44,7 +45,7 @@ HEADING_RAD = 0.03
 JUMP_PROBABILITY = 1.0 - 1e-5
 STEPS, SOLVES, FIRST_SOLVES, GROWTH, ALTERNATIONS = 40, 2, 6, 2.0, 10
 LEAST_WEIGHT = 1e-6
-LEAST_DOUBT = 0.05
+LEAST_DOUBT = 0.25
 """Share of the fixes' duration under which a part that lies apart at an end is no rival."""
 
 
@@ -69,7 +70,8 @@ class Witnesses:
     fixes        the middle fix of each witness with the mean of all, and the covariance of that
     stretch      (W,) row of the stretch
     first, last  (B,) rows of the fixes of each stretch, inclusive
-    price        (B,) half of what leaving it out costs; duration_s (B,)
+    price        (B,) twice what leaving it out costs; duration_s (B,)
+    importance   (B,) 0 to 1: share of its information that counts: a fix that is alone between two jumps is no witness of a second
     """
 
     fixes: AntennaFixes
@@ -78,6 +80,7 @@ class Witnesses:
     last: IntArray
     price: FloatArray
     duration_s: FloatArray
+    importance: FloatArray
 
     def __len__(self) -> int:
         return len(self.first)
@@ -186,7 +189,7 @@ def _witnesses(fixes: AntennaFixes, jump: BoolArray, T_enu_node: FloatArray, noi
     price = chi2.ppf(noise.gate_probability, 3 * np.bincount(stretch)) + PRICE_S * duration
     return Witnesses(
         replace(taken, position_enu=taken.position_enu + offset, covariance=spread), stretch, np.array(starts, np.int64), ends, price,
-        duration,
+        duration, np.clip(duration / IMPORTANT_S, LEAST_IMPORTANCE, 1.0),
     )  # fmt: skip
 
 
@@ -220,7 +223,7 @@ class _WitnessGraph:
 
     def equations(self, weight: FloatArray) -> DriveEquations:
         """With each stretch's weight (B,), 0 to 1, of its information."""
-        terms = IndependentFixes(self.fixes, np.maximum(weight, LEAST_WEIGHT)[self.witnesses.stretch])
+        terms = IndependentFixes(self.fixes, (np.maximum(weight, LEAST_WEIGHT) * self.witnesses.importance)[self.witnesses.stretch])
         return DriveEquations(self.coarse, self.links, terms, self.noise)
 
     def solve(self, weight: FloatArray, start: DriveState, solves: int) -> DriveState:
@@ -236,8 +239,9 @@ class _WitnessGraph:
     def truncated_cost(self, at: DriveState) -> float:
         """Half the truncated squares of the stretches plus what all else costs."""
         distance2 = self.distance2(at)
-        others = self.equations(np.ones(len(self.witnesses))).cost(at) - 0.5 * float(distance2.sum())
-        return others + 0.5 * float(np.minimum(distance2, self.witnesses.price).sum())
+        importance = self.witnesses.importance
+        others = self.equations(np.ones(len(self.witnesses))).cost(at) - 0.5 * float(importance @ distance2)
+        return others + 0.5 * float(importance @ np.minimum(distance2, self.witnesses.price))
 
 
 def coarse_chain(chain: OdometryChain, nodes: IntArray) -> OdometryChain:
