@@ -27,6 +27,7 @@ from wayloom.pipeline.drive import process_drive
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.reports.drive_report import write_report
 from wayloom.segmentation.scores import scores_from_logits
+from wayloom.segmentation.settings import SegmentationSettings
 
 KEYFRAMES = 25
 """As many as reach a point in the middle, by default."""
@@ -116,7 +117,13 @@ def share_of(log: Path, model: str | None) -> float:
     for _ in range(2):
         clock = Clock()
         with tempfile.TemporaryDirectory() as folder:
-            process_drive(log, Path(folder), ProcessSettings(model=model), progress=clock, write_more=write_report)
+            process_drive(
+                log,
+                Path(folder),
+                ProcessSettings(segmentation=SegmentationSettings(model=model)),
+                progress=clock,
+                write_more=write_report,
+            )
             clock("end", 1.0, "")
     seconds = clock.seconds
     share = 100 * seconds["labelling"] / sum(seconds.values())

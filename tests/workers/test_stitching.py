@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from wayloom.config.progress import silent
-from wayloom.config.service import ServiceSettings
 from wayloom.georeference import geodesy
 from wayloom.georeference.frames import map_frame_for
 from wayloom.georeference.types import MapFrame
+from wayloom.pipeline.settings import WayloomSettings
 from wayloom.store import drives, maps
 from wayloom.store.jobs import Claim
 from wayloom.store.manifest import Manifest, ManifestFile
@@ -29,7 +29,7 @@ LON, LAT = 8.4, 48.9995
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[WorkerContext]:
-    made = make_bench(ServiceSettings(data_dir=tmp_path / "data"))
+    made = make_bench(WayloomSettings(data_dir=tmp_path / "data"))
     upgrade(made.database)
     yield made
     made.database.close()
@@ -73,7 +73,7 @@ def stitched(bench: WorkerContext, out_dir: Path) -> dict[str, object]:
 
 
 def test_the_order_in_which_drives_came_changes_no_byte(bench: WorkerContext, tmp_path: Path) -> None:
-    other = make_bench(ServiceSettings(data_dir=tmp_path / "other"))
+    other = make_bench(WayloomSettings(data_dir=tmp_path / "other"))
     upgrade(other.database)
     for name, seed in (("a", 1), ("b", 2), ("c", 3)):
         add(bench, name, seed)
@@ -127,7 +127,7 @@ def tiles_of(points_enu: np.ndarray, frame: MapFrame, zoom: int = 18) -> set[tup
 
 
 def test_the_settings_origin_is_the_frame_where_there_is_one(tmp_path: Path) -> None:
-    bench = make_bench(ServiceSettings(data_dir=tmp_path / "data", map_origin=(8.41, 49.0, 100.0)))
+    bench = make_bench(WayloomSettings(data_dir=tmp_path / "data", map_origin=(8.41, 49.0, 100.0)))
     upgrade(bench.database)
     add(bench, "a", 1)
     assert stitched(bench, tmp_path / "1")["frame"] == [8.41, 49.0, 100.0]

@@ -26,9 +26,8 @@ TRACK_POINTS: Final = 2000
 
 
 def _settings(work: StageAttempt) -> ProcessSettings:
-    """The pipeline's settings as the service's say."""
-    settings = work.bench.settings
-    return ProcessSettings(model=settings.model, map_origin=settings.map_origin, threads=settings.threads)
+    """Those of the service that a drive's stages are told."""
+    return work.bench.settings.of_drives()
 
 
 def _call(work: StageAttempt) -> dict[str, Any]:

@@ -50,7 +50,7 @@ def labels(
 ) -> None:
     """Accuracy of labelled points: single image, TCL mono, TCL stereo, our best form (the paper's table)."""
     from wayloom.cli.odometry import shown_progress
-    from wayloom.cli.process import default_threads
+    from wayloom.cli.options import default_threads
     from wayloom.evaluation.label_ablation import ABLATION
     from wayloom.evaluation.label_pictures import write_figure
     from wayloom.evaluation.label_tables import as_csv, as_latex, as_text

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from wayloom.cli.options import ConfigOption
 from wayloom.errors import ConfigError, NotFoundError
 
 if TYPE_CHECKING:
@@ -24,15 +25,18 @@ def upload_command(
     vehicle: Annotated[str | None, typer.Option(help="Id of the vehicle that drove.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write what the service says of each drive there.")] = None,
     connections: Annotated[int, typer.Option(min=1, max=32, help="Files sent at once.")] = 4,
+    config: ConfigOption = None,
 ) -> None:
     """Send drive logs to a service. Run it again after any interruption: it continues where the service has it."""
     from wayloom.client.api import Api
     from wayloom.client.manifests import pack
     from wayloom.files.atomic import write_atomically
+    from wayloom.pipeline.settings import load_settings
 
     if gnss is not None and len(logs) > 1:
         raise ConfigError("--gnss belongs to one drive, several were given", remedy="send the drives one by one")
-    with Api(to, connections=connections) as api, progress_bars() as bars:
+    key = load_settings(config).settings.api_key
+    with Api(to, key, connections) as api, progress_bars() as bars:
         parcels = []
         for path in logs:
             bar = bars.add_task(f"{path.name}: reading", total=None, words="")

@@ -98,7 +98,7 @@ def process_drive(
     log = open_log(log_path, gnss=gnss_path)
     check_outside(log, out_dir)
     Network(
-        find_model(settings.model or DEFAULT_MODEL), device=settings.device
+        find_model(settings.segmentation.model or DEFAULT_MODEL), device=settings.segmentation.device
     )  # one that cannot be used is told now, not after the odometry
     progress("ingest", 0.0, "looking at the first pairs")
     lens_of(settings, log)  # a rig file that cannot be used, too
