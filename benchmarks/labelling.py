@@ -20,6 +20,7 @@ import numpy as np
 from made_drive import CAMERA, HeldImages, made_drive, random_images, texture
 from test_tcl import naive_votes
 
+from wayloom.config.progress import Progress, silent
 from wayloom.labelling.settings import PAPER, LabellingSettings
 from wayloom.labelling.tcl import label_points
 from wayloom.odometry.types import OdometryResult, Points
@@ -106,10 +107,11 @@ class Clock:
         self.seconds: dict[str, float] = defaultdict(float)
         self._stage, self._since = "start", time.process_time()
 
-    def __call__(self, stage: str, share: float, what: str) -> None:
+    def __call__(self, stage: str) -> Progress:
         now = time.process_time()
         self.seconds[self._stage] += now - self._since
         self._stage, self._since = stage, now
+        return silent
 
 
 def share_of(log: Path, model: str | None) -> float:
@@ -124,7 +126,7 @@ def share_of(log: Path, model: str | None) -> float:
                 progress=clock,
                 write_more=write_report,
             )
-            clock("end", 1.0, "")
+            clock("end")
     seconds = clock.seconds
     share = 100 * seconds["labelling"] / sum(seconds.values())
     print(f"{log}: labelling {share:.1f} % of " + ", ".join(f"{name} {s:.1f} s" for name, s in seconds.items()))

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from wayloom.cli.options import ConfigOption
+from wayloom.cli.progress_bars import ProgressBars
 from wayloom.cli.supervisor import ending_with_parent
 from wayloom.errors import ConfigError, ServiceError, StageError
 
@@ -47,7 +48,7 @@ def demo_command(
     config: ConfigOption = None,
 ) -> None:
     """Simulate two drives (or take a log), upload them to a service, map them, and show the map."""
-    from wayloom.cli.upload import finished_stages, follow, progress_bars, send, summary
+    from wayloom.cli.upload import finished_stages, follow, send, summary
     from wayloom.client.api import Api
     from wayloom.client.manifests import pack
     from wayloom.config.sources import Option, child_environment
@@ -74,8 +75,8 @@ def demo_command(
         if log is not None and settings.segmentation.model is None:
             say("labels: the built-in network knows simulated streets only; give another by --model (`wayloom models` lists some)")
         api = Api(url, settings.api_key)
-        with progress_bars() as bars:
-            parcels = [pack(path, fleet.gnss, None, lambda _done, _of: None) for path in fleet.logs]
+        with ProgressBars(sys.stdout) as bars:
+            parcels = [pack(path, fleet.gnss) for path in fleet.logs]
             before = [finished_stages(api, parcel.manifest.drive_id) for parcel in parcels]
             ids = [send(api, parcel, bars, 4) for parcel in parcels]
             drives = [follow(api, drive_id, bars, done) for drive_id, done in zip(ids, before, strict=True)]
@@ -99,9 +100,6 @@ def say(text: str) -> None:
 
 def simulated(out: Path) -> Fleet:
     """Two drives of the simulated city; drawn once, found again by later demos of this version."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
     from wayloom import __version__
     from wayloom.simulation.recording.presets import CITY_ORIGIN, PRESETS
     from wayloom.simulation.recording.simulate import simulate
@@ -118,15 +116,8 @@ def simulated(out: Path) -> Fleet:
         say(f"the simulated drives are in {folder}")
     else:
         say("simulating two drives of the same streets (the first run compiles its kernels)")
-        columns = (TextColumn("{task.description}"), BarColumn(28), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())
-        console = Console(file=sys.stderr)
-        with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
-            bar = bars.add_task("starting", total=1.0)
-            threads = min(4, os.cpu_count() or 1)
-            simulate(
-                PRESET, folder, SIZE, threads=threads,
-                progress=lambda share, what: bars.update(bar, completed=share, description=what),
-            )  # fmt: skip
+        with ProgressBars() as bars:
+            simulate(PRESET, folder, SIZE, threads=min(4, os.cpu_count() or 1), progress=bars("simulating"))
     return Fleet(logs, None, (CITY_ORIGIN.lon_deg, CITY_ORIGIN.lat_deg, CITY_ORIGIN.height_m))
 
 

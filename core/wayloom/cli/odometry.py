@@ -1,19 +1,16 @@
 """`wayloom odometry`: the trajectory of a drive, and its cloud of points."""
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wayloom.cli.interrupts import check
 from wayloom.cli.options import ConfigOption
+from wayloom.cli.progress_bars import ProgressBars
 
 if TYPE_CHECKING:
-    from wayloom.config.progress import Progress
     from wayloom.odometry.types import OdometryResult
 
 VOID = 255
@@ -71,7 +68,8 @@ def odometry_command(
         for file in filter(None, (out, points, json, evidence)):
             check_writable(file)
         written = None if debug is None else Debug(debug)
-        with shown_progress() as progress:
+        with ProgressBars(quarters=True) as bars:
+            progress = bars("odometry")
             result = track_calibrated(drive, settings.odometry, progress, settings.threads, lens, collector, written)
         write_results(result, out, format, points, json)
         if collector is not None and evidence is not None:
@@ -79,42 +77,6 @@ def odometry_command(
     warn_of_losses(result.report)
     warn_of_calibration(result.report)
     typer.echo(f"{result.report['tracked']} of {len(drive)} frames tracked, {result.report['keyframes']} keyframes: {out}")
-
-
-@contextmanager
-def shown_progress() -> "Iterator[Progress]":
-    """A bar on stderr while it is a terminal, a few lines otherwise."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bars
-
-    console = Console(stderr=True)
-    columns = (TextColumn("odometry"), BarColumn(), MofNCompleteColumn(), TextColumn("%"), TimeRemainingColumn())
-    if not console.is_terminal:
-        yield lines_on_stderr()
-        return
-    with Bars(*columns, TextColumn("{task.description}"), console=console) as bars:
-        task = bars.add_task("", total=100)
-
-        def show(share: float, what: str, /) -> None:
-            check()
-            bars.update(task, completed=int(100 * share), description=what)
-
-        yield show
-
-
-def lines_on_stderr(every: float = 0.25) -> "Progress":
-    """Progress for a log file: what is being done, first and then each time that another quarter is done."""
-    due = 0.0
-
-    def show(share: float, what: str, /) -> None:
-        nonlocal due
-        check()
-        if share >= due:
-            sys.stderr.write(f"odometry {100 * share:3.0f} %: {what}\n")
-            due = share + every
-
-    return show
 
 
 def write_results(

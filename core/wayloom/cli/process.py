@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from wayloom.cli.options import ConfigOption, default_threads
+from wayloom.cli.progress_bars import ProgressBars
 
 if TYPE_CHECKING:
-    from wayloom.pipeline.drive import DriveProgress, DriveResult
+    from wayloom.pipeline.drive import DriveResult
 
 
 def process_command(
@@ -41,7 +42,7 @@ def process_command(
     )  # fmt: skip
     loaded = load_settings(config, *given, threads=default_threads())
     check_usable(loaded)
-    with shown_progress() as progress:
+    with ProgressBars() as progress:
         result = process_drive(log, out, loaded.settings.of_drives(), gnss, progress, write_report)
     for warning in warnings(result):
         sys.stderr.write(f"wayloom: warning: {warning}\n")
@@ -49,41 +50,6 @@ def process_command(
         typer.echo((out / JSON_FILE).read_text(), nl=False)
     else:
         typer.echo(summary(result, out))
-
-
-class shown_progress:  # noqa: N801  used as a context manager
-    """A line a stage on standard error: bars on a terminal, one line at the end of each stage elsewhere."""
-
-    def __enter__(self) -> "DriveProgress":
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
-
-        console = Console(file=sys.stderr)
-        columns = (
-            TextColumn("{task.fields[stage]:13}"),
-            BarColumn(28),
-            TextColumn("{task.percentage:3.0f} %"),
-            TimeElapsedColumn(),
-        )
-        self.bars = Progress(
-            *columns, TextColumn("{task.description}", style="dim"), console=console, disable=not console.is_terminal
-        )
-        tasks: dict[str, TaskID] = {}
-        self.bars.start()
-
-        def show(stage: str, share: float, what: str, /) -> None:
-            if stage not in tasks:
-                tasks[stage] = self.bars.add_task(what, total=1.0, stage=stage)
-            self.bars.update(tasks[stage], completed=share, description=what)
-            if share >= 1.0:
-                self.bars.stop_task(tasks[stage])
-                if not console.is_terminal and what.startswith("done"):
-                    sys.stderr.write(f"{stage}: {what}\n")
-
-        return show
-
-    def __exit__(self, *_: object) -> None:
-        self.bars.stop()
 
 
 def summary(result: "DriveResult", out: Path) -> str:

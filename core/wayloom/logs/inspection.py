@@ -134,7 +134,7 @@ def imu_place(T_cam_imu: FloatArray) -> tuple[float, float, float]:
 def damaged_images(log: DriveLog, decode: bool, progress: Progress) -> Sequence[LogError]:
     """The errors of all images that cannot be used."""
     if isinstance(log, StoredLog):
-        return log.damaged(decode=decode, progress=lambda share: progress(share, "looking at images"))
+        return log.damaged(decode=decode, progress=progress)
     found = []
     for i in range(len(log)):
         try:
