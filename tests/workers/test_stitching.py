@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from wayloom.config.progress import silent
-from wayloom.georeference import geodesy
-from wayloom.georeference.frames import map_frame_for
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy import wgs84
+from wayloom.geodesy.map_frame import MapFrame, map_frame_for
 from wayloom.pipeline.settings import WayloomSettings
 from wayloom.store import drives, maps
 from wayloom.store.jobs import Claim
@@ -49,7 +48,7 @@ def placed(drive_id: str, seed: int, lat: float = LAT) -> PlacedSubmap:
     submap.T_submap_cam[1, 0, 3] = 30.0
     frame = map_frame_for(LON, lat)
     T_enu_submap = np.eye(4)
-    T_enu_submap[:3, 3] = geodesy.enu_from_lonlatheight(np.array([[LON, lat, 110.0]]), frame)[0]
+    T_enu_submap[:3, 3] = wgs84.enu_from_lonlatheight(np.array([[LON, lat, 110.0]]), frame)[0]
     return PlacedSubmap(submap, T_enu_submap, np.eye(6) * 0.01, drive_id, frame)
 
 
@@ -119,7 +118,7 @@ def test_a_drive_of_another_city_does_not_stop_the_map(bench: WorkerContext, tmp
 def tiles_of(points_enu: np.ndarray, frame: MapFrame, zoom: int = 18) -> set[tuple[int, int]]:
     """The tiles in which points lie, each point by itself."""
     found = set()
-    for lon, lat, _ in geodesy.lonlatheight_from_enu(points_enu, frame):
+    for lon, lat, _ in wgs84.lonlatheight_from_enu(points_enu, frame):
         x = (lon + 180.0) / 360.0
         y = 0.5 - np.arcsinh(np.tan(np.radians(lat))) / (2.0 * np.pi)
         found.add((int(x * (1 << zoom)), int(y * (1 << zoom))))

@@ -7,8 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from wayloom.georeference import geodesy
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy import wgs84
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.uncertainty import moved_covariance
 from wayloom.stitching.merge import KEY_LIMIT, merge
 from wayloom.store import maps
@@ -58,7 +58,7 @@ def _reached(frame: MapFrame, rows: Sequence[SubmapRow], reach_m: float) -> list
     """The submaps, each by the place of its origin, that lie within reach_m of the frame's origin along every axis."""
     if not rows:
         return []
-    places = [(geodesy.T_enu_enu(frame, MapFrame(*row.frame)) @ np.array(row.T_enu_submap, np.float64))[:3, 3] for row in rows]
+    places = [(wgs84.T_enu_enu(frame, MapFrame(*row.frame)) @ np.array(row.T_enu_submap, np.float64))[:3, 3] for row in rows]
     near = np.abs(np.array(places)).max(axis=1) < reach_m
     return [row for row, is_near in zip(rows, near.tolist(), strict=True) if is_near]
 
@@ -84,7 +84,7 @@ def _placed(
     for count, row in enumerate(rows):
         work.progress(0.5 * count / len(rows), f"submap {count + 1} of {len(rows)}")
         submap = decode_submap(work.bench.blobs.get(row.digest), row.digest)
-        T_map_row = geodesy.T_enu_enu(frame, MapFrame(*row.frame))
+        T_map_row = wgs84.T_enu_enu(frame, MapFrame(*row.frame))
         covariance = moved_covariance(T_map_row, np.array(row.covariance, np.float64)[None])[0]
         placed = PlacedSubmap(submap, T_map_row @ np.array(row.T_enu_submap, np.float64), covariance, row.drive_id, frame)
         if len(submap.keyframe_t_ns):

@@ -8,8 +8,8 @@ from pydantic import Field
 from wayloom.config.service import ServiceSettings
 from wayloom.config.settings import Settings
 from wayloom.config.sources import Loaded, Option, load
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.settings import GeoReferenceSettings
-from wayloom.georeference.types import MapFrame
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.segmentation.settings import SegmentationSettings
