@@ -1,4 +1,4 @@
-"""What every endpoint has at hand."""
+"""Service context of the endpoints: settings, database, blob storage, broker, metrics, and the API key check."""
 
 import secrets
 import threading

@@ -1,4 +1,4 @@
-"""What changes, pushed as server-sent events. One poller reads the rows for all listeners, so events need no broker."""
+"""Server-sent events of drives and maps. One poller reads the rows for all listeners, so events need no broker."""
 
 import asyncio
 import json

@@ -1,4 +1,4 @@
-"""Whether the server lives, whether it can work, and what it counts."""
+"""Health, readiness and metrics endpoints."""
 
 from fastapi import APIRouter, Depends, Response
 from fastapi.responses import PlainTextResponse

@@ -1,4 +1,4 @@
-"""One writer for each upload. Whoever comes later takes over: a client knows before the server that its old link is dead."""
+"""Upload locks: one writer for each upload; a newer request takes over from one whose connection is dead."""
 
 import asyncio
 from collections.abc import AsyncIterable, AsyncIterator

@@ -1,4 +1,4 @@
-"""Maps, their versions, tiles and submaps."""
+"""Map endpoints: versions, tiles, coverage and submaps."""
 
 import math
 from typing import Annotated, Any

@@ -1,4 +1,4 @@
-"""From rows to what the API answers."""
+"""Conversion of database rows to response models."""
 
 import math
 import time

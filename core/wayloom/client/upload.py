@@ -1,4 +1,4 @@
-"""The upload of one drive: several files at once, each resumed where the server's stored bytes end, until the server has all."""
+"""Resumable, parallel upload of one drive (tus protocol), continued where the server's stored bytes end."""
 
 import base64
 import hashlib

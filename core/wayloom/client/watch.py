@@ -1,4 +1,4 @@
-"""What becomes of a drive on the server, until it is in the map."""
+"""Polling of a drive's state on the server, until it is in the map or has failed."""
 
 import time
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""How far a mapped track lies from a reference track on Earth, in the vertical of the place itself."""
+"""Geo-referencing error: distance of a mapped track from a reference track, in the local vertical."""
 
 from dataclasses import asdict, dataclass
 

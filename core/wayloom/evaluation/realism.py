@@ -1,4 +1,4 @@
-"""How near simulated images come to real ones: the same numbers of both, from the images alone.
+"""Image statistics of real and simulated stereo pairs: power spectra, gradients, stereo residuals.
 
 Nothing here knows where an image comes from. The stereo matches are the odometry's own, after it has re-aligned the rows, so that
 a real rig's calibration errors do not count as a difference of brightness.

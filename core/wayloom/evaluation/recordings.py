@@ -1,4 +1,4 @@
-"""A recording tracked and geo-referenced, and measured against what is known of its way: one row of docs/results.md."""
+"""Accuracy of tracking and geo-referencing on one recording: a row of docs/results.md."""
 
 import time
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The simulator measured: its images beside real ones, how a network that has never seen it labels them, what it costs."""
+"""Simulator benchmark: image statistics beside photographs, segmentation of simulated views, rendering cost."""
 
 import os
 import re

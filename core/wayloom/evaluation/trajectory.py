@@ -1,4 +1,4 @@
-"""Errors of a trajectory against truth, as the field measures them.
+"""Trajectory error metrics: ATE, relative errors as in KITTI, length ratio.
 
 ATE            root mean square position error after the best rigid alignment, no scale (Sturm et al. 2012, eq. 4 and 5)
 t_rel, r_rel   mean translation and rotation error over stretches of given lengths (Geiger et al., KITTI odometry, 2012)

@@ -1,4 +1,4 @@
-"""Time stamps of logs: decimal seconds or wall clock in text, int64 nanoseconds inside, exact both ways."""
+"""Time stamp conversion: decimal seconds or wall clock in text, int64 nanoseconds inside, exact both ways."""
 
 import re
 from collections.abc import Callable, Sequence

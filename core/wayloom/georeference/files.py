@@ -1,4 +1,4 @@
-"""`georeference.npz`: one file with the poses, covariances, frame and report. Equal results give equal bytes."""
+"""Geo-reference file `georeference.npz`: poses, covariances, frame and report. Equal results give equal bytes."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""What all writers of drives share: a folder that appears only when the drive is whole, and that can be continued until then."""
+"""Base class of the drive writers: atomic, resumable writing of images, time stamps, calibration and sensor records."""
 
 import shutil
 import tempfile

@@ -1,4 +1,4 @@
-"""What is in a drive log and what is wrong with it."""
+"""Inspection report of a drive log: rates, gaps, calibration, GNSS quality, damaged images."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""The drive log formats that wayloom reads, and how one is recognised: by looking at the folder."""
+"""Registry of the drive log formats (`LOG_FORMATS`), and recognition of a log's format from its files."""
 
 import os
 from collections.abc import Callable

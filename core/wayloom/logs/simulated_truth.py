@@ -1,4 +1,4 @@
-"""The truth that the simulator writes beside a drive, below `truth` in the drive's folder.
+"""Ground truth of a simulated drive, below `truth` in the drive's folder.
 
 poses_enu.txt                   T_enu_cam of the left camera, first three rows a line, in the city's tangent plane
 depth_{left,right}/%06d.png     16 bit, 1/256 m along the true camera's z; 0 for sky and beyond 256 m

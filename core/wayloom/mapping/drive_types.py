@@ -1,4 +1,4 @@
-"""What the graph of a drive is given, and what it returns."""
+"""Inputs, noise model and solution of the drive's factor graph."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""The report of one drive: report.json for machines and report.html, one page that needs nothing else, for people."""
+"""Drive report: report.json for machines, and report.html, one self-contained page for people."""
 
 import base64
 import json

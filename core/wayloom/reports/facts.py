@@ -1,4 +1,4 @@
-"""What a report says of a drive, as JSON-able numbers and words."""
+"""Content of a drive's report.json: JSON-able numbers and warnings."""
 
 import math
 from collections.abc import Iterable

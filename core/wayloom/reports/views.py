@@ -1,4 +1,4 @@
-"""The labelled cloud seen from the side, as a picture."""
+"""Orthographic side view of the labelled cloud."""
 
 from dataclasses import dataclass
 

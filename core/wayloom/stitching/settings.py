@@ -1,4 +1,4 @@
-"""Settings of the merge."""
+"""Settings of the voxel fusion."""
 
 from pydantic import Field
 

@@ -1,4 +1,4 @@
-"""A folder of submaps: `index.json` says where each lies, `<digest>.submap` holds what it is."""
+"""Submap folder: `index.json` with the pose of each submap, `<digest>.submap` with its content."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""A drive cut into submaps."""
+"""Submap extraction: a labelled drive cut into submaps, with point selection by depth uncertainty."""
 
 from collections import Counter
 from dataclasses import dataclass

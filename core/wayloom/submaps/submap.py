@@ -1,4 +1,4 @@
-"""A submap: the labelled points of 50 to 100 m of one drive, in its own frame, immutable and addressed by its content.
+"""Submap: the labelled points of 50 to 100 m of one drive, in its own frame, immutable and addressed by its content.
 
 Its frame is the left camera of its anchor, the keyframe in its middle. Its points come from the odometry alone, so nothing that is
 optimised later changes them: where a submap lies (`PlacedSubmap`) is kept beside it.

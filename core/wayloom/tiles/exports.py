@@ -1,4 +1,4 @@
-"""The map for other programs: PLY, LAZ, GeoJSON, a picture, a folder of tiles."""
+"""Map exports: PLY, LAZ, GeoJSON, a picture, a folder of tiles."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""How many voxels of each class lie in each pixel of a zoom; coarser pixels are sums of four, so nothing is ever lost."""
+"""Levels of detail: voxel counts by class for each pixel of a zoom; coarser pixels are sums of four, so no count is lost."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The compact 3D point tile: the voxels of one tile in its own tangent plane (`docs/formats.md`, "Point tile")."""
+"""Compact 3D point tile: the voxels of one tile in its own tangent plane (`docs/formats.md`, "Point tile")."""
 
 from dataclasses import dataclass
 from typing import Any, Final

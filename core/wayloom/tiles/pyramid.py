@@ -1,4 +1,4 @@
-"""All tiles of a map: pictures, vector tiles and point tiles, the coarse ones summed from the fine ones."""
+"""Tile pyramid of a map: raster, vector and point tiles, the coarse ones summed from the fine ones."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Labelled clouds accumulated from scans, in windows along the way, as KITTI-360 publishes them."""
+"""Accumulated labelled LiDAR clouds in windows along the trajectory, as KITTI-360 publishes them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

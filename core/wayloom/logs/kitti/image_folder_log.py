@@ -1,4 +1,4 @@
-"""The drive log that both KITTI layouts become: two lists of image files, their times, and what belongs to them."""
+"""Drive log of two image folders: the common `DriveLog` of KITTI odometry, KITTI raw and KITTI-360."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""KITTI-360 layout: the rectified perspective pair of one sequence, with its poses and its GNSS/INS unit.
+"""KITTI-360 reader: the rectified perspective pair of one sequence, with its poses and its GNSS/INS unit.
 
 Opened by the folder of a sequence (`data_2d_raw/<sequence>`) or by a root that holds one. Poses lie in a world of their own, at
 coordinates of kilometres; frames without a pose (the vehicle stood) have NaN.

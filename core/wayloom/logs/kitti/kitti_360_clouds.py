@@ -1,4 +1,4 @@
-"""The LiDAR of KITTI-360: single scans, and the labelled clouds that were accumulated from them."""
+"""KITTI-360 LiDAR reader: single scans and accumulated labelled clouds."""
 
 import re
 from dataclasses import dataclass

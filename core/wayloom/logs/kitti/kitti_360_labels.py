@@ -1,7 +1,7 @@
-"""The labels of KITTI-360: its published ids, and its label images.
+"""KITTI-360 label ids: their mapping to Cityscapes train ids, and the label images.
 
-Cityscapes' ids and some of KITTI-360's own. What the published table gives no train id is void: trailers, caravans, lamps, bins, …
-An instance number is 1000 times the id plus a number within the class, 0 for what has no instances.
+The ids are those of Cityscapes and some of KITTI-360's own. What the published table gives no train id is void: trailers, caravans,
+lamps, bins, … An instance number is 1000 times the id plus a number within the class, 0 for what has no instances.
 """
 
 from pathlib import Path

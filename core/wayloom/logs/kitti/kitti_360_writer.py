@@ -1,4 +1,4 @@
-"""Writing a drive in KITTI-360's layout, labels and LiDAR included: what `wayloom.logs.kitti.kitti_360*` reads."""
+"""KITTI-360 writer: images, poses, GNSS/INS packets, label images and LiDAR in the layout that `kitti_360*` reads."""
 
 from pathlib import Path
 from typing import Final

@@ -1,4 +1,4 @@
-"""KITTI odometry layout: `image_0/image_1` (grey) or `image_2/image_3` (colour), `calib.txt`, `times.txt`.
+"""KITTI odometry reader: `image_0/image_1` (grey) or `image_2/image_3` (colour), `calib.txt`, `times.txt`.
 
 Where both pairs are complete the colour pair is read: the segmentation wants colour, and the odometry makes its grey from it.
 """

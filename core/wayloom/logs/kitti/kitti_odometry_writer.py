@@ -1,4 +1,4 @@
-"""Writing a drive in the KITTI odometry layout: what `wayloom.logs.kitti.kitti_odometry` reads."""
+"""KITTI odometry writer, in the layout that `wayloom.logs.kitti.kitti_odometry` reads."""
 
 from pathlib import Path
 

@@ -1,7 +1,7 @@
-"""KITTI raw layout: a `…_sync` (rectified) or `…_extract` (distorted) folder with `image_00` … `image_03`, each with data and
-timestamps.txt, `oxts`, and the calibration files inside it or beside it.
+"""KITTI raw reader: rectified (`…_sync`) and distorted (`…_extract`) drives.
 
-Where both pairs are complete the colour pair (02, 03) is read. Distorted images are rectified on load.
+A drive's folder holds `image_00` … `image_03`, each with data and timestamps.txt, and `oxts`; the calibration files lie in it or
+beside it. Where both pairs are complete the colour pair (02, 03) is read. Distorted images are rectified on load.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Writing a drive in the KITTI raw layout (`…_sync`): what `wayloom.logs.kitti.kitti_raw` reads."""
+"""KITTI raw writer (`…_sync`), in the layout that `wayloom.logs.kitti.kitti_raw` reads."""
 
 from pathlib import Path
 

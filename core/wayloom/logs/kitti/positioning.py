@@ -1,4 +1,4 @@
-"""Where a log's GNSS comes from, which fix belongs to which frame, and where the antenna sits."""
+"""GNSS and IMU of a KITTI log: their source, the association of fixes with frames, and the lever arm."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""ROS 2 recordings in MCAP: a stereo pair of image topics with CameraInfo, and what else there is of GNSS, IMU and truth.
+"""MCAP reader for ROS 2 recordings: a stereo pair of image topics with CameraInfo, and GNSS, IMU and ground truth where present.
 
 The pair is found by its calibration: two cameras of one kind of image topic whose projection matrices differ by a baseline. Where
 several fit, or none, `left_topic` and `right_topic` of wayloom.json beside the file name them.

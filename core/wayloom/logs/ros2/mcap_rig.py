@@ -1,4 +1,4 @@
-"""Which two topics of a recording are the stereo pair, and the rig that their CameraInfo describes."""
+"""Stereo pair and rig of a ROS 2 recording, found from the CameraInfo of its image topics."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""GNSS, IMU, places of the sensors, exposures and truth of a recording."""
+"""GNSS, IMU, static transforms, exposures and ground truth of a ROS 2 recording."""
 
 from collections.abc import Callable
 from typing import Final, TypeVar

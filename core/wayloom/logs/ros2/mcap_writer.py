@@ -1,4 +1,4 @@
-"""Writing a drive as a ROS 2 recording in MCAP: what `wayloom.logs.ros2.mcap_log` reads, and what robots record.
+"""MCAP writer: a drive as a ROS 2 recording, with the topics and message types that robots record.
 
 /camera/{left,right}/image_rect_color/compressed   sensor_msgs/CompressedImage (image_raw/compressed where images are distorted,
                                                    image_rect where they are grey)

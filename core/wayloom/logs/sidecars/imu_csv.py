@@ -1,4 +1,4 @@
-"""`imu.csv`: samples of an IMU, one a line, under a header that names the columns."""
+"""IMU samples in `imu.csv`, one a line, under a header that names the columns."""
 
 from pathlib import Path
 from typing import Final

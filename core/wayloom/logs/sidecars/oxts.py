@@ -1,4 +1,4 @@
-"""KITTI's `oxts` folder: one text file of 30 numbers a packet of the GNSS/INS unit, and their time stamps.
+"""GNSS/INS packets of KITTI's `oxts` folder: one text file of 30 numbers a packet, and their time stamps.
 
 Position: the packet's latitude, longitude and altitude, which is taken as ellipsoidal. It is the unit's place, not the antenna's.
 Covariance: pos_accuracy is the sigma of east and of north; the sigma of up is UP_FACTOR times that, as satellites below the horizon

@@ -1,4 +1,4 @@
-"""What stands in a block and along its kerbs."""
+"""City blocks by land use: buildings, gardens, parks and squares between the streets."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Buildings: town houses in rows, and detached houses with gardens."""
+"""Procedural buildings: town houses in rows, and detached houses with gardens."""
 
 from dataclasses import dataclass
 from itertools import pairwise

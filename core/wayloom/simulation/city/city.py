@@ -1,4 +1,4 @@
-"""The city: built block by block where somebody looks, laid over the hills, cut into chunks so that only what is seen is drawn."""
+"""Lazily built city geometry: blocks over the terrain, cut into chunks for view-frustum culling."""
 
 import threading
 from collections import OrderedDict

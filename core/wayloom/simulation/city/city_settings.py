@@ -1,4 +1,4 @@
-"""What a city is like."""
+"""Settings of the synthetic city."""
 
 from pydantic import Field
 

@@ -1,4 +1,4 @@
-"""What stands on sidewalks: lamps, signs, traffic lights, bollards, bins, shelters, and the fences and walls of gardens."""
+"""Street furniture: lamps, signs, traffic lights, bollards, bins, shelters, fences and garden walls."""
 
 from collections.abc import Sequence
 

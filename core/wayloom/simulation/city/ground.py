@@ -1,4 +1,4 @@
-"""Road, crossings, kerbs, sidewalks and lawns of a block, flat: the city lays them over the hills."""
+"""Ground surfaces of a block: road, crossings, kerbs, sidewalks and lawns, over a flat plane (the city adds the terrain)."""
 
 import numpy as np
 

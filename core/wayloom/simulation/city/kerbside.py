@@ -1,4 +1,4 @@
-"""What stands along a block's kerbs: furniture of the sidewalk, parked vehicles, signals and signs at crossings."""
+"""Kerbside objects of a block: sidewalk furniture, parked vehicles, signals and signs at crossings."""
 
 import numpy as np
 

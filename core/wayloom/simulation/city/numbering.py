@@ -1,4 +1,4 @@
-"""Instance numbers: 16 bits, without a register, alike in all drives of a city.
+"""Instance ids of things: 16 bits, computed from the place without a register, equal in all drives of a city.
 
 The blocks of each NUMBERED x NUMBERED have numbers of their own; the pattern repeats beyond, at least 900 m away, farther than
 anything is seen. In cities of up to NUMBERED + 1 crossings a side each number belongs to one thing.

@@ -1,4 +1,4 @@
-"""Outlines of roads, sidewalks and lawns, as they are drawn."""
+"""Polygon outlines of roads, crossings, sidewalks and lawns."""
 
 from collections.abc import Iterable
 

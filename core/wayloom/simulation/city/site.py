@@ -1,4 +1,4 @@
-"""What the builders of one block share, and what becomes of its things in a changed city."""
+"""Build context of one block: random stream, mesh, recorded objects, and the changes of its objects in a changed city."""
 
 from dataclasses import dataclass, field
 from enum import Enum

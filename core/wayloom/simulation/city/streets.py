@@ -1,4 +1,4 @@
-"""The street graph, and the blocks between its streets. Places are kept for every crossing; lines are drawn when asked for."""
+"""Street graph on a jittered grid, and the block shapes between its streets."""
 
 from dataclasses import dataclass
 from enum import Enum

@@ -1,4 +1,4 @@
-"""Passenger cars and vans, modelled around their own origin: x forward, y left, wheels on z = 0."""
+"""Passenger car and van models around their own origin: x forward, y left, wheels on z = 0."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

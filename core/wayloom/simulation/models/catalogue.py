@@ -1,4 +1,4 @@
-"""The vehicles and people that a city is filled from, each modelled once."""
+"""Catalogue of vehicle and pedestrian models, each built once and instanced by the city and its traffic."""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,4 @@
-"""People, modelled around their own origin: x forward, y left, feet on z = 0."""
+"""Pedestrian and rider models around their own origin: x forward, y left, feet on z = 0."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise

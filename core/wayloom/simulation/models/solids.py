@@ -1,4 +1,4 @@
-"""Simple bodies: boxes, prisms, discs, strips, sprays of leaves."""
+"""Geometric primitives: boxes, tubes, bodies of revolution, discs, foliage cards."""
 
 from collections.abc import Sequence
 from itertools import pairwise

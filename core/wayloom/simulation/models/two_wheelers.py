@@ -1,4 +1,4 @@
-"""Bicycles, motorcycles and scooters, modelled around their own origin: x forward, y left, wheels on z = 0."""
+"""Bicycle, motorcycle and scooter models around their own origin: x forward, y left, wheels on z = 0."""
 
 from itertools import pairwise
 

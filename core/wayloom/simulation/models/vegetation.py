@@ -1,4 +1,4 @@
-"""Trees, bushes and hedges."""
+"""Tree, bush and hedge models made of trunks and foliage cards."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Lorries, buses and trams, modelled around their own origin: x forward, y left, wheels on z = 0.
+"""Lorry, bus and tram models around their own origin: x forward, y left, wheels on z = 0.
 
 PAINTWORK marks what is recoloured. Passenger cars have a module of their own, and are named here too.
 """

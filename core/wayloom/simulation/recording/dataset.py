@@ -1,4 +1,4 @@
-"""Pictures with truth from many places of many cities: to train a network on, and to compare with real ones."""
+"""Labelled views from random places of many cities: training images for networks, and samples to compare with photographs."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What an interrupted simulation needs to go on: the settings of the whole run, and how far each drive is."""
+"""Resume journal of a simulation: the run's settings, and how many frames of each drive are whole."""
 
 import fcntl
 import json

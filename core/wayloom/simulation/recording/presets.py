@@ -1,4 +1,4 @@
-"""What `wayloom simulate` can drive: a city, its light, and the vehicles with their routes."""
+"""Presets of `wayloom simulate`: a city, its light, and its vehicles with their routes."""
 
 from typing import Final, Self
 

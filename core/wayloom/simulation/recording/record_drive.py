@@ -1,4 +1,4 @@
-"""One drive, recorded: planned, drawn in threads, written frame by frame, and continued where an earlier run was stopped."""
+"""Recording of one drive: planning, threaded rendering, frame-by-frame writing, resumption after an interruption."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Drives of the simulated city, written as logs."""
+"""Simulation runs: the drives of a preset written as logs."""
 
 import shutil
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The truth beside a drive: what every pixel shows, where everything is, and what the vehicle's sensors really are.
+"""Ground-truth writer of a drive: depth, class and instance images, poses, objects, areas, sensor parameters.
 
 `wayloom.logs.simulated_truth` reads it; its docstring says what each file holds.
 """

@@ -1,4 +1,4 @@
-"""A whole world from its settings."""
+"""World construction from settings: city, textures, light and background traffic."""
 
 from wayloom.simulation.city.city import build_city
 from wayloom.simulation.city.city_settings import CitySettings

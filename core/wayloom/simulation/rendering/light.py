@@ -1,4 +1,4 @@
-"""Sun and sky settings, and the maps of shadow and open sky around a place."""
+"""Sun and sky light: settings, shadow maps, and maps of ambient sky visibility around a place."""
 
 import threading
 from collections import OrderedDict

@@ -1,7 +1,8 @@
-"""Truth as people draw it who label photographs: a thing has an outline and no holes.
+"""Instance outlines without holes, as human annotators draw them.
 
 Cityscapes' labelling policy: if background is visible through a foreground object (between spokes, pickets or leaves), it counts as
-the object. The rasteriser's truth says what the ray through each pixel's centre meets; networks are taught the other.
+the object. The rasteriser's ground truth is what the ray through each pixel's centre meets; networks are trained on the annotators'
+form.
 """
 
 import cv2

@@ -1,4 +1,4 @@
-"""What a camera in the city sees, and the truth about it."""
+"""Renderer: radiance, depth, class and instance images of the city for a camera."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""From radiance to an image file's grey values: lens, exposure, sensor noise, response."""
+"""Camera response: vignetting, exposure, sensor noise, tone curve, from radiance to 8 bit grey values."""
 
 import cv2
 import numpy as np

@@ -1,6 +1,6 @@
-"""What a vehicle's cameras record on their way: drawn, exposed, and truth kept beside.
+"""Stereo capture along a drive: rendering, exposure control, image development, ground truth.
 
-Drawing and developing run in threads; exposure control goes from frame to frame between them. The images do not depend on the
+Rendering and development run in threads; exposure control goes from frame to frame between them. The images do not depend on the
 number of threads.
 """
 

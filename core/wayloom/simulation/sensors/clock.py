@@ -1,4 +1,4 @@
-"""The clock of the GNSS and IMU receiver against that of the cameras."""
+"""Clock offset and drift of the GNSS/IMU receiver against the cameras."""
 
 import numpy as np
 from numpy.typing import NDArray

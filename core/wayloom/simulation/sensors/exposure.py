@@ -1,4 +1,4 @@
-"""Exposure control: how long the shutter is open, and the gain."""
+"""Automatic exposure control: metering, shutter time and gain."""
 
 from dataclasses import dataclass
 

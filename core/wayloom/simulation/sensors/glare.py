@@ -1,4 +1,4 @@
-"""Stray light in a lens: what is bright is spread over the image, and the sun leaves a veil and ghosts."""
+"""Lens glare: veiling light, sun haze and ghosts."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""The GNSS receiver of a vehicle: fixes with the errors that their stated accuracy says, unless it is told to be wrong about it."""
+"""GNSS receiver model: white and time-correlated position errors, outages, multipath bursts."""
 
 from dataclasses import dataclass
 from typing import Final

@@ -1,4 +1,4 @@
-"""The inertial unit: specific force and angular rate of a moving body, with bias and noise.
+"""IMU model: specific force and angular rate of a moving body, with bias random walk and white noise.
 
 Samples are instantaneous, at their time stamps: f = R^T (a + g up), w = (R^T dR/dt)^vee, from derivatives of the route's poses by
 seven-point differences. The city's tangent plane is taken as inertial: the Earth does not turn, and gravity is GRAVITY_M_S2 down.

@@ -1,4 +1,4 @@
-"""A spinning LiDAR on the roof: range, class and instance of each shot, from the geometry itself.
+"""Spinning LiDAR model: range, class and instance of each shot, by ray intersection with the scene's triangles.
 
 The turn is drawn as four pinhole views of the rasteriser's truth, finer than the shots lie apart; each shot then meets the plane of
 the triangle that it sees there exactly. A scan is that of one moment: as if the motion during the turn had been undone.

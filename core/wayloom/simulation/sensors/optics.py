@@ -1,4 +1,4 @@
-"""The cameras of a vehicle as they truly are: where each pixel looks, what the lens and the open shutter do to the image."""
+"""True camera geometry and optics: rays of the real lens, motion blur, and ground truth in the distorted image."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What a painter of a texture works with."""
+"""Painting primitives for procedural textures."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -1,4 +1,4 @@
-"""Fills the streets around the recording vehicles with others, and keeps the time."""
+"""Traffic population around the recording vehicles: vehicles enter and leave out of sight to keep the wanted density."""
 
 import threading
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Drives through the city: where each vehicle goes, when, and what moves around it."""
+"""Drive planning: the recording vehicles' paths through the city, run together in one traffic simulation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

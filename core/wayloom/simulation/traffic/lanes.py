@@ -1,4 +1,4 @@
-"""Where vehicles drive: lanes along streets, and the ways across crossings from one lane into another."""
+"""Lane graph: lanes along streets and connecting lanes across crossings, with speed limits from curvature."""
 
 from dataclasses import dataclass
 from enum import Enum

@@ -1,4 +1,4 @@
-"""People on the sidewalks: around each block, both ways, all of a line at one speed; some around the hall of a square."""
+"""Pedestrian traffic on sidewalks and squares: walkers on closed paths at constant speed."""
 
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,4 +1,4 @@
-"""How a vehicle goes along its path, at any moment: poses smooth enough that an IMU can be derived from them."""
+"""Vehicle routes: pose as a smooth function of time, four times differentiable, so that an IMU can be derived from it."""
 
 from dataclasses import dataclass
 

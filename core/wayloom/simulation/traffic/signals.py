@@ -1,4 +1,4 @@
-"""Traffic lights: what is lit when. A function of the place and the time alone."""
+"""Traffic signal phases: the lit lamps as a function of place and time alone."""
 
 from typing import Final
 

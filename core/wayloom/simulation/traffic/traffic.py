@@ -1,4 +1,4 @@
-"""What moves: vehicles in the streets, people on the sidewalks, and the lamps of signals. All of it is a function of the time."""
+"""Traffic of a city as a function of time: vehicles, pedestrians and lit signal lamps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

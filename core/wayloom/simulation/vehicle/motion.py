@@ -1,4 +1,4 @@
-"""A vehicle's motion as a function of time, and what follows from it."""
+"""Motion of a rigid body as a function of time: camera poses and sensor twists."""
 
 from typing import Protocol
 

@@ -1,4 +1,4 @@
-"""The vehicles' cameras, and where they sit."""
+"""Stereo rigs of the simulated vehicles, and their mounting."""
 
 from typing import Final
 

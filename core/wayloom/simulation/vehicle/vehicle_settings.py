@@ -1,4 +1,4 @@
-"""What a vehicle carries: its stereo rig as it is and as its calibration says, its cameras, GNSS, IMU and LiDAR.
+"""Settings of a recording vehicle: stereo rig with its calibration errors, cameras, GNSS, IMU and LiDAR.
 
 Lengths in pixels are those of full-size images; smaller sizes scale them.
 """
