@@ -8,7 +8,7 @@ import numpy as np
 
 from wayloom.config.classes import PALETTE
 from wayloom.simulation.recording.presets import DEMO
-from wayloom.simulation.recording.record_drive import plan_recording, way_of
+from wayloom.simulation.recording.record_drive import plan_recording, route_plan
 from wayloom.simulation.recording.worlds import build_world
 from wayloom.simulation.sensors.capture import StereoCamera, capture
 from wayloom.simulation.traffic.drives import plan_drives
@@ -23,7 +23,7 @@ SHOWN = ((0, 18), (1, 55))
 def main() -> None:
     """One column a drive: image, classes, depth of the left camera."""
     world = build_world(DEMO.city, DEMO.light, "full")
-    drives = plan_drives(world.city, [way_of(plan, DEMO) for plan in DEMO.drives])
+    drives = plan_drives(world.city, [route_plan(plan, DEMO) for plan in DEMO.drives])
     columns = []
     for number, frame in SHOWN:
         recording = plan_recording(DEMO, number, drives[number])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wayloom.simulation.city.numbering import FIRST_MOVER
 from wayloom.simulation.recording.presets import DEMO, PRESETS, Preset
-from wayloom.simulation.recording.record_drive import plan_recording, way_of
+from wayloom.simulation.recording.record_drive import plan_recording, route_plan
 from wayloom.simulation.recording.worlds import build_world
 from wayloom.simulation.rendering.light import WEATHERS, CityLight
 from wayloom.simulation.rendering.renderer import World
@@ -34,7 +34,7 @@ LOOK_EVERY = 10
 
 def frame_of(preset: Preset, world: World, number: int, frame: int) -> Image:
     """(HEIGHT, WIDTH, 3) BGR: what the left camera records; exposure control starts a second before."""
-    drives = plan_drives(world.city, [way_of(plan, preset) for plan in preset.drives])
+    drives = plan_drives(world.city, [route_plan(plan, preset) for plan in preset.drives])
     recording = plan_recording(preset, number, drives[number])
     camera = StereoCamera(recording.plan.vehicle, "half", recording.motion)
     around = replace(world, traffic=recording.drive.traffic)
@@ -45,7 +45,7 @@ def frame_of(preset: Preset, world: World, number: int, frame: int) -> Image:
 
 def moving_shares(preset: Preset, world: World, number: int) -> dict[int, float]:
     """How much of the left image moves in every LOOK_EVERYth frame of a drive."""
-    drives = plan_drives(world.city, [way_of(plan, preset) for plan in preset.drives])
+    drives = plan_drives(world.city, [route_plan(plan, preset) for plan in preset.drives])
     recording = plan_recording(preset, number, drives[number])
     around, camera = replace(world, traffic=recording.drive.traffic), sized_rig("quarter").camera
     out = {}

@@ -11,7 +11,7 @@ from wayloom.simulation.sensors.camera import developed
 from wayloom.simulation.sensors.capture import Captured, StereoCamera, capture
 from wayloom.simulation.sensors.glare import open_sky_at_sun, with_glare
 from wayloom.simulation.sensors.optics import TrueCamera, true_cameras
-from wayloom.simulation.traffic.drives import Way, plan_drives
+from wayloom.simulation.traffic.drives import RoutePlan, plan_drives
 from wayloom.simulation.traffic.routes import Route
 from wayloom.simulation.vehicle.rig_faults import WORN
 from wayloom.simulation.vehicle.rigs import given_rig
@@ -35,7 +35,7 @@ EVERYTHING = VehicleSettings(
 
 @pytest.fixture(scope="module")
 def route(world: World) -> Route:
-    way = Way(nodes=(4, 5, 6, 10), reference=2, before_m=25.0, start_s=7.0, duration_s=2.0)
+    way = RoutePlan(nodes=(4, 5, 6, 10), reference=2, before_m=25.0, start_s=7.0, duration_s=2.0)
     return plan_drives(world.city, [way])[0].route
 
 

@@ -22,7 +22,7 @@ from wayloom.logs.registry import open_log
 from wayloom.logs.simulated_truth import FIX_COLUMNS, open_truth
 from wayloom.simulation.city.city_settings import CitySettings
 from wayloom.simulation.recording.presets import CITY_ORIGIN, PRESETS, START_NS, DrivePlan, Preset
-from wayloom.simulation.recording.record_drive import plan_recording, way_of
+from wayloom.simulation.recording.record_drive import plan_recording, route_plan
 from wayloom.simulation.recording.simulate import WRITERS, simulate
 from wayloom.simulation.recording.worlds import build_world
 from wayloom.simulation.rendering.renderer import World
@@ -317,7 +317,7 @@ def test_a_folder_with_files_is_left_alone(preset: Preset, tmp_path: Path) -> No
 def test_the_demo_drives_share_most_of_their_way() -> None:
     demo = PRESETS["demo"]
     world = build_world(demo.city, demo.light, "quarter")
-    planned = plan_drives(world.city, [way_of(plan, demo) for plan in demo.drives])
+    planned = plan_drives(world.city, [route_plan(plan, demo) for plan in demo.drives])
     one, two = (plan_recording(demo, number, drive).T_enu_cam[:, :2, 3] for number, drive in enumerate(planned))
     gap = np.linalg.norm(one[:, None] - two, axis=2)
     assert np.mean(gap.min(axis=1) < 8.0) > 0.5

@@ -12,13 +12,16 @@ from wayloom.simulation.city.streets import Control
 from wayloom.simulation.models.catalogue import Models
 from wayloom.simulation.rendering.renderer import World
 from wayloom.simulation.traffic import signals
-from wayloom.simulation.traffic.drives import Drive, Way, plan_drives
+from wayloom.simulation.traffic.drives import Drive, RoutePlan, plan_drives
 from wayloom.simulation.traffic.lanes import ALONG, Lane, LaneGraph
 from wayloom.simulation.traffic.pedestrians import People, places
 from wayloom.simulation.traffic.traffic import Vehicle
 
 WIDTHS = {"bicycle": 0.5, "rider": 0.5, "motorcycle": 0.6, "car": 1.75}
-WAYS = (Way((6, 7, 12, 11), 30.0, closed=True), Way((12, 7, 6, 11, 16), 33.0, reference=1, before_m=45.0, duration_s=40.0))
+WAYS = (
+    RoutePlan((6, 7, 12, 11), 30.0, closed=True),
+    RoutePlan((12, 7, 6, 11, 16), 33.0, reference=1, before_m=45.0, duration_s=40.0),
+)
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +154,7 @@ def test_more_traffic_is_asked_for_and_none(busy_city: City) -> None:
     counts = []
     for traffic in (0.0, 1.0, 4.0):
         city = build_city(busy_city.settings.model_copy(update={"traffic": traffic}), busy_city.models)
-        drive = plan_drives(city, [Way((6, 7, 12), 30.0, reference=1, before_m=45.0, duration_s=2.0)])[0]
+        drive = plan_drives(city, [RoutePlan((6, 7, 12), 30.0, reference=1, before_m=45.0, duration_s=2.0)])[0]
         counts.append(len(drive.traffic.vehicles(31.0)))
     assert counts[0] == 1
     assert counts[1] > 15

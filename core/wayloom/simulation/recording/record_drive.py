@@ -19,7 +19,7 @@ from wayloom.simulation.sensors.clock import stamps_ns
 from wayloom.simulation.sensors.exposure import exposure_of
 from wayloom.simulation.sensors.gnss import GnssRecord
 from wayloom.simulation.sensors.imu import ImuRecord
-from wayloom.simulation.traffic.drives import Drive, Way
+from wayloom.simulation.traffic.drives import Drive, RoutePlan
 from wayloom.simulation.traffic.routes import Route
 from wayloom.simulation.traffic.traffic import FIRST_MOVER
 from wayloom.simulation.vehicle.motion import camera_poses
@@ -74,9 +74,9 @@ class Recording:
         return START_NS + round(self.motion.start_s * NS)
 
 
-def way_of(plan: DrivePlan, preset: Preset) -> Way:
+def route_plan(plan: DrivePlan, preset: Preset) -> RoutePlan:
     """What the vehicle wants, for the city's traffic."""
-    return Way(
+    return RoutePlan(
         nodes=plan.nodes,
         start_s=plan.start_s,
         closed=plan.closed,

@@ -19,7 +19,7 @@ from wayloom.logs.sidecars.sidecar import SIMULATED_RIG
 from wayloom.logs.simulated_truth import FOLDER as TRUTH_FOLDER
 from wayloom.simulation.recording.journal import RECORD_NAME, Journal, check_record, sole_run, write_record
 from wayloom.simulation.recording.presets import Preset, chosen_drives, find_preset
-from wayloom.simulation.recording.record_drive import Recording, plan_recording, record, way_of
+from wayloom.simulation.recording.record_drive import Recording, plan_recording, record, route_plan
 from wayloom.simulation.recording.truth_files import TruthFolder
 from wayloom.simulation.recording.worlds import build_world
 from wayloom.simulation.rendering.renderer import World
@@ -81,7 +81,7 @@ def simulate(
         return paths
     progress(0.0, "building the city")
     world = build_world(chosen.city, chosen.light, size) if world is None else world
-    planned = plan_drives(world.city, [way_of(plan, chosen) for plan in chosen.drives])
+    planned = plan_drives(world.city, [route_plan(plan, chosen) for plan in chosen.drives])
     recordings = [plan_recording(chosen, number, planned[number], frames) for number in left]
     out_dir.mkdir(parents=True, exist_ok=True)
     with sole_run(out_dir):
