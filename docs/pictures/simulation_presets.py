@@ -17,7 +17,7 @@ from wayloom.simulation.recording.record_drive import plan_recording, route_plan
 from wayloom.simulation.recording.worlds import build_world
 from wayloom.simulation.rendering.light import WEATHERS, CityLight
 from wayloom.simulation.rendering.renderer import World
-from wayloom.simulation.sensors.capture import StereoCamera, capture
+from wayloom.simulation.sensors.capture import CaptureSettings, StereoCamera, capture
 from wayloom.simulation.traffic.drives import plan_drives
 from wayloom.simulation.vehicle.rigs import sized_rig
 
@@ -39,7 +39,7 @@ def frame_of(preset: Preset, world: World, number: int, frame: int) -> Image:
     camera = StereoCamera(recording.plan.vehicle, "half", recording.motion)
     around = replace(world, traffic=recording.drive.traffic)
     t_s = recording.t_s[frame - 1 : frame + 1]
-    *_, pair = capture(camera, around, t_s, recording.drive.left_out, False, (0,))
+    *_, pair = capture(camera, around, t_s, CaptureSettings(recording.drive.left_out, False, (0,)))
     return np.asarray(cv2.resize(pair.left[..., ::-1], (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA), np.uint8)
 
 

@@ -12,6 +12,7 @@ from logs.made_drives import FRAMES, RIG, T_CAM_IMU, made_frames, made_packets, 
 from wayloom.config.classes import CLASS_COUNT
 from wayloom.errors import CalibrationError, LogError, UnknownFormatError
 from wayloom.geometry import se3
+from wayloom.logs.drive_writer import SensorExtrinsics
 from wayloom.logs.kitti import kitti_360_labels as labels
 from wayloom.logs.kitti.accumulation import OVERLAP_M, VOXEL_M, WINDOW_M, Thinner, window_frames
 from wayloom.logs.kitti.kitti_360_clouds import T_cam_lidar, T_cam_pose, read_cloud, read_scan, windows
@@ -46,7 +47,7 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     """A root with labels, scans and clouds, and its T_world_cam."""
     root, poses = tmp_path_factory.mktemp("data") / "made", far_poses(request.param)
     rng = np.random.default_rng(1)
-    with Kitti360Writer(root, RIG, T_cam_imu=T_CAM_IMU, T_cam_lidar=T_CAM_LIDAR) as drive:
+    with Kitti360Writer(root, RIG, extrinsics=SensorExtrinsics(T_cam_imu=T_CAM_IMU, T_cam_lidar=T_CAM_LIDAR)) as drive:
         for frame, T in zip(made_frames(FRAMES, True), poses, strict=True):
             drive.add(frame, T)
             for side in (0, 1):

@@ -8,7 +8,7 @@ from wayloom.geometry import se3
 from wayloom.geometry.lens import RightLens
 from wayloom.simulation.rendering.renderer import World
 from wayloom.simulation.sensors.camera import developed
-from wayloom.simulation.sensors.capture import Captured, StereoCamera, capture
+from wayloom.simulation.sensors.capture import Captured, CaptureSettings, ResumePoint, StereoCamera, capture
 from wayloom.simulation.sensors.glare import open_sky_at_sun, with_glare
 from wayloom.simulation.sensors.optics import TrueCamera, true_cameras
 from wayloom.simulation.traffic.drives import RoutePlan, plan_drives
@@ -43,7 +43,7 @@ def pairs(
     world: World, route: Route, vehicle: VehicleSettings, count: int = 3, threads: int = 1, after_s: float = 0.0
 ) -> list[Captured]:
     t_s = route.start_s + after_s + 0.1 * np.arange(count)
-    return list(capture(StereoCamera(vehicle, "quarter", route), world, t_s, frozenset(), True, (1, 2), threads))
+    return list(capture(StereoCamera(vehicle, "quarter", route), world, t_s, CaptureSettings(frozenset(), True, (1, 2)), threads))
 
 
 def test_captures_do_not_depend_on_the_number_of_threads(world: World, route: Route) -> None:
@@ -62,7 +62,9 @@ def test_a_capture_that_begins_later_is_the_rest_of_the_whole(world: World, rout
     whole = pairs(world, route, EVERYTHING, 4)
     t_s = route.start_s + 0.1 * np.arange(4)
     camera = StereoCamera(EVERYTHING, "quarter", route)
-    rest = list(capture(camera, world, t_s, frozenset(), False, (1, 2), 2, first=2, factors=whole[1].factors))
+    rest = list(
+        capture(camera, world, t_s, CaptureSettings(frozenset(), False, (1, 2)), 2, ResumePoint(first=2, factors=whole[1].factors))
+    )
     assert len(rest) == 2
     for a, b in zip(whole[2:], rest, strict=True):
         np.testing.assert_array_equal(a.left, b.left)

@@ -98,7 +98,7 @@ def simulated(out: Path) -> Fleet:
 
     from wayloom import __version__
     from wayloom.simulation.recording.presets import CITY_ORIGIN, PRESETS
-    from wayloom.simulation.recording.simulate import simulate
+    from wayloom.simulation.recording.simulate import OutputSettings, simulate
 
     origin = ",".join(str(part) for part in (CITY_ORIGIN.lon_deg, CITY_ORIGIN.lat_deg, CITY_ORIGIN.height_m))
     folder = out / "drives"
@@ -119,9 +119,12 @@ def simulated(out: Path) -> Fleet:
             bar = bars.add_task("starting", total=1.0)
             threads = min(4, os.cpu_count() or 1)
             simulate(
-                PRESET, folder, SIZE, threads=threads,
+                PRESET,
+                folder,
+                OutputSettings(SIZE),
+                threads=threads,
                 progress=lambda share, what: bars.update(bar, completed=share, description=what),
-            )  # fmt: skip
+            )
     return Fleet(logs, None, {"WAYLOOM_MAP_ORIGIN": origin})
 
 

@@ -3,6 +3,7 @@
 import shutil
 import tempfile
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
@@ -27,6 +28,34 @@ FloatArray = NDArray[np.float64]
 SIDES: Final = ("left", "right")
 
 
+@dataclass(frozen=True, slots=True)
+class SensorExtrinsics:
+    """Mounting of the sensors beside the cameras, each None where unknown or absent.
+
+    p_cam_gnss   (3,) m, the antenna in the left camera's frame
+    T_cam_imu    (4, 4), the IMU's frame into the left camera's
+    T_cam_lidar  (4, 4), the LiDAR's frame into the left camera's
+    """
+
+    p_cam_gnss: FloatArray | None = None
+    T_cam_imu: FloatArray | None = None
+    T_cam_lidar: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ImageEncoding:
+    """Format of a drive's images.
+
+    colour        whether frames are RGB
+    jpeg_quality  write JPEG of this quality (1 to 100) instead of PNG
+    distortion    k1 k2 p1 p2 k3 of both images, which are then as the lens made them, with K of the rig
+    """
+
+    colour: bool = True
+    jpeg_quality: int | None = None
+    distortion: Coefficients | None = None
+
+
 class DriveWriter(ABC):
     """Streams a drive into a folder. Use it as a context manager: the drive takes its place at the end, or not at all.
 
@@ -35,11 +64,6 @@ class DriveWriter(ABC):
     spool        a folder of the writer's own beside it, which goes when the drive is whole
     resume       keep what was written when it is interrupted, and continue what an interrupted writer of this path left: frames
                  that are whole are then passed to `count` instead of `add`. Else nothing is left behind
-    colour       whether frames are RGB
-    jpeg_quality write JPEG of this quality (1 to 100) instead of PNG
-    distortion   k1 k2 p1 p2 k3 of both images, which are then as the lens made them, with K of the rig
-    p_cam_gnss   (3,) m, T_cam_imu (4, 4): as in `DriveLog`, where known
-    T_cam_lidar  (4, 4): the LiDAR's frame into the left camera's, where there is one
     """
 
     name_digits: int
@@ -55,24 +79,22 @@ class DriveWriter(ABC):
         path: Path,
         rig: StereoRig,
         *,
-        colour: bool = True,
         rig_id: str | None = None,
         vehicle_id: str | None = None,
-        p_cam_gnss: FloatArray | None = None,
-        T_cam_imu: FloatArray | None = None,
-        T_cam_lidar: FloatArray | None = None,
-        jpeg_quality: int | None = None,
-        distortion: Coefficients | None = None,
+        extrinsics: SensorExtrinsics = SensorExtrinsics(),
+        encoding: ImageEncoding = ImageEncoding(),
         resume: bool = False,
     ) -> None:
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise LogError("exists and is no empty folder", file=path, remedy="remove it or give another path")
-        self.path, self.rig, self.colour, self.T_cam_imu, self.T_cam_lidar = path, rig, colour, T_cam_imu, T_cam_lidar
-        if distortion is not None and not self.holds_raw_images:
+        p_cam_gnss, T_cam_imu = extrinsics.p_cam_gnss, extrinsics.T_cam_imu
+        self.path, self.rig, self.T_cam_imu, self.T_cam_lidar = path, rig, T_cam_imu, extrinsics.T_cam_lidar
+        if encoding.distortion is not None and not self.holds_raw_images:
             raise LogError(
                 "this layout holds rectified images only", file=path, remedy="rectify the images, or take another layout"
             )
-        self.jpeg_quality, self.distortion, self.resume = jpeg_quality, distortion, resume
+        self.colour, self.jpeg_quality, self.distortion = encoding.colour, encoding.jpeg_quality, encoding.distortion
+        self.resume = resume
         self.times_ns: list[int] = []
         self.truth: list[FloatArray] = []
         self.gnss: GnssTrack | None = None

@@ -14,7 +14,7 @@ from wayloom.simulation.recording.presets import CITY_ORIGIN, START_NS, DrivePla
 from wayloom.simulation.recording.truth_files import TruthFolder
 from wayloom.simulation.rendering.renderer import World
 from wayloom.simulation.sensors import gnss, imu, lidar
-from wayloom.simulation.sensors.capture import Captured, StereoCamera, capture
+from wayloom.simulation.sensors.capture import Captured, CaptureSettings, ResumePoint, StereoCamera, capture
 from wayloom.simulation.sensors.clock import stamps_ns
 from wayloom.simulation.sensors.exposure import exposure_of
 from wayloom.simulation.sensors.gnss import GnssRecord
@@ -105,13 +105,21 @@ def plan_recording(preset: Preset, number: int, drive: Drive, frames: int | None
 
 
 def record(
-    writer: DriveWriter, journal: Journal, world: World, preset: Preset, recording: Recording, size: str, truth: TruthFolder | None,
-    labels: bool, threads: int,
-) -> Iterator[int]:  # fmt: skip
+    writer: DriveWriter,
+    journal: Journal,
+    world: World,
+    preset: Preset,
+    recording: Recording,
+    size: str,
+    truth: TruthFolder | None,
+    threads: int,
+) -> Iterator[int]:
     """Write a drive, from where the journal ends; yields the number of frames that are whole after each.
 
-    labels  the writer's layout has a place for label images and labelled scans
+    size   "full", "half" or "quarter" of the rig's images
+    truth  where ground truth is written; None for none
     """
+    labels = writer.has_labels
     vehicle, world = recording.plan.vehicle, replace(world, traffic=recording.drive.traffic)
     camera = StereoCamera(vehicle, size, recording.motion)
     left_out = recording.drive.left_out
@@ -132,11 +140,9 @@ def record(
             if truth is not None:
                 truth.write_scan_labels(index, scan.class_id, scan.instance)
 
-    seed = (preset.city.seed, recording.number, SENSOR_STREAM)
-    pairs = capture(
-        camera, world, recording.t_s[: recording.drawn], left_out, labels or truth is not None, seed, threads,
-        first=len(journal), factors=journal.factors[-1] if len(journal) else None, keep=keep,
-    )  # fmt: skip
+    settings = CaptureSettings(left_out, labels or truth is not None, (preset.city.seed, recording.number, SENSOR_STREAM))
+    resume = ResumePoint(len(journal), journal.factors[-1] if len(journal) else None)
+    pairs = capture(camera, world, recording.t_s[: recording.drawn], settings, threads, resume, keep)
     for captured in pairs:
         journal.add(captured.factors)
         yield len(journal)

@@ -114,26 +114,51 @@ class StereoCamera:
         return developed(x, exposure.factor * light, self.given, sensor, rng, exposure.gain)
 
 
+@dataclass(frozen=True, slots=True)
+class CaptureSettings:
+    """What is captured: instance numbers that are not rendered, whether ground truth is kept, and the seed of the sensors' noise.
+
+    Each frame and side has its own random stream of the seed.
+    """
+
+    left_out: frozenset[int]
+    truth: bool
+    seed: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ResumePoint:
+    """The frame to begin with, and the exposure factors (left, right) of the one before it."""
+
+    first: int = 0
+    factors: tuple[float, float] | None = None
+
+
 def capture(
-    camera: StereoCamera, world: World, t_s: F64, left_out: frozenset[int], truth: bool, seed: tuple[int, ...], threads: int = 1,
-    first: int = 0, factors: tuple[float, float] | None = None, keep: Callable[[int, Captured], None] | None = None,
-) -> Iterator[Captured]:  # fmt: skip
+    camera: StereoCamera,
+    world: World,
+    t_s: F64,
+    settings: CaptureSettings,
+    threads: int = 1,
+    resume: ResumePoint = ResumePoint(),
+    keep: Callable[[int, Captured], None] | None = None,
+) -> Iterator[Captured]:
     """The pairs at t_s (N,) s since the city's time zero, in order; the drive starts at t_s[0].
 
-    seed     of the sensors' noise; each frame and side has its own stream
-    first    the frame to begin with, and `factors` of the one before it
     keep     called with each frame's index and pair in the threads, before the pair is yielded
     """
-    settings, start_s = camera.vehicle.exposure, float(t_s[0]) if len(t_s) else 0.0
+    first, factors = resume.first, resume.factors
+    control_settings, start_s = camera.vehicle.exposure, float(t_s[0]) if len(t_s) else 0.0
     before_s = float(t_s[first - 1]) if first else start_s
 
     def developed_pair(
         index: int, drawn: Drawn, exposures: tuple[Exposure, Exposure], light: float, reached: tuple[float, float]
     ) -> Captured:
         left, right = (
-            camera.develop(drawn, side, exposures[side], light, np.random.default_rng([*seed, index, side])) for side in (0, 1)
+            camera.develop(drawn, side, exposures[side], light, np.random.default_rng([*settings.seed, index, side]))
+            for side in (0, 1)
         )
-        captured = Captured(left, right, exposures, drawn.truth if truth else None, reached)
+        captured = Captured(left, right, exposures, drawn.truth if settings.truth else None, reached)
         if keep is not None:
             keep(index, captured)
         return captured
@@ -143,18 +168,18 @@ def capture(
         developing: deque[Future[Captured]] = deque()
         for index in range(first, len(t_s) + threads):
             if index < len(t_s):
-                drawing.append(pool.submit(camera.draw, world, float(t_s[index]), left_out, truth))
+                drawing.append(pool.submit(camera.draw, world, float(t_s[index]), settings.left_out, settings.truth))
             frame = index - threads
             if frame < first:
                 continue
             drawn, now_s = drawing.popleft().result(), float(t_s[frame])
-            light = control.light_factor(settings.light_changes, now_s - start_s)
+            light = control.light_factor(control_settings.light_changes, now_s - start_s)
             means = camera.metered(drawn)
             previous = factors or (None, None)
-            of_left = control.next_factor(previous[0], means[0] * light, now_s - before_s, settings)
-            of_right = control.next_factor(previous[1], means[1] * light, now_s - before_s, settings)
+            of_left = control.next_factor(previous[0], means[0] * light, now_s - before_s, control_settings)
+            of_right = control.next_factor(previous[1], means[1] * light, now_s - before_s, control_settings)
             factors, before_s = (of_left, of_right), now_s
-            exposures = (control.exposure_of(of_left, settings), control.exposure_of(of_right, settings))
+            exposures = (control.exposure_of(of_left, control_settings), control.exposure_of(of_right, control_settings))
             developing.append(pool.submit(developed_pair, frame, drawn, exposures, light, factors))
             if len(developing) >= threads:
                 yield developing.popleft().result()
