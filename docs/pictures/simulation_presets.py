@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.simulation.city.numbering import FIRST_MOVER
+from wayloom.simulation.city.instance_ids import FIRST_MOVER
 from wayloom.simulation.recording.presets import DEMO, PRESETS, Preset
 from wayloom.simulation.recording.record_drive import plan_recording, route_plan
 from wayloom.simulation.recording.worlds import build_world

@@ -19,7 +19,7 @@ from wayloom.logs.simulated_truth import open_truth
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, MODELS
 from wayloom.segmentation.network import Network
 from wayloom.segmentation.stage import KeyframeLabels
-from wayloom.simulation.city import numbering
+from wayloom.simulation.city import instance_ids
 from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate
 
 
@@ -128,7 +128,7 @@ def test_a_drive_with_a_lidar_is_judged_by_its_scans_in_any_layout_and_one_witho
 
 
 def test_the_truth_tells_what_moves_as_the_simulator_numbers_it() -> None:
-    assert simulated_truth.FIRST_MOVER == numbering.FIRST_MOVER
+    assert simulated_truth.FIRST_MOVER == instance_ids.FIRST_MOVER
 
 
 def test_a_scan_that_does_not_fit_its_labels_is_named(tmp_path: Path) -> None:

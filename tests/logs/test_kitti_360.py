@@ -14,7 +14,7 @@ from wayloom.errors import CalibrationError, LogError, UnknownFormatError
 from wayloom.geometry import se3
 from wayloom.logs.drive_writer import SensorExtrinsics
 from wayloom.logs.kitti import kitti_360_labels as labels
-from wayloom.logs.kitti.accumulation import OVERLAP_M, VOXEL_M, WINDOW_M, Thinner, window_frames
+from wayloom.logs.kitti.accumulation import OVERLAP_M, VOXEL_M, WINDOW_M, VoxelFilter, window_frames
 from wayloom.logs.kitti.kitti_360_clouds import T_cam_lidar, T_cam_pose, read_cloud, read_scan, windows
 from wayloom.logs.kitti.kitti_360_layout import Sequence, find_sequence, find_sequences
 from wayloom.logs.kitti.kitti_360_writer import Kitti360Writer
@@ -131,7 +131,7 @@ def test_accumulated_clouds_hold_the_scans_points_in_the_world(written: tuple[Pa
 
 def test_of_points_in_a_voxel_the_first_is_kept() -> None:
     rng = np.random.default_rng(3)
-    thinner, seen = Thinner(), set[tuple[int, ...]]()
+    thinner, seen = VoxelFilter(), set[tuple[int, ...]]()
     for _ in range(40):
         points = rng.uniform(-2, 2, (200, 3))
         expected = []

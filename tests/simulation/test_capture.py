@@ -140,7 +140,7 @@ def test_a_veil_lifts_shadows_and_the_sun_blinds_where_it_stands() -> None:
     assert veiled[-1].mean() > 1.8 * 0.02
     assert veiled.mean() == pytest.approx(light.mean(), rel=0.15)
     blinded = with_glare(light, camera, GlareSettings(sun=1.0), sun, rgb, 1.0)
-    u, v = np.rint(camera.drawn.project(sun[None])[0]).astype(int)
+    u, v = np.rint(camera.rendered.project(sun[None])[0]).astype(int)
     assert blinded[v, u].min() > 20
     assert np.argmax((blinded - light)[..., 0]) == v * camera.width + u
     np.testing.assert_array_equal(with_glare(light, camera, GlareSettings(sun=1.0), sun, rgb, 0.0), light)
@@ -150,7 +150,7 @@ def test_a_veil_lifts_shadows_and_the_sun_blinds_where_it_stands() -> None:
 def test_the_sun_is_hidden_by_what_stands_before_it() -> None:
     camera: TrueCamera = true_cameras(VehicleSettings(), "quarter")[0]
     sun = np.array([0.1, -0.15, 1.0])
-    u, v = np.rint(camera.drawn.project(sun[None])[0]).astype(int)
+    u, v = np.rint(camera.rendered.project(sun[None])[0]).astype(int)
     depth = np.zeros((camera.height, camera.width), np.float32)
     assert open_sky_at_sun(depth, camera, sun) == 1.0
     depth[:, u:] = 10.0

@@ -7,7 +7,7 @@ from scipy import stats
 from simulation.winding import Standing, Winding
 from wayloom.geometry import se3
 from wayloom.simulation.rendering.renderer import World
-from wayloom.simulation.sensors.imu import GRAVITY_M_S2, errors, recorded, samples, true_samples
+from wayloom.simulation.sensors.imu import GRAVITY_M_S2, errors, samples, simulated_samples, true_samples
 from wayloom.simulation.traffic.drives import RoutePlan, plan_drives
 from wayloom.simulation.vehicle.motion import Motion, camera_poses
 from wayloom.simulation.vehicle.vehicle_settings import ClockSettings, ImuSettings, VehicleSettings
@@ -22,7 +22,7 @@ SILENT = ImuSettings(
 
 def integrated(motion: Motion, settings: ImuSettings) -> tuple[np.ndarray, np.ndarray]:
     """T_enu_imu at the end from the first pose and velocity and the samples alone (means of neighbours), and its true value."""
-    record = recorded(motion, T_BODY_IMU, settings, np.random.default_rng(0))
+    record = simulated_samples(motion, T_BODY_IMU, settings, np.random.default_rng(0))
     t, h = record.t_s, 1e-4
     T = camera_poses(motion, T_BODY_IMU, t[:1])[0]
     few = camera_poses(motion, T_BODY_IMU, t[0] + h * np.arange(4))[:, :3, 3]

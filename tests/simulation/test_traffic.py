@@ -7,7 +7,7 @@ import pytest
 from wayloom.config.classes import CLASS_ID
 from wayloom.simulation.city.city import City, build_city
 from wayloom.simulation.city.city_settings import CitySettings
-from wayloom.simulation.city.numbering import FIRST_MOVER, vehicle_number
+from wayloom.simulation.city.instance_ids import FIRST_MOVER, vehicle_number
 from wayloom.simulation.city.streets import Control
 from wayloom.simulation.models.catalogue import Models
 from wayloom.simulation.rendering.renderer import World
@@ -134,8 +134,8 @@ def test_signals_let_one_street_go_at_a_time_and_change_with_time(busy_city: Cit
 def test_lit_lamps_are_drawn_in_their_colour_with_the_lights_number(world: World) -> None:
     face = next(f for f in world.city.faces(0.0, 0.0, 120.0))
     for t in (0.0, 15.0):
-        drawn = [p.mesh for p in world.traffic.around(float(face.at[0]), float(face.at[1]), t)]
-        lamps = [m for m in drawn if int(m.class_id[0]) == CLASS_ID["traffic light"]]
+        rendered = [p.mesh for p in world.traffic.around(float(face.at[0]), float(face.at[1]), t)]
+        lamps = [m for m in rendered if int(m.class_id[0]) == CLASS_ID["traffic light"]]
         mine = lamps[0].rows(np.nonzero(lamps[0].instance == face.number)[0])
         expected = signals.lit(world.city.graph, face.node, face.origin, t)
         assert len(mine) == 6 * len(expected)

@@ -69,9 +69,9 @@ def demo_command(
             say("labels: the built-in network knows simulated streets only; give another by --model (`wayloom models` lists some)")
         api = Api(url)
         with progress_bars() as bars:
-            parcels = [pack(path, fleet.gnss, None, lambda _done, _of: None) for path in fleet.logs]
-            before = [finished_stages(api, parcel.manifest.drive_id) for parcel in parcels]
-            ids = [send(api, parcel, bars, 4) for parcel in parcels]
+            packed_drives = [pack(path, fleet.gnss, None, lambda _done, _of: None) for path in fleet.logs]
+            before = [finished_stages(api, packed_drive.manifest.drive_id) for packed_drive in packed_drives]
+            ids = [send(api, packed_drive, bars, 4) for packed_drive in packed_drives]
             drives = [follow(api, drive_id, bars, done) for drive_id, done in zip(ids, before, strict=True)]
         for drive in drives:
             say(summary(drive))
@@ -157,8 +157,8 @@ def service(data: Path, port: int, environment: dict[str, str]) -> Iterator[tupl
     ready = data / "ready"
     ready.unlink(missing_ok=True)
     command = [sys.executable, "-m", "wayloom.cli.main", "up", "--data", str(data), "--port", str(port), "--ready-file", str(ready)]
-    said = data / "up.log"
-    with said.open("w") as log:
+    output_file = data / "up.log"
+    with output_file.open("w") as log:
         child = subprocess.Popen(
             command, env=os.environ | environment, stdout=log, stderr=log, preexec_fn=ending_with_parent(signal.SIGTERM)
         )
@@ -166,8 +166,8 @@ def service(data: Path, port: int, environment: dict[str, str]) -> Iterator[tupl
         deadline = time.monotonic() + START_TIMEOUT_S
         while not ready.is_file():
             if child.poll() is not None or time.monotonic() > deadline:
-                last = (said.read_text().strip().splitlines() or ["it said nothing"])[-1]
-                raise ServiceError(f"the service did not start: {last}; {said} has all that it said")
+                last = (output_file.read_text().strip().splitlines() or ["it said nothing"])[-1]
+                raise ServiceError(f"the service did not start: {last}; {output_file} has all that it said")
             time.sleep(0.1)
         yield ready.read_text().strip(), child
     finally:

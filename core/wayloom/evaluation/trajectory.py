@@ -62,7 +62,7 @@ def ate_rmse(T_estimate: FloatArray, T_truth: FloatArray) -> float:
 
 
 def stretch_lengths(path_m: float) -> tuple[float, ...]:
-    """Lengths in m of the stretches that suit a path: KITTI's own from 300 m on, shorter ones for clips."""
+    """Lengths of the subsequences for relative errors, m: KITTI's own from 300 m on, shorter ones for clips."""
     if path_m >= 3 * KITTI_LENGTHS_M[0]:
         return tuple(length for length in KITTI_LENGTHS_M if length <= path_m)
     return SHORT_LENGTHS_M if path_m >= 125.0 else TINY_LENGTHS_M

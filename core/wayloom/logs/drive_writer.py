@@ -57,7 +57,7 @@ class ImageEncoding:
 
 
 class DriveWriter(ABC):
-    """Streams a drive into a folder. Use it as a context manager: the drive takes its place at the end, or not at all.
+    """Streaming writer of a drive. Use it as a context manager: the drive appears at `path` at the end, or not at all.
 
     path         where the drive will be; must not exist, or be an empty folder
     folder       where to write while the drive is not whole; anything put there moves with it
@@ -119,11 +119,11 @@ class DriveWriter(ABC):
 
     @abstractmethod
     def image_folders(self) -> tuple[Path, Path]:
-        """Left and right."""
+        """The folders of the left and the right images."""
 
     @abstractmethod
     def write_calibration(self) -> None:
-        """Write what the reader needs to know of the cameras."""
+        """Write the calibration files."""
 
     @abstractmethod
     def write_times(self) -> None:
@@ -135,7 +135,7 @@ class DriveWriter(ABC):
 
     @classmethod
     def folder_name(cls, name: str, distorted: bool) -> str:
-        """What the folder of a drive of that name is called."""
+        """The name of a drive's folder in this layout."""
         return name
 
     def image_files(self, index: int) -> tuple[Path, Path]:
@@ -179,8 +179,8 @@ class DriveWriter(ABC):
             if file.is_file():
                 link_or_copy(file, copy)
 
-    def write_labels(self, index: int, side: int, class_id: NDArray[np.uint8], things: NDArray[np.integer]) -> None:
-        """Labels (h, w) of an image, for layouts that have a place for them."""
+    def write_labels(self, index: int, side: int, class_id: NDArray[np.uint8], instances: NDArray[np.integer]) -> None:
+        """Write class_id (h, w) train ids and instances (h, w) of an image, for layouts that hold labels."""
         return
 
     def write_lidar(
@@ -188,7 +188,7 @@ class DriveWriter(ABC):
         index: int,
         points: NDArray[np.float32],
         class_id: NDArray[np.uint8] | None = None,
-        things: NDArray[np.integer] | None = None,
+        instances: NDArray[np.integer] | None = None,
         moving: NDArray[np.bool_] | None = None,
     ) -> None:
         """points (N, 4) x, y, z m in the LiDAR's frame, reflectance 0 to 1: the scan of a frame; and, for layouts that have a
@@ -200,27 +200,27 @@ class DriveWriter(ABC):
         self.packets.append(packet)
 
     def set_gnss(self, track: GnssTrack) -> None:
-        """The fixes of a receiver with their whole covariance."""
+        """Set the fixes of a receiver, with their whole covariance."""
         self.gnss = track
 
     def set_imu(self, track: ImuTrack) -> None:
-        """The samples of an IMU whose frame is T_cam_imu's."""
+        """Set the samples of an IMU whose frame is that of T_cam_imu."""
         self.imu = track
 
     def set_exposures(self, exposure_s: FloatArray) -> None:
-        """(N, 2) s of all frames, left and right."""
+        """Set (N, 2) s, exposure times of all frames, left and right."""
         self.exposure_s = exposure_s
 
     def oxts_folder(self) -> Path:
-        """Where the packets lie."""
+        """The folder of the GNSS/INS packets."""
         return self.folder / "oxts"
 
-    def notes_folder(self) -> Path:
-        """Where wayloom.json, gnss.csv and imu.csv lie."""
+    def sidecar_folder(self) -> Path:
+        """The folder of wayloom.json, gnss.csv, imu.csv and exposure.csv."""
         return self.folder
 
     def write_positioning(self) -> None:
-        """Write the packets, gnss.csv, imu.csv and exposure.csv, as far as there are any."""
+        """Write GNSS/INS packets, gnss.csv, imu.csv and exposure.csv, as far as there are any."""
         if self.packets:
             shutil.rmtree(self.oxts_folder(), ignore_errors=True)
             oxts = OxtsWriter(self.oxts_folder())
@@ -228,11 +228,11 @@ class DriveWriter(ABC):
                 oxts.add(packet)
             oxts.finish()
         if self.gnss is not None:
-            write_gnss_csv(self.notes_folder() / GNSS_NAME, self.gnss)
+            write_gnss_csv(self.sidecar_folder() / GNSS_NAME, self.gnss)
         if self.imu is not None:
-            write_imu_csv(self.notes_folder() / IMU_NAME, self.imu)
+            write_imu_csv(self.sidecar_folder() / IMU_NAME, self.imu)
         if self.exposure_s is not None:
-            write_exposure_csv(self.notes_folder() / EXPOSURE_NAME, self.exposure_s)
+            write_exposure_csv(self.sidecar_folder() / EXPOSURE_NAME, self.exposure_s)
 
     def write_truth(self) -> None:
         """Write the true poses."""
@@ -241,7 +241,7 @@ class DriveWriter(ABC):
     def write_sidecar(self) -> None:
         """Write wayloom.json."""
         write_atomically(
-            self.notes_folder() / SIDECAR_NAME, (self.sidecar.model_dump_json(indent=2, exclude_none=True) + "\n").encode()
+            self.sidecar_folder() / SIDECAR_NAME, (self.sidecar.model_dump_json(indent=2, exclude_none=True) + "\n").encode()
         )
 
     def finish(self) -> Path:
@@ -259,7 +259,7 @@ class DriveWriter(ABC):
         return self.path
 
     def discard(self) -> None:
-        """Leave nothing behind but the whole drive."""
+        """Remove everything but the finished drive."""
         shutil.rmtree(self._base, ignore_errors=True)
 
     def __enter__(self) -> Self:
@@ -279,7 +279,7 @@ class DriveWriter(ABC):
 
 
 def unfinished_folder(path: Path) -> Path:
-    """Where a drive that can be continued lies until it is whole: hidden, beside its place."""
+    """The hidden folder, beside a drive's own, in which a drive is written until it is whole."""
     return path.with_name(f".{path.name}.unfinished")
 
 

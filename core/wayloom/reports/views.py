@@ -16,7 +16,7 @@ BACKGROUND = 255
 
 @dataclass(frozen=True, slots=True)
 class SideView:
-    """image (h, w, 3) RGB; metres_per_pixel; width_m and height_m of what it shows."""
+    """Side view of a cloud: image (h, w, 3) RGB; metres_per_pixel; width_m and height_m of its extent."""
 
     image: Image
     metres_per_pixel: float

@@ -20,7 +20,7 @@ REMEDY = "make the submaps again"
 
 
 def save_submaps(placed: Iterable[PlacedSubmap], folder: Path) -> None:
-    """Write the blobs, then the index: a folder with an index is whole."""
+    """Write the submaps, then the index: a folder with an index is whole."""
     folder.mkdir(parents=True, exist_ok=True)
     entries = []
     for item in placed:

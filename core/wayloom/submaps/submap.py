@@ -85,7 +85,7 @@ def decode_submap(data: bytes, name: str = "submap") -> Submap:
 
 @dataclass(frozen=True, slots=True)
 class PlacedSubmap:
-    """Where a submap lies.
+    """A submap with its pose in the map.
 
     T_enu_submap  (4, 4) in the map's frame; in the drive's own where frame is None
     covariance    (6, 6) of its left perturbation (v, omega), m^2, rad^2; NaN without frame

@@ -75,7 +75,7 @@ def signal_post_m(arm_m: float) -> float:
 def traffic_light(
     m: MeshBuilder, at: F64, facing: F64, to_street: F64, arm_m: float, post_number: int, numbers: Sequence[int]
 ) -> list[tuple[F64, int]]:
-    """Signal heads on a post and, where arm_m > 0, one more over the road; each with a number from `numbers`.
+    """Signal heads on a post and, where arm_m > 0, one more over the road; each with an instance number from `numbers`.
 
     Returns the foot (3,) of each head's face, and its number; what is lit is added when the time is known.
     """
@@ -93,7 +93,7 @@ def traffic_light(
 
 
 def _signal_head(m: MeshBuilder, at: F64, facing: F64, foot_m: float, number: int, board: bool) -> F64:
-    """A box of three dark lamps under visors, where wanted before a black board with a white rim; returns its face's foot (3,)."""
+    """A box of three dark lamps under visors, optionally before a black board with a white rim; returns its face's foot (3,)."""
     yaw = float(np.arctan2(facing[1], facing[0]))
     place, dark = (float(at[0]), float(at[1])), (0.12, 0.13, 0.12)
     low, high = foot_m, foot_m + SIGNAL_M

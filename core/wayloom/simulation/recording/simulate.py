@@ -140,13 +140,13 @@ def check_formats(preset: Preset, numbers: tuple[int, ...], format: str) -> None
 
 
 def folder_of(out_dir: Path, preset: Preset, number: int, format: str) -> Path:
-    """Where a drive will be."""
+    """The folder of a drive."""
     plan = preset.drives[number]
     return out_dir / WRITERS[format].folder_name(plan.vehicle_id, plan.vehicle.distortion is not None)
 
 
 def is_done(out_dir: Path, preset: Preset, number: int, format: str) -> bool:
-    """Whether a drive is there, by an earlier run. Raises LogError where something else is in its place."""
+    """Whether a drive was written by an earlier run. Raises LogError where something else is in its place."""
     path = folder_of(out_dir, preset, number, format)
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return False
@@ -157,7 +157,7 @@ def is_done(out_dir: Path, preset: Preset, number: int, format: str) -> bool:
 
 
 def run_settings(preset: Preset, output: OutputSettings, frames: int | None) -> dict[str, Any]:
-    """All that the bytes of a run depend on."""
+    """Everything that the bytes of a run depend on."""
     return {
         "format_version": FORMAT_VERSION,
         "wayloom": __version__,
@@ -172,7 +172,7 @@ def run_settings(preset: Preset, output: OutputSettings, frames: int | None) -> 
 def write_drive(
     out_dir: Path, world: World, preset: Preset, recording: Recording, output: OutputSettings, threads: int
 ) -> Iterator[int]:
-    """Write one drive; yields how many of its frames are whole."""
+    """Write one drive; yields the number of finished frames after each."""
     plan, path = recording.plan, folder_of(out_dir, preset, recording.number, output.format)
     vehicle = plan.vehicle
     rig_id = f"{SIMULATED_RIG}{preset.name}-{vehicle.rig_name or plan.vehicle_id}"

@@ -17,7 +17,7 @@ BRIDGED = np.ones((3, 3), np.uint8)
 
 
 def without_holes(truth: Truth) -> U8:
-    """(h, w) uint8 train ids: the holes of each thing that is farther behind have its class, that of its nearest pixel."""
+    """(h, w) uint8 train ids: holes of an instance that show something farther behind are filled with its class."""
     out = truth.class_id.copy()
     numbers, where = np.unique(truth.instance, return_inverse=True)
     rows, columns = np.indices(truth.instance.shape)

@@ -7,7 +7,7 @@ import numpy as np
 
 from wayloom.errors import ConfigError
 from wayloom.simulation.city.city import City
-from wayloom.simulation.city.numbering import vehicle_number
+from wayloom.simulation.city.instance_ids import vehicle_number
 from wayloom.simulation.traffic.car_following import STEP_S, Agent
 from wayloom.simulation.traffic.lanes import Element, Lane, LaneGraph
 from wayloom.simulation.traffic.population import (

@@ -9,8 +9,8 @@ import numpy as np
 from wayloom.config.classes import CLASS_ID
 from wayloom.simulation.city.city import City
 from wayloom.simulation.city.furniture import LAMP_TINTS, LENS_UV, lens
-from wayloom.simulation.city.numbering import FIRST_MOVER as FIRST_MOVER
-from wayloom.simulation.city.numbering import vehicle_number
+from wayloom.simulation.city.instance_ids import FIRST_MOVER as FIRST_MOVER
+from wayloom.simulation.city.instance_ids import vehicle_number
 from wayloom.simulation.city.streets import F64
 from wayloom.simulation.models.mesh import Mesh, MeshBuilder, posed
 from wayloom.simulation.textures.materials import Material
