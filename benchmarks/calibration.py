@@ -33,7 +33,7 @@ from wayloom.logs.registry import open_log
 from wayloom.odometry.rig.calibration_observations import CalibrationObservations
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.simulation.recording.presets import RIG, RIG_WAYS, DrivePlan, Preset
-from wayloom.simulation.recording.simulate import simulate
+from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate
 from wayloom.simulation.vehicle.rig_faults import FAULTS
 from wayloom.simulation.vehicle.vehicle_settings import VehicleSettings
 
@@ -70,7 +70,7 @@ def rigs() -> Preset:
 
 def drawn(names: list[str], size: str, cache: Path) -> dict[str, Path]:
     """The folders of these drives."""
-    folders = simulate(rigs(), cache / f"rigs-{size}", size=size, drives=tuple(names), progress=say)
+    folders = simulate(rigs(), cache / f"rigs-{size}", OutputSettings(size=size), PresetVariant(drives=tuple(names)), progress=say)
     return {folder.name: folder for folder in folders}
 
 

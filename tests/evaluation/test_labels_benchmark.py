@@ -19,14 +19,16 @@ from wayloom.logs.simulated_truth import open_truth
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, MODELS
 from wayloom.segmentation.network import Network
 from wayloom.segmentation.stage import KeyframeLabels
-from wayloom.simulation.city import numbering
-from wayloom.simulation.recording.simulate import simulate
+from wayloom.simulation.city import instance_ids
+from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
-    simulate("benchmark", folder, "quarter", format="kitti-360", truth=True, drives=("seq-0",), frames=14)
+    simulate(
+        "benchmark", folder, OutputSettings("quarter", format="kitti-360", truth=True), PresetVariant(drives=("seq-0",), frames=14)
+    )
     return folder
 
 
@@ -109,8 +111,8 @@ def test_the_clouds_of_a_frame_are_its_scans_points(dataset: Path) -> None:
 def test_a_drive_with_a_lidar_is_judged_by_its_scans_in_any_layout_and_one_without_by_its_pixels(
     dataset: Path, tmp_path: Path
 ) -> None:
-    simulate("benchmark", tmp_path / "kitti", "quarter", truth=True, drives=("seq-0",), frames=2)
-    simulate("demo", tmp_path / "demo", "quarter", truth=True, drives=("car-1",), frames=2)
+    simulate("benchmark", tmp_path / "kitti", OutputSettings("quarter", truth=True), PresetVariant(drives=("seq-0",), frames=2))
+    simulate("demo", tmp_path / "demo", OutputSettings("quarter", truth=True), PresetVariant(drives=("car-1",), frames=2))
     scanned, drawn = (find_labelled_drives(tmp_path / name)[0].truth for name in ("kitti", "demo"))
     assert isinstance(scanned, ScannedTruth)
     assert isinstance(drawn, DrawnTruth)
@@ -126,11 +128,11 @@ def test_a_drive_with_a_lidar_is_judged_by_its_scans_in_any_layout_and_one_witho
 
 
 def test_the_truth_tells_what_moves_as_the_simulator_numbers_it() -> None:
-    assert simulated_truth.FIRST_MOVER == numbering.FIRST_MOVER
+    assert simulated_truth.FIRST_MOVER == instance_ids.FIRST_MOVER
 
 
 def test_a_scan_that_does_not_fit_its_labels_is_named(tmp_path: Path) -> None:
-    simulate("benchmark", tmp_path, "quarter", truth=True, drives=("seq-0",), frames=2)
+    simulate("benchmark", tmp_path, OutputSettings("quarter", truth=True), PresetVariant(drives=("seq-0",), frames=2))
     file = tmp_path / "seq-0" / "velodyne" / "000000.bin"
     file.write_bytes(file.read_bytes()[:-16])
     with pytest.raises(InputError, match=r"000000\.bin.*points, their labels"):

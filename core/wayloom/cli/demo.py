@@ -69,9 +69,9 @@ def demo_command(
             say("labels: the built-in network knows simulated streets only; give another by --model (`wayloom models` lists some)")
         api = Api(url)
         with progress_bars() as bars:
-            parcels = [pack(path, fleet.gnss, None, lambda _done, _of: None) for path in fleet.logs]
-            before = [finished_stages(api, parcel.manifest.drive_id) for parcel in parcels]
-            ids = [send(api, parcel, bars, 4) for parcel in parcels]
+            packed_drives = [pack(path, fleet.gnss, None, lambda _done, _of: None) for path in fleet.logs]
+            before = [finished_stages(api, packed_drive.manifest.drive_id) for packed_drive in packed_drives]
+            ids = [send(api, packed_drive, bars, 4) for packed_drive in packed_drives]
             drives = [follow(api, drive_id, bars, done) for drive_id, done in zip(ids, before, strict=True)]
         for drive in drives:
             say(summary(drive))
@@ -98,7 +98,7 @@ def simulated(out: Path) -> Fleet:
 
     from wayloom import __version__
     from wayloom.simulation.recording.presets import CITY_ORIGIN, PRESETS
-    from wayloom.simulation.recording.simulate import simulate
+    from wayloom.simulation.recording.simulate import OutputSettings, simulate
 
     origin = ",".join(str(part) for part in (CITY_ORIGIN.lon_deg, CITY_ORIGIN.lat_deg, CITY_ORIGIN.height_m))
     folder = out / "drives"
@@ -119,9 +119,12 @@ def simulated(out: Path) -> Fleet:
             bar = bars.add_task("starting", total=1.0)
             threads = min(4, os.cpu_count() or 1)
             simulate(
-                PRESET, folder, SIZE, threads=threads,
+                PRESET,
+                folder,
+                OutputSettings(SIZE),
+                threads=threads,
                 progress=lambda share, what: bars.update(bar, completed=share, description=what),
-            )  # fmt: skip
+            )
     return Fleet(logs, None, {"WAYLOOM_MAP_ORIGIN": origin})
 
 
@@ -154,8 +157,8 @@ def service(data: Path, port: int, environment: dict[str, str]) -> Iterator[tupl
     ready = data / "ready"
     ready.unlink(missing_ok=True)
     command = [sys.executable, "-m", "wayloom.cli.main", "up", "--data", str(data), "--port", str(port), "--ready-file", str(ready)]
-    said = data / "up.log"
-    with said.open("w") as log:
+    output_file = data / "up.log"
+    with output_file.open("w") as log:
         child = subprocess.Popen(
             command, env=os.environ | environment, stdout=log, stderr=log, preexec_fn=ending_with_parent(signal.SIGTERM)
         )
@@ -163,8 +166,8 @@ def service(data: Path, port: int, environment: dict[str, str]) -> Iterator[tupl
         deadline = time.monotonic() + START_TIMEOUT_S
         while not ready.is_file():
             if child.poll() is not None or time.monotonic() > deadline:
-                last = (said.read_text().strip().splitlines() or ["it said nothing"])[-1]
-                raise ServiceError(f"the service did not start: {last}; {said} has all that it said")
+                last = (output_file.read_text().strip().splitlines() or ["it said nothing"])[-1]
+                raise ServiceError(f"the service did not start: {last}; {output_file} has all that it said")
             time.sleep(0.1)
         yield ready.read_text().strip(), child
     finally:

@@ -52,7 +52,7 @@ def simulate_command(
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from wayloom.pipeline.folders import writing_to
-    from wayloom.simulation.recording.simulate import simulate
+    from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate
 
     columns = (BarColumn(32), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn(), TextColumn("{task.description}"))
     console = Console(file=sys.stderr)
@@ -60,9 +60,12 @@ def simulate_command(
     with Progress(*columns, console=console, disable=not console.is_terminal) as bars, writing_to(out):
         task = bars.add_task("starting", total=1.0)
         paths = simulate(
-            preset, out, size.value, seed, format.value, truth, threads or min(4, os.cpu_count() or 1),
+            preset,
+            out,
+            OutputSettings(size.value, format.value, truth),
+            PresetVariant(seed, laps, names, frames),
+            threads or min(4, os.cpu_count() or 1),
             lambda share, what: bars.update(task, completed=share, description=what),
-            laps=laps, drives=names, frames=frames,
-        )  # fmt: skip
+        )
     for path in paths:
         typer.echo(path)

@@ -33,13 +33,13 @@ def upload_command(
     if gnss is not None and len(logs) > 1:
         raise ConfigError("--gnss belongs to one drive, several were given", remedy="send the drives one by one")
     with Api(to, connections=connections) as api, progress_bars() as bars:
-        parcels = []
+        packed_drives = []
         for path in logs:
             bar = bars.add_task(f"{path.name}: reading", total=None, words="")
-            parcels.append(pack(path, gnss, vehicle, lambda done, of, bar=bar: bars.update(bar, completed=done, total=of)))  # type: ignore[misc]
+            packed_drives.append(pack(path, gnss, vehicle, lambda done, of, bar=bar: bars.update(bar, completed=done, total=of)))  # type: ignore[misc]
             bars.remove_task(bar)
-        before = [finished_stages(api, parcel.manifest.drive_id) for parcel in parcels]
-        sent = [send(api, parcel, bars, connections) for parcel in parcels]
+        before = [finished_stages(api, packed_drive.manifest.drive_id) for packed_drive in packed_drives]
+        sent = [send(api, packed_drive, bars, connections) for packed_drive in packed_drives]
         drives = [
             follow(api, drive_id, bars, done) if wait else api.drive(drive_id) for drive_id, done in zip(sent, before, strict=True)
         ]
@@ -51,13 +51,13 @@ def upload_command(
         raise typer.Exit(1)
 
 
-def send(api: "Api", parcel: "PackedDrive", bars: "Progress", connections: int) -> str:
+def send(api: "Api", packed_drive: "PackedDrive", bars: "Progress", connections: int) -> str:
     """Upload one drive under a bar of bytes. Returns its id."""
     from wayloom.client.upload import upload
 
-    bar = bars.add_task(f"{parcel.manifest.name}: sending", total=parcel.manifest.byte_count, words="")
-    registration = upload(api, parcel, lambda done, of: bars.update(bar, completed=done, total=of), connections)
-    bars.update(bar, description=f"{parcel.manifest.name}: sent", completed=parcel.manifest.byte_count)
+    bar = bars.add_task(f"{packed_drive.manifest.name}: sending", total=packed_drive.manifest.byte_count, words="")
+    registration = upload(api, packed_drive, lambda done, of: bars.update(bar, completed=done, total=of), connections)
+    bars.update(bar, description=f"{packed_drive.manifest.name}: sent", completed=packed_drive.manifest.byte_count)
     return str(registration["id"])
 
 
@@ -77,9 +77,9 @@ def follow(api: "Api", drive_id: str, bars: "Progress", before: set[str]) -> dic
     from wayloom.client.watch import wait_for_drive
 
     lines: dict[str, Any] = {}
-    said: set[str] = set()
+    finished: set[str] = set()
 
-    def told(drive: dict[str, Any]) -> None:
+    def on_progress(drive: dict[str, Any]) -> None:
         for stage in drive["stages"]:
             name = stage["stage"]
             if stage["state"] == "waiting" and name not in lines:
@@ -87,13 +87,13 @@ def follow(api: "Api", drive_id: str, bars: "Progress", before: set[str]) -> dic
             if name not in lines:
                 lines[name] = bars.add_task(f"{drive['name']}: {name}", total=1.0, words="")
             bars.update(lines[name], completed=stage["progress"], words=stage["message"] or stage["state"])
-            if stage["state"] == "done" and name not in said:
-                said.add(name)
+            if stage["state"] == "done" and name not in finished:
+                finished.add(name)
                 if not bars.console.is_terminal:
                     when = "before" if name in before else f"in {stage['seconds']:.1f} s"
                     print(f"{drive['name']}: {name} done {when}", flush=True)
 
-    return wait_for_drive(api, drive_id, told)
+    return wait_for_drive(api, drive_id, on_progress)
 
 
 def progress_bars() -> "Progress":

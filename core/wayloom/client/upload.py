@@ -1,4 +1,4 @@
-"""The upload of one drive: several files at once, each resumed where the server's stored bytes end, until the server has all."""
+"""Resumable, parallel upload of one drive (tus protocol), continued where the server's stored bytes end."""
 
 import base64
 import hashlib
@@ -20,60 +20,71 @@ TUS: Final = {"Tus-Resumable": "1.0.0"}
 CONTENT: Final = {"Content-Type": "application/offset+octet-stream"}
 ROUNDS: Final = 3
 """How often the server is asked what it lacks: a file that was damaged on the way is sent again."""
-Told = Callable[[int, int], None]
+ProgressCallback = Callable[[int, int], None]
 
 
-class Stopped(Exception):  # noqa: N818 - no error: another file's upload has failed and this one ends
+class UploadStopped(Exception):  # noqa: N818 - no error: another file's upload has failed and this one ends
     """The upload is over for another reason."""
 
 
 def upload(
-    api: Api, parcel: PackedDrive, told: Told = lambda _done, _of: None, connections: int = CONNECTIONS, chunk: int = CHUNK
+    api: Api,
+    packed_drive: PackedDrive,
+    on_progress: ProgressCallback = lambda _done, _of: None,
+    connections: int = CONNECTIONS,
+    chunk: int = CHUNK,
 ) -> dict[str, Any]:
-    """Send what the server lacks of the drive and return its registration. `told(done, of)` hears of bytes that the server has.
+    """Send what the server lacks of the drive and return its registration. `on_progress(done, total)` counts
+    the bytes that the server has.
 
     Running it again after any interruption continues; running it for a drive that is complete sends nothing.
     Raises LogError when a file changed on the way, ServiceError when the server stays away or refuses.
     """
-    manifest = parcel.manifest.model_dump(mode="json", exclude_none=True)
-    total = parcel.manifest.byte_count
+    manifest = packed_drive.manifest.model_dump(mode="json", exclude_none=True)
+    total = packed_drive.manifest.byte_count
     for _ in range(ROUNDS):
         registration: dict[str, Any] = api.json("POST", "/v1/drives", json=manifest)
         missing = registration["missing"]
         stored = total - sum(file["size"] - file["offset"] for file in missing)
-        told(stored, total)
+        on_progress(stored, total)
         if not missing:
             return registration
-        _send_all(api, parcel, registration["id"], missing, _Counter(stored, total, told), connections, chunk)
+        _send_all(api, packed_drive, registration["id"], missing, _Counter(stored, total, on_progress), connections, chunk)
     registration = api.json("POST", "/v1/drives", json=manifest)
     if registration["missing"]:
         raise ServiceError(
             f"{len(registration['missing'])} files did not arrive whole, the first is {registration['missing'][0]['path']}"
         )
-    told(total, total)
+    on_progress(total, total)
     return registration
 
 
 class _Counter:
     """Bytes that the server has, counted from several threads."""
 
-    def __init__(self, done: int, total: int, told: Told) -> None:
-        self._done, self._total, self._told = done, total, told
+    def __init__(self, done: int, total: int, on_progress: ProgressCallback) -> None:
+        self._done, self._total, self._on_progress = done, total, on_progress
         self._lock = threading.Lock()
 
     def add(self, count: int) -> None:
         with self._lock:
             self._done += count
-            self._told(min(self._done, self._total), self._total)
+            self._on_progress(min(self._done, self._total), self._total)
 
 
 def _send_all(
-    api: Api, parcel: PackedDrive, drive_id: str, missing: list[dict[str, Any]], counter: _Counter, connections: int, chunk: int
+    api: Api,
+    packed_drive: PackedDrive,
+    drive_id: str,
+    missing: list[dict[str, Any]],
+    counter: _Counter,
+    connections: int,
+    chunk: int,
 ) -> None:
     over = threading.Event()
 
     def one(file: dict[str, Any]) -> None:
-        _send_file(api, drive_id, file, parcel.sources[file["path"]], counter, over, chunk)
+        _send_file(api, drive_id, file, packed_drive.sources[file["path"]], counter, over, chunk)
 
     with ThreadPoolExecutor(connections) as pool:
         futures = [pool.submit(one, file) for file in missing]
@@ -84,7 +95,7 @@ def _send_all(
             pool.shutdown(cancel_futures=True)
     for future in done:
         error = future.exception()
-        if error is not None and not isinstance(error, Stopped):
+        if error is not None and not isinstance(error, UploadStopped):
             raise error
 
 
@@ -98,7 +109,7 @@ def _send_file(
         try:
             while True:
                 if over.is_set():
-                    raise Stopped
+                    raise UploadStopped
                 content = _read(source, offset, min(chunk, file["size"] - offset), file["size"])
                 address, new_offset = _send_chunk(api, drive_id, file, address, offset, content)
                 counter.add(new_offset - offset)
@@ -129,7 +140,7 @@ def _pauses(over: threading.Event) -> Iterator[float | None]:
     """Pauses between tries; after None there is no further try."""
     for pause_s in (0.1, 0.3, 1.0, 2.0, 4.0, 8.0, 15.0, 15.0):
         if over.is_set():
-            raise Stopped
+            raise UploadStopped
         yield pause_s
     yield None
 

@@ -1,4 +1,4 @@
-"""The WGS84 ellipsoid in closed form: longitude, latitude, height to the earth's frame and to a local tangent plane."""
+"""WGS84 geodetic coordinates in closed form: to the earth-centred frame (ECEF) and to a local tangent plane (ENU)."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,1 +1,1 @@
-"""A drive into a geo-referenced frame: geodesy, GNSS alignment; the only import of pyproj."""
+"""Geo-referencing of drives: geodesy and GNSS alignment; the only import of pyproj."""

@@ -1,4 +1,4 @@
-"""Places on Earth: WGS84, Earth-centred coordinates, local tangent planes and UTM. The only import of pyproj.
+"""Geodetic transformations: WGS84, earth-centred coordinates, local tangent planes and UTM. The only import of pyproj.
 
 lon_lat_height  (N, 3) degrees, degrees, ellipsoidal metres
 ecef            (N, 3) Earth-centred, Earth-fixed metres (EPSG:4978)

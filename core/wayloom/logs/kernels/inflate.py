@@ -1,4 +1,4 @@
-"""Deflate (RFC 1951) for images: streams that are for the most part literals, of which a look-up takes two at once.
+"""Deflate decompression (RFC 1951) for images: Huffman tables from which one look-up takes two literals.
 
 A code is five arrays: `fast` (2^bits,) uint16 = symbol << 4 | length by the next bits of the stream, 0 where the code is longer or
 unknown; `first`, `amount`, `offset` (16,) by length and `symbols`, for those (the canonical search). Bits wait in a uint64, lowest

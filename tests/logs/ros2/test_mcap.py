@@ -14,6 +14,7 @@ from logs.made_drives import FRAMES, RIG, T_CAM_IMU, made_frames, write_drive
 from wayloom.errors import CalibrationError, InputError, LogError, UnknownFormatError
 from wayloom.geometry import se3
 from wayloom.geometry.rectification import DistortedCamera, rectifying_maps
+from wayloom.logs.drive_writer import ImageEncoding, SensorExtrinsics
 from wayloom.logs.inspection import inspect_log
 from wayloom.logs.registry import open_log
 from wayloom.logs.ros2 import ros_messages as ros
@@ -113,7 +114,7 @@ def test_distorted_images_are_rectified_as_their_calibration_says(tmp_path: Path
 
 
 def test_a_distorted_drive_of_the_products_writer_is_rectified(tmp_path: Path) -> None:
-    with McapWriter(tmp_path / "bent", RIG, distortion=BAD_LENS) as drive:
+    with McapWriter(tmp_path / "bent", RIG, encoding=ImageEncoding(distortion=BAD_LENS)) as drive:
         for frame in made_frames(3, True):
             drive.add(frame)
     log = open_log(tmp_path / "bent")
@@ -208,7 +209,7 @@ def test_exposures_and_imu_of_a_written_drive_come_back(tmp_path: Path) -> None:
     frames = made_frames(4, True)
     seconds = np.random.default_rng(0).uniform(1e-3, 1e-2, (4, 2))
     imu = ImuTrack(frames[0].t_ns + 5_000_000 * np.arange(60), *np.random.default_rng(1).normal(size=(2, 60, 3)))
-    with McapWriter(tmp_path / "drive", RIG, T_cam_imu=T_CAM_IMU) as drive:
+    with McapWriter(tmp_path / "drive", RIG, extrinsics=SensorExtrinsics(T_cam_imu=T_CAM_IMU)) as drive:
         for frame in frames:
             drive.add(frame)
         drive.set_exposures(seconds)

@@ -8,10 +8,10 @@ from wayloom.geometry import se3
 from wayloom.geometry.lens import RightLens
 from wayloom.simulation.rendering.renderer import World
 from wayloom.simulation.sensors.camera import developed
-from wayloom.simulation.sensors.capture import Captured, StereoCamera, capture
+from wayloom.simulation.sensors.capture import Captured, CaptureSettings, ResumePoint, StereoCamera, capture
 from wayloom.simulation.sensors.glare import open_sky_at_sun, with_glare
 from wayloom.simulation.sensors.optics import TrueCamera, true_cameras
-from wayloom.simulation.traffic.drives import Way, plan_drives
+from wayloom.simulation.traffic.drives import RoutePlan, plan_drives
 from wayloom.simulation.traffic.routes import Route
 from wayloom.simulation.vehicle.rig_faults import WORN
 from wayloom.simulation.vehicle.rigs import given_rig
@@ -35,7 +35,7 @@ EVERYTHING = VehicleSettings(
 
 @pytest.fixture(scope="module")
 def route(world: World) -> Route:
-    way = Way(nodes=(4, 5, 6, 10), reference=2, before_m=25.0, start_s=7.0, duration_s=2.0)
+    way = RoutePlan(nodes=(4, 5, 6, 10), reference=2, before_m=25.0, start_s=7.0, duration_s=2.0)
     return plan_drives(world.city, [way])[0].route
 
 
@@ -43,7 +43,7 @@ def pairs(
     world: World, route: Route, vehicle: VehicleSettings, count: int = 3, threads: int = 1, after_s: float = 0.0
 ) -> list[Captured]:
     t_s = route.start_s + after_s + 0.1 * np.arange(count)
-    return list(capture(StereoCamera(vehicle, "quarter", route), world, t_s, frozenset(), True, (1, 2), threads))
+    return list(capture(StereoCamera(vehicle, "quarter", route), world, t_s, CaptureSettings(frozenset(), True, (1, 2)), threads))
 
 
 def test_captures_do_not_depend_on_the_number_of_threads(world: World, route: Route) -> None:
@@ -62,7 +62,9 @@ def test_a_capture_that_begins_later_is_the_rest_of_the_whole(world: World, rout
     whole = pairs(world, route, EVERYTHING, 4)
     t_s = route.start_s + 0.1 * np.arange(4)
     camera = StereoCamera(EVERYTHING, "quarter", route)
-    rest = list(capture(camera, world, t_s, frozenset(), False, (1, 2), 2, first=2, factors=whole[1].factors))
+    rest = list(
+        capture(camera, world, t_s, CaptureSettings(frozenset(), False, (1, 2)), 2, ResumePoint(first=2, factors=whole[1].factors))
+    )
     assert len(rest) == 2
     for a, b in zip(whole[2:], rest, strict=True):
         np.testing.assert_array_equal(a.left, b.left)
@@ -138,7 +140,7 @@ def test_a_veil_lifts_shadows_and_the_sun_blinds_where_it_stands() -> None:
     assert veiled[-1].mean() > 1.8 * 0.02
     assert veiled.mean() == pytest.approx(light.mean(), rel=0.15)
     blinded = with_glare(light, camera, GlareSettings(sun=1.0), sun, rgb, 1.0)
-    u, v = np.rint(camera.drawn.project(sun[None])[0]).astype(int)
+    u, v = np.rint(camera.rendered.project(sun[None])[0]).astype(int)
     assert blinded[v, u].min() > 20
     assert np.argmax((blinded - light)[..., 0]) == v * camera.width + u
     np.testing.assert_array_equal(with_glare(light, camera, GlareSettings(sun=1.0), sun, rgb, 0.0), light)
@@ -148,7 +150,7 @@ def test_a_veil_lifts_shadows_and_the_sun_blinds_where_it_stands() -> None:
 def test_the_sun_is_hidden_by_what_stands_before_it() -> None:
     camera: TrueCamera = true_cameras(VehicleSettings(), "quarter")[0]
     sun = np.array([0.1, -0.15, 1.0])
-    u, v = np.rint(camera.drawn.project(sun[None])[0]).astype(int)
+    u, v = np.rint(camera.rendered.project(sun[None])[0]).astype(int)
     depth = np.zeros((camera.height, camera.width), np.float32)
     assert open_sky_at_sun(depth, camera, sun) == 1.0
     depth[:, u:] = 10.0

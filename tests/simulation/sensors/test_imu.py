@@ -7,8 +7,8 @@ from scipy import stats
 from simulation.winding import Standing, Winding
 from wayloom.geometry import se3
 from wayloom.simulation.rendering.renderer import World
-from wayloom.simulation.sensors.imu import GRAVITY_M_S2, errors, recorded, samples, true_samples
-from wayloom.simulation.traffic.drives import Way, plan_drives
+from wayloom.simulation.sensors.imu import GRAVITY_M_S2, errors, samples, simulated_samples, true_samples
+from wayloom.simulation.traffic.drives import RoutePlan, plan_drives
 from wayloom.simulation.vehicle.motion import Motion, camera_poses
 from wayloom.simulation.vehicle.vehicle_settings import ClockSettings, ImuSettings, VehicleSettings
 
@@ -22,7 +22,7 @@ SILENT = ImuSettings(
 
 def integrated(motion: Motion, settings: ImuSettings) -> tuple[np.ndarray, np.ndarray]:
     """T_enu_imu at the end from the first pose and velocity and the samples alone (means of neighbours), and its true value."""
-    record = recorded(motion, T_BODY_IMU, settings, np.random.default_rng(0))
+    record = simulated_samples(motion, T_BODY_IMU, settings, np.random.default_rng(0))
     t, h = record.t_s, 1e-4
     T = camera_poses(motion, T_BODY_IMU, t[:1])[0]
     few = camera_poses(motion, T_BODY_IMU, t[0] + h * np.arange(4))[:, :3, 3]
@@ -49,7 +49,7 @@ def test_integrating_finer_samples_comes_nearer_as_the_square_of_their_distance(
 
 
 def test_samples_of_a_drive_through_the_city_integrate_to_its_poses(world: World) -> None:
-    way = Way(nodes=(4, 5, 6, 10), reference=2, before_m=25.0, start_s=7.0, duration_s=6.0)
+    way = RoutePlan(nodes=(4, 5, 6, 10), reference=2, before_m=25.0, start_s=7.0, duration_s=6.0)
     found, true = integrated(plan_drives(world.city, [way])[0].route, SILENT)
     assert np.linalg.norm(found[:3, 3] - true[:3, 3]) < 0.005
     assert np.linalg.norm(se3.log(se3.inverse(true) @ found)[3:]) < 1e-4

@@ -7,6 +7,7 @@ import pytest
 
 from logs.made_drives import FRAMES, START_NS, T_CAM_IMU, WRITERS, made_imu, sample_files, write_drive
 from wayloom.errors import LogError
+from wayloom.logs.drive_writer import SensorExtrinsics
 from wayloom.logs.inspection import inspect_log
 from wayloom.logs.registry import LOG_FORMATS, open_log
 from wayloom.logs.sidecars.imu_csv import COLUMNS, read_imu_csv, write_imu_csv
@@ -46,7 +47,7 @@ def test_an_imu_and_exposures_beside_a_log_are_read_with_it(tmp_path: Path, log_
 def test_a_writer_is_given_an_imu_and_exposures(tmp_path: Path, log_format: str) -> None:
     source, exposures = open_log(write_drive(tmp_path / "a", log_format)), np.full((FRAMES, 2), 0.004)
     writer, name = WRITERS[log_format]
-    with writer(tmp_path / "b" / name, source.rig, T_cam_imu=T_CAM_IMU) as drive:
+    with writer(tmp_path / "b" / name, source.rig, extrinsics=SensorExtrinsics(T_cam_imu=T_CAM_IMU)) as drive:
         for frame in source.frames():
             drive.add(frame)
         drive.set_imu(made_imu())

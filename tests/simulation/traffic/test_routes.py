@@ -13,7 +13,7 @@ from wayloom.simulation.city.streets import ISLAND_M, ROUNDABOUT_M
 from wayloom.simulation.city.terrain import FLAT, HILLS
 from wayloom.simulation.models.catalogue import Models
 from wayloom.simulation.traffic import signals
-from wayloom.simulation.traffic.drives import Way, plan_drives, random_way
+from wayloom.simulation.traffic.drives import RoutePlan, plan_drives, random_way
 from wayloom.simulation.traffic.lanes import COMFORT_M_S2
 from wayloom.simulation.traffic.routes import Route, eased
 
@@ -27,12 +27,12 @@ def still_city() -> City:
 
 @pytest.fixture(scope="module")
 def around(still_city: City) -> Route:
-    return plan_drives(still_city, [Way(AROUND, 12.0, closed=True)])[0].route
+    return plan_drives(still_city, [RoutePlan(AROUND, 12.0, closed=True)])[0].route
 
 
 @pytest.fixture(scope="module")
 def lap(still_city: City) -> Route:
-    return plan_drives(still_city, [Way(AROUND, 12.0, closed=True, laps=True)])[0].route
+    return plan_drives(still_city, [RoutePlan(AROUND, 12.0, closed=True, laps=True)])[0].route
 
 
 def test_a_lane_keeps_its_distance_to_the_right_of_the_streets() -> None:
@@ -81,7 +81,7 @@ def test_a_vehicle_stops_at_a_red_light_and_goes_on_green(still_city: City) -> N
     graph = still_city.graph
     shown = [(t, signals.lit(graph, 12, 7, t)) for t in np.arange(0.0, 60.0, 0.5)]
     red = next(t for (_, before), (t, now) in pairwise(shown) if before != now == (signals.RED,))
-    way = Way((7, 12, 17, 22), float(red), reference=1, before_m=42.0, duration_s=22.0)
+    way = RoutePlan((7, 12, 17, 22), float(red), reference=1, before_m=42.0, duration_s=22.0)
     route = plan_drives(still_city, [way])[0].route
     t = np.arange(route.start_s, route.end_s, 0.1)
     standing = t[route.travelled(t, 1) < 0.05]
@@ -128,18 +128,18 @@ def test_smoothing_keeps_even_motion_and_bounds_jerk() -> None:
 
 
 def test_a_way_begins_at_its_place_before_the_crossing(still_city: City) -> None:
-    route = plan_drives(still_city, [Way((5, 6, 7, 12), 0.0, reference=2, before_m=58.0, duration_s=2.0)])[0].route
+    route = plan_drives(still_city, [RoutePlan((5, 6, 7, 12), 0.0, reference=2, before_m=58.0, duration_s=2.0)])[0].route
     place = route.places([0.0])[0]
     assert 50.0 < np.hypot(*(place - still_city.graph.nodes[7])) < 62.0
 
 
 def test_ways_that_cannot_be_driven_are_refused(still_city: City) -> None:
     with pytest.raises(ConfigError, match="no street"):
-        plan_drives(still_city, [Way((5, 12), duration_s=3.0)])
+        plan_drives(still_city, [RoutePlan((5, 12), duration_s=3.0)])
     with pytest.raises(ConfigError, match="drives off its end"):
-        plan_drives(still_city, [Way((5, 6), duration_s=60.0)])
+        plan_drives(still_city, [RoutePlan((5, 6), duration_s=60.0)])
     with pytest.raises(ConfigError, match="make no way"):
-        plan_drives(still_city, [Way((5,), duration_s=3.0)])
+        plan_drives(still_city, [RoutePlan((5,), duration_s=3.0)])
 
 
 def test_random_ways_are_as_long_as_asked_and_never_turn_round() -> None:

@@ -10,7 +10,7 @@ from wayloom.georeference.geodesy import enu_from_lonlatheight
 from wayloom.georeference.types import MapFrame
 from wayloom.logs.sidecars.oxts import R_enu_imu
 from wayloom.logs.types import FixType
-from wayloom.simulation.sensors.gnss import SIGMA_M, GnssRecord, fix_errors, packets, planned, received, track
+from wayloom.simulation.sensors.gnss import SIGMA_M, GnssRecord, fix_errors, packets, simulated_fixes, steps_in_force, track
 from wayloom.simulation.vehicle.motion import camera_poses
 from wayloom.simulation.vehicle.vehicle_settings import (
     ClockSettings,
@@ -27,7 +27,7 @@ NONE, SINGLE, FLOAT, FIXED = FixType.NONE, FixType.SINGLE, FixType.FLOAT, FixTyp
 
 def drive(settings: GnssSettings, seed: int = 5, clock: ClockSettings | None = None) -> tuple[GnssRecord, VehicleSettings]:
     vehicle = VehicleSettings(gnss=settings, clock=clock or ClockSettings())
-    record = received(Winding(), vehicle, np.random.default_rng(seed))
+    record = simulated_fixes(Winding(), vehicle, np.random.default_rng(seed))
     assert record is not None
     return record, vehicle
 
@@ -60,7 +60,7 @@ def test_half_of_the_error_stays_from_one_fix_to_the_next() -> None:
 
 
 def test_a_plan_gives_each_part_of_the_drive_its_fix() -> None:
-    steps = planned(gnss_steps((0.0, FIXED), (0.5, NONE), (0.75, FLOAT)), np.arange(9) / 8)
+    steps = steps_in_force(gnss_steps((0.0, FIXED), (0.5, NONE), (0.75, FLOAT)), np.arange(9) / 8)
     assert [int(step.fix) for step in steps] == [3, 3, 3, 3, 0, 0, 2, 2, 2]
 
 
@@ -121,4 +121,4 @@ def test_packets_say_how_the_unit_stands_and_moves() -> None:
 
 
 def test_a_vehicle_without_a_receiver_has_no_fixes() -> None:
-    assert received(Winding(), VehicleSettings(gnss=None), np.random.default_rng(0)) is None
+    assert simulated_fixes(Winding(), VehicleSettings(gnss=None), np.random.default_rng(0)) is None

@@ -12,8 +12,9 @@ from logs.made_drives import FRAMES, RIG, T_CAM_IMU, made_frames, made_packets, 
 from wayloom.config.classes import CLASS_COUNT
 from wayloom.errors import CalibrationError, LogError, UnknownFormatError
 from wayloom.geometry import se3
+from wayloom.logs.drive_writer import SensorExtrinsics
 from wayloom.logs.kitti import kitti_360_labels as labels
-from wayloom.logs.kitti.accumulation import OVERLAP_M, VOXEL_M, WINDOW_M, Thinner, window_frames
+from wayloom.logs.kitti.accumulation import OVERLAP_M, VOXEL_M, WINDOW_M, VoxelFilter, window_frames
 from wayloom.logs.kitti.kitti_360_clouds import T_cam_lidar, T_cam_pose, read_cloud, read_scan, windows
 from wayloom.logs.kitti.kitti_360_layout import Sequence, find_sequence, find_sequences
 from wayloom.logs.kitti.kitti_360_writer import Kitti360Writer
@@ -46,7 +47,7 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     """A root with labels, scans and clouds, and its T_world_cam."""
     root, poses = tmp_path_factory.mktemp("data") / "made", far_poses(request.param)
     rng = np.random.default_rng(1)
-    with Kitti360Writer(root, RIG, T_cam_imu=T_CAM_IMU, T_cam_lidar=T_CAM_LIDAR) as drive:
+    with Kitti360Writer(root, RIG, extrinsics=SensorExtrinsics(T_cam_imu=T_CAM_IMU, T_cam_lidar=T_CAM_LIDAR)) as drive:
         for frame, T in zip(made_frames(FRAMES, True), poses, strict=True):
             drive.add(frame, T)
             for side in (0, 1):
@@ -130,7 +131,7 @@ def test_accumulated_clouds_hold_the_scans_points_in_the_world(written: tuple[Pa
 
 def test_of_points_in_a_voxel_the_first_is_kept() -> None:
     rng = np.random.default_rng(3)
-    thinner, seen = Thinner(), set[tuple[int, ...]]()
+    thinner, seen = VoxelFilter(), set[tuple[int, ...]]()
     for _ in range(40):
         points = rng.uniform(-2, 2, (200, 3))
         expected = []

@@ -7,18 +7,21 @@ import pytest
 from wayloom.config.classes import CLASS_ID
 from wayloom.simulation.city.city import City, build_city
 from wayloom.simulation.city.city_settings import CitySettings
-from wayloom.simulation.city.numbering import FIRST_MOVER, vehicle_number
+from wayloom.simulation.city.instance_ids import FIRST_MOVER, vehicle_number
 from wayloom.simulation.city.streets import Control
 from wayloom.simulation.models.catalogue import Models
 from wayloom.simulation.rendering.renderer import World
 from wayloom.simulation.traffic import signals
-from wayloom.simulation.traffic.drives import Drive, Way, plan_drives
+from wayloom.simulation.traffic.drives import Drive, RoutePlan, plan_drives
 from wayloom.simulation.traffic.lanes import ALONG, Lane, LaneGraph
 from wayloom.simulation.traffic.pedestrians import People, places
 from wayloom.simulation.traffic.traffic import Vehicle
 
 WIDTHS = {"bicycle": 0.5, "rider": 0.5, "motorcycle": 0.6, "car": 1.75}
-WAYS = (Way((6, 7, 12, 11), 30.0, closed=True), Way((12, 7, 6, 11, 16), 33.0, reference=1, before_m=45.0, duration_s=40.0))
+WAYS = (
+    RoutePlan((6, 7, 12, 11), 30.0, closed=True),
+    RoutePlan((12, 7, 6, 11, 16), 33.0, reference=1, before_m=45.0, duration_s=40.0),
+)
 
 
 @pytest.fixture(scope="module")
@@ -131,8 +134,8 @@ def test_signals_let_one_street_go_at_a_time_and_change_with_time(busy_city: Cit
 def test_lit_lamps_are_drawn_in_their_colour_with_the_lights_number(world: World) -> None:
     face = next(f for f in world.city.faces(0.0, 0.0, 120.0))
     for t in (0.0, 15.0):
-        drawn = [p.mesh for p in world.traffic.around(float(face.at[0]), float(face.at[1]), t)]
-        lamps = [m for m in drawn if int(m.class_id[0]) == CLASS_ID["traffic light"]]
+        rendered = [p.mesh for p in world.traffic.around(float(face.at[0]), float(face.at[1]), t)]
+        lamps = [m for m in rendered if int(m.class_id[0]) == CLASS_ID["traffic light"]]
         mine = lamps[0].rows(np.nonzero(lamps[0].instance == face.number)[0])
         expected = signals.lit(world.city.graph, face.node, face.origin, t)
         assert len(mine) == 6 * len(expected)
@@ -151,7 +154,7 @@ def test_more_traffic_is_asked_for_and_none(busy_city: City) -> None:
     counts = []
     for traffic in (0.0, 1.0, 4.0):
         city = build_city(busy_city.settings.model_copy(update={"traffic": traffic}), busy_city.models)
-        drive = plan_drives(city, [Way((6, 7, 12), 30.0, reference=1, before_m=45.0, duration_s=2.0)])[0]
+        drive = plan_drives(city, [RoutePlan((6, 7, 12), 30.0, reference=1, before_m=45.0, duration_s=2.0)])[0]
         counts.append(len(drive.traffic.vehicles(31.0)))
     assert counts[0] == 1
     assert counts[1] > 15

@@ -18,7 +18,7 @@ def ground() -> Truth:
     return Truth(depth, class_id, np.zeros(SHAPE, np.uint16))
 
 
-def draw(truth: Truth, where: np.ndarray, class_id: int, number: int, depth: float) -> None:
+def render(truth: Truth, where: np.ndarray, class_id: int, number: int, depth: float) -> None:
     """One more thing, before all that is there."""
     truth.depth[where], truth.class_id[where], truth.instance[where] = depth, class_id, number
 
@@ -49,7 +49,7 @@ def naive(truth: Truth, number: int) -> np.ndarray:
 
 def test_what_is_seen_through_a_wheel_counts_as_the_bicycle() -> None:
     truth = ground()
-    draw(truth, ring(25, 20, 10, 7), BICYCLE, 5, 8.0)
+    render(truth, ring(25, 20, 10, 7), BICYCLE, 5, 8.0)
     out = without_holes(truth)
     hole = naive(truth, 5)
     assert hole.sum() > 100
@@ -59,8 +59,8 @@ def test_what_is_seen_through_a_wheel_counts_as_the_bicycle() -> None:
 
 def test_what_stands_before_a_thing_is_no_hole_in_it() -> None:
     truth = ground()
-    draw(truth, ring(25, 20, 12, 0), CAR, 5, 8.0)
-    draw(truth, ring(25, 20, 4, 0), RIDER, 6, 5.0)
+    render(truth, ring(25, 20, 12, 0), CAR, 5, 8.0)
+    render(truth, ring(25, 20, 4, 0), RIDER, 6, 5.0)
     assert (without_holes(truth) == truth.class_id).all()
 
 
@@ -68,10 +68,10 @@ def test_a_rim_broken_by_a_pixel_is_closed_and_an_open_bend_is_not() -> None:
     truth = ground()
     wheel = ring(20, 20, 10, 7)
     wheel[20, :14] = False
-    draw(truth, wheel, BICYCLE, 5, 8.0)
+    render(truth, wheel, BICYCLE, 5, 8.0)
     bend = ring(45, 20, 10, 7)
     bend[:20] = False
-    draw(truth, bend, BICYCLE, 6, 8.0)
+    render(truth, bend, BICYCLE, 6, 8.0)
     out = without_holes(truth)
     assert out[20, 20] == BICYCLE
     assert out[20, 45] == ROAD
@@ -79,8 +79,8 @@ def test_a_rim_broken_by_a_pixel_is_closed_and_an_open_bend_is_not() -> None:
 
 def test_a_hole_has_the_class_of_the_part_around_it() -> None:
     truth = ground()
-    draw(truth, ring(20, 20, 10, 7), BICYCLE, 5, 8.0)
-    draw(truth, ring(38, 20, 9, 6), RIDER, 5, 8.0)
+    render(truth, ring(20, 20, 10, 7), BICYCLE, 5, 8.0)
+    render(truth, ring(38, 20, 9, 6), RIDER, 5, 8.0)
     out = without_holes(truth)
     assert (out[20, 20], out[20, 38]) == (BICYCLE, RIDER)
 
@@ -91,5 +91,5 @@ def test_of_two_things_behind_each_other_the_nearer_has_the_hole(nearer: int) ->
     depth = {5: 9.0, 6: 9.0, nearer: 7.0}
     for number in sorted(depth, key=lambda n: -depth[n]):
         outer, inner, cls = (14, 10, CAR) if number != nearer else (9, 6, BICYCLE)
-        draw(truth, ring(30, 20, outer, inner), cls, number, depth[number])
+        render(truth, ring(30, 20, outer, inner), cls, number, depth[number])
     assert without_holes(truth)[20, 30] == BICYCLE

@@ -9,13 +9,14 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from logs.made_drives import FRAMES, RIG, T_CAM_IMU, made_frames, made_imu, made_packets, made_poses
 from wayloom.geometry import se3
+from wayloom.logs.drive_writer import SensorExtrinsics
 from wayloom.logs.registry import open_log
 from wayloom.logs.ros2.mcap_writer import McapWriter
 
 
 def test_others_decode_every_message_that_we_write(tmp_path: Path) -> None:
     frames, packets, imu = made_frames(FRAMES, True), made_packets(FRAMES), made_imu()
-    with McapWriter(tmp_path / "drive", RIG, T_cam_imu=T_CAM_IMU, T_cam_lidar=np.eye(4)) as drive:
+    with McapWriter(tmp_path / "drive", RIG, extrinsics=SensorExtrinsics(T_cam_imu=T_CAM_IMU, T_cam_lidar=np.eye(4))) as drive:
         for frame, T in zip(frames, made_poses(FRAMES), strict=True):
             drive.add(frame, T)
         for packet in packets:

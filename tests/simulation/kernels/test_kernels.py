@@ -28,7 +28,7 @@ def view() -> View:
     return View(30.0, 31.0, 19.3, 11.6, T)
 
 
-def drawn(tri: Triangles, tex: TextureStack, view: View) -> tuple[np.ndarray, np.ndarray]:
+def rendered(tri: Triangles, tex: TextureStack, view: View) -> tuple[np.ndarray, np.ndarray]:
     edges, boxes = np.empty((len(tri.corners), 9)), np.empty((len(tri.corners), 4), np.int32)
     raster.project_triangles(tri.corners, view, se3.inverse(view.T_world_cam), WIDTH, HEIGHT, edges, boxes, np.empty((3, 3)))
     inv_z, ids = np.empty((HEIGHT, WIDTH), np.float32), np.empty((HEIGHT, WIDTH), np.int32)
@@ -38,7 +38,7 @@ def drawn(tri: Triangles, tex: TextureStack, view: View) -> tuple[np.ndarray, np
 
 def test_each_pixel_sees_the_triangle_that_its_ray_meets_first(world: World, view: View) -> None:
     tri = soup(np.random.default_rng(1), 60)
-    inv_z, ids = drawn(tri, world.textures, view)
+    inv_z, ids = rendered(tri, world.textures, view)
     different = 0
     for v in range(HEIGHT):
         for u in range(WIDTH):
@@ -59,13 +59,13 @@ def test_a_ground_whose_edges_run_along_the_image_rows_has_no_holes(world: World
     for turn in np.linspace(0, 2 * np.pi, 17):
         T = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, turn, 0.0]))
         T[:3, 3] = -5.88, 0.0, 0.0
-        _, ids = drawn(tri, world.textures, View(30.0, 30.0, 19.5, 2.5, T))
+        _, ids = rendered(tri, world.textures, View(30.0, 30.0, 19.5, 2.5, T))
         assert np.all(ids[5:] != raster.NO_TRIANGLE)
 
 
 def test_depth_of_a_pixel_is_that_of_its_ray_and_zero_where_nothing_is_seen(world: World, view: View) -> None:
     tri = soup(np.random.default_rng(2), 30)
-    _, ids = drawn(tri, world.textures, view)
+    _, ids = rendered(tri, world.textures, view)
     depth = np.empty(ids.shape, np.float32)
     raster.depth_of(ids, view, tri.corners, depth)
     assert np.all(depth[ids == raster.NO_TRIANGLE] == 0)
@@ -79,7 +79,7 @@ def test_depth_of_a_pixel_is_that_of_its_ray_and_zero_where_nothing_is_seen(worl
 def test_a_triangle_behind_the_camera_is_not_drawn(world: World) -> None:
     corners = np.float32([[[-1, -1, -5], [1, -1, -5], [0, 1, -5]]])
     tri = soup(np.random.default_rng(3), 1)._replace(corners=corners)
-    _, ids = drawn(tri, world.textures, View(30.0, 30.0, 20.0, 12.0, np.eye(4)))
+    _, ids = rendered(tri, world.textures, View(30.0, 30.0, 20.0, 12.0, np.eye(4)))
     assert np.all(ids == raster.NO_TRIANGLE)
 
 
@@ -89,8 +89,8 @@ def test_holes_of_a_cut_out_material_let_the_background_through(world: World) ->
     plain = soup(np.random.default_rng(4), 2)._replace(corners=corners, uv=uv)
     cut = plain._replace(material=np.full(2, Material.SPOKES, np.uint8))
     view = View(20.0, 20.0, 19.5, 11.5, np.eye(4))
-    assert np.all(drawn(plain, world.textures, view)[1] >= 0)
-    seen = drawn(cut, world.textures, view)[1] >= 0
+    assert np.all(rendered(plain, world.textures, view)[1] >= 0)
+    seen = rendered(cut, world.textures, view)[1] >= 0
     assert 0.02 < seen.mean() < 0.7
 
 

@@ -22,8 +22,8 @@ from wayloom.logs.registry import open_log
 from wayloom.logs.simulated_truth import FIX_COLUMNS, open_truth
 from wayloom.simulation.city.city_settings import CitySettings
 from wayloom.simulation.recording.presets import CITY_ORIGIN, PRESETS, START_NS, DrivePlan, Preset
-from wayloom.simulation.recording.record_drive import plan_recording, way_of
-from wayloom.simulation.recording.simulate import WRITERS, simulate
+from wayloom.simulation.recording.record_drive import plan_recording, route_plan
+from wayloom.simulation.recording.simulate import WRITERS, OutputSettings, PresetVariant, simulate
 from wayloom.simulation.recording.worlds import build_world
 from wayloom.simulation.rendering.renderer import World
 from wayloom.simulation.traffic.drives import plan_drives
@@ -68,7 +68,10 @@ def city(preset: Preset) -> World:
 def written(preset: Preset, city: World, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """The drive in every format, by one thread."""
     folder = tmp_path_factory.mktemp("drives")
-    return {layout: simulate(preset, folder / layout, "quarter", format=layout, truth=True, world=city)[0] for layout in WRITERS}
+    return {
+        layout: simulate(preset, folder / layout, OutputSettings("quarter", format=layout, truth=True), world=city)[0]
+        for layout in WRITERS
+    }
 
 
 @pytest.mark.parametrize("layout", list(WRITERS))
@@ -76,7 +79,9 @@ def test_two_runs_are_alike_to_the_byte_and_so_are_one_and_two_threads(
     layout: str, written: dict[str, Path], preset: Preset, city: World, tmp_path: Path
 ) -> None:
     expected = digests(written[layout].parent)
-    simulate(preset, tmp_path, "quarter", format=layout, truth=True, threads=2, world=city if layout != "kitti" else None)
+    simulate(
+        preset, tmp_path, OutputSettings("quarter", format=layout, truth=True), threads=2, world=city if layout != "kitti" else None
+    )
     assert digests(tmp_path) == expected
     assert not [name for name in expected if Path(name).name.startswith(".")]
 
@@ -90,10 +95,16 @@ def test_a_run_that_is_stopped_goes_on_and_ends_with_the_same_bytes(
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        simulate(preset, tmp_path, "quarter", format=layout, truth=True, threads=2, progress=stop, world=city)
+        simulate(preset, tmp_path, OutputSettings("quarter", format=layout, truth=True), threads=2, progress=stop, world=city)
     assert {f.name for f in tmp_path.iterdir()} == {".one.unfinished", "simulation.json"}
     told: list[str] = []
-    simulate(preset, tmp_path, "quarter", format=layout, truth=True, progress=lambda _, what: told.append(what), world=city)
+    simulate(
+        preset,
+        tmp_path,
+        OutputSettings("quarter", format=layout, truth=True),
+        progress=lambda _, what: told.append(what),
+        world=city,
+    )
     assert f"one: frame 1 of {FRAMES}" not in told
     assert f"one: frame 3 of {FRAMES}" in told
     assert digests(tmp_path) == digests(written[layout].parent)
@@ -107,14 +118,14 @@ def test_a_process_that_is_killed_leaves_nothing_half_written(
         import os, signal
         from pathlib import Path
         from wayloom.simulation.recording.presets import Preset
-        from wayloom.simulation.recording.simulate import simulate
+        from wayloom.simulation.recording.simulate import OutputSettings, simulate
 
         def stop(share, what):
             if "frame 3 of" in what:
                 os.kill(os.getpid(), signal.SIGKILL)
 
         preset = Preset.model_validate_json({preset.model_dump_json()!r})
-        simulate(preset, Path({str(tmp_path)!r}), "quarter", truth=True, progress=stop)
+        simulate(preset, Path({str(tmp_path)!r}), OutputSettings("quarter", truth=True), progress=stop)
         """
     )
     ended = subprocess.run([sys.executable, "-c", script], env={**os.environ, "PYTHONPATH": "core"}, check=False)
@@ -123,7 +134,7 @@ def test_a_process_that_is_killed_leaves_nothing_half_written(
     (torn / "drive" / "image_2" / ".unfinished-abc").write_bytes(b"cut")
     with (torn / "journal.txt").open("ab") as journal:
         journal.write(b"3 0.9")
-    simulate(preset, tmp_path, "quarter", truth=True, world=city)
+    simulate(preset, tmp_path, OutputSettings("quarter", truth=True), world=city)
     assert digests(tmp_path) == digests(written["kitti"].parent)
 
 
@@ -146,7 +157,7 @@ def test_a_full_disk_is_told_and_the_run_goes_on_when_there_is_space(
     assert ended.returncode == 2
     assert ended.stderr.count("\n") == 1
     assert "cannot be written (File too large)" in ended.stderr
-    simulate(preset, tmp_path, "quarter", truth=True, world=city)
+    simulate(preset, tmp_path, OutputSettings("quarter", truth=True), world=city)
     assert digests(tmp_path) == digests(written["kitti"].parent)
 
 
@@ -155,7 +166,7 @@ def test_a_drive_that_is_there_is_not_drawn_again(written: dict[str, Path], pres
     before = {f: f.stat().st_mtime_ns for f in drive.rglob("*")}
     left_over = drive.parent / ".one.unfinished" / "spool"
     left_over.mkdir(parents=True)
-    assert simulate(preset, drive.parent, "quarter", truth=True, world=city) == [drive]
+    assert simulate(preset, drive.parent, OutputSettings("quarter", truth=True), world=city) == [drive]
     assert {f: f.stat().st_mtime_ns for f in drive.rglob("*")} == before
     assert not left_over.parent.exists()
 
@@ -163,22 +174,22 @@ def test_a_drive_that_is_there_is_not_drawn_again(written: dict[str, Path], pres
 def test_a_folder_of_other_settings_is_refused_with_the_difference(written: dict[str, Path], preset: Preset, city: World) -> None:
     folder = written["kitti"].parent
     with pytest.raises(LogError, match=r"other settings \(preset.city.seed: 11, not 12\)"):
-        simulate(preset, folder, "quarter", truth=True, seed=12, world=city)
+        simulate(preset, folder, OutputSettings("quarter", truth=True), PresetVariant(seed=12), world=city)
     with pytest.raises(LogError, match="truth: true, not false"):
-        simulate(preset, folder, "quarter", world=city)
+        simulate(preset, folder, OutputSettings("quarter"), world=city)
 
 
 def test_two_runs_do_not_write_into_one_folder(preset: Preset, city: World, tmp_path: Path) -> None:
     def second(share: float, what: str) -> None:
         if "frame" in what:
-            simulate(preset, tmp_path, "quarter", world=city)
+            simulate(preset, tmp_path, OutputSettings("quarter"), world=city)
 
     with pytest.raises(ConflictError, match="another simulation"):
-        simulate(preset, tmp_path, "quarter", progress=second, world=city)
+        simulate(preset, tmp_path, OutputSettings("quarter"), progress=second, world=city)
 
 
 def test_another_seed_is_another_city(preset: Preset, written: dict[str, Path], tmp_path: Path) -> None:
-    (other,) = simulate(preset, tmp_path, "quarter", seed=12, frames=2)
+    (other,) = simulate(preset, tmp_path, OutputSettings("quarter"), PresetVariant(seed=12, frames=2))
     assert (other / "image_2" / "000000.png").read_bytes() != (written["kitti"] / "image_2" / "000000.png").read_bytes()
     assert len(open_log(other)) == 2
 
@@ -285,13 +296,13 @@ def test_what_is_unknown_is_refused_with_the_known(tmp_path: Path, preset: Prese
     with pytest.raises(ConfigError, match="unknown preset 'moon'; use one of demo"):
         simulate("moon", tmp_path)
     with pytest.raises(ConfigError, match="kitti, kitti-raw, kitti-360"):
-        simulate(preset, tmp_path, format="rosbag")
+        simulate(preset, tmp_path, OutputSettings(format="rosbag"))
     with pytest.raises(ConfigError, match="full, half, quarter"):
-        simulate(preset, tmp_path, size="tiny")
+        simulate(preset, tmp_path, OutputSettings(size="tiny"))
     with pytest.raises(ConfigError, match="no drive 'two' in short; use some of one"):
-        simulate(preset, tmp_path, drives=("two",))
+        simulate(preset, tmp_path, variant=PresetVariant(drives=("two",)))
     with pytest.raises(ConfigError, match="short does not go in laps"):
-        simulate(preset, tmp_path, laps=3)
+        simulate(preset, tmp_path, variant=PresetVariant(laps=3))
     bent = preset.drives[0].vehicle.model_copy(update={"distortion": (-0.2, 0.05, 0.0, 0.0, 0.0)})
     drive = preset.drives[0].model_copy(update={"vehicle": bent})
     with pytest.raises(ConfigError, match="images of one are distorted, kitti holds rectified ones; use kitti-raw"):
@@ -302,7 +313,7 @@ def test_what_is_unknown_is_refused_with_the_known(tmp_path: Path, preset: Prese
 def test_a_drive_that_would_leave_its_streets_is_refused(preset: Preset, tmp_path: Path) -> None:
     far, quiet = preset.drives[0].model_copy(update={"frames": 400}), preset.city.model_copy(update={"traffic": 0.0})
     with pytest.raises(ConfigError, match="drives off its end"):
-        simulate(preset.model_copy(update={"drives": (far,), "city": quiet}), tmp_path, "quarter")
+        simulate(preset.model_copy(update={"drives": (far,), "city": quiet}), tmp_path, OutputSettings("quarter"))
     assert not any(tmp_path.iterdir())
 
 
@@ -310,14 +321,14 @@ def test_a_folder_with_files_is_left_alone(preset: Preset, tmp_path: Path) -> No
     (tmp_path / "one").mkdir()
     (tmp_path / "one" / "mine.txt").write_text("mine")
     with pytest.raises(LogError, match="no empty folder"):
-        simulate(preset, tmp_path, "quarter")
+        simulate(preset, tmp_path, OutputSettings("quarter"))
     assert [f.name for f in tmp_path.rglob("*")] == ["one", "mine.txt"]
 
 
 def test_the_demo_drives_share_most_of_their_way() -> None:
     demo = PRESETS["demo"]
     world = build_world(demo.city, demo.light, "quarter")
-    planned = plan_drives(world.city, [way_of(plan, demo) for plan in demo.drives])
+    planned = plan_drives(world.city, [route_plan(plan, demo) for plan in demo.drives])
     one, two = (plan_recording(demo, number, drive).T_enu_cam[:, :2, 3] for number, drive in enumerate(planned))
     gap = np.linalg.norm(one[:, None] - two, axis=2)
     assert np.mean(gap.min(axis=1) < 8.0) > 0.5
@@ -331,7 +342,9 @@ def test_laps_are_drawn_once_and_join_without_a_seam(layout: str, tmp_path: Path
     plan = DrivePlan(vehicle_id="one", nodes=(5, 6, 10, 9), closed=True, start_s=3.0, vehicle=vehicle)
     still = CitySettings(seed=11, columns=4, rows=4, traffic=0.0, people=0.0)
     around = Preset(name="around", about="for tests", city=still, laps=2, rate_hz=0.2, drives=(plan,))
-    (drive,) = simulate(around, tmp_path / "out", "quarter", truth=layout == "kitti", laps=3, format=layout)
+    (drive,) = simulate(
+        around, tmp_path / "out", OutputSettings("quarter", format=layout, truth=layout == "kitti"), PresetVariant(laps=3)
+    )
     log = open_log(drive)
     lap = len(log) // 3
     assert (len(log) % 3, lap > 3) == (0, True)

@@ -47,7 +47,7 @@ def test_pixels_of_the_right_camera_look_where_the_lens_model_says(lens: RightLe
     vehicle = VehicleSettings(right_lens=lens)
     rig, (_, right) = given_rig(vehicle, "half"), true_cameras(vehicle, "half")
     depth = np.random.default_rng(0).uniform(3, 80, right.width * right.height)
-    p_right = right.drawn.rays(pixels(right)) * depth[:, None]
+    p_right = right.rendered.rays(pixels(right)) * depth[:, None]
     p_ideal = se3.transform(right.T_left_cam, p_right) + np.array(rig.t_right_left)
     found = lens.lens(0.5).real_pixels(rig.camera, rig.baseline_m, rig.camera.project(p_ideal), 1 / p_ideal[:, 2])
     v, u = np.mgrid[0 : right.height, 0 : right.width]
@@ -56,7 +56,7 @@ def test_pixels_of_the_right_camera_look_where_the_lens_model_says(lens: RightLe
 
 def test_a_perfect_rig_is_drawn_as_it_is_given() -> None:
     left, right = true_cameras(VehicleSettings(rig="kitti"), "full")
-    assert left.drawn == right.drawn == given_rig(VehicleSettings(rig="kitti"), "full").camera
+    assert left.rendered == right.rendered == given_rig(VehicleSettings(rig="kitti"), "full").camera
     assert left.lens_uv is None
     np.testing.assert_allclose(right.T_left_cam[:3, 3], (0.537, 0, 0))
 
@@ -67,7 +67,7 @@ def test_raw_images_are_what_a_reader_rectifies() -> None:
     given = given_rig(VehicleSettings(), "quarter").camera
     u, v = rectifying_maps(DistortedCamera(given, distortion), np.eye(3), given)
     assert left.lens_uv is not None
-    drawn_offset = np.array([left.drawn.cx - given.cx, left.drawn.cy - given.cy])
+    drawn_offset = np.array([left.rendered.cx - given.cx, left.rendered.cy - given.cy])
     for y, x in ((20, 40), (47, 176), (80, 300)):
         x0, y0 = int(u[y, x]), int(v[y, x])
         fx, fy = u[y, x] - x0, v[y, x] - y0
@@ -104,9 +104,9 @@ def test_the_true_right_images_truth_lands_on_the_left_within_a_tenth_of_a_pixel
     for T in poses:
         scene = world.scene(culling_camera(cameras), T, 2.0)
         seen_left, seen = (truth_of(scene, camera, T @ camera.T_left_cam) for camera in cameras)
-        p_left = se3.transform(right.T_left_cam, right.drawn.rays(pixels(right)) * seen.depth.astype(float).reshape(-1, 1))
-        uv = left.drawn.project(p_left)
-        chosen = plane(seen).ravel() & left.drawn.contains(uv, 2.0)
+        p_left = se3.transform(right.T_left_cam, right.rendered.rays(pixels(right)) * seen.depth.astype(float).reshape(-1, 1))
+        uv = left.rendered.project(p_left)
+        chosen = plane(seen).ravel() & left.rendered.contains(uv, 2.0)
         x, y = np.floor(uv[chosen]).astype(int).T
         chosen[chosen] = plane(seen_left)[y, x] & plane(seen_left)[y + 1, x + 1]
         x, y = np.floor(uv[chosen]).astype(int).T
@@ -140,7 +140,7 @@ def test_depth_through_a_lens_is_where_the_ray_meets_the_triangles(world: World,
     scene = world.scene(culling_camera((camera,)), T_left, 2.0)
     T = T_left @ camera.T_left_cam
     truth, corners = truth_of(scene, camera, T), scene.mesh.corners.astype(float)
-    rays = camera.drawn.rays(pixels(camera)).reshape(camera.height, camera.width, 3)
+    rays = camera.rendered.rays(pixels(camera)).reshape(camera.height, camera.width, 3)
     smooth, rng, tested = np.argwhere(plane(truth)), np.random.default_rng(3), 0
     for v, u in smooth[rng.choice(len(smooth), 60, replace=False)]:
         depths = ray_hits(T[:3, 3], T[:3, :3] @ rays[v, u], corners)
@@ -191,11 +191,11 @@ def test_an_open_shutter_is_the_mean_of_the_images_of_its_moments() -> None:
         return (0.5 + 0.2 * np.sin(9.0 * hit[:, 0] + 3.0 * hit[:, 1]) + 0.1 * np.cos(10.0 * hit[:, 1])).reshape(height, width)
 
     expected = np.mean([seen(s) for s in (np.arange(64) + 0.5) / 64 - 0.5], axis=0)
-    drawn = np.repeat(seen(0.0)[..., None], 3, axis=2).astype(np.float32)
+    rendered = np.repeat(seen(0.0)[..., None], 3, axis=2).astype(np.float32)
     depth = np.full((height, width), z, np.float32)
-    found = through_lens(drawn, TrueCamera(width, height, camera, np.eye(4)), 0.0, depth, way)[..., 0]
+    found = through_lens(rendered, TrueCamera(width, height, camera, np.eye(4)), 0.0, depth, way)[..., 0]
     inner = np.s_[8:-8, 8:-8]
-    assert np.abs(expected - drawn[..., 0])[inner].max() > 0.05
+    assert np.abs(expected - rendered[..., 0])[inner].max() > 0.05
     assert np.abs(found - expected)[inner].max() < 0.006
 
 
@@ -212,6 +212,6 @@ def test_a_camera_that_culls_holds_the_views_of_both(world: World, poses: list[n
     cameras = true_cameras(VehicleSettings(right_lens=STRONG), "quarter")
     wide = culling_camera(cameras)
     for camera in cameras:
-        rays = camera.drawn.rays(pixels(camera)) @ camera.T_left_cam[:3, :3].T
+        rays = camera.rendered.rays(pixels(camera)) @ camera.T_left_cam[:3, :3].T
         assert np.all(wide.contains(wide.project(rays)))
     assert RightLens() == RightLensSettings().lens()

@@ -7,10 +7,10 @@ import pytest
 
 from wayloom.config.classes import CLASS_ID
 from wayloom.errors import ConfigError
-from wayloom.simulation.city.blocks import Kind, kind_of
+from wayloom.simulation.city.blocks import LandUse, land_use
 from wayloom.simulation.city.city import City, build_city
 from wayloom.simulation.city.city_settings import CitySettings
-from wayloom.simulation.city.numbering import FIRST_MOVER, NUMBERED, THINGS_PER_BLOCK
+from wayloom.simulation.city.instance_ids import FIRST_MOVER, THINGS_PER_BLOCK, UNIQUE_BLOCKS
 from wayloom.simulation.city.objects import Area
 from wayloom.simulation.city.streets import (
     CORNER_RADIUS_M,
@@ -114,9 +114,9 @@ def test_the_default_city_has_roundabouts_signals_avenues_parks_and_a_square(mod
     controls = [graph.control(node) for node in range(len(graph.nodes))]
     assert controls.count(Control.ROUNDABOUT) == 1
     assert Control.SIGNALS in controls
-    kinds = [kind_of(settings, block) for block in range(graph.block_count)]
-    assert kinds.count(Kind.SQUARE) == 1
-    assert kinds.count(Kind.PARK) == 2
+    kinds = [land_use(settings, block) for block in range(graph.block_count)]
+    assert kinds.count(LandUse.SQUARE) == 1
+    assert kinds.count(LandUse.PARK) == 2
     assert any(street.is_avenue for street in graph.inner_streets())
 
 
@@ -156,10 +156,10 @@ def test_cars_at_the_kerb_face_the_way_that_traffic_beside_them_goes(world: Worl
 
 
 def test_things_have_numbers_of_their_own_that_repeat_far_away_only(models: Models) -> None:
-    settings = CitySettings(columns=2 * NUMBERED + 2, rows=NUMBERED + 3)
+    settings = CitySettings(columns=2 * UNIQUE_BLOCKS + 2, rows=UNIQUE_BLOCKS + 3)
     city = build_city(settings, models)
     seen: dict[int, list[np.ndarray]] = {}
-    blocks = (0, 1, NUMBERED, 2 * NUMBERED, NUMBERED * (settings.columns - 1))
+    blocks = (0, 1, UNIQUE_BLOCKS, 2 * UNIQUE_BLOCKS, UNIQUE_BLOCKS * (settings.columns - 1))
     for block in blocks:
         mesh = city.tile(block).mesh
         numbers = np.unique(mesh.instance[mesh.instance > 0])
