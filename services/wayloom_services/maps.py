@@ -1,12 +1,12 @@
 """Map endpoints: versions, tiles, coverage and submaps."""
 
-import math
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 
 from wayloom.store import maps
+from wayloom.tiles.grid import TileAddress, tile_bounds
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS
 from wayloom_services.errors import ProtocolError
@@ -155,6 +155,5 @@ def _box(text: str) -> maps.Box:
 
 def _square(z: int, x: int, y: int) -> dict[str, object]:
     """The outline of a web-mercator tile in degrees."""
-    west, east = (360.0 * column / (1 << z) - 180.0 for column in (x, x + 1))
-    north, south = (math.degrees(math.atan(math.sinh(math.pi * (1 - 2 * row / (1 << z))))) for row in (y, y + 1))
+    west, south, east, north = tile_bounds(TileAddress(z, x, y))
     return {"type": "Polygon", "coordinates": [[[west, south], [east, south], [east, north], [west, north], [west, south]]]}

@@ -141,7 +141,7 @@ def test_what_the_best_leave_over_is_shared_by_the_others(seed: int) -> None:
     logits = np.random.default_rng(seed).normal(0, 2, (3, 3, 19)).astype(np.float32)
     scores = scores_from_logits(logits, np.arange(19, dtype=np.uint8), (24, 24), 4)
     for best, steps, rest in zip(
-        scores.probabilities.reshape(-1, 4), scores.steps.reshape(-1, 4), rest_steps(scores).ravel(), strict=True
+        np.exp(scores.steps.reshape(-1, 4) / -32.0), scores.steps.reshape(-1, 4), rest_steps(scores).ravel(), strict=True
     ):
         share = max(1 - float(best.sum()), 1e-6) / 15
         assert rest == pytest.approx(max(steps[3], min(255.0, -32 * np.log(share))), abs=0.05)

@@ -16,6 +16,7 @@ from wayloom.pipeline.drive import process_drive
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stages import STAGES, finished_key, run_stage, stage_key
 from wayloom.reports.drive_report import write_report
+from wayloom.segmentation.settings import SegmentationSettings
 
 PRODUCTS = {
     "trajectory.tum", "trajectory.kitti", "trajectory.geojson", "cloud.ply", "cloud.laz", "map.png", "overlays", "report.json",
@@ -30,7 +31,7 @@ def log_path(clip_a, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def settings(tmp_path_factory):
-    return ProcessSettings(model=str(colour_network(tmp_path_factory.mktemp("network"))))
+    return ProcessSettings(segmentation=SegmentationSettings(model=str(colour_network(tmp_path_factory.mktemp("network")))))
 
 
 @pytest.fixture(scope="module")
@@ -180,7 +181,7 @@ def test_nothing_is_written_into_the_log(settings, clip_a, tmp_path):
 
 def test_a_missing_network_is_told_before_the_work(log_path, tmp_path):
     with pytest.raises(ModelError, match="unknown network"):
-        process_drive(log_path, tmp_path / "out", ProcessSettings(model="no-such-network"))
+        process_drive(log_path, tmp_path / "out", ProcessSettings(segmentation=SegmentationSettings(model="no-such-network")))
     assert not list(tmp_path.iterdir())
 
 
@@ -189,7 +190,7 @@ def test_a_damaged_network_is_told_before_the_work(log_path, tmp_path, spoil):
     network = colour_network(tmp_path / "network").with_suffix(".onnx")
     network.write_bytes(spoil(network.read_bytes()))
     with pytest.raises(ModelError, match="not an ONNX file"):
-        process_drive(log_path, tmp_path / "out", ProcessSettings(model=str(network)))
+        process_drive(log_path, tmp_path / "out", ProcessSettings(segmentation=SegmentationSettings(model=str(network))))
     assert not (tmp_path / "out").exists()
 
 

@@ -10,7 +10,7 @@ from made_maps import made_map, made_tracks
 
 from wayloom.config.classes import CLASS_COUNT, CLASS_NAMES, PALETTE
 from wayloom.errors import InputError, StageError
-from wayloom.georeference import geodesy
+from wayloom.geodesy import wgs84
 from wayloom.tiles.grid import TILE_PX, TileAddress, pixel_from_lonlat, tile_bounds
 from wayloom.tiles.levels import OCCUPIED, coarser, dilated, finest_level
 from wayloom.tiles.mvt import BUFFER, EXTENT, LonLatTrack, clip, count_property, tiles_of_track
@@ -35,7 +35,7 @@ def decoded(tile):
 
 
 def lon_lat(city):
-    return geodesy.lonlatheight_from_enu(city.points_enu, city.frame)[:, :2]
+    return wgs84.lonlatheight_from_enu(city.points_enu, city.frame)[:, :2]
 
 
 def naive_counts(city, zoom):
@@ -189,8 +189,8 @@ def test_points_come_back_from_their_tile_to_the_centimetre(city, tiles):
         if tile.layer == "points":
             points = decode_points(tile.data)
             assert points.tile == TileAddress(tile.z, tile.x, tile.y)
-            llh = geodesy.lonlatheight_from_enu(points.position, points.origin)
-            back.append(np.column_stack([geodesy.enu_from_lonlatheight(llh, city.frame), points.label]))
+            llh = wgs84.lonlatheight_from_enu(points.position, points.origin)
+            back.append(np.column_stack([wgs84.enu_from_lonlatheight(llh, city.frame), points.label]))
     back = np.concatenate(back)
     assert len(back) == len(city)
     one = back[np.lexsort(back[:, :3].round(1).T)]

@@ -1,4 +1,4 @@
-"""`python -m wayloom_workers worker|sweep`: one process, settings from the environment."""
+"""`python -m wayloom_workers worker|sweep`: one process, settings from the environment and the file that WAYLOOM_CONFIG names."""
 
 import argparse
 import signal
@@ -7,8 +7,9 @@ import sys
 from celery import signals
 
 from wayloom.config.json_log import configure_log
-from wayloom.config.service import ServiceSettings, load_service_settings
 from wayloom.errors import WayloomError
+from wayloom.pipeline.settings import WayloomSettings, load_settings
+from wayloom.pipeline.usable import check_usable
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.folders import Folders
@@ -28,11 +29,12 @@ def main() -> int:
     arguments = parser.parse_args()
     configure_log()
     try:
-        settings = load_service_settings()
-        bench = make_bench(settings)
+        loaded = load_settings()
+        bench = make_bench(loaded.settings)
         if arguments.role == "sweep":
             _sweep(bench)
         else:
+            check_usable(loaded)
             _work(bench, arguments.queues)
     except WayloomError as error:
         sys.stderr.write(f"wayloom worker: {error}\n")
@@ -40,7 +42,7 @@ def main() -> int:
     return 0
 
 
-def make_bench(settings: ServiceSettings) -> WorkerContext:
+def make_bench(settings: WayloomSettings) -> WorkerContext:
     """The database, blobs and folders that the settings name."""
     folders = Folders(settings.data_dir)
     return WorkerContext(settings, Database(settings.database), BlobStore(folders.blobs, settings.blob_url), folders)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from wayloom.cli.progress_bars import ProgressBars
+
 if TYPE_CHECKING:
     from wayloom.calibration.learn import Calibration
     from wayloom.odometry.rig.calibration_observations import CalibrationObservations
@@ -63,7 +65,6 @@ def evidence_of(source: Path, threads: int, outputs: tuple[Path | None, ...]) ->
 
 def _track(path: Path, threads: int, outputs: tuple[Path | None, ...]) -> "CalibrationObservations":
     """Track a drive log for its evidence alone."""
-    from wayloom.cli.odometry import shown_progress
     from wayloom.logs.registry import check_outside, open_log
     from wayloom.odometry.odometry import track
     from wayloom.odometry.rig.calibration_observations import ObservationCollector
@@ -71,9 +72,8 @@ def _track(path: Path, threads: int, outputs: tuple[Path | None, ...]) -> "Calib
     log = open_log(path)
     check_outside(log, *outputs)
     collector = ObservationCollector(log.rig)
-    sys.stderr.write(f"tracking {log.name}\n")
-    with shown_progress() as progress:
-        track(log, progress=progress, threads=threads, collector=collector)
+    with ProgressBars(quarters=True) as bars:
+        track(log, progress=bars(f"tracking {log.name}"), threads=threads, collector=collector)
     return collector.evidence(log)
 
 

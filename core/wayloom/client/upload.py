@@ -4,13 +4,14 @@ import base64
 import hashlib
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any, Final
 
 from wayloom.client.api import RETRIED_STATUS, AnswerError, Api
 from wayloom.client.manifests import PackedDrive
+from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError, ServiceError
 
 CHUNK: Final = 16 << 20
@@ -20,7 +21,6 @@ TUS: Final = {"Tus-Resumable": "1.0.0"}
 CONTENT: Final = {"Content-Type": "application/offset+octet-stream"}
 ROUNDS: Final = 3
 """How often the server is asked what it lacks: a file that was damaged on the way is sent again."""
-ProgressCallback = Callable[[int, int], None]
 
 
 class UploadStopped(Exception):  # noqa: N818 - no error: another file's upload has failed and this one ends
@@ -28,48 +28,52 @@ class UploadStopped(Exception):  # noqa: N818 - no error: another file's upload 
 
 
 def upload(
-    api: Api,
-    packed_drive: PackedDrive,
-    on_progress: ProgressCallback = lambda _done, _of: None,
-    connections: int = CONNECTIONS,
-    chunk: int = CHUNK,
+    api: Api, parcel: PackedDrive, progress: Progress = silent, connections: int = CONNECTIONS, chunk: int = CHUNK
 ) -> dict[str, Any]:
-    """Send what the server lacks of the drive and return its registration. `on_progress(done, total)` counts
-    the bytes that the server has.
+    """Send what the server lacks of the drive and return its registration.
 
     Running it again after any interruption continues; running it for a drive that is complete sends nothing.
     Raises LogError when a file changed on the way, ServiceError when the server stays away or refuses.
     """
-    manifest = packed_drive.manifest.model_dump(mode="json", exclude_none=True)
-    total = packed_drive.manifest.byte_count
+    manifest = parcel.manifest.model_dump(mode="json", exclude_none=True)
+    total = parcel.manifest.byte_count
+    counter = _Counter(total, progress)
     for _ in range(ROUNDS):
         registration: dict[str, Any] = api.json("POST", "/v1/drives", json=manifest)
         missing = registration["missing"]
-        stored = total - sum(file["size"] - file["offset"] for file in missing)
-        on_progress(stored, total)
+        counter.set(total - sum(file["size"] - file["offset"] for file in missing))
         if not missing:
             return registration
-        _send_all(api, packed_drive, registration["id"], missing, _Counter(stored, total, on_progress), connections, chunk)
+        _send_all(api, parcel, registration["id"], missing, counter, connections, chunk)
     registration = api.json("POST", "/v1/drives", json=manifest)
     if registration["missing"]:
         raise ServiceError(
             f"{len(registration['missing'])} files did not arrive whole, the first is {registration['missing'][0]['path']}"
         )
-    on_progress(total, total)
+    counter.set(total)
     return registration
 
 
 class _Counter:
-    """Bytes that the server has, counted from several threads."""
+    """Bytes that the server has, counted from several threads. Bytes that were lost on the way do not let the share fall."""
 
-    def __init__(self, done: int, total: int, on_progress: ProgressCallback) -> None:
-        self._done, self._total, self._on_progress = done, total, on_progress
+    def __init__(self, total: int, progress: Progress) -> None:
+        self._done, self._total, self._progress, self._share = 0, total, progress, 0.0
         self._lock = threading.Lock()
+
+    def set(self, done: int) -> None:
+        with self._lock:
+            self._done = done
+            self._tell()
 
     def add(self, count: int) -> None:
         with self._lock:
             self._done += count
-            self._on_progress(min(self._done, self._total), self._total)
+            self._tell()
+
+    def _tell(self) -> None:
+        self._share = max(self._share, min(1.0, self._done / self._total) if self._total else 1.0)
+        self._progress(self._share, f"{self._done / 1e6:.1f} of {self._total / 1e6:.1f} MB sent")
 
 
 def _send_all(

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import InputError
-from wayloom.georeference.geodesy import enu_from_lonlatheight, lonlatheight_from_enu
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.geodesy.wgs84 import enu_from_lonlatheight, lonlatheight_from_enu
 
 FloatArray = NDArray[np.float64]
 

@@ -1,1 +1,1 @@
-"""Geo-referencing of drives: geodesy and GNSS alignment; the only import of pyproj."""
+"""A drive into a geo-referenced frame: GNSS alignment, with honest covariance."""

@@ -9,7 +9,8 @@ import numpy as np
 
 from wayloom.errors import InputError
 from wayloom.files.atomic import write_atomically
-from wayloom.georeference.types import GeoReference, MapFrame
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.georeference.types import GeoReference
 
 FORMAT = "wayloom-georeference"
 VERSION = 1

@@ -10,7 +10,8 @@ from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
 from wayloom.files.text_files import utf8_text
 from wayloom.files.timestamps import NS, wall_clock_from_ns
-from wayloom.geometry.wgs84 import enu_from_lonlatheight
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.logs.types import DriveLog, FixType, GnssTrack, StoredLog
 
 FloatArray = NDArray[np.float64]
@@ -134,7 +135,7 @@ def imu_place(T_cam_imu: FloatArray) -> tuple[float, float, float]:
 def damaged_images(log: DriveLog, decode: bool, progress: Progress) -> Sequence[LogError]:
     """The errors of all images that cannot be used."""
     if isinstance(log, StoredLog):
-        return log.damaged(decode=decode, progress=lambda share: progress(share, "looking at images"))
+        return log.damaged(decode=decode, progress=progress)
     found = []
     for i in range(len(log)):
         try:
@@ -206,7 +207,7 @@ def distance(log: DriveLog) -> tuple[float | None, str | None]:
         return float(np.linalg.norm(np.diff(log.truth[:, :3, 3], axis=0), axis=1).sum()), "truth"
     if log.gnss is None:
         return None, None
-    enu = enu_from_lonlatheight(log.gnss.lon_lat_height, log.gnss.lon_lat_height[0])
+    enu = enu_from_lonlatheight(log.gnss.lon_lat_height, MapFrame(*log.gnss.lon_lat_height[0].tolist()))
     least = np.maximum(STEP_M, STEP_SIGMAS * horizontal_sigma_m(log.gnss))
     total, last = 0.0, enu[0]
     for place, step in zip(enu[1:], least[1:], strict=True):

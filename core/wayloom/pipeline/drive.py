@@ -4,8 +4,9 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
+from wayloom.config.progress import NamedProgress, silent_for_each
 from wayloom.files.atomic import write_atomically
 from wayloom.georeference.files import load_georeference
 from wayloom.georeference.types import GeoReference
@@ -39,16 +40,6 @@ from wayloom.submaps.submap import PlacedSubmap
 
 STAGES_DIR: Final = "stages"
 PRODUCTS_FILE: Final = "products.json"
-
-
-class DriveProgress(Protocol):
-    """Called with the stage, the share of it that is done, 0 to 1, and a few words. May raise to stop the work."""
-
-    def __call__(self, stage: str, share: float, what: str, /) -> None: ...
-
-
-def quiet(stage: str, share: float, what: str, /) -> None:
-    """A `DriveProgress` for callers that do not want to know."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,12 +76,13 @@ def process_drive(
     out_dir: Path,
     settings: ProcessSettings = ProcessSettings(),
     gnss_path: Path | None = None,
-    progress: DriveProgress = quiet,
+    progress: NamedProgress = silent_for_each,
     write_more: Callable[[DriveResult, Path], None] = lambda result, folder: None,
 ) -> DriveResult:
     """Map one drive. Stages that an earlier run finished, with the same inputs, settings and code, are not run again.
 
     out_dir gets `stages/`, and, each by one rename and only when all are written, what `write_exports` and write_more leave.
+    progress : of each stage by its name, and of "exports"
     write_more : called with the result and the folder in which the finished files are gathered (reports use it)
     Raises InputError for a bad log, network or setting, and for an out_dir that cannot be written; a bad log leaves no trace.
     """
@@ -98,22 +90,22 @@ def process_drive(
     log = open_log(log_path, gnss=gnss_path)
     check_outside(log, out_dir)
     Network(
-        find_model(settings.model or DEFAULT_MODEL), device=settings.device
+        find_model(settings.segmentation.model or DEFAULT_MODEL), device=settings.segmentation.device
     )  # one that cannot be used is told now, not after the odometry
-    progress("ingest", 0.0, "looking at the first pairs")
+    progress("ingest")(0.0, "looking at the first pairs")
     lens_of(settings, log)  # a rig file that cannot be used, too
     first_matches(log, settings.odometry.row_frames)  # a rig that cannot be tracked with is told before anything is made
     with writing_to(out_dir), new_folders(stages_dir), sole_writer(stages_dir):
         sweep(stages_dir)
         times = {name: _stage(name, stages_dir, log_path, gnss_path, settings, progress) for name in STAGES}
         result = _load(log_path, gnss_path, stages_dir, times)
-        progress("exports", 0.0, "writing trajectory, cloud and pictures")
+        progress("exports")(0.0, "writing trajectory, cloud and pictures")
         with whole_folder(stages_dir / "exports") as folder:
             write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder)
-            progress("exports", 0.6, "writing the report")
+            progress("exports")(0.6, "writing the report")
             write_more(result, folder)
         _publish(stages_dir / "exports", out_dir)
-        progress("exports", 1.0, f"written to {out_dir}")
+        progress("exports")(1.0, f"written to {out_dir}")
     return result
 
 
@@ -132,12 +124,12 @@ def _publish(gathered: Path, out_dir: Path) -> None:
 
 
 def _stage(
-    name: str, stages_dir: Path, log_path: Path, gnss_path: Path | None, settings: ProcessSettings, progress: DriveProgress
+    name: str, stages_dir: Path, log_path: Path, gnss_path: Path | None, settings: ProcessSettings, progress: NamedProgress
 ) -> StageTime:
     """Run a stage, or find that its result is there."""
     key = stage_key(name, log_path=log_path, gnss_path=gnss_path, inputs_dir=stages_dir, settings=settings)
     reused = finished_key(stages_dir / name) == key and is_undamaged(stages_dir / name)
-    progress(name, 0.0, "starting")
+    progress(name)(0.0, "starting")
     if not reused:
         with whole_folder(stages_dir / name) as folder:
             run_stage(
@@ -147,10 +139,10 @@ def _stage(
                 inputs_dir=stages_dir,
                 out_dir=folder,
                 settings=settings,
-                progress=lambda share, what: progress(name, share, what),
+                progress=progress(name),
             )
     said = read_stage_file(stages_dir / name) or {}
-    progress(name, 1.0, "done before" if reused else "done")
+    progress(name)(1.0, "done before" if reused else "done")
     return StageTime(float(said.get("seconds", 0.0)), reused)
 
 

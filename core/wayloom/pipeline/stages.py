@@ -201,11 +201,12 @@ def _key_of_lens(lens: RightLens | None) -> str:
 
 def lens_of(settings: ProcessSettings, log: DriveLog) -> tuple[RightLens | None, tuple[str, ...]]:
     """The lens of the log's rig, None where it is not known, and doubts. Raises CalibrationError for another rig's file."""
-    return lens_for_log(None if settings.rig is None else Path(settings.rig), log)
+    return lens_for_log(settings.rig, log)
 
 
 def _segmentation(call: StageCall, out_dir: Path, progress: Progress) -> None:
-    network = Network(find_model(call.settings.model or DEFAULT_MODEL), call.settings.threads, call.settings.device)
+    chosen = call.settings.segmentation
+    network = Network(find_model(chosen.model or DEFAULT_MODEL), call.settings.threads, chosen.device)
     segment_keyframes(call.log(), voting_frames(call.odometry(), call.settings.labelling), network, out_dir, progress)
 
 
@@ -238,11 +239,11 @@ def _write_report(out_dir: Path, report: Mapping[str, Any]) -> None:
 
 def _model(settings: ProcessSettings) -> dict[str, Any]:
     """The network by content: another file under the same name is another parameter. Raises ModelError."""
-    description = find_model(settings.model or DEFAULT_MODEL)
+    description = find_model(settings.segmentation.model or DEFAULT_MODEL)
     return {
         "description": description.model_dump(mode="json", exclude={"folder"}),
         "sha256": locate(description)[1],
-        "device": resolved_device(settings.device),
+        "device": resolved_device(settings.segmentation.device),
         "between_keyframes": settings.labelling.between_keyframes,
     }
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_NAMES, PALETTE
 from wayloom.files.atomic import write_atomically
+from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
-from wayloom.georeference.geodesy import enu_from_lonlatheight
 from wayloom.georeference.uncertainty import position_covariance
 from wayloom.pipeline.drive import DriveResult
 from wayloom.pipeline.exports import MAP_FILE, OVERLAYS_DIR, read_image

@@ -37,11 +37,6 @@ class Scores:
     steps: Bytes
     covered: tuple[int, int]
 
-    @property
-    def probabilities(self) -> NDArray[np.float32]:
-        """(gh, gw, k) probabilities of `classes`."""
-        return _PROBABILITY[self.steps]
-
 
 def rest_steps(scores: Scores) -> NDArray[np.float32]:
     """(gh, gw) -ln p, in steps, of each class that is not among a cell's k best: they share evenly what the best leave over."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from wayloom.errors import InputError
 from wayloom.files.atomic import write_atomically
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.submaps.submap import PlacedSubmap, decode_submap
 
 FORMAT = "wayloom-submaps"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import InputError
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.submaps.blob import decode_blob, encode_blob
 
 FloatArray = NDArray[np.float64]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT
 from wayloom.errors import InputError
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.submaps.blob import decode_blob, encode_blob
 from wayloom.tiles.grid import TileAddress, check_tile, tile_bounds, tile_centre
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import StageError
-from wayloom.georeference import geodesy
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy import wgs84
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.stitching.voxel_map import VoxelMap
 from wayloom.submaps.submap import PlacedSubmap
 from wayloom.tiles.grid import TILE_PX, TileAddress, pixel_from_lonlat
@@ -87,10 +87,8 @@ def build_tiles(
         raise StageError(
             f"a map in the frame {voxel_map.frame} cannot be cut into tiles of {frame}: geo-reference the drives first"
         )
-    lon_lat_height = geodesy.lonlatheight_from_enu(voxel_map.points_enu, frame)
-    lines = [
-        LonLatTrack(t.drive_id, geodesy.lonlatheight_from_enu(t.points_enu, frame)[:, :2]) for t in tracks if len(t.points_enu)
-    ]
+    lon_lat_height = wgs84.lonlatheight_from_enu(voxel_map.points_enu, frame)
+    lines = [LonLatTrack(t.drive_id, wgs84.lonlatheight_from_enu(t.points_enu, frame)[:, :2]) for t in tracks if len(t.points_enu)]
     yield from _point_tiles(voxel_map, lon_lat_height, settings)
     level = finest_level(lon_lat_height[:, :2], voxel_map.label, settings.max_zoom)
     for zoom in range(settings.max_zoom, settings.min_zoom - COARSEST, -1):
@@ -157,7 +155,7 @@ def point_tile(voxels: VoxelMap, lon_lat_height: FloatArray, address: TileAddres
     return PointTile(
         address,
         origin,
-        geodesy.enu_from_lonlatheight(lon_lat_height, origin),
+        wgs84.enu_from_lonlatheight(lon_lat_height, origin),
         np.ones(len(voxels), np.uint32),
         voxels.label,
         np.rint(255.0 * voxels.confidence).astype(np.uint8),

@@ -1,6 +1,7 @@
-"""Our own decoder of grey PNG images against OpenCV's, for every filter, kind of block and kind of damage."""
+"""The decoder of grey PNG images against OpenCV's, for every filter, kind of block and kind of damage."""
 
 import struct
+import tracemalloc
 import zlib
 from pathlib import Path
 
@@ -10,8 +11,8 @@ import pytest
 
 from wayloom.errors import LogError
 from wayloom.logs.images import grey_png
+from wayloom.logs.images.grey_png import unpacked
 from wayloom.logs.images.image_files import check_png, read_grey, read_image
-from wayloom.logs.kernels.inflate import DISTANCE_BITS, LENGTH_BITS, LITERAL_BITS, PADDING, empty_code, inflate
 
 RNG = np.random.default_rng(5)
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -42,17 +43,6 @@ def filtered(filters: np.ndarray, width: int) -> bytes:
     return np.column_stack([filters.astype(np.uint8), rows]).tobytes()
 
 
-def inflated(stream: bytes, size: int) -> bytes | None:
-    """The stream through the kernel."""
-    data = np.frombuffer(stream + bytes(PADDING), np.uint8)
-    out, codes = (
-        np.zeros(size + PADDING, np.uint8),
-        [empty_code(b, n) for b, n in ((LENGTH_BITS, 19), (LITERAL_BITS, 288), (DISTANCE_BITS, 32))],
-    )
-    n = inflate(data, out, np.zeros(3, np.uint64), np.zeros(320, np.uint8), *codes, np.zeros(1 << LITERAL_BITS, np.uint32))
-    return None if n < 0 else out[:n].tobytes()
-
-
 def written(tmp_path: Path, data: bytes) -> Path:
     """The bytes as a file."""
     file = tmp_path / "image.png"
@@ -70,7 +60,7 @@ def test_streams_of_every_kind_come_out_as_they_went_in(level: int, strategy: st
         b"wayloom " * 5000, np.concatenate([rare, np.arange(256), rare[:30000]]).astype(np.uint8).tobytes(),
     ]  # fmt: skip
     for content in contents:
-        assert inflated(packed(content, level, STRATEGIES[strategy]), len(content)) == content
+        assert unpacked(packed(content, level, STRATEGIES[strategy]), len(content)) == content
 
 
 @pytest.mark.parametrize("kind", [0, 1, 2, 3, 4])
@@ -108,16 +98,16 @@ def test_a_faulty_stream_is_never_read_beyond_its_ends() -> None:
         wrong = bytearray(stream)
         for at in RNG.integers(2, len(stream), 3):
             wrong[at] = RNG.integers(0, 256)
-        found = inflated(bytes(wrong), len(content))
-        assert found is None or len(found) <= len(content)
-    for length in range(2, len(stream) - 4):
-        assert inflated(stream[:length], len(content)) is None
+        found = unpacked(bytes(wrong), len(content))
+        assert found is None or len(found) == len(content)
+    for length in range(len(stream)):
+        assert unpacked(stream[:length], len(content)) is None
 
 
 @pytest.mark.parametrize("first", [0x07, 0x06])
 def test_unknown_blocks_fail(first: int) -> None:
     """The reserved block kind."""
-    assert inflated(bytes([0x78, 0x9C, first, 0, 0, 0, 0, 0]), 10) is None
+    assert unpacked(bytes([0x78, 0x9C, first, 0, 0, 0, 0, 0]), 10) is None
 
 
 def test_a_stream_with_too_much_or_too_little_in_it_is_left_to_opencv(tmp_path: Path) -> None:
@@ -125,6 +115,18 @@ def test_a_stream_with_too_much_or_too_little_in_it_is_left_to_opencv(tmp_path: 
     rows = filtered(np.ones(20), 30)
     for content in (rows[:-5], rows + rows):
         assert grey_png.decode(check_png(png(packed(content), (20, 30)), tmp_path)) is None
+
+
+def test_a_stream_that_swells_beyond_its_header_is_stopped_there(tmp_path: Path) -> None:
+    """64 MiB of zeros in 64 KiB, behind a header of 100 x 100 pixels."""
+    chunks = check_png(png(packed(bytes(64 << 20), 9), (100, 100), part=1 << 20), tmp_path)
+    tracemalloc.start()
+    try:
+        assert grey_png.decode(chunks) is None
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 1 << 20
 
 
 def test_damage_is_told_as_ever(tmp_path: Path) -> None:

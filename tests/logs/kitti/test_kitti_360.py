@@ -81,7 +81,8 @@ def test_label_images_come_back_as_train_ids(written: tuple[Path, np.ndarray]) -
             things = rng.integers(0, 2000, (40, 64))
             assert labels.has_labels(sequence, frame, side)
             np.testing.assert_array_equal(labels.read_semantic(sequence, frame, side), class_id)
-            found = labels.read_instance(sequence, frame, side)
+            found = cv2.imread(str(sequence.label_image("instance", frame, side)), cv2.IMREAD_UNCHANGED)
+            assert found.dtype == np.uint16
             np.testing.assert_array_equal(found // 1000, labels.ID_OF_TRAIN_ID[class_id])
             with_number = np.isin(labels.ID_OF_TRAIN_ID[class_id], list(labels.WITH_INSTANCES)) & (things > 0)
             np.testing.assert_array_equal(found % 1000 > 0, with_number)

@@ -16,8 +16,8 @@ from pydantic import ValidationError
 
 from wayloom.config.classes import CLASS_COUNT
 from wayloom.errors import ConfigError, ConflictError, LogError
+from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
-from wayloom.georeference.geodesy import enu_from_lonlatheight
 from wayloom.logs.registry import open_log
 from wayloom.logs.simulated_truth import FIX_COLUMNS, open_truth
 from wayloom.simulation.city.city_settings import CitySettings

@@ -5,9 +5,9 @@ import pytest
 from scipy import stats
 
 from simulation.winding import Winding
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
-from wayloom.georeference.geodesy import enu_from_lonlatheight
-from wayloom.georeference.types import MapFrame
 from wayloom.logs.sidecars.oxts import R_enu_imu
 from wayloom.logs.types import FixType
 from wayloom.simulation.sensors.gnss import SIGMA_M, GnssRecord, fix_errors, packets, simulated_fixes, steps_in_force, track

@@ -13,7 +13,7 @@ from wayloom.simulation.city.streets import ISLAND_M, ROUNDABOUT_M
 from wayloom.simulation.city.terrain import FLAT, HILLS
 from wayloom.simulation.models.catalogue import Models
 from wayloom.simulation.traffic import signals
-from wayloom.simulation.traffic.drives import RoutePlan, plan_drives, random_way
+from wayloom.simulation.traffic.drives import RoutePlan, plan_drives
 from wayloom.simulation.traffic.lanes import COMFORT_M_S2
 from wayloom.simulation.traffic.routes import Route, eased
 
@@ -140,15 +140,6 @@ def test_ways_that_cannot_be_driven_are_refused(still_city: City) -> None:
         plan_drives(still_city, [RoutePlan((5, 6), duration_s=60.0)])
     with pytest.raises(ConfigError, match="make no way"):
         plan_drives(still_city, [RoutePlan((5,), duration_s=3.0)])
-
-
-def test_random_ways_are_as_long_as_asked_and_never_turn_round() -> None:
-    city = build_city(CitySettings(columns=12, rows=12, traffic=0.0), Models())
-    way = random_way(city, 1500.0, np.random.default_rng(4), avoid=frozenset({40}))
-    places = city.graph.nodes[list(way.nodes)]
-    assert np.hypot(*np.diff(places, axis=0).T).sum() > 1500.0
-    assert all(a != c for a, c in zip(way.nodes, way.nodes[2:], strict=False))
-    assert random_way(city, 1500.0, np.random.default_rng(4), avoid=frozenset({40})) == way
 
 
 def test_slopes_are_the_gradient_of_heights_and_a_flat_ground_has_none() -> None:

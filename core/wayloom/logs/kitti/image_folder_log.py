@@ -1,6 +1,6 @@
 """Drive log of two image folders: the common `DriveLog` of KITTI odometry, KITTI raw and KITTI-360."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
 from wayloom.files.text_files import utf8_text
 from wayloom.geometry.camera import StereoRig
@@ -101,7 +102,7 @@ class ImageFolderLog:
             for file, size in ((left, self.stored_sizes[0]), (right, self.stored_sizes[1])):
                 check_size(read_header(file), size, file)
 
-    def damaged(self, *, decode: bool, progress: Callable[[float], None] = lambda share: None) -> list[LogError]:
+    def damaged(self, *, decode: bool, progress: Progress = silent) -> list[LogError]:
         """What is wrong with each image that cannot be used, by looking at headers and ends or by decoding every file."""
         found = []
         for i in range(len(self)):
@@ -112,7 +113,7 @@ class ImageFolderLog:
                         self._read(files[i], size, self.colour)
                 except LogError as problem:
                     found.append(problem)
-            progress((i + 1) / len(self))
+            progress((i + 1) / len(self), "looking at images")
         return found
 
     def _sides(self) -> tuple[tuple[tuple[Path, ...], tuple[int, int]], ...]:

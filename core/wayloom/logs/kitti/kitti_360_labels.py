@@ -74,11 +74,6 @@ def read_semantic(sequence: Sequence, frame: int, camera: int = 0) -> NDArray[np
     return train_ids(_read(sequence.label_image("semantic", frame, camera), np.uint8))
 
 
-def read_instance(sequence: Sequence, frame: int, camera: int = 0) -> NDArray[np.uint16]:
-    """(h, w) instance numbers of a frame's image. Raises LogError."""
-    return _read(sequence.label_image("instance", frame, camera), np.uint16).astype(np.uint16)
-
-
 def _read(file: Path, kind: type[np.uint8] | type[np.uint16]) -> NDArray[np.integer]:
     data = read_bytes(file, remedy="KITTI-360 labels some frames only: see has_labels")
     try:

@@ -4,7 +4,7 @@ The pair is found by its calibration: two cameras of one kind of image topic who
 several fit, or none, `left_topic` and `right_topic` of wayloom.json beside the file name them.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
 from wayloom.files.text_files import utf8_text
 from wayloom.files.timestamps import NS
@@ -89,7 +90,7 @@ class McapLog:
         """Nothing: opening has read the head of every message, and its check sum where it is compressed."""
         return
 
-    def damaged(self, *, decode: bool, progress: Callable[[float], None] = lambda share: None) -> list[LogError]:
+    def damaged(self, *, decode: bool, progress: Progress = silent) -> list[LogError]:
         """What is wrong with each image that cannot be used, by decoding every one; and with the file's check sums."""
         found: list[LogError] = []
         for index in range(len(self)) if decode else ():
@@ -98,7 +99,7 @@ class McapLog:
                     self._read(side, index)
                 except LogError as problem:
                     found.append(problem)
-            progress((index + 1) / len(self))
+            progress((index + 1) / len(self), "looking at images")
         try:
             if decode:
                 self.file.check()

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from wayloom.errors import LogError
 from wayloom.files.text_files import parse_numbers, read_text
 from wayloom.files.timestamps import NS, ns_from_wall_clock, read_times, times_of_numbers
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
-from wayloom.geometry.wgs84 import enu_from_lonlatheight
 from wayloom.logs.types import FixType, GnssTrack, ImuTrack
 
 FloatArray = NDArray[np.float64]
@@ -192,7 +193,7 @@ def ins_trajectory(folder: Path, first: int = 0, count: int | None = None) -> In
     lon_lat_height = values[:, [Field.LON, Field.LAT, Field.ALT]].copy()
     T = se3.from_rotation_translation(
         R_enu_imu(values[:, Field.ROLL], values[:, Field.PITCH], values[:, Field.YAW]),
-        enu_from_lonlatheight(lon_lat_height, lon_lat_height[0]) if len(values) else np.zeros((0, 3)),
+        enu_from_lonlatheight(lon_lat_height, MapFrame(*lon_lat_height[0].tolist())) if len(values) else np.zeros((0, 3)),
     )
     v = velocity_enu(values)
     steps = 0.5 * (v[1:] + v[:-1]) * (np.diff(packets.t_ns) / NS)[:, None]

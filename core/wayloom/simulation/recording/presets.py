@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from wayloom.config.settings import Settings
 from wayloom.errors import ConfigError
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.logs.types import FixType
 from wayloom.simulation.city.city_settings import CitySettings
 from wayloom.simulation.rendering.light import LightSettings

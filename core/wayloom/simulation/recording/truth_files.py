@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wayloom.config.classes import CLASS_NAMES, PALETTE, SKY
 from wayloom.files.atomic import link_or_copy, write_atomically
 from wayloom.files.ply import write_vertices
-from wayloom.georeference.geodesy import lonlatheight_from_enu
+from wayloom.geodesy.wgs84 import lonlatheight_from_enu
 from wayloom.logs import simulated_truth as files
 from wayloom.logs.drive_writer import encoded_map, numbers_text
 from wayloom.logs.kitti.accumulation import VoxelFilter

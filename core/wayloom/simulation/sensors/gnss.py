@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.georeference.geodesy import lonlatheight_from_enu
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.geodesy.wgs84 import lonlatheight_from_enu
 from wayloom.logs.sidecars.oxts import UP_FACTOR
 from wayloom.logs.sidecars.oxts_writer import OxtsPacket
 from wayloom.logs.types import FixType, GnssTrack

@@ -93,31 +93,6 @@ def plan_drives(city: City, ways: Sequence[RoutePlan]) -> list[Drive]:
     return [drives[k] for k in range(len(ways))]
 
 
-def random_way(
-    city: City, length_m: float, rng: np.random.Generator, start_s: float = 0.0, avoid: frozenset[int] = frozenset()
-) -> RoutePlan:
-    """A way of at least length_m along streets drawn at random, without turning round; `avoid` names crossings not to pass.
-
-    Raises ConfigError where the city has no inner streets.
-    """
-    graph, lanes = city.graph, LaneGraph(city.graph)
-    streets = [s for s in graph.inner_streets() if not {s.a, s.b} & avoid and not (graph.is_edge(s.a) or graph.is_edge(s.b))]
-    if not streets:
-        raise ConfigError("there are no streets to drive in", remedy="ask for more columns and rows, or avoid fewer crossings")
-    street = streets[rng.integers(len(streets))]
-    nodes = [street.a, street.b] if rng.random() < 0.5 else [street.b, street.a]
-    length = 0.0
-    while length < length_m:
-        exits = [n for n in lanes.exits(Lane.CAR, nodes[-2], nodes[-1]) if not graph.is_edge(n) and n not in avoid]
-        if not exits:
-            exits = [n for n in lanes.exits(Lane.CAR, nodes[-2], nodes[-1]) if not graph.is_edge(n)]
-        if not exits:
-            raise ConfigError(f"the streets end at crossing {nodes[-1]}", remedy="ask for more columns and rows")
-        nodes.append(int(exits[rng.integers(len(exits))]))
-        length += float(np.hypot(*(graph.nodes[nodes[-1]] - graph.nodes[nodes[-2]])))
-    return RoutePlan(tuple(nodes), start_s, reference=1, before_m=40.0)
-
-
 def _groups(ways: Sequence[RoutePlan], path: Sequence[_LanePath]) -> list[list[int]]:
     """Indices of the plans that share a traffic simulation: they overlap in time and do not begin at one place."""
     groups: list[tuple[list[int], float]] = []

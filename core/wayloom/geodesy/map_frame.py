@@ -1,9 +1,21 @@
 """Map frame of a place: fixed by the place alone, so that every drive of a city gets the same, whichever came first."""
 
 import math
+from dataclasses import dataclass
 
 from wayloom.errors import InputError
-from wayloom.georeference.types import MapFrame
+
+
+@dataclass(frozen=True, slots=True)
+class MapFrame:
+    """The local tangent plane of a map: east, north, up in metres at a fixed origin. Set for each map, never by its first drive.
+
+    lon_deg, lat_deg  WGS84 degrees; height_m ellipsoidal
+    """
+
+    lon_deg: float
+    lat_deg: float
+    height_m: float
 
 
 def map_frame_for(lon_deg: float, lat_deg: float) -> MapFrame:

@@ -1,4 +1,4 @@
-"""Geodetic transformations: WGS84, earth-centred coordinates, local tangent planes and UTM. The only import of pyproj.
+"""WGS84: geodetic, Earth-centred and tangent-plane coordinates, and UTM. The only import of pyproj.
 
 lon_lat_height  (N, 3) degrees, degrees, ellipsoidal metres
 ecef            (N, 3) Earth-centred, Earth-fixed metres (EPSG:4978)
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from pyproj import CRS, Transformer
 
 from wayloom.errors import InputError
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geometry import se3
-from wayloom.georeference.types import MapFrame
 
 FloatArray = NDArray[np.float64]
 WGS84_GEODETIC, WGS84_GEOCENTRIC = 4979, 4978
