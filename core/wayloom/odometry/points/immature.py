@@ -24,7 +24,7 @@ MAX_LENGTH_PX = 80.0
 LOOK_BACK = 2
 """Keyframes before its own in which a point is sought."""
 START_INFORMATION = 1e-3
-"""Of a depth that has just been found; what the images tell is a thousand times that and more."""
+"""Of a depth that has just been found, at least; what the images tell is a thousand times that and more."""
 MAX_FAILURES = 2
 SURE = 0.25
 """Half an interval over the inverse depth, below which a depth is known."""
@@ -46,9 +46,10 @@ def of_pixels(
         points, np.arange(first_id, first_id + n), np.zeros(n), np.full(n, 1.0 / NEAREST_M), np.zeros(n), np.zeros(n, np.int64),
         np.zeros(n, np.int64),
     )  # fmt: skip
-    _update(window, fresh, np.flatnonzero(rho > 0), len(window) - 1, rig, robust)
-    points.has_static[:] = fresh.information > 0
-    return part(fresh, (points.rho == 0) | (fresh.information > 0))
+    fits = np.isin(fresh.id, _update(window, fresh, np.flatnonzero(rho > 0), len(window) - 1, rig, robust)[:, 0])
+    fresh.information[fits] = np.maximum(fresh.information[fits], START_INFORMATION)  # their depth is known, whatever it weighs
+    points.has_static[:] = fits
+    return part(fresh, (points.rho == 0) | fits)
 
 
 def part(points: ImmaturePoints, rows: IntArray | BoolArray) -> ImmaturePoints:
