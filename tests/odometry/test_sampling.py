@@ -28,7 +28,7 @@ def sampled(log: MadeLog, wanted: int = 4) -> CalibrationObservations:
     right_rectifier = RightRectifier(log.rig, IDENTITY, frame_source.fit_rows(log, (0,)))
     collector = ObservationCollector(log.rig)
     Sampler(log, OdometrySettings(), right_rectifier, collector).stretch(0, len(log), wanted)
-    return collector.evidence(log)
+    return collector.observations(log)
 
 
 @pytest.mark.parametrize("step_m", [0.4, 0.8, 1.6])

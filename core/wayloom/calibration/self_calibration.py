@@ -7,6 +7,7 @@ where the lens moves pixels by so much that leaving it alone costs more than not
 loses nothing, to the bit. docs/calibration.md has the numbers.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from time import process_time
 from typing import Final
@@ -21,7 +22,7 @@ from wayloom.config.progress import Progress, silent
 from wayloom.geometry.lens import IDENTITY, RightLens, lens_from_values
 from wayloom.logs.types import DriveLog
 from wayloom.odometry import frame_source
-from wayloom.odometry.debugging.recorder import Debug
+from wayloom.odometry.observers import Observer
 from wayloom.odometry.odometry import track
 from wayloom.odometry.rig import rows
 from wayloom.odometry.rig.calibration_observations import CalibrationObservations, ObservationCollector
@@ -70,12 +71,12 @@ class SelfCalibration:
 
 def track_calibrated(
     log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
-    lens: RightLens | None = None, collector: ObservationCollector | None = None, debug: Debug | None = None,
+    lens: RightLens | None = None, observers: Sequence[Observer] = (),
 ) -> OdometryResult:  # fmt: skip
     """As `wayloom.odometry.odometry.track`; without a lens (of a rig's file) the drive's own is learnt first, and told in the
     report."""
     if lens is not None or not settings.own_lens:
-        return track(log, settings, progress, threads, IDENTITY if lens is None else lens, collector, debug)
+        return track(log, settings, progress, threads, IDENTITY if lens is None else lens, observers)
     start = process_time()
     progress(0.0, "learning the right camera's lens from pieces of the drive (compiling kernels, first run only)")
     with frame_source.one_opencv_thread():
@@ -85,7 +86,7 @@ def track_calibrated(
     if not own.lens.is_ideal:
         known = (settings.grey_sigma / BIAS_SIGMA_PX) ** 2
         settings = settings.model_copy(update={"bias_prior": max(settings.bias_prior, known)})
-    result = track(log, settings, progress, threads, own.lens, collector, debug, matches)
+    result = track(log, settings, progress, threads, own.lens, observers, matches)
     result.report["own_lens"] = {
         "used": not own.lens.is_ideal, "why": own.reason, "snippets": own.snippets,
         "chi_square": None if np.isnan(own.chi_square) else round(own.chi_square, 1),
@@ -125,4 +126,4 @@ def sampled_evidence(log: DriveLog, settings: OdometrySettings, matches: FloatAr
     sampler, starts = Sampler(log, settings, right_rectifier, collector), [k * len(log) // count for k in range(count + 1)]
     for k, start in enumerate(starts[:-1]):
         sampler.stretch(start, min(starts[k + 1], start + MOST_FRAMES), SNIPPETS * (k + 1) // count)
-    return collector.evidence(log)
+    return collector.observations(log)

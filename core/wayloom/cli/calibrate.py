@@ -50,13 +50,13 @@ def calibrate_command(
 
 def evidence_of(source: Path, threads: int, outputs: tuple[Path | None, ...]) -> "Iterator[CalibrationObservations]":
     """The evidence that a path holds, or that its drive gives when it is tracked. Raises InputError."""
-    from wayloom.odometry.rig.calibration_file import is_evidence, load_observations
+    from wayloom.odometry.rig.calibration_file import is_observations_file, load_observations
 
-    if is_evidence(source):
+    if is_observations_file(source):
         yield load_observations(source)
     elif (source / IN_STAGES).is_file():
         yield load_observations(source / IN_STAGES)
-    elif files := [file for file in sorted(source.glob("*.npz")) if is_evidence(file)]:
+    elif files := [file for file in sorted(source.glob("*.npz")) if is_observations_file(file)]:
         for file in files:
             yield load_observations(file)
     else:
@@ -73,8 +73,8 @@ def _track(path: Path, threads: int, outputs: tuple[Path | None, ...]) -> "Calib
     check_outside(log, *outputs)
     collector = ObservationCollector(log.rig)
     with ProgressBars(quarters=True) as bars:
-        track(log, progress=bars(f"tracking {log.name}"), threads=threads, collector=collector)
-    return collector.evidence(log)
+        track(log, progress=bars(f"tracking {log.name}"), threads=threads, observers=(collector,))
+    return collector.observations(log)
 
 
 def warn(calibration: "Calibration") -> None:

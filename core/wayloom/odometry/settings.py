@@ -1,4 +1,4 @@
-"""The odometry's settings. docs/odometry.md says why the defaults are what they are."""
+"""Settings of the odometry. docs/odometry.md says why the defaults are what they are."""
 
 from pydantic import Field
 

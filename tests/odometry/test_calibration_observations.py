@@ -15,8 +15,9 @@ from wayloom.errors import InputError
 from wayloom.geometry import se3
 from wayloom.geometry.lens import IDENTITY, project_scaled
 from wayloom.odometry.rig import calibration_observations as module
-from wayloom.odometry.rig.calibration_file import is_evidence, load_observations, save_observations
+from wayloom.odometry.rig.calibration_file import is_observations_file, load_observations, save_observations
 from wayloom.odometry.rig.calibration_observations import CalibrationObservations, ObservationCollector, drive_name
+from wayloom.odometry.rig.posed_pair import PosedPair
 from wayloom.odometry.rig.rows import RightRectifier
 
 LOG = LensLog(curve(9, 0.8, 0.01), lens=LENS)
@@ -28,13 +29,14 @@ def collected(log: LensLog = LOG, interrupted: int = -1) -> ObservationCollector
     for frame in log.frames():
         if frame.index == interrupted:
             collector.interrupt()
-        collector.keyframe(frame.index, frame.left, frame.right, se3.inverse(log.truth[frame.index]), right, 0.0)
+        T_cam_world = se3.inverse(log.truth[frame.index])
+        collector.on_keyframe(PosedPair(frame.index, frame.left, frame.right, T_cam_world, right, 0.0))
     return collector
 
 
 @pytest.fixture(scope="module")
 def drive() -> CalibrationObservations:
-    return collected().evidence(LOG)
+    return collected().observations(LOG)
 
 
 def test_matches_lie_where_the_real_cameras_see_the_points(drive: CalibrationObservations) -> None:
@@ -74,24 +76,24 @@ def test_a_snippets_targets_are_the_first_keyframes_far_enough(drive: Calibratio
 
 def test_the_same_drive_leaves_the_same_bytes(drive: CalibrationObservations, tmp_path: Path) -> None:
     save_observations(drive, tmp_path / "one.npz")
-    save_observations(collected().evidence(LOG), tmp_path / "two.npz")
+    save_observations(collected().observations(LOG), tmp_path / "two.npz")
     assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
 
 
 def test_a_lost_drive_closes_no_snippet_across_the_gap() -> None:
-    frames = collected(interrupted=1).evidence(LOG)
+    frames = collected(interrupted=1).observations(LOG)
     assert frames.host_frame[0] == 1
 
 
 def test_a_car_that_stands_leaves_nothing() -> None:
     log = LensLog(np.tile(np.eye(4), (4, 1, 1)))
-    still = collected(log).evidence(log)
+    still = collected(log).observations(log)
     assert (still.snippets, len(still)) == (0, 0)
     assert still.uv_left_target.shape == (0, module.TARGETS, 2)
 
 
 def test_a_long_drive_keeps_a_bounded_number_of_snippets_spread_over_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST_SNIPPETS", 2)
+    monkeypatch.setattr(module, "MOST_GROUPS", 2)
     monkeypatch.setattr(module, "SPACING_M", 0.5)
     log = LensLog(curve(16, 0.8, 0.0), lens=LENS)
     found = collected(log)
@@ -112,9 +114,9 @@ def test_an_evidence_file_comes_back_as_it_was_written(drive: CalibrationObserva
     again = load_observations(file)
     for field in fields(CalibrationObservations):
         np.testing.assert_array_equal(getattr(again, field.name), getattr(drive, field.name))
-    assert is_evidence(file)
-    assert not is_evidence(tmp_path)
-    assert not is_evidence(Path(__file__))
+    assert is_observations_file(file)
+    assert not is_observations_file(tmp_path)
+    assert not is_observations_file(Path(__file__))
 
 
 def rewritten(file: Path, name: str, content: bytes) -> None:

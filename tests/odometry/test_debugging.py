@@ -9,7 +9,7 @@ import pytest
 from made_street import MadeLog, curve
 
 from wayloom.odometry.debugging import pictures
-from wayloom.odometry.debugging.recorder import ENERGIES_FILE, FRAMES_FILE, KEYFRAMES_FOLDER, Debug
+from wayloom.odometry.debugging.recorder import ENERGIES_FILE, FRAMES_FILE, KEYFRAMES_FOLDER, DebugRecorder
 from wayloom.odometry.odometry import track
 from wayloom.odometry.tracking.alignment import Reference
 from wayloom.odometry.types import OdometryResult
@@ -24,7 +24,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, OdometryRes
     """The folder, the result with it and the one without."""
     folder = tmp_path_factory.mktemp("debug") / "new"
     log = MadeLog(curve(10), changes={5: blank})
-    return folder, track(log, debug=Debug(folder)), track(log)
+    return folder, track(log, observers=(DebugRecorder(folder),)), track(log)
 
 
 def table(folder: Path, name: str) -> list[dict[str, str]]:
