@@ -61,7 +61,7 @@ class Bound:
 
 VOTERS = {
     "of obs(p)": ("tcl_stereo", PAPER),
-    "of the default form": ("best", LabellingSettings(votes="hard", spread=0.0, rarity=0.0)),
+    "of the default form": ("best", LabellingSettings(votes="hard", spread=0.0, class_prior_power=0.0)),
 }
 
 

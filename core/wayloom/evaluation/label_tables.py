@@ -1,4 +1,4 @@
-"""The benchmark's table as text in the paper's layout, as CSV and as LaTeX."""
+"""Tables of the label benchmark as text in the paper's layout, as CSV and as LaTeX."""
 
 import csv
 import io

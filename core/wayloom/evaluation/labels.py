@@ -1,6 +1,6 @@
-"""The paper's benchmark of labels: the odometry's points, labelled from single images, by TCL, and in our best form.
+"""Label benchmark (the paper's sec. IV): map points labelled from single images, by TCL mono and stereo, and in the default form.
 
-Everything is measured as it comes out of the pipeline: points, depths, poses and observers are the odometry's own.
+Points, depths, poses and observers are those of the odometry.
 """
 
 import hashlib
