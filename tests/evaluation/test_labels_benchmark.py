@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from wayloom.config.classes import CLASS_NAMES, SKY
 from wayloom.errors import InputError
 from wayloom.evaluation.label_consistency import consistency
 from wayloom.evaluation.label_pictures import best_keyframes, write_figure
@@ -54,6 +55,26 @@ def test_every_row_is_judged_on_the_same_points_and_every_point_is_counted_once(
     assert result.rows_with_boundaries["best"].points == result.filters["kept"] + result.filters["boundary"]
     assert sum(result.filters.values()) == len(labelled.odometry.points)
     assert result.filters["no LiDAR point near"] > 0
+
+
+def test_the_class_wise_accuracy_is_the_share_of_right_points_among_those_that_got_the_class(
+    done: tuple[LabelBenchmark, LabelledPoints],
+) -> None:
+    result, labelled = done
+    for judged, rows in (
+        (labelled.matches.judged, result.rows),
+        (labelled.matches.judged_with_boundaries, result.rows_with_boundaries),
+    ):
+        truth = labelled.matches.truth[judged]
+        for row in ROWS:
+            found = labelled.labels[row][judged]
+            expected = {
+                name: 100.0 * float((truth[found == c] == c).mean())
+                for c, name in enumerate(CLASS_NAMES)
+                if c != SKY and (found == c).any()
+            }
+            assert rows[row].accuracy == pytest.approx(expected)
+            assert len(expected) > 2
 
 
 def test_the_truth_is_that_of_the_image_at_the_point(done: tuple[LabelBenchmark, LabelledPoints]) -> None:
@@ -172,8 +193,12 @@ def test_the_command_writes_what_scripts_rely_on(dataset: Path, work: Path, tmp_
     for row in content["rows"].values():
         assert 0 < row["miou"] <= 100
         assert 0 < row["oa"] <= 100
-        assert set(row["iou"]) <= set(row["accuracy"]) | set(row["iou"])
+        assert len(row["accuracy"]) > 2
+        assert set(row["accuracy"]) <= set(CLASS_NAMES) - {"sky"}
+        assert all(0 <= share <= 100 for share in row["accuracy"].values())
+        assert all(row["accuracy"][name] > 0 for name, iou in row["iou"].items() if iou > 0)
     assert content["filters"]["kept"] > 0
+    assert (tmp_path / "t.tex").read_text().count("class-wise accuracy") == 2
     assert all((tmp_path / file).stat().st_size > 100 for file in outputs.values())
 
 

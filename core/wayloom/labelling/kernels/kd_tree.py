@@ -1,4 +1,4 @@
-"""The nearest points in space: a balanced k-d tree in which every point asks for its own few neighbours within its own radius."""
+"""Balanced k-d tree with a k-nearest-neighbour search of every point within a radius of its own."""
 
 import numpy as np
 from numba import njit
@@ -9,7 +9,7 @@ _STACK = 64
 
 
 @njit(cache=True, error_model="numpy")
-def _select(places, order, low, high, middle, axis):  # type: ignore[no-untyped-def]
+def _quickselect(places, order, low, high, middle, axis):  # type: ignore[no-untyped-def]
     """Move rows low to high of places (N, 3) and order (N,) so that the one at `middle` stands where sorting along the axis would
     put it, smaller ones before it, larger ones behind it (Hoare's selection)."""
     high -= 1
@@ -36,9 +36,9 @@ def _select(places, order, low, high, middle, axis):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, error_model="numpy")
-def grow_tree(places, order, axes, splits, levels):  # type: ignore[no-untyped-def]
-    """Sort places (N, 3) and order (N,) into a tree: node n of a level holds a range of rows, its children 2n + 1 and 2n + 2 the
-    halves of that range, split along its widest side.
+def build_kd_tree(places, order, axes, splits, levels):  # type: ignore[no-untyped-def]
+    """Sort places (N, 3) and order (N,) into a k-d tree: node n of a level holds a range of rows, its children 2n + 1 and 2n + 2
+    the halves of that range, split along its widest side.
 
     Fills axes (2^levels - 1,) int8 and splits (2^levels - 1,), the axis of each node and the coordinate at which it is split.
     """
@@ -49,21 +49,21 @@ def grow_tree(places, order, axes, splits, levels):  # type: ignore[no-untyped-d
             low, high = (n * count) >> level, ((n + 1) * count) >> level
             widest = -1.0
             for d in range(3):
-                least, most = places[low, d], places[low, d]
+                smallest, largest = places[low, d], places[low, d]
                 for i in range(low + 1, high):
-                    least, most = min(least, places[i, d]), max(most, places[i, d])
-                if most - least > widest:
-                    widest, axes[node] = most - least, d
+                    smallest, largest = min(smallest, places[i, d]), max(largest, places[i, d])
+                if largest - smallest > widest:
+                    widest, axes[node] = largest - smallest, d
             middle = ((2 * n + 1) * count) >> (level + 1)
-            _select(places, order, low, high, middle, axes[node])
+            _quickselect(places, order, low, high, middle, axes[node])
             splits[node] = places[middle, axes[node]]
 
 
 @njit(cache=True, error_model="numpy")
-def nearest_within(places, order, axes, splits, levels, radius, rows, distance2):  # type: ignore[no-untyped-def]
-    """For each point the nearest ones, itself among them, of equal ones those with the lowest numbers.
+def nearest_within_radius(places, order, axes, splits, levels, radius, rows, distance2):  # type: ignore[no-untyped-def]
+    """The K nearest neighbours of each point, itself among them, of equal ones those with the lowest numbers.
 
-    places, order, axes, splits, levels : as `grow_tree` left them
+    places, order, axes, splits, levels : as `build_kd_tree` left them
     radius     (N,) by a point's number
     Fills rows (N, K) int32 with points' numbers, -1 where there are no more, and distance2 (N, K) with squared distances, inf
     there; by the point's number, nearest first.
