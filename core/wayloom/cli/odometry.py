@@ -68,7 +68,7 @@ def odometry_command(
             result = track_calibrated(drive, progress=progress, threads=threads, lens=lens, collector=collector, debug=written)
         write_results(result, out, format, points, json)
         if collector is not None and evidence is not None:
-            save_observations(collector.evidence(drive), evidence)
+            save_observations(collector.observations(drive), evidence)
     warn_of_losses(result.report)
     warn_of_calibration(result.report)
     typer.echo(f"{result.report['tracked']} of {len(drive)} frames tracked, {result.report['keyframes']} keyframes: {out}")
@@ -136,7 +136,7 @@ def write_results(
 
 def warn_of_calibration(report: dict[str, Any]) -> None:
     """One line on stderr where the log's calibration is off by more than a pixel. report : the odometry's."""
-    rows, bias, own = report["rows_off_px"], abs(report["disparity_bias_px"]), report.get("own_lens", {})
+    rows, bias, own = report["rows_off_px"], abs(report["disparity_bias_px"]), report.get("self_calibration", {})
     if own.get("used"):
         sys.stderr.write(
             f"wayloom: warning: the calibration is off: the right image by {own['moves_px']:.1f} px on average; the lens that "

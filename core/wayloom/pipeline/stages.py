@@ -191,7 +191,7 @@ def _odometry(call: StageCall, out_dir: Path, progress: Progress) -> None:
     if not np.isfinite(result.trajectory.T_world_cam).all():
         raise StageError("the odometry gave poses that are not finite: please report this drive as a fault of wayloom")
     save_odometry(result, out_dir / ODOMETRY_FILE)
-    save_observations(collector.evidence(log), out_dir / EVIDENCE_FILE)
+    save_observations(collector.observations(log), out_dir / EVIDENCE_FILE)
     _write_report(out_dir, result.report)
 
 

@@ -15,7 +15,7 @@ from wayloom.errors import InputError
 from wayloom.geometry import se3
 from wayloom.geometry.lens import IDENTITY, project_scaled
 from wayloom.odometry.rig import calibration_observations as module
-from wayloom.odometry.rig.calibration_file import is_evidence, load_observations, save_observations
+from wayloom.odometry.rig.calibration_file import is_observations_file, load_observations, save_observations
 from wayloom.odometry.rig.calibration_observations import CalibrationObservations, ObservationCollector, drive_name
 from wayloom.odometry.rig.rows import RightRectifier
 
@@ -34,14 +34,14 @@ def collected(log: LensLog = LOG, interrupted: int = -1) -> ObservationCollector
 
 @pytest.fixture(scope="module")
 def drive() -> CalibrationObservations:
-    return collected().evidence(LOG)
+    return collected().observations(LOG)
 
 
 def test_matches_lie_where_the_real_cameras_see_the_points(drive: CalibrationObservations) -> None:
     camera, t = RIG.camera, np.array(RIG.t_right_left)
     errors: dict[str, list[np.ndarray]] = {"right": [], "left target": [], "right target": []}
     for s, frame in enumerate(drive.host_frame):
-        mine = drive.snippet == s
+        mine = drive.group == s
         uv = drive.uv_host[mine]
         rho = render(LOG.truth[frame], camera)[1][uv[:, 1], uv[:, 0]]
         rays = camera.rays(uv.astype(float))
@@ -63,35 +63,35 @@ def test_matches_lie_where_the_real_cameras_see_the_points(drive: CalibrationObs
         assert np.median(np.abs(error)) < 0.1
 
 
-def test_a_snippets_targets_are_the_first_keyframes_far_enough(drive: CalibrationObservations) -> None:
+def test_a_match_groups_targets_are_the_first_keyframes_far_enough(drive: CalibrationObservations) -> None:
     assert drive.host_frame[0] == 0
     assert drive.target_frame[0].tolist() == [2, 4]  # 1.0 and 2.5 m at 0.8 m a frame
     T = se3.inverse(LOG.truth[2]) @ LOG.truth[0]
     np.testing.assert_allclose(drive.T_target_host[0, 0], T, atol=1e-9)
-    assert np.diff(drive.snippet).min() >= 0
-    assert np.bincount(drive.snippet).max() <= module.MOST_POINTS
+    assert np.diff(drive.group).min() >= 0
+    assert np.bincount(drive.group).max() <= module.MOST_POINTS
 
 
 def test_the_same_drive_leaves_the_same_bytes(drive: CalibrationObservations, tmp_path: Path) -> None:
     save_observations(drive, tmp_path / "one.npz")
-    save_observations(collected().evidence(LOG), tmp_path / "two.npz")
+    save_observations(collected().observations(LOG), tmp_path / "two.npz")
     assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
 
 
-def test_a_lost_drive_closes_no_snippet_across_the_gap() -> None:
-    frames = collected(interrupted=1).evidence(LOG)
+def test_a_lost_drive_closes_no_match_group_across_the_gap() -> None:
+    frames = collected(interrupted=1).observations(LOG)
     assert frames.host_frame[0] == 1
 
 
 def test_a_car_that_stands_leaves_nothing() -> None:
     log = LensLog(np.tile(np.eye(4), (4, 1, 1)))
-    still = collected(log).evidence(log)
-    assert (still.snippets, len(still)) == (0, 0)
+    still = collected(log).observations(log)
+    assert (still.groups, len(still)) == (0, 0)
     assert still.uv_left_target.shape == (0, module.TARGETS, 2)
 
 
-def test_a_long_drive_keeps_a_bounded_number_of_snippets_spread_over_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST_SNIPPETS", 2)
+def test_a_long_drive_keeps_a_bounded_number_of_match_groups_spread_over_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MOST_GROUPS", 2)
     monkeypatch.setattr(module, "SPACING_M", 0.5)
     log = LensLog(curve(16, 0.8, 0.0), lens=LENS)
     found = collected(log)
@@ -112,9 +112,9 @@ def test_an_evidence_file_comes_back_as_it_was_written(drive: CalibrationObserva
     again = load_observations(file)
     for field in fields(CalibrationObservations):
         np.testing.assert_array_equal(getattr(again, field.name), getattr(drive, field.name))
-    assert is_evidence(file)
-    assert not is_evidence(tmp_path)
-    assert not is_evidence(Path(__file__))
+    assert is_observations_file(file)
+    assert not is_observations_file(tmp_path)
+    assert not is_observations_file(Path(__file__))
 
 
 def rewritten(file: Path, name: str, content: bytes) -> None:
@@ -136,10 +136,10 @@ def array_bytes(array: np.ndarray) -> bytes:
     ("name", "content", "says"),
     [
         ("meta.json", json.dumps({"format": "wayloom-evidence", "version": 9}).encode(), "version 9"),
-        ("meta.json", b"[]", "no evidence"),
-        ("uv_host.npy", b"cut", "no evidence"),
+        ("meta.json", b"[]", "holds no calibration observations"),
+        ("uv_host.npy", b"cut", "holds no calibration observations"),
         ("uv_host.npy", array_bytes(np.zeros((3, 2), np.int32)), "shape"),
-        ("uv_right.npy", array_bytes(np.zeros((3, 2))), "no evidence"),
+        ("uv_right.npy", array_bytes(np.zeros((3, 2))), "holds no calibration observations"),
         ("snippet.npy", array_bytes(np.array([5, 1, 0], np.int32)), "shape"),
     ],
 )
@@ -158,7 +158,7 @@ def test_an_evidence_file_with_impossible_values_is_refused(drive: CalibrationOb
     for bad in (
         replace(drive, uv_right=np.full_like(drive.uv_right, np.nan)),
         replace(drive, uv_host=drive.uv_host + 10_000),
-        replace(drive, snippet=drive.snippet[::-1].copy() + 3),
+        replace(drive, group=drive.group[::-1].copy() + 3),
     ):
         save_observations(bad, tmp_path / "bad.npz")
         with pytest.raises(InputError, match="cannot be"):
