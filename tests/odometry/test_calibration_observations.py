@@ -43,7 +43,7 @@ def test_matches_lie_where_the_real_cameras_see_the_points(drive: CalibrationObs
     camera, t = RIG.camera, np.array(RIG.t_right_left)
     errors: dict[str, list[np.ndarray]] = {"right": [], "left target": [], "right target": []}
     for s, frame in enumerate(drive.host_frame):
-        mine = drive.snippet == s
+        mine = drive.group == s
         uv = drive.uv_host[mine]
         rho = render(LOG.truth[frame], camera)[1][uv[:, 1], uv[:, 0]]
         rays = camera.rays(uv.astype(float))
@@ -65,13 +65,13 @@ def test_matches_lie_where_the_real_cameras_see_the_points(drive: CalibrationObs
         assert np.median(np.abs(error)) < 0.1
 
 
-def test_a_snippets_targets_are_the_first_keyframes_far_enough(drive: CalibrationObservations) -> None:
+def test_a_match_groups_targets_are_the_first_keyframes_far_enough(drive: CalibrationObservations) -> None:
     assert drive.host_frame[0] == 0
     assert drive.target_frame[0].tolist() == [2, 4]  # 1.0 and 2.5 m at 0.8 m a frame
     T = se3.inverse(LOG.truth[2]) @ LOG.truth[0]
     np.testing.assert_allclose(drive.T_target_host[0, 0], T, atol=1e-9)
-    assert np.diff(drive.snippet).min() >= 0
-    assert np.bincount(drive.snippet).max() <= module.MOST_POINTS
+    assert np.diff(drive.group).min() >= 0
+    assert np.bincount(drive.group).max() <= module.MOST_POINTS
 
 
 def test_the_same_drive_leaves_the_same_bytes(drive: CalibrationObservations, tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_the_same_drive_leaves_the_same_bytes(drive: CalibrationObservations, tm
     assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
 
 
-def test_a_lost_drive_closes_no_snippet_across_the_gap() -> None:
+def test_a_lost_drive_closes_no_match_group_across_the_gap() -> None:
     frames = collected(interrupted=1).observations(LOG)
     assert frames.host_frame[0] == 1
 
@@ -88,11 +88,11 @@ def test_a_lost_drive_closes_no_snippet_across_the_gap() -> None:
 def test_a_car_that_stands_leaves_nothing() -> None:
     log = LensLog(np.tile(np.eye(4), (4, 1, 1)))
     still = collected(log).observations(log)
-    assert (still.snippets, len(still)) == (0, 0)
+    assert (still.groups, len(still)) == (0, 0)
     assert still.uv_left_target.shape == (0, module.TARGETS, 2)
 
 
-def test_a_long_drive_keeps_a_bounded_number_of_snippets_spread_over_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_drive_keeps_a_bounded_number_of_match_groups_spread_over_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MOST_GROUPS", 2)
     monkeypatch.setattr(module, "SPACING_M", 0.5)
     log = LensLog(curve(16, 0.8, 0.0), lens=LENS)
@@ -138,10 +138,10 @@ def array_bytes(array: np.ndarray) -> bytes:
     ("name", "content", "says"),
     [
         ("meta.json", json.dumps({"format": "wayloom-evidence", "version": 9}).encode(), "version 9"),
-        ("meta.json", b"[]", "no evidence"),
-        ("uv_host.npy", b"cut", "no evidence"),
+        ("meta.json", b"[]", "holds no calibration observations"),
+        ("uv_host.npy", b"cut", "holds no calibration observations"),
         ("uv_host.npy", array_bytes(np.zeros((3, 2), np.int32)), "shape"),
-        ("uv_right.npy", array_bytes(np.zeros((3, 2))), "no evidence"),
+        ("uv_right.npy", array_bytes(np.zeros((3, 2))), "holds no calibration observations"),
         ("snippet.npy", array_bytes(np.array([5, 1, 0], np.int32)), "shape"),
     ],
 )
@@ -160,7 +160,7 @@ def test_an_evidence_file_with_impossible_values_is_refused(drive: CalibrationOb
     for bad in (
         replace(drive, uv_right=np.full_like(drive.uv_right, np.nan)),
         replace(drive, uv_host=drive.uv_host + 10_000),
-        replace(drive, snippet=drive.snippet[::-1].copy() + 3),
+        replace(drive, group=drive.group[::-1].copy() + 3),
     ):
         save_observations(bad, tmp_path / "bad.npz")
         with pytest.raises(InputError, match="cannot be"):

@@ -1,6 +1,8 @@
-"""Evidence of a rig from pieces of a drive, a third of the odometry's cost: a host's stereo matches are what the next images are
-aligned with, directly and down to half size, until the host's points have been found in its targets; the last one is the next host.
-No window is adjusted: poses and depths of a snippet are unknowns of the calibration, and need a first guess only.
+"""Sampling of calibration observations from pieces of a drive, at a third of the odometry's cost.
+
+A host's stereo matches are what the next images are aligned with, directly and down to half size, until the host's points have been
+found in its targets; the last one is the next host. No window is adjusted: poses and depths of a match group are unknowns of the
+calibration, and need a first guess only.
 """
 
 import numpy as np
@@ -27,7 +29,8 @@ FINEST_LEVEL = 1
 class Sampler:
     """Feeds a collector with hosts and targets from stretches of a log.
 
-    reference, T_host_world  the open snippet's host, None where the way was lost; poses (t_ns, T_cam_world) of the last two frames
+    reference, T_host_world  the open match group's host, None where the way was lost
+    poses                    (t_ns, T_cam_world) of the last two frames
     """
 
     def __init__(
@@ -40,7 +43,7 @@ class Sampler:
         self._forget()
 
     def stretch(self, start: int, stop: int, wanted: int) -> None:
-        """Frames start to stop, until the collector has `wanted` snippets."""
+        """Frames start to stop, until the collector has `wanted` match groups."""
         for index in range(start, stop):
             self._frame(frame_source.grey_pair(self.log, index))
             if len(self.collector.finished) >= wanted:

@@ -104,7 +104,7 @@ def write_results(
 
 def warn_of_calibration(report: dict[str, Any]) -> None:
     """One line on stderr where the log's calibration is off by more than a pixel. report : the odometry's."""
-    rows, bias, own = report["rows_off_px"], abs(report["disparity_bias_px"]), report.get("own_lens", {})
+    rows, bias, own = report["rows_off_px"], abs(report["disparity_bias_px"]), report.get("self_calibration", {})
     if own.get("used"):
         sys.stderr.write(
             f"wayloom: warning: the calibration is off: the right image by {own['moves_px']:.1f} px on average; the lens that "

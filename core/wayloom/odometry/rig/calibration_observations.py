@@ -1,6 +1,6 @@
 """Calibration observations of a drive: refined matches between left and right and between keyframes, few enough to keep for ever.
 
-They come in groups (`MatchGroup`; the files call them snippets): a host keyframe, up to two later keyframes, and points of the host
+They come in groups (`MatchGroup`): a host keyframe, up to two later keyframes, and points of the host
 found in the host's right image and in both images of the later ones. Right pixels are those of the log's own right image, before
 rows or lens are corrected: observations stay valid whatever is learnt of the rig later. `wayloom calibrate` learns from them;
 docs/calibration.md.
@@ -51,7 +51,7 @@ class CalibrationObservations:
     host_frame     (S,) int32, frame of the host
     target_frame   (S, T) int32, frames of the targets, -1 where there is none
     T_target_host  (S, T, 4, 4), as the odometry estimated it: a first guess
-    snippet        (P,) int32, rising, the group of each point
+    group        (P,) int32, rising, the group of each point
     uv_host        (P, 2) pixels in the host's left image, whole numbers
     uv_right       (P, 2) float32, the match in the host's right image as the log gives it
     uv_left_target, uv_right_target   (P, T, 2) float32, the matches in the targets' left and right images; NaN where there is none
@@ -63,19 +63,19 @@ class CalibrationObservations:
     host_frame: NDArray[np.int32]
     target_frame: NDArray[np.int32]
     T_target_host: FloatArray
-    snippet: NDArray[np.int32]
+    group: NDArray[np.int32]
     uv_host: NDArray[np.int32]
     uv_right: NDArray[np.float32]
     uv_left_target: NDArray[np.float32]
     uv_right_target: NDArray[np.float32]
 
     @property
-    def snippets(self) -> int:
+    def groups(self) -> int:
         """Number of groups."""
         return len(self.host_frame)
 
     def __len__(self) -> int:
-        return len(self.snippet)
+        return len(self.group)
 
 
 @dataclass(slots=True)

@@ -14,11 +14,11 @@ LENS = RightLens(0.8e-3, -1.5e-3, 1.0e-3, 2e-3, -3e-3, 1.0015, -0.8, 0.008, -8e-
 BORDER_PX = 8.0
 
 
-def evidence(
+def made_drive(
     lens: RightLens = IDENTITY,
     seed: int = 0,
     *,
-    snippets: int = 10,
+    groups: int = 10,
     points: int = 80,
     turn_rad: float = 0.03,
     noise_px: float = 0.1,
@@ -27,22 +27,22 @@ def evidence(
     rig_id: str | None = "made",
     rig: StereoRig = RIG,
 ) -> CalibrationObservations:
-    """A drive of snippets that turn by about turn_rad a metre; offsets: its own disparity bias in px, pitch and roll in rad."""
+    """A drive of groups that turn by about turn_rad a metre; offsets: its own disparity bias in px, pitch and roll in rad."""
     rng = np.random.default_rng(seed)
     own, columns = lens_of_drive(lens, np.array(offsets)), []
-    T_guess = np.zeros((snippets, TARGETS, 4, 4))
-    for s in range(snippets):
+    T_guess = np.zeros((groups, TARGETS, 4, 4))
+    for s in range(groups):
         T, T_guess[s] = _motion(rng, turn_rad)
         uv, measured = _matches(rng, T, own, rig, points)
         measured += noise_px * rng.normal(size=measured.shape)
         wrong = rng.random(measured.shape[:2]) < outliers
         measured[wrong] += rng.normal(0, 1.5, (int(wrong.sum()), 2))
         columns.append((np.full(len(uv), s), uv, measured))
-    snippet, uv, measured = (np.concatenate(column) for column in zip(*columns, strict=True))
-    frames = 10 * np.arange(snippets)[:, None]
+    group, uv, measured = (np.concatenate(column) for column in zip(*columns, strict=True))
+    frames = 10 * np.arange(groups)[:, None]
     return CalibrationObservations(
         f"drive {seed}", rig_id, rig, frames[:, 0].astype(np.int32), (frames + np.array([2, 5])).astype(np.int32), T_guess,
-        snippet.astype(np.int32), uv.astype(np.int32), measured[:, 0].astype(np.float32),
+        group.astype(np.int32), uv.astype(np.int32), measured[:, 0].astype(np.float32),
         measured[:, 1 : 1 + TARGETS].astype(np.float32), measured[:, 1 + TARGETS :].astype(np.float32),
     )  # fmt: skip
 
