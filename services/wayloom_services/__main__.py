@@ -1,4 +1,4 @@
-"""`python -m wayloom_services`: the API on an address, or on a socket that the parent has opened (--fd)."""
+"""API server process (`python -m wayloom_services`): on an address, or on a socket that the parent has opened (--fd)."""
 
 import argparse
 import socket

@@ -15,7 +15,7 @@ from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.uncertainty import heading_sigma_rad, position_covariance
 from wayloom.logs.sidecars.oxts import UP_FACTOR
 from wayloom.logs.types import FixType, GnssTrack
-from wayloom.simulation.sensors.gnss import SIGMA_M, fix_errors, planned
+from wayloom.simulation.sensors.gnss import SIGMA_M, fix_errors, steps_in_force
 from wayloom.simulation.vehicle.vehicle_settings import gnss_steps
 
 FRAME = map_frame_for(PLACE.lon_deg, PLACE.lat_deg)
@@ -333,7 +333,7 @@ EVERY_KIND = gnss_steps(
 def every_kind(frames: int) -> np.ndarray:
     """(frames,) FixType of frames that are spread evenly over a drive."""
     shares = np.arange(frames) / (frames - 1)
-    return np.array([step.fix for step in planned(EVERY_KIND, shares)], np.uint8)
+    return np.array([step.fix for step in steps_in_force(EVERY_KIND, shares)], np.uint8)
 
 
 PARTS = {

@@ -51,7 +51,7 @@ def test_every_drive_leaves_its_evidence_and_uses_the_lens_that_it_is_given(log_
     for folder in (plain, known):
         evidence = load_observations(folder / "evidence.npz")
         assert (evidence.rig_id, evidence.name.split("#")[0]) == ("car-7", "street")
-        assert evidence.snippets >= 1
+        assert evidence.groups >= 1
         assert (folder / "evidence.npz").stat().st_size < 300_000
         assert evidence.rig == open_log(log_path).rig
     one, other = (load_odometry(folder / "odometry.npz") for folder in (plain, known))
@@ -101,6 +101,6 @@ def test_the_odometry_command_takes_a_rig_and_leaves_evidence(log_path: Path, tm
     done = odometry("--rig", file, "--evidence", tmp_path / "e.npz")
     assert done.returncode == 0, done.stderr
     assert "warning: the rig file says rig car-7, the log unknown" in done.stderr
-    assert load_observations(tmp_path / "e.npz").snippets >= 1
+    assert load_observations(tmp_path / "e.npz").groups >= 1
     bad = odometry("--rig", tmp_path / "missing.toml")
     assert (bad.returncode, bad.stderr.count("\n")) == (2, 1)

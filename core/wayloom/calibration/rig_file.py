@@ -1,4 +1,4 @@
-"""`RIG.toml`: what was learnt of a rig over several of its drives. docs/formats.md describes every key."""
+"""The rig file `RIG.toml`: a rig's relative lens and its normal equations. docs/formats.md describes every key."""
 
 import math
 import tomllib

@@ -56,7 +56,7 @@ def labels(
     from wayloom.evaluation.label_pictures import write_figure
     from wayloom.evaluation.label_tables import as_csv, as_latex, as_text
     from wayloom.evaluation.label_truth import find_labelled_drives
-    from wayloom.evaluation.labels import LabelledPoints, benchmark_labels
+    from wayloom.evaluation.labels import LabelBenchmarkSettings, LabelledPoints, benchmark_labels
     from wayloom.files.atomic import check_writable, write_atomically
     from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model
     from wayloom.segmentation.network import Network
@@ -74,8 +74,8 @@ def labels(
 
     with ProgressBars(quarters=True) as bars:
         result = benchmark_labels(
-            drives, network, ABLATION if ablation else None, work_dir=work, threads=threads or default_threads(),
-            progress=bars("labels"), show=show,
+            drives, network, LabelBenchmarkSettings(variants=ABLATION if ablation else {}), work_dir=work,
+            threads=threads or default_threads(), progress=bars("labels"), show=show,
         )  # fmt: skip
     typer.echo(as_text(result))
     texts = {json: lambda: dumped(result.as_json()), csv: lambda: as_csv(result), latex: lambda: as_latex(result)}

@@ -102,7 +102,7 @@ def simulated(out: Path) -> Fleet:
     """Two drives of the simulated city; drawn once, found again by later demos of this version."""
     from wayloom import __version__
     from wayloom.simulation.recording.presets import CITY_ORIGIN, PRESETS
-    from wayloom.simulation.recording.simulate import simulate
+    from wayloom.simulation.recording.simulate import OutputSettings, simulate
 
     folder = out / "drives"
     made_by = f"wayloom {__version__} {SIZE} {PRESETS[PRESET].model_dump_json()}\n"
@@ -117,7 +117,7 @@ def simulated(out: Path) -> Fleet:
     else:
         say("simulating two drives of the same streets (the first run compiles its kernels)")
         with ProgressBars() as bars:
-            simulate(PRESET, folder, SIZE, threads=min(4, os.cpu_count() or 1), progress=bars("simulating"))
+            simulate(PRESET, folder, OutputSettings(SIZE), threads=min(4, os.cpu_count() or 1), progress=bars("simulating"))
     return Fleet(logs, None, (CITY_ORIGIN.lon_deg, CITY_ORIGIN.lat_deg, CITY_ORIGIN.height_m))
 
 
@@ -150,15 +150,15 @@ def service(data: Path, port: int, environment: dict[str, str]) -> Iterator[tupl
     ready = data / "ready"
     ready.unlink(missing_ok=True)
     command = [sys.executable, "-m", "wayloom.cli.main", "up", "--data", str(data), "--port", str(port), "--ready-file", str(ready)]
-    said = data / "up.log"
-    with said.open("w") as log:
+    up_log = data / "up.log"
+    with up_log.open("w") as log:
         child = subprocess.Popen(command, env=environment, stdout=log, stderr=log, preexec_fn=ending_with_parent(signal.SIGTERM))
     try:
         deadline = time.monotonic() + START_TIMEOUT_S
         while not ready.is_file():
             if child.poll() is not None or time.monotonic() > deadline:
-                last = (said.read_text().strip().splitlines() or ["it said nothing"])[-1]
-                raise ServiceError(f"the service did not start: {last}; {said} has all that it said")
+                last = (up_log.read_text().strip().splitlines() or ["it said nothing"])[-1]
+                raise ServiceError(f"the service did not start: {last}; {up_log} has all that it said")
             time.sleep(0.1)
         yield ready.read_text().strip(), child
     finally:

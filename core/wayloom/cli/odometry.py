@@ -51,7 +51,7 @@ def odometry_command(
     from wayloom.config.sources import Option
     from wayloom.files.atomic import check_writable
     from wayloom.logs.registry import check_outside, open_log
-    from wayloom.odometry.debugging.recorder import Debug
+    from wayloom.odometry.debugging.recorder import DebugRecorder
     from wayloom.odometry.rig.calibration_file import save_observations
     from wayloom.odometry.rig.calibration_observations import ObservationCollector
     from wayloom.pipeline.folders import writing_to
@@ -67,13 +67,12 @@ def odometry_command(
     with writing_to(out):
         for file in filter(None, (out, points, json, evidence)):
             check_writable(file)
-        written = None if debug is None else Debug(debug)
+        observers = [observer for observer in (collector, None if debug is None else DebugRecorder(debug)) if observer is not None]
         with ProgressBars(quarters=True) as bars:
-            progress = bars("odometry")
-            result = track_calibrated(drive, settings.odometry, progress, settings.threads, lens, collector, written)
+            result = track_calibrated(drive, settings.odometry, bars("odometry"), settings.threads, lens=lens, observers=observers)
         write_results(result, out, format, points, json)
         if collector is not None and evidence is not None:
-            save_observations(collector.evidence(drive), evidence)
+            save_observations(collector.observations(drive), evidence)
     warn_of_losses(result.report)
     warn_of_calibration(result.report)
     typer.echo(f"{result.report['tracked']} of {len(drive)} frames tracked, {result.report['keyframes']} keyframes: {out}")
@@ -105,7 +104,7 @@ def write_results(
 
 def warn_of_calibration(report: dict[str, Any]) -> None:
     """One line on stderr where the log's calibration is off by more than a pixel. report : the odometry's."""
-    rows, bias, own = report["rows_off_px"], abs(report["disparity_bias_px"]), report.get("own_lens", {})
+    rows, bias, own = report["rows_off_px"], abs(report["disparity_bias_px"]), report.get("self_calibration", {})
     if own.get("used"):
         sys.stderr.write(
             f"wayloom: warning: the calibration is off: the right image by {own['moves_px']:.1f} px on average; the lens that "

@@ -50,13 +50,17 @@ def simulate_command(
 ) -> None:
     """Draw drives of a synthetic city, with GNSS and exact truth. Called again, a run that was stopped goes on where it ended."""
     from wayloom.pipeline.folders import writing_to
-    from wayloom.simulation.recording.simulate import simulate
+    from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate
 
     names = tuple(name.strip() for name in drives.split(",") if name.strip()) if drives is not None else ()
     with ProgressBars(quarters=True) as bars, writing_to(out):
         paths = simulate(
-            preset, out, size.value, seed, format.value, truth, threads or min(4, os.cpu_count() or 1),
-            bars(f"simulating {preset}"), laps=laps, drives=names, frames=frames,
-        )  # fmt: skip
+            preset,
+            out,
+            OutputSettings(size.value, format.value, truth),
+            PresetVariant(seed, laps, names, frames),
+            threads or min(4, os.cpu_count() or 1),
+            bars(f"simulating {preset}"),
+        )
     for path in paths:
         typer.echo(path)

@@ -1,4 +1,4 @@
-"""From a drive log on disk to the manifest that announces it."""
+"""Upload manifest of a drive log: its files with sizes and hashes."""
 
 import hashlib
 import os

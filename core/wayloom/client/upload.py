@@ -1,4 +1,4 @@
-"""The upload of one drive: several files at once, each resumed where the server's stored bytes end, until the server has all."""
+"""Resumable, parallel upload of one drive (tus protocol), continued where the server's stored bytes end."""
 
 import base64
 import hashlib
@@ -23,7 +23,7 @@ ROUNDS: Final = 3
 """How often the server is asked what it lacks: a file that was damaged on the way is sent again."""
 
 
-class Stopped(Exception):  # noqa: N818 - no error: another file's upload has failed and this one ends
+class UploadStopped(Exception):  # noqa: N818 - no error: another file's upload has failed and this one ends
     """The upload is over for another reason."""
 
 
@@ -77,12 +77,18 @@ class _Counter:
 
 
 def _send_all(
-    api: Api, parcel: PackedDrive, drive_id: str, missing: list[dict[str, Any]], counter: _Counter, connections: int, chunk: int
+    api: Api,
+    packed_drive: PackedDrive,
+    drive_id: str,
+    missing: list[dict[str, Any]],
+    counter: _Counter,
+    connections: int,
+    chunk: int,
 ) -> None:
     over = threading.Event()
 
     def one(file: dict[str, Any]) -> None:
-        _send_file(api, drive_id, file, parcel.sources[file["path"]], counter, over, chunk)
+        _send_file(api, drive_id, file, packed_drive.sources[file["path"]], counter, over, chunk)
 
     with ThreadPoolExecutor(connections) as pool:
         futures = [pool.submit(one, file) for file in missing]
@@ -93,7 +99,7 @@ def _send_all(
             pool.shutdown(cancel_futures=True)
     for future in done:
         error = future.exception()
-        if error is not None and not isinstance(error, Stopped):
+        if error is not None and not isinstance(error, UploadStopped):
             raise error
 
 
@@ -107,7 +113,7 @@ def _send_file(
         try:
             while True:
                 if over.is_set():
-                    raise Stopped
+                    raise UploadStopped
                 content = _read(source, offset, min(chunk, file["size"] - offset), file["size"])
                 address, new_offset = _send_chunk(api, drive_id, file, address, offset, content)
                 counter.add(new_offset - offset)
@@ -138,7 +144,7 @@ def _pauses(over: threading.Event) -> Iterator[float | None]:
     """Pauses between tries; after None there is no further try."""
     for pause_s in (0.1, 0.3, 1.0, 2.0, 4.0, 8.0, 15.0, 15.0):
         if over.is_set():
-            raise Stopped
+            raise UploadStopped
         yield pause_s
     yield None
 

@@ -1,4 +1,4 @@
-"""How far a mapped track lies from a reference track on Earth, in the vertical of the place itself."""
+"""Geo-referencing error: distance of a mapped track from a reference track, in the local vertical."""
 
 from dataclasses import asdict, dataclass
 
@@ -35,12 +35,12 @@ class TrackDistance:
 
 
 def spread(distances: FloatArray) -> Spread:
-    """distances (N,) m, N >= 1."""
+    """Median, 95th percentile and maximum of distances (N,) m, N >= 1."""
     return Spread(float(np.median(distances)), float(np.percentile(distances, 95)), float(distances.max()))
 
 
 def antenna_enu(T_enu_cam: FloatArray, p_cam_gnss: FloatArray) -> FloatArray:
-    """(N, 3) m: where the antenna p_cam_gnss (3,) m of a camera at T_enu_cam (N, 4, 4) is."""
+    """(N, 3) m: position of the antenna p_cam_gnss (3,) m of a camera at T_enu_cam (N, 4, 4)."""
     positions: FloatArray = T_enu_cam[:, :3, :3] @ p_cam_gnss + T_enu_cam[:, :3, 3]
     return positions
 

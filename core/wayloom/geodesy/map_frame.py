@@ -1,4 +1,4 @@
-"""The frame of a map: fixed by the place alone, so that every drive of a city gets the same, whichever came first."""
+"""Map frame of a place: fixed by the place alone, so that every drive of a city gets the same, whichever came first."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A drive put on the Earth: GNSS fixes and odometry to T_enu_cam of every frame, with an honest covariance.
+"""GNSS alignment of a drive: fixes and odometry to T_enu_cam of every frame, with its covariance.
 
 The graph is built in the tangent plane of the drive's own place, where up is up; the result is moved to the map's frame as a whole.
 """

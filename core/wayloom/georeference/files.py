@@ -1,4 +1,4 @@
-"""`georeference.npz`: one file with the poses, covariances, frame and report. Equal results give equal bytes."""
+"""Geo-reference file `georeference.npz`: poses, covariances, frame and report. Equal results give equal bytes."""
 
 import io
 import json
@@ -17,7 +17,7 @@ VERSION = 1
 
 
 def save_georeference(geo: GeoReference, path: Path) -> None:
-    """The file is whole or not there. (A zip of NumPy carries no time, so equal results are equal bytes.)"""
+    """Write atomically. (A zip of NumPy carries no time, so equal results are equal bytes.)"""
     frame = None if geo.frame is None else [geo.frame.lon_deg, geo.frame.lat_deg, geo.frame.height_m]
     header = {"format": FORMAT, "version": VERSION, "frame": frame, "report": geo.report}
     buffer = io.BytesIO()
@@ -27,7 +27,7 @@ def save_georeference(geo: GeoReference, path: Path) -> None:
 
 
 def load_georeference(path: Path) -> GeoReference:
-    """Raises InputError that names the file when it is missing, damaged or of another version."""
+    """Read a geo-reference. Raises InputError that names the file when it is missing, damaged or of another version."""
     remedy = "run the geo-reference stage again"
     try:
         with np.load(path, allow_pickle=False) as file:

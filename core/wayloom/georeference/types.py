@@ -1,4 +1,4 @@
-"""What the geo-reference leaves of a drive."""
+"""Map frame and geo-referenced drive."""
 
 from dataclasses import dataclass, field
 from typing import Any

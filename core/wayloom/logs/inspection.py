@@ -1,4 +1,4 @@
-"""What is in a drive log and what is wrong with it."""
+"""Inspection report of a drive log: rates, gaps, calibration, GNSS quality, damaged images."""
 
 from collections.abc import Sequence
 
@@ -127,7 +127,7 @@ def inspect_log(log: DriveLog, *, decode: bool = True, progress: Progress = sile
 
 
 def imu_place(T_cam_imu: FloatArray) -> tuple[float, float, float]:
-    """The IMU in the left camera's frame, m."""
+    """(3,) m, the IMU's position in the left camera's frame."""
     x, y, z = (float(value) for value in T_cam_imu[:3, 3])
     return x, y, z
 
@@ -156,7 +156,7 @@ def rate_report(t_ns: NDArray[np.int64]) -> RateReport:
 
 
 def camera_report(log: DriveLog) -> CameraReport:
-    """The calibration in short."""
+    """Report of the rig's calibration."""
     camera = log.rig.camera
     files = log if isinstance(log, StoredLog) else None
     stored = files.stored_sizes[0] if files else (camera.width, camera.height)
@@ -177,7 +177,7 @@ def camera_report(log: DriveLog) -> CameraReport:
 
 
 def gnss_report(gnss: GnssTrack, p_cam_gnss: FloatArray, t_ns: NDArray[np.int64]) -> GnssReport:
-    """The fixes in short; t_ns (N,) are the frames' time stamps."""
+    """Report of the fixes; t_ns (N,) are the frames' time stamps."""
     sigma = horizontal_sigma_m(gnss)
     inside = (t_ns >= gnss.t_ns[0]) & (t_ns <= gnss.t_ns[-1])
     lon, lat, height = (float(value) for value in gnss.lon_lat_height[0])
@@ -199,7 +199,7 @@ def horizontal_sigma_m(gnss: GnssTrack) -> FloatArray:
 
 
 def distance(log: DriveLog) -> tuple[float | None, str | None]:
-    """The way driven in m and what it is from: truth, else GNSS, else (None, None).
+    """Length of the path, m, and its source: truth, else GNSS, else (None, None).
 
     GNSS noise would add up while the car stands, so a fix counts once it is STEP_M and STEP_SIGMAS sigmas from the last that did.
     """

@@ -1,4 +1,4 @@
-"""What a drive log gives, whatever its format."""
+"""Drive log protocol, stereo frames, GNSS and IMU tracks."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

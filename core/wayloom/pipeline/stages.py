@@ -187,11 +187,11 @@ def _ingest(call: StageCall, out_dir: Path, progress: Progress) -> None:
 def _odometry(call: StageCall, out_dir: Path, progress: Progress) -> None:
     log = call.log()
     lens, collector = lens_of(call.settings, log)[0], ObservationCollector(log.rig)
-    result = track_calibrated(log, call.settings.odometry, progress, call.settings.threads, lens, collector)
+    result = track_calibrated(log, call.settings.odometry, progress, call.settings.threads, lens, (collector,))
     if not np.isfinite(result.trajectory.T_world_cam).all():
         raise StageError("the odometry gave poses that are not finite: please report this drive as a fault of wayloom")
     save_odometry(result, out_dir / ODOMETRY_FILE)
-    save_observations(collector.evidence(log), out_dir / EVIDENCE_FILE)
+    save_observations(collector.observations(log), out_dir / EVIDENCE_FILE)
     _write_report(out_dir, result.report)
 
 

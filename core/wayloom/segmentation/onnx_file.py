@@ -1,4 +1,4 @@
-"""A look into an ONNX file without loading it: does it hold a graph, and does it want other files?
+"""Inspection of an ONNX file without loading it: whether it holds a graph, and whether it refers to other files.
 
 Field numbers are those of onnx.proto: ModelProto.graph 7; GraphProto.node 1, .initializer 5, .sparse_initializer 15;
 NodeProto.attribute 5; AttributeProto.t 5, .g 6, .tensors 10, .graphs 11, .sparse_tensor 22; SparseTensorProto.values 1, .indices 2;

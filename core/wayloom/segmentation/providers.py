@@ -1,4 +1,4 @@
-"""On what a network runs."""
+"""ONNX Runtime execution providers by device name."""
 
 from typing import Final, get_args
 

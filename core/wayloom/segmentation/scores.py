@@ -1,4 +1,4 @@
-"""The few likeliest classes of every cell of a network's grid, in a byte each: what is kept of a softmax."""
+"""Class scores of an image: the k likeliest classes of each cell of the network's grid and their quantised -ln p."""
 
 import math
 import struct

@@ -1,4 +1,4 @@
-"""Submaps merged into voxels: the same bits whatever the order of arrival, and whatever was merged and removed before.
+"""Order-independent voxel fusion of submaps: the same bits in any order of arrival, after any earlier merges and removals.
 
 Everything that is summed is a whole number (fixed point), and sums of whole numbers know no order:
 - the place of a point within its voxel in 1/4096 of the edge, weighted by its inverse variance in units of 1/16 m^-2,

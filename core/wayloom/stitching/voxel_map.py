@@ -1,4 +1,4 @@
-"""The static layer of the map: voxels of a grid in the map's frame."""
+"""Voxel map: the static layer of the map on a regular grid in the map's frame."""
 
 from dataclasses import dataclass, field
 

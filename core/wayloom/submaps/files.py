@@ -1,4 +1,4 @@
-"""A folder of submaps: `index.json` says where each lies, `<digest>.submap` holds what it is."""
+"""Submap folder: `index.json` with the pose of each submap, `<digest>.submap` with its content."""
 
 import hashlib
 import json
@@ -20,7 +20,7 @@ REMEDY = "make the submaps again"
 
 
 def save_submaps(placed: Iterable[PlacedSubmap], folder: Path) -> None:
-    """Write the blobs, then the index: a folder with an index is whole."""
+    """Write the submaps, then the index: a folder with an index is whole."""
     folder.mkdir(parents=True, exist_ok=True)
     entries = []
     for item in placed:

@@ -1,4 +1,4 @@
-"""The map for other programs: PLY, LAZ, GeoJSON, a picture, a folder of tiles."""
+"""Map exports: PLY, LAZ, GeoJSON, a picture, a folder of tiles."""
 
 import io
 import json
@@ -37,12 +37,12 @@ LAZ_SCALE_M: Final = 0.001
 
 def export_ply(path: Path, points: FloatArray, labels: NDArray[np.uint8], frame: MapFrame | None = None) -> None:
     """points (N, 3) m in the map's frame (or a drive's own without frame), coloured by their labels (N,)."""
-    said = (
+    comment = (
         "frame: the drive's own world"
         if frame is None
         else f"frame: ENU at {frame.lon_deg} {frame.lat_deg} {frame.height_m} (WGS84)"
     )
-    write_ply(path, points, PALETTE_WITH_VOID[labels], labels, (said,))
+    write_ply(path, points, PALETTE_WITH_VOID[labels], labels, (comment,))
 
 
 def export_laz(path: Path, points: FloatArray, labels: NDArray[np.uint8], frame: MapFrame | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Web-mercator XYZ tiles: the world is a unit square, x to the east from the antimeridian, y to the south from 85.05 degrees north.
+"""Web-mercator XYZ tile grid: a unit square, x to the east from the antimeridian, y to the south from 85.05 degrees north.
 
 x = (lon + 180) / 360,   y = 1/2 - asinh(tan lat) / 2 pi;   tile = floor(2^z (x, y)),   pixel = floor(256 2^z (x, y))
 """

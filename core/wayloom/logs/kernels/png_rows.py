@@ -1,4 +1,4 @@
-"""The row filters of PNG (ISO/IEC 15948, 9.2) undone, for one byte a pixel."""
+"""Inverse PNG row filters (ISO/IEC 15948, 9.2) for one byte a pixel."""
 
 from typing import Any, Final
 

@@ -1,4 +1,4 @@
-"""ROS 2 recordings in MCAP: a stereo pair of image topics with CameraInfo, and what else there is of GNSS, IMU and truth.
+"""MCAP reader for ROS 2 recordings: a stereo pair of image topics with CameraInfo, and GNSS, IMU and ground truth where present.
 
 The pair is found by its calibration: two cameras of one kind of image topic whose projection matrices differ by a baseline. Where
 several fit, or none, `left_topic` and `right_topic` of wayloom.json beside the file name them.
@@ -143,8 +143,8 @@ def open_mcap(path: Path, gnss: Path | None = None) -> McapLog:
         missing = tuple(what for what in missing if what != "IMU")
     else:
         track, place, missing = read_fixes(file, messages, sidecar, places)
-        p_cam_gnss, said = lever_arm(sidecar, place)
-        missing += ("lever arm",) if track is not None and not said else ()
+        p_cam_gnss, is_known = lever_arm(sidecar, place)
+        missing += ("lever arm",) if track is not None and not is_known else ()
     imu, T_cam_imu, without = read_imu(file, messages, sidecar, places)
     truth = read_truth(file, messages, t_ns, found)
     note = path.parent / SIDECAR_NAME
@@ -175,7 +175,7 @@ def open_mcap(path: Path, gnss: Path | None = None) -> McapLog:
 
 
 def ros_kinds() -> tuple[str, ...]:
-    """The types of messages that are looked at besides images."""
+    """The message types that are read besides images."""
     return ros.NAV_SAT_FIX, ros.IMU, ros.POSE, ros.EXPOSURE
 
 
@@ -208,7 +208,7 @@ def paired(file: McapFile, found: McapRig, messages: dict[str, Messages]) -> tup
 
 
 def chosen(messages: Messages, rows: NDArray[np.int64]) -> Messages:
-    """Some of the messages."""
+    """The messages of these rows."""
     return Messages(messages.t_ns[rows], messages.chunk[rows], messages.start[rows], messages.length[rows])
 
 
@@ -230,7 +230,7 @@ def read_image(
 
 
 def in_colour(image: Image, colour: bool | None) -> Image:
-    """(h, w) or (h, w, 3) as it is asked for: grey by BT.601, as OpenCV's reader does."""
+    """The image (h, w) or (h, w, 3) converted to grey (BT.601, as OpenCV's reader does) or RGB."""
     if colour is None or colour == (image.ndim == 3):
         return image
     if colour:

@@ -1,4 +1,4 @@
-"""What `wayloom simulate` can drive: a city, its light, and the vehicles with their routes."""
+"""Presets of `wayloom simulate`: a city, its light, and its vehicles with their routes."""
 
 from typing import Final, Self
 
@@ -53,7 +53,7 @@ class DrivePlan(Settings):
 
 
 class Preset(Settings):
-    """A city and the drives in it. laps: how often each drive, closed and without movers, is driven over the pictures of once."""
+    """A city and its drives. laps: number of laps of each closed drive, without traffic; later laps repeat the first's images."""
 
     name: str
     about: str
@@ -274,7 +274,7 @@ def find_preset(name: str) -> Preset:
 
 
 def chosen_drives(preset: Preset, names: tuple[str, ...]) -> tuple[int, ...]:
-    """Places in `preset.drives` of the vehicles named; all where none is. Raises ConfigError for an unknown one."""
+    """Indices in `preset.drives` of the vehicles named; all where none is. Raises ConfigError for an unknown one."""
     known = [plan.vehicle_id for plan in preset.drives]
     unknown = [name for name in names if name not in known]
     if unknown:
