@@ -132,5 +132,5 @@ class StoredLog(DriveLog, Protocol):
         ...
 
     def damaged(self, *, decode: bool, progress: Callable[[float], None] = ...) -> list[LogError]:
-        """What is wrong with each image that cannot be used, by looking at it or by decoding it."""
+        """The errors of all images that cannot be used, by checking or by decoding them."""
         ...
