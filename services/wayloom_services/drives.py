@@ -56,7 +56,7 @@ async def one(drive_id: DriveId, service: ServiceDep) -> DriveOut:
 
 @router.get("/{drive_id}/track")
 async def track(drive_id: DriveId, service: ServiceDep) -> Feature:
-    """The way that the drive took, as a GeoJSON LineString in WGS84; no geometry until it has a place."""
+    """Track of the drive as a GeoJSON LineString in WGS84; no geometry until the drive is geo-referenced."""
     drive = await service.read(lambda session: drives.get(session, drive_id))
     geometry = {"type": "LineString", "coordinates": drive.track} if drive.track else None
     return Feature(geometry=geometry, properties={"id": drive.id, "name": drive.name, "state": drive.state})

@@ -103,7 +103,7 @@ class ImageFolderLog:
                 check_size(read_header(file), size, file)
 
     def damaged(self, *, decode: bool, progress: Progress = silent) -> list[LogError]:
-        """What is wrong with each image that cannot be used, by looking at headers and ends or by decoding every file."""
+        """The errors of all images that cannot be used, by checking headers and ends or by decoding every file."""
         found = []
         for i in range(len(self)):
             for files, size in self._sides():
