@@ -1,4 +1,4 @@
-"""What the odometry does with a log's IMU: starts it, links new keyframes, foretells poses; docs/odometry.md has the equations."""
+"""What the odometry does with a log's IMU: starts it, links new keyframes, predicts poses (docs/odometry-design.md)."""
 
 from collections.abc import Sequence
 from itertools import pairwise
