@@ -41,7 +41,9 @@ class ServiceSettings(BaseSettings):
         None, description="segmentation network: a name of the catalogue or an ONNX file; default the built-in one"
     )
 
-    steps: str = Field("wayloom_workers.production:STEPS", description="module:NAME of the table of stages that the workers run")
+    stage_hooks: str = Field(
+        "wayloom_workers.production:stage_hooks", description="module:NAME of the function that gives the workers' hooks of a stage"
+    )
     lease_s: float = Field(90.0, gt=0.5, description="seconds without a heartbeat after which a job is taken from its worker")
     heartbeat_s: float = Field(3.0, gt=0.05, description="seconds between heartbeats")
     sweep_s: float = Field(2.0, gt=0.05, description="seconds between two looks of the sweeper")

@@ -11,6 +11,7 @@ from wayloom.errors import InputError
 from wayloom.files.atomic import write_atomically
 from wayloom.georeference.types import GeoReference, MapFrame
 
+GEOREFERENCE_FILE = "georeference.npz"
 FORMAT = "wayloom-georeference"
 VERSION = 1
 

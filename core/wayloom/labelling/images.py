@@ -16,7 +16,7 @@ Image = NDArray[np.uint8]
 
 
 class LabelImages(Protocol):
-    """Label images by voter, (h, w) uint8 train ids: `wayloom.segmentation.stage.KeyframeLabels` is one.
+    """Label images by voter, (h, w) uint8 train ids: `wayloom.segmentation.keyframe_labels.KeyframeLabels` is one.
 
     may_be_void : whether a pixel of theirs may be void
     is_balanced : whether the network's training weighed rare classes more

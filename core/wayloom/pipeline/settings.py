@@ -18,7 +18,7 @@ Height = Annotated[float, Field(ge=-1000.0, le=20000.0)]
 
 
 class ProcessSettings(Settings):
-    """What `process_drive` and the workers' stages are told."""
+    """Settings that `process_drive` and the workers hand to every stage; the catalogue says which part is whose."""
 
     odometry: OdometrySettings = OdometrySettings()
     labelling: LabellingSettings = LabellingSettings()
