@@ -1,6 +1,8 @@
 """The catalogue of stages is consistent, and everything that names stages reads it."""
 
+import re
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
@@ -46,3 +48,9 @@ def test_a_new_entry_is_known_to_all_who_ask(monkeypatch):
     assert find_stage("ground").queue == "ground"
     assert "ground" in queues()
     assert map_stages() == ("stitch", "publish")
+
+
+def test_a_worker_of_the_composed_service_serves_each_queue():
+    text = (Path(__file__).resolve().parents[2] / "docker-compose.yml").read_text()
+    served = [name for listed in re.findall(r'--queues, "?([a-z,]+)', text) for name in listed.split(",")]
+    assert sorted(served) == sorted(queues())

@@ -133,8 +133,9 @@ def test_exposure_times_and_imu_beside_the_log_are_in_the_odometrys_key(tmp_path
 def test_the_imus_place_counts_as_its_samples_do():
     log = SimpleNamespace(imu=made_imu(), T_cam_imu=T_CAM_IMU)
     moved = SimpleNamespace(imu=made_imu(), T_cam_imu=T_CAM_IMU + 1e-3 * np.eye(4))
-    none = SimpleNamespace(imu=None, T_cam_imu=None)
+    none, idle = SimpleNamespace(imu=None, T_cam_imu=None), SimpleNamespace(imu=None, T_cam_imu=T_CAM_IMU)
     assert len({LOG_PARTS["imu"](one, "") for one in (log, moved, none)}) == 3
+    assert LOG_PARTS["imu"](idle, "") == LOG_PARTS["imu"](none, "")
 
 
 def test_the_code_that_reads_the_format_is_in_the_keys_of_those_who_read_images(tmp_path, monkeypatch):

@@ -181,8 +181,8 @@ def test_a_retried_drive_goes_on_with_the_stage_that_failed(database: Database) 
     with database.write() as session:
         jobs.fail(session, held, "bad luck", final=True)
     with database.write() as session:
-        woken = jobs.retry(session, drive_id)
-    assert [message.job_id for message in woken] == [following.job_id]
+        messages = jobs.retry(session, drive_id)
+    assert [message.job_id for message in messages] == [following.job_id]
     assert job(database, job_id).state == "done"
     assert job(database, following.job_id).attempt == 0
     assert drive(database, drive_id).state == "queued"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import structlog
 
-from wayloom.config.stages import drive_stages
+from wayloom.config.stages import REMOVAL
 from wayloom.errors import InputError, LeaseLostError, StageError, WayloomError
 from wayloom.store import drives, jobs
 from wayloom.store.jobs import Claim, JobMessage
@@ -61,7 +61,7 @@ def _run(context: WorkerContext, hooks: StageHooks, held: Claim) -> list[JobMess
             with context.database.write() as session:
                 following = jobs.finish(session, held, prepared.key)
                 messages = [*hooks.record(session, done), *([following] if following else [])]
-                if held.drive_id is not None and held.stage == drive_stages()[-1]:
+                if held.drive_id is not None and following is None and held.stage != REMOVAL.name:
                     messages += complete_drive(session, held.drive_id)
             return messages
         finally:

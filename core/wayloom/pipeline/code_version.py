@@ -33,6 +33,14 @@ LIBRARIES: Final[Mapping[str, tuple[str, ...]]] = {
 """Import name of each library that makes numbers, and the distributions that may bring it or parts of it."""
 
 
+BLOCKS: Final = ("body", "orelse", "finalbody", "handlers", "cases")
+COMPOUND: Final = (
+    ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.If, ast.For, ast.AsyncFor, ast.While, ast.With, ast.AsyncWith, ast.Try,
+    ast.TryStar, ast.ExceptHandler, ast.Match, ast.match_case,
+)  # fmt: skip
+"""Statements that hold other statements, and where they hold them."""
+
+
 @dataclass(frozen=True, slots=True)
 class CodeVersion:
     """digest: hex, of the closure. modules: of wayloom in it, sorted. libraries: versions of those that it imports."""
@@ -124,6 +132,7 @@ def _parsed(content: bytes) -> tuple[str, tuple[tuple[str, tuple[str, ...]], ...
     return digest.hexdigest(), imports
 
 
+@lru_cache(maxsize=4096)
 def module_file(name: str, package: Path) -> Path | None:
     """The source of a module: of wayloom below `package`, of any other on the import path; None where there is none."""
     top, *parts = name.split(".")
@@ -164,17 +173,14 @@ def _imports(tree: ast.AST) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 def _statements(node: ast.AST) -> Iterator[ast.AST]:
     if isinstance(node, ast.If) and _names_type_checking(node.test):
-        children: list[ast.AST] = list(node.orelse)
+        blocks = [node.orelse]
     else:
-        children = [child for name in ("body", "orelse", "finalbody", "handlers", "cases") for child in _block(node, name)]
-    for child in children:
-        yield child
-        yield from _statements(child)
-
-
-def _block(node: ast.AST, name: str) -> list[ast.AST]:
-    block = getattr(node, name, None)
-    return block if isinstance(block, list) else []
+        blocks = [getattr(node, name, []) for name in BLOCKS]
+    for block in blocks:
+        for child in block:
+            yield child
+            if isinstance(child, COMPOUND):
+                yield from _statements(child)
 
 
 def _names_type_checking(test: ast.expr) -> bool:
@@ -185,10 +191,10 @@ def _names_type_checking(test: ast.expr) -> bool:
 
 def _without_docstrings(tree: ast.Module) -> ast.Module:
     """The same tree, changed in place: no docstrings, and no strings that document the line above."""
-    for node in (tree, *_statements(tree)):
-        for name in ("body", "orelse", "finalbody"):
-            block = _block(node, name)
-            if block:
+    for node in (tree, *(statement for statement in _statements(tree) if isinstance(statement, COMPOUND))):
+        for name in BLOCKS:
+            block = getattr(node, name, None)
+            if block and any(map(_is_text, block)):
                 block[:] = [line for line in block if not _is_text(line)] or [ast.copy_location(ast.Pass(), block[0])]
     return tree
 

@@ -52,10 +52,12 @@ def gnss_digest(log: DriveLog, reader_version: str = "") -> str:
 
 
 def imu_digest(log: DriveLog, reader_version: str = "") -> str:
-    """One digest of the IMU's samples as read and of its place."""
+    """One digest of the IMU's samples as read and of its place; the place of an IMU without samples does not count."""
     imu = log.imu
-    samples = () if imu is None else (imu.t_ns, imu.specific_force, imu.angular_rate)
-    return _digest_of_arrays(*samples, *(() if log.T_cam_imu is None else (log.T_cam_imu,)))
+    if imu is None:
+        return _digest_of_arrays()
+    place = () if log.T_cam_imu is None else (log.T_cam_imu,)
+    return _digest_of_arrays(imu.t_ns, imu.specific_force, imu.angular_rate, *place)
 
 
 def exposure_digest(log: DriveLog, reader_version: str = "") -> str:
