@@ -23,7 +23,7 @@ import numpy as np
 from pages import DOCS, put_between_marks
 from wayloom.calibration.learn import learn_rig
 from wayloom.calibration.self_calibration import track_calibrated
-from wayloom.cli.calibrate import evidence_of
+from wayloom.cli.calibrate import observations_of
 from wayloom.errors import InputError
 from wayloom.evaluation.odometry import SEEDS
 from wayloom.evaluation.odometry_table import head, row
@@ -33,7 +33,7 @@ from wayloom.logs.registry import open_log
 from wayloom.odometry.rig.calibration_observations import CalibrationObservations
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.simulation.recording.presets import RIG, RIG_WAYS, DrivePlan, Preset
-from wayloom.simulation.recording.simulate import simulate
+from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate
 from wayloom.simulation.vehicle.rig_faults import FAULTS
 from wayloom.simulation.vehicle.vehicle_settings import VehicleSettings
 
@@ -70,7 +70,7 @@ def rigs() -> Preset:
 
 def drawn(names: list[str], size: str, cache: Path) -> dict[str, Path]:
     """The folders of these drives."""
-    folders = simulate(rigs(), cache / f"rigs-{size}", size=size, drives=tuple(names), progress=say)
+    folders = simulate(rigs(), cache / f"rigs-{size}", OutputSettings(size=size), PresetVariant(drives=tuple(names)), progress=say)
     return {folder.name: folder for folder in folders}
 
 
@@ -79,13 +79,13 @@ def say(share: float, what: str) -> None:
     sys.stderr.write(f"calibration benchmark: {100 * share:.0f} % {what}\n")
 
 
-def outcome(folder: Path, seeds: int, lens: RightLens | None, own_lens: bool = True) -> Outcome:
+def outcome(folder: Path, seeds: int, lens: RightLens | None, self_calibration: bool = True) -> Outcome:
     """A drive tracked once for each seed, with a lens that is given, its own one, or none."""
     log, rows = open_log(folder), []
     if log.truth is None:
         raise InputError("has no poses to be measured against", file=folder, remedy="delete the folder: it is drawn anew")
     for seed in SEEDS[:seeds]:
-        result = track_calibrated(log, OdometrySettings(seed=seed, own_lens=own_lens), lens=lens)
+        result = track_calibrated(log, OdometrySettings(seed=seed, self_calibration=self_calibration), lens=lens)
         errors = evaluate(result.trajectory.T_world_cam, log.truth)
         rows.append((errors.ate_m, errors.length_ratio - 1.0))
     ate_m, longer = np.median(rows, axis=0)
@@ -97,18 +97,18 @@ def measured(fault: str, judged: list[int], size: str, seeds: int, cache: Path) 
     others = [f"{fault}-{k}" for k in range(1, len(RIG_WAYS) + 1)]
     folders = drawn([*others, *(f"perfect-{k}" for k in judged)], size, cache)
     truth = FAULTS[fault].lens(SCALES[size])
-    evidence: dict[str, CalibrationObservations] = {}
+    observations: dict[str, CalibrationObservations] = {}
     for name in others:
-        say(0.0, f"{name}: evidence")
-        evidence[name] = next(iter(evidence_of(folders[name], 1, ())))
+        say(0.0, f"{name}: observations")
+        observations[name] = next(iter(observations_of(folders[name], 1, ())))
     ways = head(["drive", "perfect rig", "rows and bias only", "lens of its own images", "file of the four others", "true lens"])
     off = head(["file of all but", *PARAMETERS])
     for k in judged:
         name = f"{fault}-{k}"
         say(0.0, f"{name}: judged")
-        learnt = learn_rig([evidence[other] for other in others if other != name]).rig
+        learnt = learn_rig([observations[other] for other in others if other != name]).rig
         perfect = outcome(folders[f"perfect-{k}"], seeds, None)
-        found = [outcome(folders[name], seeds, None, own_lens) for own_lens in (False, True)]
+        found = [outcome(folders[name], seeds, None, self_calibration) for self_calibration in (False, True)]
         found += [outcome(folders[name], seeds, lens) for lens in (learnt.lens, truth)]
         ways.append(row([name, perfect.cell(), *(one.cell(perfect) for one in found)]))
         errors = (learnt.lens.values - truth.values) / learnt.sigma

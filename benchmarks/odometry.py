@@ -46,7 +46,7 @@ from wayloom.evaluation.odometry_recordings import Recording, clip_recordings, p
 from wayloom.geometry import se3  # noqa: E402
 from wayloom.odometry.kernels import adjustment, equations, linear, patch, tracking  # noqa: E402
 from wayloom.odometry.tracking import pyramid  # noqa: E402
-from wayloom.simulation.recording.simulate import simulate  # noqa: E402
+from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate  # noqa: E402
 
 PAGE, NUMBERS_FILE = DOCS / "odometry.md", ROOT / "benchmarks" / "odometry.json"
 
@@ -75,7 +75,13 @@ def simulated(preset: str, size: str, drives: tuple[str, ...], cache: Path) -> l
     folder = cache / "-".join((preset, size, *drives))
     if not folder.is_dir():
         unfinished = cache / f"{folder.name}.unfinished-{os.getpid()}"
-        simulate(preset, unfinished, size=size, truth=True, drives=drives, progress=lambda share, what: None)
+        simulate(
+            preset,
+            unfinished,
+            OutputSettings(size=size, truth=True),
+            PresetVariant(drives=drives),
+            progress=lambda share, what: None,
+        )
         unfinished.rename(folder)
     return sorted(path for path in folder.iterdir() if path.is_dir())
 

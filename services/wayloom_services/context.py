@@ -1,4 +1,4 @@
-"""What every endpoint has at hand."""
+"""Service context of the endpoints: settings, database, blob storage, broker, metrics, and the API key check."""
 
 import secrets
 from collections.abc import Callable
@@ -29,7 +29,7 @@ FILE_THREADS = 16
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """The database, the files, the notifier of the workers and what is counted."""
+    """Shared resources of the endpoints: settings, database, blobs, notifier of the workers, metrics, locks, threads."""
 
     settings: ServiceSettings
     database: Database
@@ -41,15 +41,15 @@ class Service:
     threads: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(FILE_THREADS))
 
     async def in_thread(self, work: Callable[[], T]) -> T:
-        """Blocking work, in one of a fixed number of threads."""
+        """Run blocking work in one of a fixed number of threads."""
         return await anyio.to_thread.run_sync(work, limiter=self.threads)
 
     async def read(self, query: Callable[[Session], T]) -> T:
-        """A query in a transaction that only looks."""
+        """Run a query in a read-only transaction."""
         return await self.in_thread(lambda: self._read(query))
 
     async def write(self, change: Callable[[Session], T]) -> T:
-        """A change in a transaction that commits when it returns."""
+        """Run a change in a transaction that commits when it returns."""
         return await self.in_thread(lambda: self._write(change))
 
     async def notify(self, *messages: JobMessage | None) -> None:
@@ -67,7 +67,7 @@ class Service:
 
 
 def make_service(settings: ServiceSettings) -> Service:
-    """Everything that the settings name, opened."""
+    """Open everything that the settings name."""
     folders = Folders(settings.data_dir)
     broker = Celery("wayloom", set_as_current=False)
     broker.conf.update(celery_settings(settings.broker))
@@ -77,19 +77,19 @@ def make_service(settings: ServiceSettings) -> Service:
 
 
 def the_service(request: Request) -> Service:
-    """The service of the application that the request came to."""
+    """The service context of a request's application."""
     service: Service = request.app.state.service
     return service
 
 
 def has_key(headers: Headers, key: str | None) -> bool:
-    """Whether the request bears the API key; True where none is set."""
+    """Whether the request's headers hold the API key; True where none is set."""
     scheme, _, given = headers.get("authorization", "").partition(" ")
     return key is None or (scheme.lower() == "bearer" and secrets.compare_digest(given.strip().encode(), key.encode()))
 
 
 async def require_key(request: Request) -> None:
-    """Refuse a request without the API key, where one is set."""
+    """Dependency that refuses a request without the API key, where one is set."""
     if not has_key(request.headers, the_service(request).settings.api_key):
         raise ProtocolError(401, "unauthorized", "this server wants its API key as a Bearer token", {"WWW-Authenticate": "Bearer"})
 

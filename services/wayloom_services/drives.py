@@ -1,4 +1,4 @@
-"""Drives: registered, listed, watched, tried again, removed."""
+"""Drive endpoints: registration, listing, state, track, preview, retry, removal."""
 
 from typing import Annotated, Any
 

@@ -1,4 +1,4 @@
-"""Whether the server lives, whether it can work, and what it counts."""
+"""Health, readiness and metrics endpoints."""
 
 from fastapi import APIRouter, Depends, Response
 from fastapi.responses import PlainTextResponse
@@ -19,13 +19,13 @@ router = APIRouter(tags=["service"])
 
 @router.get("/healthz")
 async def alive() -> Health:
-    """The process answers."""
+    """Liveness: the process answers."""
     return Health(status="ok", version=__version__, checks={})
 
 
 @router.get("/readyz", responses={503: {"model": Health}})
 async def ready(response: Response, service: ServiceDep) -> Health:
-    """The database is there and up to date. Without a broker drives still arrive and wait: `degraded`, but 200."""
+    """Readiness: the database is there and up to date. Without a broker drives still arrive and wait: `degraded`, but 200."""
     checks = {
         "database": await service.in_thread(lambda: _database(service)),
         "broker": await service.in_thread(lambda: _broker(service)),

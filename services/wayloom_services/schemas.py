@@ -1,4 +1,4 @@
-"""What the API answers, as its OpenAPI document shows it. Times are seconds since 1970."""
+"""Response models of the API, as its OpenAPI document shows them. Times are seconds since 1970."""
 
 from typing import Any, Literal
 

@@ -1,4 +1,4 @@
-"""The bytes of an upload: received, stored, verified and put into their drive."""
+"""Upload bodies: receiving, storing, verifying, and moving a whole file into its drive."""
 
 import hashlib
 import os

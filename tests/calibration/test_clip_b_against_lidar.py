@@ -79,7 +79,7 @@ def test_disparities_agree_with_lidar_in_the_middle_by_the_bias_and_at_the_sides
     log = open_log(clip_b)
     collector = ObservationCollector(log.rig)
     result = track(log, collector=collector)
-    learnt = learn_rig([collector.evidence(log)])
+    learnt = learn_rig([collector.observations(log)])
     data = seen(log)
     x = (data[0][:, 0] - log.rig.camera.cx) / log.rig.camera.fx
     middle, sides = np.abs(x) < 0.3, np.abs(x) > 0.55

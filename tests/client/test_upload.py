@@ -19,6 +19,7 @@ from service_kit.running import ApiAlone, Up, environment, service, until
 from wayloom.client.api import AnswerError, Api
 from wayloom.client.manifests import pack
 from wayloom.client.upload import upload
+from wayloom.client.watch import wait_for_drive
 from wayloom.config.backoff import Backoff
 from wayloom.errors import LogError, ServiceError
 
@@ -43,11 +44,11 @@ def arrived(server: ApiAlone, drive_id: str) -> dict[str, bytes]:
 
 def test_every_byte_of_a_drive_arrives(alone: ApiAlone, api: Api, tmp_path: Path) -> None:
     sent = packed_drive(tmp_path, "whole", sizes=(0, 1, 1000, 70_000, 3 << 20))
-    told: list[int] = []
-    registration = upload(api, sent, lambda done, _of: told.append(done), chunk=1 << 20)
+    told: list[float] = []
+    registration = upload(api, sent, lambda share, _what: told.append(share), chunk=1 << 20)
     assert registration["missing"] == []
     assert arrived(alone, registration["id"]) == {name: path.read_bytes() for name, path in sent.sources.items()}
-    assert told[-1] == sent.manifest.byte_count
+    assert told[-1] == 1.0
     assert told == sorted(told)
 
 
@@ -66,8 +67,8 @@ def test_an_upload_goes_on_while_the_server_is_killed_and_comes_back(tmp_path: P
     reached = threading.Event()
     results: list[dict[str, object]] = []
 
-    def told(done: int, of: int) -> None:
-        if done > of // 4:
+    def told(share: float, what: str, /) -> None:
+        if share > 0.25:
             reached.set()
 
     def send() -> None:
@@ -95,7 +96,7 @@ def test_an_upload_goes_on_while_the_server_is_killed_and_comes_back(tmp_path: P
 def test_a_client_that_was_killed_goes_on_where_it_was(alone: ApiAlone, tmp_path: Path) -> None:
     sent = packed_drive(tmp_path, "client killed", sizes=(2 << 20,) * 12)
     script = "import sys, pickle; from wayloom.client.api import Api; from wayloom.client.upload import upload\n"
-    script += "import time; slow = lambda done, of: time.sleep(0.1)\n"
+    script += "import time; slow = lambda share, what: time.sleep(0.1)\n"
     script += "upload(Api(sys.argv[1]), pickle.load(open(sys.argv[2], 'rb')), slow, chunk=1 << 19)"
     import pickle
 
@@ -106,9 +107,9 @@ def test_a_client_that_was_killed_goes_on_where_it_was(alone: ApiAlone, tmp_path
         until(lambda: (alone.data / "drives" / drive_id).exists() and any((alone.data / "drives" / drive_id).rglob("*.png")))
         process.kill()
         process.wait()
-        told: list[int] = []
-        upload(api, sent, lambda done, _of: told.append(done))
-    assert 0 < told[0] < sent.manifest.byte_count
+        told: list[float] = []
+        upload(api, sent, lambda share, _what: told.append(share))
+    assert 0 < told[0] < 1
     assert arrived(alone, drive_id) == {name: path.read_bytes() for name, path in sent.sources.items()}
 
 
@@ -211,3 +212,31 @@ def run_upload(up: Up, log: Path, *arguments: str, on_terminal: bool = False) ->
     terminal = "import os, pty, sys; sys.exit(os.waitstatus_to_exitcode(pty.spawn(sys.argv[1:])))"
     command = [sys.executable, "-c", terminal, *command] if on_terminal else command
     return subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=120)
+
+
+def answers(*drives: dict[str, object]) -> Api:
+    """A server that says these things of a drive, one after the other."""
+
+    class Answers(Api):
+        def __init__(self) -> None:
+            self._said = iter(drives)
+
+        def drive(self, drive_id: str) -> dict[str, object]:
+            return next(self._said)
+
+    return Answers()
+
+
+def test_waiting_for_a_drive_tells_the_progress_of_each_stage() -> None:
+    def stage(name: str, state: str, progress: float, message: str = "", seconds: float | None = None) -> dict[str, object]:
+        return {"stage": name, "state": state, "progress": progress, "message": message, "seconds": seconds}
+
+    api = answers(
+        {"state": "running", "stages": [stage("ingest", "done", 1.0, seconds=0.5), stage("odometry", "waiting", 0.0)]},
+        {"state": "running", "stages": [stage("odometry", "running", 0.25, "frame 5 of 20")]},
+        {"state": "done", "stages": [stage("odometry", "done", 1.0, seconds=3.25)]},
+    )
+    heard: list[tuple[str, float, str]] = []
+    last = wait_for_drive(api, "d", lambda name: lambda share, what: heard.append((name, share, what)), {"ingest"}, poll_s=0.0)
+    assert heard == [("ingest", 1.0, "done before"), ("odometry", 0.25, "frame 5 of 20"), ("odometry", 1.0, "done in 3.2 s")]
+    assert last["state"] == "done"

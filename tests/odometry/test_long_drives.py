@@ -40,7 +40,7 @@ def test_the_prior_of_a_long_drive_stays_well_conditioned_and_its_errors_do_not_
     def watched(window: Window, *arguments: object) -> None:
         original(window, *arguments)  # type: ignore[arg-type]
         eigenvalues.append(np.linalg.eigvalsh(scaled(window.prior_H))[[0, -1]])
-        biases.append(float(window.delta[0]))
+        biases.append(float(window.disparity_bias[0]))
         assert np.array_equal(window.prior_H, window.prior_H.T)
 
     monkeypatch.setattr(marginalisation, "marginalise", watched)

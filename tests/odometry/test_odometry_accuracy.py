@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from wayloom.evaluation.odometry import DEFAULT, measures, timed_track
-from wayloom.evaluation.odometry_recordings import clip_recordings
+from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, measures, timed_track
+from wayloom.evaluation.odometry_recordings import Recording, clip_recordings
 from wayloom.odometry.settings import OdometrySettings
 
 pytestmark = pytest.mark.real_data
@@ -23,9 +23,13 @@ def committed(recording: str) -> dict[str, Any]:
     return next(row for row in rows if row["recording"] == recording and row["variant"] == DEFAULT)
 
 
+def clip(name: str, data_dir: Path) -> Recording:
+    return next(recording for recording in clip_recordings(data_dir) if recording.name == name)
+
+
 @pytest.mark.parametrize("name", ["A", "B"])
 def test_accuracy_and_density_are_those_of_the_committed_table(name: str, data_dir: Path) -> None:
-    recording = next(recording for recording in clip_recordings(data_dir) if recording.name == name)
+    recording = clip(name, data_dir)
     row, now = committed(name), measures(recording, *timed_track(recording, OdometrySettings()))
     assert now["tracked"] == now["frames"] == row["median"]["frames"]
     assert now["segments"] == 1
@@ -39,3 +43,12 @@ def test_accuracy_and_density_are_those_of_the_committed_table(name: str, data_d
     assert now["blocks covered"] > row["median"]["blocks covered"] - 0.05
     if recording.depth is not None:
         assert now["depth beyond_2_px"] < row["median"]["depth beyond_2_px"] + 0.02
+
+
+def test_without_static_stereo_terms_scale_drifts_and_nothing_is_lost(data_dir: Path) -> None:
+    recording, settings = clip("A", data_dir), OdometrySettings.model_validate(ABLATIONS["no static stereo terms"])
+    now = measures(recording, *timed_track(recording, settings))
+    assert now["tracked"] == now["frames"] == 201
+    assert now["segments"] == 1
+    assert 0.5 < now["ATE m (poses from frame 16)"] < 2.5
+    assert now["points/m"] > 100

@@ -97,7 +97,7 @@ def naive_equations(window: Window):
         T = [se3.exp(z[1 + 8 * f : 7 + 8 * f]) @ frames.T_cam_world[f] for f in range(F)]
         ab = frames.affine + z[1 : 1 + 8 * F].reshape(F, 8)[:, 6:]
         x, y = ray(p.uv[i] + pixel)
-        uv = project(T[t] @ np.linalg.inv(T[h]), x, y, p.rho[i] + z[1 + 8 * F + i], NUMBERS, right, window.delta[0] + z[0])
+        uv = project(T[t] @ np.linalg.inv(T[h]), x, y, p.rho[i] + z[1 + 8 * F + i], NUMBERS, right, window.disparity_bias[0] + z[0])
         grey = p.colour[i][next(k for k in range(8) if (PATTERN[k] == pixel).all())]
         if t == h:
             gain, offset = frames.gain_right[h]
@@ -142,7 +142,7 @@ def test_the_windows_normal_equations_are_those_of_the_dense_numerical_twin() ->
     n = 1 + 8 * F
     H_slow, g_slow, energy_slow = naive_equations(window)
     terms = adjustment.make_terms(N, F)
-    energy = equations.linearise(window.images, NUMBERS, window.frames, window.points, window.delta[0], ROBUST, terms)
+    energy = equations.linearise(window.images, NUMBERS, window.frames, window.points, window.disparity_bias[0], ROBUST, terms)
     assert energy == pytest.approx(energy_slow, rel=1e-4)
     np.testing.assert_allclose(terms.own[:, 0], np.diag(H_slow)[n:], rtol=2e-3)
     np.testing.assert_allclose(terms.own[:, 1], g_slow[n:], rtol=2e-3, atol=2e-4 * np.abs(g_slow[n:]).max())
@@ -162,7 +162,7 @@ def test_a_points_step_follows_from_its_couplings_to_the_pairs_as_from_those_to_
     window = made_window()
     F, N = len(window), len(window.point_id)
     terms, A = adjustment.make_terms(N, F), equations.host_maps(window.frames)
-    equations.linearise(window.images, NUMBERS, window.frames, window.points, window.delta[0], ROBUST, terms)
+    equations.linearise(window.images, NUMBERS, window.frames, window.points, window.disparity_bias[0], ROBUST, terms)
     x, row = np.random.default_rng(3).normal(size=1 + 8 * F), np.zeros(1 + 8 * F)
     local = equations.steps_of_pairs(A, x)
     for i, host in enumerate(window.points.host):
@@ -175,7 +175,7 @@ def test_closed_residuals_count_for_nothing() -> None:
     window.points.closed[:] = 1
     window.points.has_static[:] = 0
     terms = adjustment.make_terms(len(window.point_id), len(window))
-    assert equations.linearise(window.images, NUMBERS, window.frames, window.points, window.delta[0], ROBUST, terms) == 0.0
+    assert equations.linearise(window.images, NUMBERS, window.frames, window.points, window.disparity_bias[0], ROBUST, terms) == 0.0
     assert not terms.own.any()
     assert not terms.inlier.any()
 
@@ -194,7 +194,7 @@ def test_adjustment_brings_a_disturbed_window_back_to_the_truth() -> None:
         window.frames,
         window.points,
         NO_IMU,
-        window.delta,
+        window.disparity_bias,
         *prior,
         np.array([1e3, 1.0]),
         1.0,
@@ -209,7 +209,7 @@ def test_adjustment_brings_a_disturbed_window_back_to_the_truth() -> None:
     assert way.max() < 0.02
     sure = own[:, 0] * truth.points.rho**2 > np.median(own[:, 0] * truth.points.rho**2)  # pixels of some gradient
     assert np.median(np.abs(after[sure])) < 0.75 * np.median(np.abs(before[sure]))
-    assert window.delta[0] == pytest.approx(BIAS_PX, abs=0.1)
+    assert window.disparity_bias[0] == pytest.approx(BIAS_PX, abs=0.1)
     assert np.abs(window.frames.affine[:, 0]).max() < 0.04
     assert inlier[:, -1].mean() > 0.9
 
@@ -227,14 +227,14 @@ def test_what_the_first_unknown_wants_is_the_dense_solution() -> None:
 def test_a_bias_that_is_held_stays_and_says_which_step_it_would_take() -> None:
     held, free, wish = made_window(4, 60), made_window(4, 60), np.zeros(2)
     for window, hold in ((held, 1), (free, 0)):
-        window.delta[0] = 0.0
+        window.disparity_bias[0] = 0.0
         adjustment.adjust_window(
-            window.images, NUMBERS, window.frames, window.points, NO_IMU, window.delta, np.zeros((33, 33)), np.zeros(33),
+            window.images, NUMBERS, window.frames, window.points, NO_IMU, window.disparity_bias, np.zeros((33, 33)), np.zeros(33),
             np.array([1e3, 1.0]), 1.0, hold, wish, ROBUST, 1, 1e-4,
         )  # fmt: skip
-    assert held.delta[0] == 0.0
-    assert free.delta[0] == pytest.approx(wish[0], rel=1e-9)
-    assert free.delta[0] > 0.1
+    assert held.disparity_bias[0] == 0.0
+    assert free.disparity_bias[0] == pytest.approx(wish[0], rel=1e-9)
+    assert free.disparity_bias[0] > 0.1
     assert wish[1] > 0
 
 
@@ -242,7 +242,7 @@ def test_adjusting_again_never_raises_the_energy() -> None:
     window, energies = made_window(3, 20), []
     for _ in range(3):
         *_, energy = adjustment.adjust_window(
-            window.images, NUMBERS, window.frames, window.points, NO_IMU, window.delta, np.zeros((25, 25)), np.zeros(25),
+            window.images, NUMBERS, window.frames, window.points, NO_IMU, window.disparity_bias, np.zeros((25, 25)), np.zeros(25),
             np.array([1e3, 1.0]), 1.0, 0, np.zeros(2), ROBUST, 4, 1e-4,
         )  # fmt: skip
         energies.append(energy)

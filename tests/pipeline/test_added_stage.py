@@ -18,6 +18,7 @@ from wayloom.pipeline import drive, log_source
 from wayloom.pipeline.drive import process_drive
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.reports.drive_report import write_report
+from wayloom.segmentation.settings import SegmentationSettings
 
 ROOM = '''
 """Counting stage."""
@@ -72,7 +73,7 @@ def test_an_added_stage_runs_embedded_and_the_log_is_opened_once(clip_a, room, t
     matched = counting(monkeypatch, frame_source, "first_matches")
     matched_first = counting(monkeypatch, drive, "first_matches")
     log_path, out = first_frames(clip_a, tmp_path / "street", 8), tmp_path / "out"
-    settings = ProcessSettings(model=str(colour_network(tmp_path / "network")))
+    settings = ProcessSettings(segmentation=SegmentationSettings(model=str(colour_network(tmp_path / "network"))))
     result = process_drive(log_path, out, settings, write_more=write_report)
     assert (len(opened), len(matched) + len(matched_first)) == (1, 1)
     assert list(result.times) == ["ingest", "odometry", "count", "segmentation", "labelling", "georeference", "submaps"]

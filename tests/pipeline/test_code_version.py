@@ -60,8 +60,8 @@ def digests(package: Path) -> dict[str, str]:
         ("config/settings.py", {"odometry", "segmentation", "labelling", "georeference", "submaps", *ALL_READERS}),
         ("config/stages.py", set()),
         ("config/service.py", set()),
-        ("geometry/se3.py", {"odometry", "labelling", *BEHIND, *ALL_READERS}),
-        ("geometry/wgs84.py", {"ingest", *ALL_READERS}),
+        ("geometry/se3.py", {"ingest", "odometry", "labelling", *BEHIND, *ALL_READERS}),
+        ("geodesy/wgs84.py", {"ingest", *BEHIND, *ALL_READERS}),
         ("files/ply.py", {"kitti.kitti_360"}),
         ("logs/inspection.py", {"ingest"}),
         ("logs/registry.py", set()),
@@ -117,10 +117,10 @@ def test_another_number_moves(moved_by):
 
 
 def test_an_import_within_a_function_counts_and_one_for_types_does_not(package, moved_by):
-    moved_by("labelling/rarity.py", lambda text: text + "\n\ndef late():\n    from wayloom.tiles import png\n")
+    moved_by("labelling/neighbours.py", lambda text: text + "\n\ndef late():\n    from wayloom.tiles import png\n")
     assert "wayloom.tiles.png" in code_version("wayloom.pipeline.stages.labelling", package).modules
     typed = "\nfrom typing import TYPE_CHECKING\n\nif TYPE_CHECKING:\n    from wayloom.tiles import png\n"
-    moved_by("labelling/rarity.py", lambda text: text + typed)
+    moved_by("labelling/neighbours.py", lambda text: text + typed)
     assert "wayloom.tiles.png" not in code_version("wayloom.pipeline.stages.labelling", package).modules
 
 

@@ -21,6 +21,7 @@ from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stage_files import finished_key
 from wayloom.reports.drive_report import write_report
+from wayloom.segmentation.settings import SegmentationSettings
 
 PRODUCTS = {
     "trajectory.tum", "trajectory.kitti", "trajectory.geojson", "cloud.ply", "cloud.laz", "map.png", "overlays", "report.json",
@@ -35,7 +36,7 @@ def log_path(clip_a, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def settings(tmp_path_factory):
-    return ProcessSettings(model=str(colour_network(tmp_path_factory.mktemp("network"))))
+    return ProcessSettings(segmentation=SegmentationSettings(model=str(colour_network(tmp_path_factory.mktemp("network")))))
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +78,8 @@ def test_a_second_run_does_nothing_twice(done, log_path, settings, clip_a_gnss):
 def test_another_network_is_run_and_what_follows_from_it(done, log_path, settings, clip_a_gnss, tmp_path):
     out, first = done
     other = colour_network(tmp_path, "others", THREE.replace("13, 8, 10", "0, 8, 10"))
-    second = process_drive(log_path, out, settings.model_copy(update={"model": str(other)}), clip_a_gnss)
+    another = settings.model_copy(update={"segmentation": SegmentationSettings(model=str(other))})
+    second = process_drive(log_path, out, another, clip_a_gnss)
     assert reused(second) == ["ingest", "odometry", "georeference"]
     assert set(np.unique(second.labels.stereo)) != set(np.unique(first.labels.stereo))
 
@@ -181,7 +183,7 @@ def test_nothing_is_written_into_the_log(settings, clip_a, tmp_path):
 
 def test_a_missing_network_is_told_before_the_work(log_path, tmp_path):
     with pytest.raises(ModelError, match="unknown network"):
-        process_drive(log_path, tmp_path / "out", ProcessSettings(model="no-such-network"))
+        process_drive(log_path, tmp_path / "out", ProcessSettings(segmentation=SegmentationSettings(model="no-such-network")))
     assert not list(tmp_path.iterdir())
 
 
@@ -190,7 +192,7 @@ def test_a_damaged_network_is_told_before_the_work(log_path, tmp_path, spoil):
     network = colour_network(tmp_path / "network").with_suffix(".onnx")
     network.write_bytes(spoil(network.read_bytes()))
     with pytest.raises(ModelError, match="not an ONNX file"):
-        process_drive(log_path, tmp_path / "out", ProcessSettings(model=str(network)))
+        process_drive(log_path, tmp_path / "out", ProcessSettings(segmentation=SegmentationSettings(model=str(network))))
     assert not (tmp_path / "out").exists()
 
 

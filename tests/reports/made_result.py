@@ -12,6 +12,7 @@ from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.georeference.alignment import georeference
 from wayloom.labelling.types import PointLabels
+from wayloom.logs.drive_writer import SensorExtrinsics
 from wayloom.logs.inspection import inspect_log
 from wayloom.logs.kitti.kitti_odometry_writer import KittiOdometryWriter
 from wayloom.logs.registry import open_log
@@ -38,7 +39,7 @@ def made_path() -> np.ndarray:
 
 def write_log(folder: Path, T: np.ndarray, *, gnss: bool, truth: bool) -> None:
     rng = np.random.default_rng(3)
-    with KittiOdometryWriter(folder, RIG, p_cam_gnss=np.array([0.0, -1.0, 0.0])) as writer:
+    with KittiOdometryWriter(folder, RIG, extrinsics=SensorExtrinsics(p_cam_gnss=np.array([0.0, -1.0, 0.0]))) as writer:
         for i in range(FRAMES):
             image = rng.integers(60, 200, (CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
             writer.add(StereoFrame(i, i * 10**8, image, image), T[i] if truth else None)

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from wayloom.config.progress import silent
-from wayloom.config.service import ServiceSettings
-from wayloom.georeference import geodesy
-from wayloom.georeference.frames import map_frame_for
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy import wgs84
+from wayloom.geodesy.map_frame import MapFrame, map_frame_for
+from wayloom.pipeline.settings import WayloomSettings
 from wayloom.store import drives, maps
 from wayloom.store.jobs import Claim
 from wayloom.store.manifest import Manifest, ManifestFile
@@ -29,7 +28,7 @@ LON, LAT = 8.4, 48.9995
 
 @pytest.fixture
 def context(tmp_path: Path) -> Iterator[WorkerContext]:
-    made = make_context(ServiceSettings(data_dir=tmp_path / "data"))
+    made = make_context(WayloomSettings(data_dir=tmp_path / "data"))
     upgrade(made.database)
     yield made
     made.database.close()
@@ -49,7 +48,7 @@ def placed(drive_id: str, seed: int, lat: float = LAT) -> PlacedSubmap:
     submap.T_submap_cam[1, 0, 3] = 30.0
     frame = map_frame_for(LON, lat)
     T_enu_submap = np.eye(4)
-    T_enu_submap[:3, 3] = geodesy.enu_from_lonlatheight(np.array([[LON, lat, 110.0]]), frame)[0]
+    T_enu_submap[:3, 3] = wgs84.enu_from_lonlatheight(np.array([[LON, lat, 110.0]]), frame)[0]
     return PlacedSubmap(submap, T_enu_submap, np.eye(6) * 0.01, drive_id, frame)
 
 
@@ -73,7 +72,7 @@ def stitched(context: WorkerContext, out_dir: Path) -> dict[str, object]:
 
 
 def test_the_order_in_which_drives_came_changes_no_byte(context: WorkerContext, tmp_path: Path) -> None:
-    other = make_context(ServiceSettings(data_dir=tmp_path / "other"))
+    other = make_context(WayloomSettings(data_dir=tmp_path / "other"))
     upgrade(other.database)
     for name, seed in (("a", 1), ("b", 2), ("c", 3)):
         add(context, name, seed)
@@ -119,7 +118,7 @@ def test_a_drive_of_another_city_does_not_stop_the_map(context: WorkerContext, t
 def tiles_of(points_enu: np.ndarray, frame: MapFrame, zoom: int = 18) -> set[tuple[int, int]]:
     """The tiles in which points lie, each point by itself."""
     found = set()
-    for lon, lat, _ in geodesy.lonlatheight_from_enu(points_enu, frame):
+    for lon, lat, _ in wgs84.lonlatheight_from_enu(points_enu, frame):
         x = (lon + 180.0) / 360.0
         y = 0.5 - np.arcsinh(np.tan(np.radians(lat))) / (2.0 * np.pi)
         found.add((int(x * (1 << zoom)), int(y * (1 << zoom))))
@@ -127,7 +126,7 @@ def tiles_of(points_enu: np.ndarray, frame: MapFrame, zoom: int = 18) -> set[tup
 
 
 def test_the_settings_origin_is_the_frame_where_there_is_one(tmp_path: Path) -> None:
-    context = make_context(ServiceSettings(data_dir=tmp_path / "data", map_origin=(8.41, 49.0, 100.0)))
+    context = make_context(WayloomSettings(data_dir=tmp_path / "data", map_origin=(8.41, 49.0, 100.0)))
     upgrade(context.database)
     add(context, "a", 1)
     assert stitched(context, tmp_path / "1")["frame"] == [8.41, 49.0, 100.0]

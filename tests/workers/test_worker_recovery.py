@@ -213,7 +213,7 @@ def test_a_killed_child_is_started_again(tmp_path: Path) -> None:
     ("arguments", "variables", "said"),
     [
         (("--host", "0.0.0.0"), {}, "no API key"),
-        (("--port", "99999"), {}, "WAYLOOM_PORT"),
+        (("--port", "99999"), {}, "--port"),
         (("--host", "no.such.host.invalid"), {"WAYLOOM_API_KEY": "k" * 20}, "no address"),
         ((), {"WAYLOOM_LEASE_S": "soon"}, "WAYLOOM_LEASE_S"),
         (("--data", "/proc/nothing"), {}, "/proc/nothing"),

@@ -1,4 +1,4 @@
-"""`python -m wayloom_workers worker|sweep`: one process, settings from the environment."""
+"""`python -m wayloom_workers worker|sweep`: one process, settings from the environment and the file that WAYLOOM_CONFIG names."""
 
 import argparse
 import signal
@@ -7,9 +7,10 @@ import sys
 from celery import signals
 
 from wayloom.config.json_log import configure_log
-from wayloom.config.service import ServiceSettings, load_service_settings
 from wayloom.config.stages import queues
 from wayloom.errors import WayloomError
+from wayloom.pipeline.settings import WayloomSettings, load_settings
+from wayloom.pipeline.usable import check_usable
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.folders import Folders
@@ -29,11 +30,12 @@ def main() -> int:
     arguments = parser.parse_args()
     configure_log()
     try:
-        settings = load_service_settings()
-        context = make_context(settings)
+        loaded = load_settings()
+        context = make_context(loaded.settings)
         if arguments.role == "sweep":
             _sweep(context)
         else:
+            check_usable(loaded)
             _work(context, arguments.queues)
     except WayloomError as error:
         sys.stderr.write(f"wayloom worker: {error}\n")
@@ -41,7 +43,7 @@ def main() -> int:
     return 0
 
 
-def make_context(settings: ServiceSettings) -> WorkerContext:
+def make_context(settings: WayloomSettings) -> WorkerContext:
     """The database, blobs and folders that the settings name."""
     folders = Folders(settings.data_dir)
     return WorkerContext(settings, Database(settings.database), BlobStore(folders.blobs, settings.blob_url), folders)

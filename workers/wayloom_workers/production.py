@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from wayloom.config.stages import REMOVAL
-from wayloom.georeference import geodesy
+from wayloom.geodesy import wgs84
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.pipeline.log_parts import LOG_FILE
 from wayloom.pipeline.log_source import LogSource
@@ -30,9 +30,8 @@ TRACK_POINTS: Final = 2000
 
 
 def _settings(attempt: StageAttempt) -> ProcessSettings:
-    """The pipeline's settings as the service's say."""
-    settings = attempt.context.settings
-    return ProcessSettings(model=settings.model, map_origin=settings.map_origin, threads=settings.threads)
+    """Those of the service that a drive's stages are told."""
+    return attempt.context.settings.of_drives()
 
 
 def _prepare(attempt: StageAttempt) -> PreparedStage:
@@ -64,7 +63,7 @@ def _record_track(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     drive.facts = {**drive.facts, "georeference": _finite(geo.report)}
     if geo.frame is not None:
         rows = np.unique(np.linspace(0, len(geo.T_enu_cam) - 1, TRACK_POINTS).round().astype(int))
-        lon_lat_height = geodesy.lonlatheight_from_enu(geo.T_enu_cam[rows, :3, 3], geo.frame)
+        lon_lat_height = wgs84.lonlatheight_from_enu(geo.T_enu_cam[rows, :3, 3], geo.frame)
         drive.track = np.column_stack([lon_lat_height[:, :2].round(7), lon_lat_height[:, 2].round(2)]).tolist()
     return []
 
@@ -101,7 +100,7 @@ def submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) 
     assert placed.frame is not None
     covariance = np.where(np.isfinite(placed.covariance), placed.covariance, 0.0)
     corners = placed.points_enu() if len(placed.submap) else placed.track_enu()
-    lon_lat = geodesy.lonlatheight_from_enu(corners, placed.frame)[:, :2]
+    lon_lat = wgs84.lonlatheight_from_enu(corners, placed.frame)[:, :2]
     (west, south), (east, north) = lon_lat.min(axis=0).tolist(), lon_lat.max(axis=0).tolist()
     return SubmapRow(
         drive_id=drive_id, map_id=map_id, position=position, digest=placed.submap.digest, point_count=len(placed.submap),

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wayloom.config.progress import Progress
-from wayloom.config.service import ServiceSettings
 from wayloom.errors import ConfigError
 from wayloom.pipeline.digests import sha256_of_json
+from wayloom.pipeline.settings import WayloomSettings
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database, Session
 from wayloom.store.folders import Folders
@@ -19,7 +19,7 @@ from wayloom.store.jobs import Claim, JobMessage
 class WorkerContext:
     """What a worker has at hand for every job."""
 
-    settings: ServiceSettings
+    settings: WayloomSettings
     database: Database
     blobs: BlobStore
     folders: Folders

@@ -1,4 +1,4 @@
-"""A rig's lens on one page: check that all evidence is of one rig, adjust, say how sure each parameter is and which are unknown."""
+"""Calibration of a rig's relative lens: check that all drives are of one rig, adjust, state each parameter's standard deviation."""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.calibration.adjustment import Adjustment, adjust, lens_information, snippet_scores
+from wayloom.calibration.adjustment import Adjustment, adjust, group_scores, lens_information
 from wayloom.calibration.residuals import LENS, drive_of
 from wayloom.calibration.rig_file import RigFile, differences
 from wayloom.calibration.settings import CalibrationSettings
@@ -24,7 +24,7 @@ REGIONS = (6, 2)
 REGION_DEPTHS_M = (10.0, 50.0)
 BAD_PX = 1.0
 """A lens that moves pixels by more anywhere is a bad calibration, worth telling."""
-DRIVE_MORE = "drive with turns, at different speeds and along different streets, and give the evidence of these drives too"
+DRIVE_MORE = "drive with turns, at different speeds and along different streets, and give the observations of these drives too"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class DriveOutcome:
     """What was found of one drive beside the rig's lens. weight: mean of its matches' weights, 0 to 1: a low one does not fit."""
 
     name: str
-    snippets: int
+    groups: int
     points: int
     disparity_bias_px: float
     pitch_rad: float
@@ -66,16 +66,16 @@ class Calibration:
 
 
 def learn_rig(
-    evidence: Sequence[CalibrationObservations],
+    observations: Sequence[CalibrationObservations],
     settings: CalibrationSettings = CalibrationSettings(),
     known: RigFile | None = None,
     progress: Progress = silent,
 ) -> Calibration:
-    """Learn the lens of the rig that recorded all of `evidence`, on top of what is known of it.
+    """Learn the lens of the rig that recorded all of `observations`, on top of what is known of it.
 
-    Raises CalibrationError where the evidence is of different rigs, of drives that are known already, or too little.
+    Raises CalibrationError where the observations are of different rigs, of drives that are known already, or too little.
     """
-    used, left_out, doubts = _usable(evidence, known, settings)
+    used, left_out, doubts = _usable(observations, known, settings)
     progress(0.0, f"adjusting {sum(len(e) for e in used)} points of {len(used)} drives")
     prior_H = np.diag(1.0 / settings.lens.sigmas**2)
     start, old_H, old_g = RightLens(), np.zeros((LENS, LENS)), np.zeros(LENS)
@@ -94,17 +94,17 @@ def learn_rig(
 
 
 def _usable(
-    evidence: Sequence[CalibrationObservations], known: RigFile | None, settings: CalibrationSettings
+    observations: Sequence[CalibrationObservations], known: RigFile | None, settings: CalibrationSettings
 ) -> tuple[list[CalibrationObservations], tuple[tuple[str, str], ...], tuple[str, ...]]:
     """The drives to learn from, those left out and why, and doubts. Raises CalibrationError."""
     used: list[CalibrationObservations] = []
     left_out: list[tuple[str, str]] = []
     doubts: list[str] = []
     names = set() if known is None else set(known.drives)
-    for drive in evidence:
+    for drive in observations:
         if drive.name in names:
             left_out.append((drive.name, "it is learnt from already"))
-        elif not drive.snippets:
+        elif not drive.groups:
             left_out.append((drive.name, "it holds no matches: too short, or it stood still"))
         else:
             used.append(drive)
@@ -112,10 +112,10 @@ def _usable(
             first = used[0] if known is None else known
             of_first = RigFile(first.rig_id, first.rig, (), RightLens(), np.zeros(LENS), np.zeros(LENS, bool))
             doubts += [f"{drive.name}: {doubt}" for doubt in differences(of_first, drive.rig, drive.rig_id, file=drive.name)]
-    snippets = sum(drive.snippets for drive in used)
-    if snippets < settings.least_snippets:
+    groups = sum(drive.groups for drive in used)
+    if groups < settings.least_groups:
         reasons = "; ".join(f"{name}: {why}" for name, why in left_out)
-        what = f"{snippets} groups of matches in {len(used)} drives are too few to learn from{f' ({reasons})' if reasons else ''}"
+        what = f"{groups} groups of matches in {len(used)} drives are too few to learn from{f' ({reasons})' if reasons else ''}"
         raise CalibrationError(what, remedy=DRIVE_MORE)
     return used, tuple(left_out), tuple(doubts)
 
@@ -125,12 +125,12 @@ def _rig_file(
 ) -> RigFile:
     """What was learnt, with standard deviations that hold for matches whose errors are correlated.
 
-    What the drives say is weakened by how much their snippets contradict each other beyond the noise of single matches.
+    What the drives say is weakened by how much their groups contradict each other beyond the noise of single matches.
     """
     H, g = lens_information(fit, settings)
     prior = np.diag(1.0 / settings.lens.sigmas**2)
     old_H = 0.0 if known is None else known.information[:LENS, :LENS]
-    scores = np.concatenate([snippet_scores(fit, d, settings) for d in range(len(used))])
+    scores = np.concatenate([group_scores(fit, d, settings) for d in range(len(used))])
     sandwich, model = _sandwich(H[:LENS, :LENS] + old_H + prior, scores), np.linalg.inv(H[:LENS, :LENS] + prior)
     weaker = max(1.0, float(np.median(np.diag(sandwich) / np.diag(model))))
     x = np.append(fit.lens.values - RightLens().values, 0.0)
@@ -151,8 +151,8 @@ def _rig_file(
 
 
 def _sandwich(H: FloatArray, scores: FloatArray) -> FloatArray:
-    """(10, 10) covariance by the spread of the snippets' own pulls (S, 10): H^-1 (sum s s^T) H^-1 S / (S - 1) (Huber 1967, White
-    1980). Errors that all matches of a snippet share count as one."""
+    """(10, 10) covariance by the spread of the groups' own pulls (S, 10): H^-1 (sum s s^T) H^-1 S / (S - 1) (Huber 1967, White
+    1980). Errors that all matches of a group share count as one."""
     S, inverse = len(scores), np.linalg.inv(H)
     return np.asarray(inverse @ (scores.T @ scores) @ inverse * S / max(S - 1, 1))
 
@@ -190,11 +190,11 @@ def _shared_covariance(rig: RigFile, settings: CalibrationSettings) -> FloatArra
     return np.asarray(np.linalg.inv(H), np.float64)
 
 
-def _outcome(evidence: CalibrationObservations, fit: Adjustment, d: int) -> DriveOutcome:
+def _outcome(observations: CalibrationObservations, fit: Adjustment, d: int) -> DriveOutcome:
     weight, offsets = fit.weights[d], fit.states[d].offsets
     mean = float(weight[weight > 0].mean()) if (weight > 0).any() else 0.0
     bias, pitch, roll = (float(x) for x in offsets)
-    return DriveOutcome(evidence.name, evidence.snippets, len(evidence), bias, pitch, roll, mean)
+    return DriveOutcome(observations.name, observations.groups, len(observations), bias, pitch, roll, mean)
 
 
 def field_size(lens: RightLens, camera: PinholeCamera) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""`RIG.toml`: what was learnt of a rig over several of its drives. docs/formats.md describes every key."""
+"""The rig file `RIG.toml`: a rig's relative lens and its normal equations. docs/formats.md describes every key."""
 
 import math
 import tomllib
@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.config.toml_text import toml_text
 from wayloom.errors import CalibrationError
 from wayloom.files.atomic import write_atomically
 from wayloom.files.text_files import read_text
@@ -127,8 +128,8 @@ def text_of(rig: RigFile) -> str:
     lines = [
         "# A stereo rig's relative lens, by `wayloom calibrate`: from the ideal rectified right camera's pixel to the real one's.",
         f"format_version = {VERSION}",
-        *([] if rig.rig_id is None else [f"rig_id = {_quoted(rig.rig_id)}"]),
-        f"drives = [{', '.join(_quoted(name) for name in rig.drives)}]",
+        *([] if rig.rig_id is None else [f"rig_id = {toml_text(rig.rig_id)}"]),
+        f"drives = {toml_text(rig.drives)}",
         f"matches = {rig.matches}",
         f"noise_px = {rig.noise_px!r}",
         "",
@@ -159,11 +160,6 @@ def text_of(rig: RigFile) -> str:
 
 def _row(values: FloatArray) -> str:
     return f"[{', '.join(repr(float(value)) for value in values)}]"
-
-
-def _quoted(text: str) -> str:
-    escaped = "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08X}" for c in text)
-    return f'"{escaped}"'
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What the calibration believes before it sees a drive, and how it treats residuals. docs/calibration.md gives the reasons."""
+"""Settings of the calibration: priors, robust weights, thresholds. docs/calibration.md gives the reasons."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,4 +55,4 @@ class CalibrationSettings(Settings):
     least_information: float = Field(
         0.5, gt=0, lt=1, description="posterior over prior sigma from which on a parameter is undetermined"
     )
-    least_snippets: int = Field(3, ge=1, description="of all drives together, without which nothing is learnt")
+    least_groups: int = Field(3, ge=1, description="match groups of all drives together, without which nothing is learnt")

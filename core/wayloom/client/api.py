@@ -1,4 +1,4 @@
-"""One wayloom server, spoken to over HTTP. Every failure is a ServiceError that says what the server answered."""
+"""HTTP requests to one wayloom server with retries; every failure is a ServiceError that holds the server's answer."""
 
 import os
 from types import TracebackType

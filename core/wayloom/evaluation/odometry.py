@@ -34,12 +34,12 @@ POLL_S = 0.02
 DRIFT_STRETCH_M = 100.0
 DEFAULT = "wayloom"
 EVERY_SECOND_FRAME = "every second frame dropped"
-NOTHING_CALIBRATED: dict[str, Any] = {"row_frames": (), "bias_prior": 1e15, "own_lens": False}
+NOTHING_CALIBRATED: dict[str, Any] = {"row_frames": (), "bias_prior": 1e15, "self_calibration": False}
 ABLATIONS: dict[str, dict[str, Any]] = {
     "no static stereo terms": {"static_weight": 0.0, "observer_right_weight": 0.0},
     "no observers' right images": {"observer_right_weight": 0.0},
     "no self-calibration": NOTHING_CALIBRATED,
-    "no lens of the drive's own": {"own_lens": False},
+    "no lens of the drive's own": {"self_calibration": False},
     "no disparity bias": {"bias_prior": 1e15},
     "disparity bias free at once": {"bias_gate": 0.0},
     "no rows": {"row_frames": ()},

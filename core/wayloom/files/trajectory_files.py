@@ -1,4 +1,4 @@
-"""Trajectories in the two formats that evo and the KITTI devkit read.
+"""Trajectory files in TUM and KITTI format, as evo and the KITTI devkit read them.
 
 TUM: `t x y z qx qy qz qw`, t in seconds. KITTI: the first three rows of T, relative to the first frame.
 """

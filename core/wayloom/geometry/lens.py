@@ -1,4 +1,4 @@
-"""The relative lens of a stereo rig's right camera: how the real right camera differs from the ideal rectified one.
+"""Relative lens model of a stereo rig's right camera: its rotation, offset, focal length and distortion against the ideal one.
 
 The ideal right camera shares the left one's intrinsics and axes and stands at t_right_left. A point p in its frame (m) is in the
 real one's

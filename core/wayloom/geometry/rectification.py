@@ -1,4 +1,4 @@
-"""Lens distortion and rectification: where the pixels of an ideal, rectified camera lie in the distorted image."""
+"""Radial-tangential lens distortion (Brown 1966) and the sampling maps that rectify an image."""
 
 from dataclasses import dataclass
 

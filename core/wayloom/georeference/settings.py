@@ -1,4 +1,4 @@
-"""Settings of the geo-reference. What the noise numbers mean, and what they were measured on, stands in `wayloom.mapping`."""
+"""Settings of the geo-reference. The noise model is explained in `wayloom.mapping`."""
 
 from pydantic import Field
 

@@ -1,4 +1,4 @@
-"""The labels of a drive's points as one npz file whose bytes depend on the labels alone."""
+"""File format of point labels: one npz file whose bytes depend on the labels alone."""
 
 import io
 import zipfile

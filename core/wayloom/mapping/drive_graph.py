@@ -1,4 +1,4 @@
-"""One drive as a factor graph: odometry, GNSS and gravity, in the tangent plane of the drive's own place.
+"""Factor graph of one drive: odometry, GNSS and gravity, in the tangent plane of the drive's own place.
 
 Unknowns: the pose T_enu_node of every node, the scale s of every stretch of odometry, and for every fix that is kept the true
 place g of the antenna at that time.
@@ -244,7 +244,7 @@ def _first_state(links: OdometryLinks, fixes: AntennaFixes, T_enu_node: FloatArr
     return _State(T_enu_node, scale, antenna, values)
 
 
-def _moved(state: _State, step: gtsam.VectorValues) -> _State:
+def _retracted(state: _State, step: gtsam.VectorValues) -> _State:
     values = state.values.retract(step)
     scale = np.array([values.atDouble(scale_key(k)) for k in range(len(state.scale))])
     antenna = np.array([values.atPoint3(_antenna_key(k)) for k in range(len(state.antenna_enu))])
@@ -289,16 +289,16 @@ def _solve(
     cost = equations.cost(state)
     for _ in range(MAX_ITERATIONS):
         before = cost
-        state, cost = _descend(equations, state, equations.tree(state).optimize(), before)
+        state, cost = _line_search(equations, state, equations.tree(state).optimize(), before)
         if before - cost <= CONVERGED * (before + 1.0):
             break
     return state, equations.tree(state)
 
 
-def _descend(equations: _Equations, state: _State, step: gtsam.VectorValues, cost: float) -> tuple[_State, float]:
+def _line_search(equations: _Equations, state: _State, step: gtsam.VectorValues, cost: float) -> tuple[_State, float]:
     """The state after the step, or after the first of its half, quarter, … that lowers the cost; unchanged when none does."""
     for _ in range(MAX_HALVINGS):
-        moved = _moved(state, step)
+        moved = _retracted(state, step)
         new_cost = equations.cost(moved)
         if new_cost < cost:
             return moved, new_cost

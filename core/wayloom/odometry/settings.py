@@ -1,4 +1,4 @@
-"""The odometry's settings. docs/odometry.md says why the defaults are what they are."""
+"""Settings of the odometry. docs/odometry.md says why the defaults are what they are."""
 
 from pydantic import Field
 
@@ -68,7 +68,9 @@ class OdometrySettings(Settings):
     uniqueness: float = Field(0.7, gt=0, le=1, description="best cost over second best")
     max_cost: float = Field(12.0, gt=0, description="of the capped slope, a pixel")
     slope_cap: int = Field(60, ge=10, le=255)
-    own_lens: bool = Field(True, description="learn the right camera's lens from pieces of the drive where no rig's file gives it")
+    self_calibration: bool = Field(
+        True, description="learn the right camera's lens from pieces of the drive where no rig's file gives it"
+    )
     row_frames: tuple[int, ...] = Field((0, 3, 6, 9), description="frames whose stereo matches fit the rows' misalignment")
     min_visible: float = Field(0.25, ge=0, le=1, description="share of the reference in view, below which a frame is lost")
     max_saturated: float = Field(

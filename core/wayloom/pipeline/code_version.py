@@ -92,7 +92,7 @@ def library_versions(packages: frozenset[str]) -> dict[str, str]:
     names = sorted(name for package in packages if package in LIBRARIES for name in LIBRARIES[package])
     found = {name: number for name in names if (number := _installed(name)) is not None}
     if "pyproj" in packages:
-        from wayloom.georeference.geodesy import proj_versions
+        from wayloom.geodesy.wgs84 import proj_versions
 
         found |= proj_versions()
     return found

@@ -4,8 +4,9 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
+from wayloom.config.progress import NamedProgress, silent_for_each
 from wayloom.config.stages import drive_stages
 from wayloom.files.atomic import write_atomically
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
@@ -34,16 +35,6 @@ from wayloom.submaps.submap import PlacedSubmap
 
 STAGES_DIR: Final = "stages"
 PRODUCTS_FILE: Final = "products.json"
-
-
-class DriveProgress(Protocol):
-    """Called with the stage, the share of it that is done, 0 to 1, and a few words. May raise to stop the work."""
-
-    def __call__(self, stage: str, share: float, what: str, /) -> None: ...
-
-
-def quiet(stage: str, share: float, what: str, /) -> None:
-    """A `DriveProgress` for callers that do not want to know."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,12 +71,13 @@ def process_drive(
     out_dir: Path,
     settings: ProcessSettings = ProcessSettings(),
     gnss_path: Path | None = None,
-    progress: DriveProgress = quiet,
+    progress: NamedProgress = silent_for_each,
     write_more: Callable[[DriveResult, Path], None] = lambda result, folder: None,
 ) -> DriveResult:
     """Map one drive. Stages that an earlier run finished, with the same inputs, settings and code, are not run again.
 
     out_dir gets `stages/`, and, each by one rename and only when all are written, what `write_exports` and write_more leave.
+    progress : of each stage by its name, and of "exports"
     write_more : called with the result and the folder in which the finished files are gathered (reports use it)
     Raises InputError for a bad log, network or setting, and for an out_dir that cannot be written; a bad log leaves no trace.
     """
@@ -97,22 +89,22 @@ def process_drive(
         sweep(stages_dir)
         times = {name: _stage(name, context, progress) for name in drive_stages()}
         result = _load(context, times)
-        progress("exports", 0.0, "writing trajectory, cloud and pictures")
+        progress("exports")(0.0, "writing trajectory, cloud and pictures")
         with whole_folder(stages_dir / "exports") as folder:
             write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder)
-            progress("exports", 0.6, "writing the report")
+            progress("exports")(0.6, "writing the report")
             write_more(result, folder)
         _publish(stages_dir / "exports", out_dir)
-        progress("exports", 1.0, f"written to {out_dir}")
+        progress("exports")(1.0, f"written to {out_dir}")
     return result
 
 
-def _checked(context: StageContext, progress: DriveProgress) -> StageContext:
+def _checked(context: StageContext, progress: NamedProgress) -> StageContext:
     """The context with the first pairs' matches: a network, a rig file or a rig that cannot be used is told before anything is
     made."""
     settings = context.settings
-    Network(find_model(settings.model or DEFAULT_MODEL), device=settings.device)
-    progress("ingest", 0.0, "looking at the first pairs")
+    Network(find_model(settings.segmentation.model or DEFAULT_MODEL), device=settings.segmentation.device)
+    progress("ingest")(0.0, "looking at the first pairs")
     lens_of_rig_file(context)
     with one_opencv_thread():
         return replace(context, first_matches=first_matches(context.log, settings.odometry.row_frames))
@@ -132,17 +124,17 @@ def _publish(gathered: Path, out_dir: Path) -> None:
     write_atomically(listing, json.dumps(names).encode())
 
 
-def _stage(name: str, context: StageContext, progress: DriveProgress) -> StageTime:
+def _stage(name: str, context: StageContext, progress: NamedProgress) -> StageTime:
     """Run a stage, or find that its result is there."""
     key = stage_key(name, context)
     home = context.inputs_dir / name
     reused = finished_key(home) == key.hex and is_undamaged(home)
-    progress(name, 0.0, "starting")
+    progress(name)(0.0, "starting")
     if not reused:
         with whole_folder(home) as folder:
-            run_stage(name, context, folder, lambda share, what: progress(name, share, what), key)
+            run_stage(name, context, folder, progress(name), key)
     metadata = read_stage_file(home) or {}
-    progress(name, 1.0, "done before" if reused else "done")
+    progress(name)(1.0, "done before" if reused else "done")
     return StageTime(float(metadata.get("seconds", 0.0)), reused)
 
 

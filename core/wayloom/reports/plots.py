@@ -1,4 +1,4 @@
-"""Drawings of a report as SVG text, the same bytes for the same numbers."""
+"""Plots of a drive report as SVG text, deterministic for equal numbers."""
 
 import io
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Fetches a network of the catalogue: nothing unchecked, nothing half-written."""
+"""Download of a network of the catalogue, checked by its SHA-256 and written atomically."""
 
 import hashlib
 import tempfile

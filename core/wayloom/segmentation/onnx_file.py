@@ -1,4 +1,4 @@
-"""A look into an ONNX file without loading it: does it hold a graph, and does it want other files?
+"""Inspection of an ONNX file without loading it: whether it holds a graph, and whether it refers to other files.
 
 Protocol buffers' wire format: a record is a key (field << 3 | type) and a value; types 0 varint, 1 eight bytes, 2 length and bytes,
 5 four bytes. Field numbers are those of onnx.proto: ModelProto.graph 7; GraphProto.node 1, .initializer 5, .sparse_initializer 15;

@@ -1,4 +1,4 @@
-"""The few likeliest classes of every cell of a network's grid, in a byte each: what is kept of a softmax."""
+"""Class scores of an image: the k likeliest classes of each cell of the network's grid and their quantised -ln p."""
 
 import math
 import struct
@@ -36,11 +36,6 @@ class Scores:
     classes: Bytes
     steps: Bytes
     covered: tuple[int, int]
-
-    @property
-    def probabilities(self) -> NDArray[np.float32]:
-        """(gh, gw, k) probabilities of `classes`."""
-        return _PROBABILITY[self.steps]
 
 
 def rest_steps(scores: Scores) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""Labels for the left and right image of every keyframe, kept as PNG files, and what the labelling reads beside them."""
+"""Segmentation stage: label images, class scores and small grey images of both cameras at every keyframe, as files."""
 
 import hashlib
 import io

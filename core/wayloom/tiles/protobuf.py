@@ -1,7 +1,6 @@
-"""The few words of Mapbox Vector Tile 2.1 that the map needs, written directly: squares and lines with properties.
+"""Protocol buffer encoder for the subset of Mapbox Vector Tile 2.1 that the map needs: squares and lines with properties.
 
-A general encoder builds and checks a geometry object for each cell: eight times as long, and three quarters of the time
-of all tiles.
+A general encoder builds and checks a geometry object for each cell, which would dominate the time of all tiles.
 Wire format: https://protobuf.dev/programming-guides/encoding, fields: the specification's vector_tile.proto.
 """
 

@@ -1,4 +1,4 @@
-"""Images of a drive log: listing and pairing files, looking at headers and ends without decoding, decoding with checks.
+"""Image files of a drive log: listing and pairing, header checks without decoding, decoding with integrity checks.
 
 OpenCV decodes a truncated PNG or JPEG into a picture that is grey from some row on and says nothing, so wholeness is checked here.
 """

@@ -1,7 +1,7 @@
-"""Which messages an MCAP file holds and where: read through its chunk index, so that no drive is ever in memory.
+"""Message index of an MCAP file, read through its chunk index, so that no recording is ever in memory.
 
-The file's summary is read by the `mcap` library; chunks are walked here (https://mcap.dev/spec): all of a chunk's bytes are read
-only where they are compressed, otherwise each record's first bytes are enough.
+The file's summary is read by the `mcap` library; the chunks' records are parsed here (https://mcap.dev/spec): all of a chunk's
+bytes are read only where they are compressed, otherwise each record's first bytes are enough.
 """
 
 import os

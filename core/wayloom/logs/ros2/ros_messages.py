@@ -1,4 +1,4 @@
-"""The ROS 2 messages that drives are made of, to and from CDR: images, calibration, GNSS, IMU, places of sensors, poses."""
+"""ROS 2 messages to and from CDR: images, calibration, GNSS, IMU, transforms, poses."""
 
 from dataclasses import dataclass
 from typing import Final

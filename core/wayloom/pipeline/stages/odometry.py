@@ -24,21 +24,17 @@ EVIDENCE_FILE: Final = "evidence.npz"
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises LogError or CalibrationError where the drive cannot be tracked, StageError where a pose is not finite."""
     log, settings = context.log, context.settings
-    lens, collector = lens_for_log(rig_path(context), log)[0], ObservationCollector(log.rig)
-    result = track_calibrated(log, settings.odometry, progress, settings.threads, lens, collector, matches=context.first_matches)
+    lens, collector = lens_for_log(settings.rig, log)[0], ObservationCollector(log.rig)
+    matches = context.first_matches
+    result = track_calibrated(log, settings.odometry, progress, settings.threads, lens, (collector,), matches)
     if not np.isfinite(result.trajectory.T_world_cam).all():
         raise StageError("the odometry gave poses that are not finite: please report this drive as a fault of wayloom")
     save_odometry(result, out_dir / ODOMETRY_FILE)
-    save_observations(collector.evidence(log), out_dir / EVIDENCE_FILE)
+    save_observations(collector.observations(log), out_dir / EVIDENCE_FILE)
     write_report(out_dir, result.report)
 
 
 def key_parts(context: StageContext) -> dict[str, Any]:
     """The lens of the rig file, whatever the file's name. Raises CalibrationError for another rig's file."""
-    lens, _ = lens_for_log(rig_path(context), context.log)
+    lens, _ = lens_for_log(context.settings.rig, context.log)
     return {"lens": None if lens is None else lens.values.tolist()}
-
-
-def rig_path(context: StageContext) -> Path | None:
-    """The rig file, or the folder of rig files, that the settings name."""
-    return None if context.settings.rig is None else Path(context.settings.rig)

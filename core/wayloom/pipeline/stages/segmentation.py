@@ -19,16 +19,17 @@ from wayloom.segmentation.stage import segment_keyframes
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises ModelError for a network that cannot be used."""
     settings = context.settings
-    network = Network(find_model(settings.model or DEFAULT_MODEL), settings.threads, settings.device)
+    network = Network(find_model(settings.segmentation.model or DEFAULT_MODEL), settings.threads, settings.segmentation.device)
     frames = voting_frames(tracked_drive(context), settings.labelling)
     segment_keyframes(context.log, frames, network, out_dir, progress)
 
 
 def key_parts(context: StageContext) -> dict[str, Any]:
     """The network by content: another file under the same name is another network. Raises ModelError."""
-    description = find_model(context.settings.model or DEFAULT_MODEL)
+    chosen = context.settings.segmentation
+    description = find_model(chosen.model or DEFAULT_MODEL)
     return {
         "description": description.model_dump(mode="json", exclude={"folder"}),
         "sha256": locate(description)[1],
-        "device": resolved_device(context.settings.device),
+        "device": resolved_device(chosen.device),
     }

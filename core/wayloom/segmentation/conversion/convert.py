@@ -1,4 +1,4 @@
-"""One file of published weights to an ONNX file with its description beside it."""
+"""Conversion of one file of published weights to an ONNX file with its description."""
 
 import hashlib
 import json

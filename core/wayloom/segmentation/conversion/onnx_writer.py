@@ -1,4 +1,4 @@
-"""An ONNX file, written record by record: the same graph and weights give the same bytes on every machine.
+"""Writer of ONNX files: the same graph and weights give the same bytes on every machine.
 
 Protocol buffers' wire format and onnx.proto's field numbers, as in `wayloom.segmentation.onnx_file`, which reads them.
 ModelProto: ir_version 1, producer_name 2, graph 7, opset_import 8. GraphProto: node 1, name 2, initializer 5, input 11, output 12.

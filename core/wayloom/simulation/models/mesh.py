@@ -1,4 +1,4 @@
-"""Triangle meshes with truth: built from quadrilaterals, placed, recoloured and joined."""
+"""Triangle meshes with semantic labels: built from quadrilaterals, transformed, recoloured and joined."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace

@@ -1,4 +1,4 @@
-"""The cameras of a vehicle as they truly are: where each pixel looks, what the lens and the open shutter do to the image."""
+"""True camera geometry and optics: rays of the real lens, motion blur, and ground truth in the distorted image."""
 
 from dataclasses import dataclass
 
@@ -32,20 +32,20 @@ class TrueCamera:
     """One camera as it is.
 
     width, height  of its images
-    drawn          the pinhole camera that is drawn for it
+    rendered       the ideal pinhole camera that is rendered for it
     T_left_cam     (4, 4) this camera in the left camera's frame
-    lens_uv        (h, w, 2) float32, where each pixel of the image lies in the drawn one; None: they are the same
+    lens_uv        (h, w, 2) float32, where each pixel of the image lies in the rendered one; None: they are the same
     """
 
     width: int
     height: int
-    drawn: PinholeCamera
+    rendered: PinholeCamera
     T_left_cam: F64
     lens_uv: F32 | None = None
 
 
 def true_cameras(vehicle: VehicleSettings, size: str) -> tuple[TrueCamera, TrueCamera]:
-    """Left and right. Raises ConfigError for an unknown size, and for a lens that does not show every pixel something."""
+    """The true left and right camera. Raises ConfigError for an unknown size, and a lens that sees beyond the rendered image."""
     rig, lens = given_rig(vehicle, size), vehicle.right_lens.lens(scale_of(size))
     raw = vehicle.distortion or NO_DISTORTION
     return (
@@ -80,22 +80,22 @@ def _true_camera(given: PinholeCamera, lens: RightLens, raw: Coefficients, T_lef
     low = np.floor(uv.min(axis=0)).astype(int) - MARGIN_PX
     high = np.ceil(uv.max(axis=0)).astype(int) + MARGIN_PX
     width, height = (int(n) for n in high - low + 1)
-    drawn = PinholeCamera(pinhole.fx, pinhole.fy, pinhole.cx - int(low[0]), pinhole.cy - int(low[1]), width, height)
+    rendered = PinholeCamera(pinhole.fx, pinhole.fy, pinhole.cx - int(low[0]), pinhole.cy - int(low[1]), width, height)
     lens_uv = (uv - low).reshape(given.height, given.width, 2).astype(np.float32)
-    return TrueCamera(given.width, given.height, drawn, T_left_cam, lens_uv)
+    return TrueCamera(given.width, given.height, rendered, T_left_cam, lens_uv)
 
 
 def culling_camera(cameras: tuple[TrueCamera, ...]) -> PinholeCamera:
-    """A camera at the left one's place whose view holds those of all."""
+    """A camera at the left one's position whose view contains those of all, for culling."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for camera in cameras:
-        c = camera.drawn
+        c = camera.rendered
         corners = np.array([(x, y) for x in (-0.5, c.width - 0.5) for y in (-0.5, c.height - 0.5)])
         rays = c.rays(corners) @ camera.T_left_cam[:3, :3].T
         xy = rays[:, :2] / rays[:, 2:]
         low, high = np.minimum(low, xy.min(axis=0)), np.maximum(high, xy.max(axis=0))
     low, high = low - CULLING_SLACK, high + CULLING_SLACK
-    f = cameras[0].drawn.fx
+    f = cameras[0].rendered.fx
     width, height = (int(np.ceil(n)) for n in f * (high - low))
     return PinholeCamera(f, f, float(-f * low[0]) - 0.5, float(-f * low[1]) - 0.5, width, height)
 
@@ -107,8 +107,8 @@ def truth_of(scene: Scene, camera: TrueCamera, T_world_cam: F64, fine_ids: NDArr
     where the ray itself meets that triangle's plane. fine_ids: `Scene.fine_ids` of the drawn camera, where they are at hand.
     """
     if camera.lens_uv is None:
-        return scene.truth(camera.drawn, T_world_cam)
-    c = camera.drawn
+        return scene.truth(camera.rendered, T_world_cam)
+    c = camera.rendered
     all_ids = scene.fine_ids(c, T_world_cam) if fine_ids is None else fine_ids
     place = np.rint(SAMPLES_PER_EDGE * camera.lens_uv + 0.5 * (SAMPLES_PER_EDGE - 1)).astype(np.int64)
     ids = all_ids[place[..., 1], place[..., 0]]
@@ -138,7 +138,7 @@ def through_lens(radiance: F32, camera: TrueCamera, blur_px: float, depth: F32 |
     depths = np.empty((0, 0), np.float32)
     if way is not None and depth is not None:
         opening, closing, depths = se3.exp(0.5 * way)[:3], se3.exp(-0.5 * way)[:3], depth
-    kernels.through_lens(radiance, lens_uv, depths, _view(camera.drawn, np.eye(4)), opening, closing, np.float32(b), out)
+    kernels.through_lens(radiance, lens_uv, depths, _view(camera.rendered, np.eye(4)), opening, closing, np.float32(b), out)
     return out
 
 

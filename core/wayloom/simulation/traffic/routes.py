@@ -1,4 +1,4 @@
-"""How a vehicle goes along its path, at any moment: poses smooth enough that an IMU can be derived from them."""
+"""Vehicle routes: pose as a smooth function of time, four times differentiable, so that an IMU can be derived from it."""
 
 from dataclasses import dataclass
 
@@ -93,7 +93,7 @@ class Route:
         return float(self.way(self.end_s) - self.way(self.start_s))
 
     def travelled(self, t_s: ArrayLike, derivative: int = 0) -> F64:
-        """(M,) m along the line at times t_s (M,), or its derivative by time (1 speed, 2 acceleration along the way).
+        """(M,) arc length at times t_s (M,), m, or its derivative by time (1 speed, 2 longitudinal acceleration).
 
         Motion goes on for MARGIN_S before the start and after the end; beyond, the vehicle stands, unless it goes in laps.
         """
@@ -140,12 +140,12 @@ class Route:
 
 
 def timed(t_s: F64, way_m: F64) -> BSpline:
-    """The way along a line (N,) m at times t_s (N,) as a spline of time; four times continuously differentiable."""
+    """The arc length along a line (N,) m at times t_s (N,) as a spline of time; four times continuously differentiable."""
     return make_interp_spline(t_s, way_m, k=SPLINE_DEGREE)
 
 
 def fastest_along(line: Line, s_m: F64, fastest_m_s: float) -> F64:
-    """(M,) m/s: how fast a driver takes each place of a line."""
+    """(M,) m/s: comfortable speed at each place of a line, limited by lateral acceleration."""
     return np.asarray(np.minimum(fastest_m_s, np.sqrt(SIDEWAYS_M_S2 / np.maximum(np.abs(line.curvature(s_m)), 1e-6))))
 
 
@@ -171,7 +171,7 @@ def lap_route(line: Line, ground: Terrain, start_m: float, start_s: float, faste
 
 
 def eased(way_m: F64) -> F64:
-    """The way at even time steps, smoothed over 2 EASE_STEPS + 1 of them, so that acceleration changes gently."""
+    """Arc length at even time steps, smoothed over 2 EASE_STEPS + 1 of them, so that acceleration is continuous."""
     window = np.hanning(2 * EASE_STEPS + 3)[1:-1]
     before = way_m[0] + (way_m[1] - way_m[0]) * np.arange(-EASE_STEPS, 0)
     after = way_m[-1] + (way_m[-1] - way_m[-2]) * np.arange(1, EASE_STEPS + 1)

@@ -1,0 +1,28 @@
+"""The code of docs/python-api.md runs as it stands, on a small simulated drive."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from wayloom.simulation.recording.simulate import simulate
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "python-api.md"
+FRAMES = 24
+"""Enough for two keyframes, without which there is no map."""
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    (folder,) = simulate("demo", tmp_path_factory.mktemp("city"), size="quarter", frames=FRAMES, drives=("car-1",), threads=2)
+    return folder
+
+
+def test_the_code_of_the_page_runs(drive: Path, tmp_path: Path) -> None:
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    names: dict[str, object] = {"log_path": drive, "out_dir": tmp_path}
+    for block in blocks:
+        exec(compile(block, str(PAGE), "exec"), names)
+    assert len(names["points_world"]) > 0  # type: ignore[arg-type]
+    assert {tile.layer for tile in names["tiles"]} >= {"points"}  # type: ignore[attr-defined]
+    assert (tmp_path / "trajectory.tum").read_text().count("\n") == FRAMES
