@@ -154,4 +154,4 @@ def test_the_versions_of_all_stages_cost_little():
     start = time.process_time()
     for stage in STAGES:
         code_version(str(stage.room))
-    assert time.process_time() - start < 1.5  # 0.2 s on an idle core
+    assert time.process_time() - start < 1.5  # 0.4 s on a busy machine

@@ -123,11 +123,11 @@ def _source(name: str, package: Path) -> _Source:
 
 @lru_cache(maxsize=1024)
 def _parsed(content: bytes) -> tuple[str, tuple[tuple[str, tuple[str, ...]], ...]]:
-    """The digest of a source's code, and its imports as of `_imports`."""
+    """The digest of a source's code, and its imports as of `_simplified`."""
     tree = ast.parse(content)
-    imports = tuple(_imports(tree))
+    imports = tuple(_simplified(tree))
     digest = hashlib.sha256()
-    for part in _parts_of(compile(_without_docstrings(tree), "", "exec", dont_inherit=True)):
+    for part in _parts_of(compile(tree, "", "exec", dont_inherit=True)):
         digest.update(part.encode("utf-8", "surrogatepass") + b"\n")
     return digest.hexdigest(), imports
 
@@ -162,41 +162,32 @@ def _parents(name: str) -> Iterator[str]:
         yield from (".".join(parts[:count]) for count in range(2, len(parts)))
 
 
-def _imports(tree: ast.AST) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """(module, names taken from it) of every import statement but those under TYPE_CHECKING. Expressions are not looked into."""
-    for node in _statements(tree):
-        if isinstance(node, ast.Import):
-            yield from ((alias.name, ()) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module is not None and node.level == 0:
-            yield node.module, tuple(alias.name for alias in node.names)
-
-
-def _statements(node: ast.AST) -> Iterator[ast.AST]:
-    if isinstance(node, ast.If) and _names_type_checking(node.test):
-        blocks = [node.orelse]
-    else:
-        blocks = [getattr(node, name, []) for name in BLOCKS]
-    for block in blocks:
-        for child in block:
-            yield child
-            if isinstance(child, COMPOUND):
-                yield from _statements(child)
+def _simplified(tree: ast.Module) -> list[tuple[str, tuple[str, ...]]]:
+    """Strip the tree, in place, of docstrings and strings that document the line above, and return (module, names taken from it) of
+    every import but those under TYPE_CHECKING. Expressions are not looked into."""
+    imports: list[tuple[str, tuple[str, ...]]] = []
+    todo: list[tuple[ast.AST, bool]] = [(tree, True)]
+    while todo:
+        node, runs = todo.pop()
+        for name in BLOCKS:
+            block: list[ast.AST] = getattr(node, name, [])
+            here = runs and not (name == "body" and isinstance(node, ast.If) and _names_type_checking(node.test))
+            for child in block:
+                if isinstance(child, COMPOUND):
+                    todo.append((child, here))
+                elif here and isinstance(child, ast.Import):
+                    imports += ((alias.name, ()) for alias in child.names)
+                elif here and isinstance(child, ast.ImportFrom) and child.module is not None and child.level == 0:
+                    imports.append((child.module, tuple(alias.name for alias in child.names)))
+            if any(map(_is_text, block)):
+                block[:] = [line for line in block if not _is_text(line)] or [ast.copy_location(ast.Pass(), block[0])]
+    return imports
 
 
 def _names_type_checking(test: ast.expr) -> bool:
     return (isinstance(test, ast.Name) and test.id == "TYPE_CHECKING") or (
         isinstance(test, ast.Attribute) and test.attr == "TYPE_CHECKING"
     )
-
-
-def _without_docstrings(tree: ast.Module) -> ast.Module:
-    """The same tree, changed in place: no docstrings, and no strings that document the line above."""
-    for node in (tree, *(statement for statement in _statements(tree) if isinstance(statement, COMPOUND))):
-        for name in BLOCKS:
-            block = getattr(node, name, None)
-            if block and any(map(_is_text, block)):
-                block[:] = [line for line in block if not _is_text(line)] or [ast.copy_location(ast.Pass(), block[0])]
-    return tree
 
 
 def _is_text(node: ast.AST) -> bool:
