@@ -28,15 +28,15 @@ class UploadStopped(Exception):  # noqa: N818 - no error: another file's upload 
 
 
 def upload(
-    api: Api, parcel: PackedDrive, progress: Progress = silent, connections: int = CONNECTIONS, chunk: int = CHUNK
+    api: Api, packed_drive: PackedDrive, progress: Progress = silent, connections: int = CONNECTIONS, chunk: int = CHUNK
 ) -> dict[str, Any]:
     """Send what the server lacks of the drive and return its registration.
 
     Running it again after any interruption continues; running it for a drive that is complete sends nothing.
     Raises LogError when a file changed on the way, ServiceError when the server stays away or refuses.
     """
-    manifest = parcel.manifest.model_dump(mode="json", exclude_none=True)
-    total = parcel.manifest.byte_count
+    manifest = packed_drive.manifest.model_dump(mode="json", exclude_none=True)
+    total = packed_drive.manifest.byte_count
     counter = _Counter(total, progress)
     for _ in range(ROUNDS):
         registration: dict[str, Any] = api.json("POST", "/v1/drives", json=manifest)
@@ -44,7 +44,7 @@ def upload(
         counter.set(total - sum(file["size"] - file["offset"] for file in missing))
         if not missing:
             return registration
-        _send_all(api, parcel, registration["id"], missing, counter, connections, chunk)
+        _send_all(api, packed_drive, registration["id"], missing, counter, connections, chunk)
     registration = api.json("POST", "/v1/drives", json=manifest)
     if registration["missing"]:
         raise ServiceError(
