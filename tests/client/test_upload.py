@@ -100,8 +100,8 @@ def test_a_client_that_was_killed_goes_on_where_it_was(alone: ApiAlone, tmp_path
     script += "upload(Api(sys.argv[1]), pickle.load(open(sys.argv[2], 'rb')), slow, chunk=1 << 19)"
     import pickle
 
-    (tmp_path / "packed").write_bytes(pickle.dumps(sent))
-    process = subprocess.Popen([sys.executable, "-c", script, alone.url, str(tmp_path / "packed")], env=environment())
+    (tmp_path / "packed_drive").write_bytes(pickle.dumps(sent))
+    process = subprocess.Popen([sys.executable, "-c", script, alone.url, str(tmp_path / "packed_drive")], env=environment())
     drive_id = sent.manifest.drive_id
     with Api(alone.url) as api:
         until(lambda: (alone.data / "drives" / drive_id).exists() and any((alone.data / "drives" / drive_id).rglob("*.png")))
