@@ -14,7 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.calibration.learn import chi_square, learn_rig
+from wayloom.calibration.covariance import chi_square
+from wayloom.calibration.learn import learn_rig
 from wayloom.calibration.sampling import Sampler
 from wayloom.calibration.settings import CalibrationSettings
 from wayloom.config.progress import Progress, silent
