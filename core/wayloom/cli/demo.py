@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wayloom.cli.supervisor import ending_with_parent
+from wayloom.cli.supervisor import compiling_kernels, ending_with_parent
 from wayloom.errors import ConfigError, ServiceError, StageError
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def simulated(out: Path) -> Fleet:
         say("simulating two drives of the same streets (the first run compiles its kernels)")
         columns = (TextColumn("{task.description}"), BarColumn(28), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())
         console = Console(file=sys.stderr)
-        with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
+        with compiling_kernels(), Progress(*columns, console=console, disable=not console.is_terminal) as bars:
             bar = bars.add_task("starting", total=1.0)
             threads = min(4, os.cpu_count() or 1)
             simulate(

@@ -15,7 +15,7 @@ from wayloom.config.progress import Progress, silent
 from wayloom.geometry import se3
 from wayloom.geometry.lens import IDENTITY, RightLens
 from wayloom.logs.types import DriveLog
-from wayloom.odometry import frame_source
+from wayloom.odometry import frame_source, warm_up
 from wayloom.odometry.backend import ablation, adjustment, marginalisation, window
 from wayloom.odometry.backend.visual_inertial import VisualInertial, for_log
 from wayloom.odometry.debugging.recorder import Debug
@@ -34,7 +34,6 @@ from wayloom.odometry.types import OdometryResult
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
-COMPILING = " (compiling kernels, first run only)"
 DECIDE_EVERY = 128
 """Keyframes after which it is decided which points stay."""
 RESTART_BIAS_INFORMATION = 10.0
@@ -54,16 +53,16 @@ def track(
 
     Raises LogError for frames that cannot be read or that do not have the rig's size.
     """
+    frame_source.check_rig(log)
+    imu = for_log(log, settings)
+    warm_up.compile_odometry(imu is not None, progress)
     with frame_source.one_opencv_thread():
-        progress(0.0, f"aligning the rows of left and right{COMPILING}")
+        progress(0.0, "aligning the rows of left and right")
         right_rectifier = rows.RightRectifier(log.rig, lens, frame_source.fit_rows(log, settings.row_frames, lens, matches))
-        odometry = Odometry(right_rectifier, settings, for_log(log, settings), collector, debug)
+        odometry = Odometry(right_rectifier, settings, imu, collector, debug)
         for frame in frame_source.frames(log, threads, odometry.stopwatch, odometry.levels):
             odometry.process(frame)
-            keyframes = len(odometry.harvest.keyframes)
-            progress(
-                (frame.index + 1) / len(log), f"tracking, {keyframes} keyframes{COMPILING if keyframes <= settings.window else ''}"
-            )
+            progress((frame.index + 1) / len(log), f"tracking, {len(odometry.harvest.keyframes)} keyframes")
         return odometry.finish()
 
 
