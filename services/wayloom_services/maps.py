@@ -60,7 +60,7 @@ async def version(map_id: MapId, number: Number, service: ServiceDep) -> Version
 
 @router.get("/maps/{map_id}/coverage")
 async def coverage(map_id: MapId, service: ServiceDep) -> FeatureCollection:
-    """Where the newest version has something, as squares of the tile grid: of zoom 17, or of the deepest above it."""
+    """Coverage of the newest version, as squares of the tile grid: of zoom 17, or of the deepest above it."""
     zoom, addresses = await service.read(lambda session: maps.coverage(session, map_id, COVERAGE_ZOOM))
     return FeatureCollection(
         features=[Feature(geometry=_square(zoom, x, y), properties={"z": zoom, "x": x, "y": y}) for x, y in addresses]

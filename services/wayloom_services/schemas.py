@@ -163,7 +163,7 @@ class ClassOut(BaseModel):
 
 
 class Info(BaseModel):
-    """What a dashboard or client must know before its first request."""
+    """Map, stages and classes: for dashboards and clients, before their first request."""
 
     version: str
     map_id: str

@@ -14,12 +14,13 @@ import httpx2
 import pytest
 
 from service_kit import tus
-from service_kit.parcels import parcel, parcel_of
+from service_kit.packed_drives import packed_drive, packed_drive_of
 from service_kit.running import ApiAlone, Up, environment, service, until
 from wayloom.client.api import AnswerError, Api
 from wayloom.client.manifests import pack
 from wayloom.client.upload import upload
 from wayloom.client.watch import wait_for_drive
+from wayloom.config.backoff import Backoff
 from wayloom.errors import LogError, ServiceError
 
 
@@ -42,7 +43,7 @@ def arrived(server: ApiAlone, drive_id: str) -> dict[str, bytes]:
 
 
 def test_every_byte_of_a_drive_arrives(alone: ApiAlone, api: Api, tmp_path: Path) -> None:
-    sent = parcel(tmp_path, "whole", sizes=(0, 1, 1000, 70_000, 3 << 20))
+    sent = packed_drive(tmp_path, "whole", sizes=(0, 1, 1000, 70_000, 3 << 20))
     told: list[float] = []
     registration = upload(api, sent, lambda share, _what: told.append(share), chunk=1 << 20)
     assert registration["missing"] == []
@@ -52,7 +53,7 @@ def test_every_byte_of_a_drive_arrives(alone: ApiAlone, api: Api, tmp_path: Path
 
 
 def test_a_drive_that_is_there_is_not_sent_again(api: Api, tmp_path: Path) -> None:
-    sent = parcel(tmp_path, "again", sizes=(5000,))
+    sent = packed_drive(tmp_path, "again", sizes=(5000,))
     first = upload(api, sent)
     for path in sent.sources.values():
         path.unlink()
@@ -62,7 +63,7 @@ def test_a_drive_that_is_there_is_not_sent_again(api: Api, tmp_path: Path) -> No
 
 def test_an_upload_goes_on_while_the_server_is_killed_and_comes_back(tmp_path: Path) -> None:
     server = ApiAlone(tmp_path / "data")
-    sent = parcel(tmp_path / "files", "killed", sizes=(4 << 20,) * 10)
+    sent = packed_drive(tmp_path / "files", "killed", sizes=(4 << 20,) * 10)
     reached = threading.Event()
     results: list[dict[str, object]] = []
 
@@ -93,14 +94,14 @@ def test_an_upload_goes_on_while_the_server_is_killed_and_comes_back(tmp_path: P
 
 
 def test_a_client_that_was_killed_goes_on_where_it_was(alone: ApiAlone, tmp_path: Path) -> None:
-    sent = parcel(tmp_path, "client killed", sizes=(2 << 20,) * 12)
+    sent = packed_drive(tmp_path, "client killed", sizes=(2 << 20,) * 12)
     script = "import sys, pickle; from wayloom.client.api import Api; from wayloom.client.upload import upload\n"
     script += "import time; slow = lambda share, what: time.sleep(0.1)\n"
     script += "upload(Api(sys.argv[1]), pickle.load(open(sys.argv[2], 'rb')), slow, chunk=1 << 19)"
     import pickle
 
-    (tmp_path / "parcel").write_bytes(pickle.dumps(sent))
-    process = subprocess.Popen([sys.executable, "-c", script, alone.url, str(tmp_path / "parcel")], env=environment())
+    (tmp_path / "packed_drive").write_bytes(pickle.dumps(sent))
+    process = subprocess.Popen([sys.executable, "-c", script, alone.url, str(tmp_path / "packed_drive")], env=environment())
     drive_id = sent.manifest.drive_id
     with Api(alone.url) as api:
         until(lambda: (alone.data / "drives" / drive_id).exists() and any((alone.data / "drives" / drive_id).rglob("*.png")))
@@ -114,7 +115,7 @@ def test_a_client_that_was_killed_goes_on_where_it_was(alone: ApiAlone, tmp_path
 
 def test_a_file_that_was_whole_but_not_verified_when_the_server_died_is_finished(alone: ApiAlone, api: Api, tmp_path: Path) -> None:
     content = os.urandom(5000)
-    sent = parcel_of(tmp_path, "unverified", {"log/a": content})
+    sent = packed_drive_of(tmp_path, "unverified", {"log/a": content})
     drive_id = api.json("POST", "/v1/drives", json=sent.manifest.model_dump(mode="json", exclude_none=True))["id"]
     with httpx2.Client(base_url=alone.url, trust_env=False) as http:
         address = str(tus.create(http, drive_id, "log/a", len(content)).headers["Location"])
@@ -124,7 +125,7 @@ def test_a_file_that_was_whole_but_not_verified_when_the_server_died_is_finished
 
 
 def test_a_file_that_changes_on_the_way_is_said(api: Api, tmp_path: Path) -> None:
-    sent = parcel_of(tmp_path, "changed", {"log/a": os.urandom(5000)})
+    sent = packed_drive_of(tmp_path, "changed", {"log/a": os.urandom(5000)})
     sent.sources["log/a"].write_bytes(b"short")
     with pytest.raises(LogError, match="shorter"):
         upload(api, sent)
@@ -134,7 +135,7 @@ def test_a_file_that_changes_on_the_way_is_said(api: Api, tmp_path: Path) -> Non
 
 
 def test_a_server_that_is_not_there_is_said() -> None:
-    with Api("http://127.0.0.1:9", pauses_s=(0.01,)) as api, pytest.raises(ServiceError, match="does not answer"):
+    with Api("http://127.0.0.1:9", retries=Backoff(0.01, 0.01, 2)) as api, pytest.raises(ServiceError, match="does not answer"):
         api.json("GET", "/v1/drives")
 
 
@@ -190,7 +191,7 @@ def test_a_kitti_raw_log_with_its_calibration_beside_it_is_packed_whole(alone: A
 
 @pytest.mark.real_data
 def test_the_command_uploads_waits_and_tells(tmp_path: Path, clip_a: Path) -> None:
-    with service(tmp_path / "data", WAYLOOM_STEPS="service_kit.little_steps:EASY_STEPS") as up:
+    with service(tmp_path / "data", WAYLOOM_STAGE_HOOKS="service_kit.little_stages:easy_hooks") as up:
         few = few_frames(clip_a, tmp_path / "few")
         done = run_upload(up, few, "--wait", "--json", str(tmp_path / "said.json"))
         assert done.returncode == 0, done.stderr

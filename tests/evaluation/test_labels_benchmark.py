@@ -18,8 +18,8 @@ from wayloom.evaluation.labels import ROWS, LabelBenchmark, LabelledPoints, benc
 from wayloom.logs import simulated_truth
 from wayloom.logs.simulated_truth import open_truth
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, MODELS
+from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.segmentation.network import Network
-from wayloom.segmentation.stage import KeyframeLabels
 from wayloom.simulation.city import instance_ids
 from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate
 

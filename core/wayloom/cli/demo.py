@@ -76,9 +76,9 @@ def demo_command(
             say("labels: the built-in network knows simulated streets only; give another by --model (`wayloom models` lists some)")
         api = Api(url, settings.api_key)
         with ProgressBars(sys.stdout) as bars:
-            parcels = [pack(path, fleet.gnss) for path in fleet.logs]
-            before = [finished_stages(api, parcel.manifest.drive_id) for parcel in parcels]
-            ids = [send(api, parcel, bars, 4) for parcel in parcels]
+            packed_drives = [pack(path, fleet.gnss) for path in fleet.logs]
+            before = [finished_stages(api, packed_drive.manifest.drive_id) for packed_drive in packed_drives]
+            ids = [send(api, packed_drive, bars, 4) for packed_drive in packed_drives]
             drives = [follow(api, drive_id, bars, done) for drive_id, done in zip(ids, before, strict=True)]
         for drive in drives:
             say(summary(drive))

@@ -12,8 +12,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from wayloom.config.backoff import Backoff
+
 STOP_GRACE_S: Final = 8.0
-LONGEST_PAUSE_S: Final = 15.0
+RESTARTS: Final = Backoff(first_s=0.5, longest_s=15.0)
 CALM_S: Final = 30.0
 """A child that ran this long before it died is restarted without a pause."""
 
@@ -73,7 +75,7 @@ class Supervisor:
                 continue
             if child.due == 0.0:
                 child.deaths = 1 if now - child.started > CALM_S else child.deaths + 1
-                child.due = now + min(0.25 * 2**child.deaths, LONGEST_PAUSE_S)
+                child.due = now + RESTARTS.pause_s(child.deaths)
                 code = child.process.returncode if child.process else None
                 events.append(f"{child.name} ended with status {code} and is started again; its log is {child.log}")
             elif now >= child.due:

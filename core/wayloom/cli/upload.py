@@ -36,9 +36,9 @@ def upload_command(
         raise ConfigError("--gnss belongs to one drive, several were given", remedy="send the drives one by one")
     key = load_settings(config).settings.api_key
     with Api(to, key, connections) as api, ProgressBars(sys.stdout) as bars:
-        parcels = [pack(path, gnss, vehicle, bars(f"{path.name}, reading")) for path in logs]
-        before = [finished_stages(api, parcel.manifest.drive_id) for parcel in parcels]
-        sent = [send(api, parcel, bars, connections) for parcel in parcels]
+        packed_drives = [pack(path, gnss, vehicle, bars(f"{path.name}, reading")) for path in logs]
+        before = [finished_stages(api, packed_drive.manifest.drive_id) for packed_drive in packed_drives]
+        sent = [send(api, packed_drive, bars, connections) for packed_drive in packed_drives]
         drives = [
             follow(api, drive_id, bars, done) if wait else api.drive(drive_id) for drive_id, done in zip(sent, before, strict=True)
         ]
@@ -50,11 +50,11 @@ def upload_command(
         raise typer.Exit(1)
 
 
-def send(api: "Api", parcel: "PackedDrive", bars: ProgressBars, connections: int) -> str:
+def send(api: "Api", packed_drive: "PackedDrive", bars: ProgressBars, connections: int) -> str:
     """Upload one drive under a bar. Returns its id."""
     from wayloom.client.upload import upload
 
-    return str(upload(api, parcel, bars(f"{parcel.manifest.name}, sending"), connections)["id"])
+    return str(upload(api, packed_drive, bars(f"{packed_drive.manifest.name}, sending"), connections)["id"])
 
 
 def finished_stages(api: "Api", drive_id: str) -> set[str]:

@@ -48,7 +48,7 @@ def pack(
 
 
 def _log_name(log: DriveLog) -> str:
-    """Where the log itself lies below the folder that its files are relative to."""
+    """Path of the log itself below the folder that its files are relative to."""
     below = log.path.resolve().relative_to(log.root.resolve())
     return str(PurePosixPath("log", *below.parts))
 

@@ -46,7 +46,8 @@ ABLATIONS: dict[str, dict[str, Any]] = {
     "bias not in the prior": {"ablation": {"bias_in_prior": False}},
     "no marginalisation prior": {"ablation": {"marginalisation_prior": False}},
     "no first-estimate Jacobians": {"ablation": {"first_estimates": False}},
-    "no immature points": {"traced_share": 0.0, "sought_points": 0},
+    "no epipolar search": {"traced_share": 0.0, "sought_points": 0},
+    "no epipolar search, fewer waiting points": {"traced_share": 0.0, "sought_points": 0, "matched_points": 0},
     "no gradient weight": {"gradient_scale": 1e6},
     "no affine brightness in the window": {"affine_prior": (1e9, 1e9)},
     EVERY_SECOND_FRAME: {},
@@ -68,6 +69,16 @@ class Summary:
         """NaN becomes None."""
         groups = {name: {key: _json(value) for key, value in getattr(self, name).items()} for name in ("median", "spread")}
         return {**asdict(self), **groups}
+
+    @classmethod
+    def from_json(cls, row: Mapping[str, Any]) -> "Summary":
+        """What `as_json` gave; None becomes NaN."""
+        median, spread = ({key: _number(value) for key, value in row[name].items()} for name in ("median", "spread"))
+        return cls(row["recording"], row["variant"], row["runs"], median, spread)
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else value
 
 
 def _json(value: float) -> float | None:
@@ -156,6 +167,12 @@ def measured(recording: Recording, variant: str = DEFAULT, seeds: Sequence[int] 
         settings = OdometrySettings.model_validate({**changes, "seed": seed})
         runs.append(measures(seen, *timed_track(seen, settings)))
     return summarise(recording.name, variant, runs)
+
+
+def replaced(committed: Sequence[Summary], new: Sequence[Summary]) -> list[Summary]:
+    """The committed rows, those of them that were measured again replaced in their place, and the new ones behind them."""
+    rows = {(row.recording, row.variant): row for row in committed} | {(row.recording, row.variant): row for row in new}
+    return list(rows.values())
 
 
 def warm_up(recording: Recording) -> None:

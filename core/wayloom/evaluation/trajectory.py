@@ -23,7 +23,7 @@ TINY_LENGTHS_M = (10.0, 20.0, 30.0, 40.0, 50.0)
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryErrors:
-    """How far an estimate is from truth.
+    """Errors of an estimate against truth.
 
     frames                 poses that were compared
     truth_m, estimate_m    path lengths, m

@@ -139,7 +139,7 @@ def parameter_jacobian(
 
 
 def lens_field(lens: RightLens, camera: PinholeCamera, step: int = 1) -> Array:
-    """What the lens does to infinitely far points: (h, w, 2) px, du and dv = real - ideal, at every `step`-th pixel."""
+    """Displacement by the lens at infinite depth: (h, w, 2) px, du and dv = real - ideal, at every `step`-th pixel."""
     v, u = np.mgrid[0 : camera.height : step, 0 : camera.width : step].astype(np.float64)
     uv = np.column_stack([u.ravel(), v.ravel()])
     return np.asarray((lens.real_pixels(camera, 0.0, uv) - uv).reshape(*u.shape, 2))

@@ -131,7 +131,7 @@ class DriveWriter(ABC):
 
     @abstractmethod
     def lidar_file(self, index: int) -> Path:
-        """Where the scan of a frame lies: float32 x, y, z, reflectance."""
+        """Path of the scan of a frame: float32 x, y, z, reflectance."""
 
     @classmethod
     def folder_name(cls, name: str, distorted: bool) -> str:
@@ -139,7 +139,7 @@ class DriveWriter(ABC):
         return name
 
     def image_files(self, index: int) -> tuple[Path, Path]:
-        """Where the left and the right image of a frame lie."""
+        """Paths of the left and the right image of a frame."""
         name = f"{index:0{self.name_digits}d}.{'png' if self.jpeg_quality is None else 'jpg'}"
         left, right = self.image_folders()
         return left / name, right / name

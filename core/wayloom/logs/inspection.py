@@ -75,7 +75,7 @@ class DamagedImage(BaseModel):
 
 
 class LogReport(BaseModel):
-    """What `inspect_log` found. `usable` is False where an image is damaged."""
+    """Result of `inspect_log`. `usable` is False where an image is damaged."""
 
     path: str
     name: str

@@ -133,5 +133,5 @@ class StoredLog(DriveLog, Protocol):
         ...
 
     def damaged(self, *, decode: bool, progress: Progress = ...) -> list[LogError]:
-        """What is wrong with each image that cannot be used, by looking at it or by decoding it."""
+        """The errors of all images that cannot be used, by checking or by decoding them."""
         ...

@@ -253,7 +253,7 @@ def _retracted(state: _State, step: gtsam.VectorValues) -> _State:
 
 @dataclass(frozen=True, slots=True)
 class _Equations:
-    """What the unknowns must agree with: gtsam's own factors, the odometry's links and the antennas."""
+    """The graph's factors: gtsam's own, the odometry's links and the antennas."""
 
     graph: gtsam.NonlinearFactorGraph
     links: OdometryLinks
@@ -267,7 +267,7 @@ class _Equations:
         return linear
 
     def tree(self, at: _State) -> gtsam.GaussianBayesTree:
-        """By QR: Cholesky gives up where a heading that nothing observes stands beside millimetres."""
+        """The Bayes tree by QR: Cholesky fails where a heading that nothing observes stands beside millimetres."""
         return self.linear(at).eliminateMultifrontal(function=gtsam.EliminateQR)
 
     def cost(self, at: _State) -> float:

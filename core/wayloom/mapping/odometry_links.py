@@ -49,7 +49,7 @@ class OdometryLinks:
 
     @property
     def stretches(self) -> int:
-        """How many scale unknowns there are."""
+        """Number of scale unknowns."""
         return len(self.scale_rho) - 1
 
 
@@ -87,7 +87,7 @@ def link_errors(links: OdometryLinks, T_enu_node: FloatArray, scale: FloatArray)
 
 
 def link_jacobians(links: OdometryLinks, T_enu_node: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """By node i (L, 6, 6), by node j (L, 6, 6) and by s (L, 6, 1) of the errors (L, 6) at T_enu_node (K, 4, 4)."""
+    """Jacobians of the errors (L, 6) by node i (L, 6, 6), by node j (L, 6, 6) and by s (L, 6, 1), at T_enu_node (K, 4, 4)."""
     T_i_j = se3.inverse(T_enu_node[links.first]) @ T_enu_node[links.first + 1]
     R_i_j, inverse_Jr = T_i_j[:, :3, :3], inverse_right_jacobian(errors[:, :3])
     by_i, by_j = np.zeros((2, len(errors), 6, 6))

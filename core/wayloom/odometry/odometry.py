@@ -62,7 +62,7 @@ def track(
 
 
 class Odometry:
-    """Feed the pairs of a drive in order to `process`; `finish` gives the result.
+    """Feed the pairs of a drive, from its first on, in order to `process`; `finish` gives the result.
 
     tracker, mapper, builder : the parts; each frame goes from one to the next
     """

@@ -1,4 +1,4 @@
-"""Settings of the odometry. docs/odometry.md says why the defaults are what they are."""
+"""Settings of the odometry. docs/odometry.md says which matter, docs/results.md on what the defaults were chosen."""
 
 from pydantic import Field
 
@@ -34,7 +34,6 @@ class OdometrySettings(Settings):
 
     window: int = Field(6, ge=3, le=12, description="keyframes in the window")
     points: int = Field(400, ge=50, le=5000, description="points wanted in view of a keyframe")
-    new_points: int = Field(400, ge=20, le=5000, description="at most activated at a keyframe")
     min_new_points: int = Field(150, ge=10, le=5000, description="activated even where enough are in view")
     traced_share: float = Field(0.3, ge=0, le=1, description="of the new live points, those that were traced in several keyframes")
     matched_points: int = Field(

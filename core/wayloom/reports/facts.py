@@ -161,7 +161,7 @@ def warnings(result: DriveResult) -> list[str]:
 
 
 def loss_warning(odometry: OdometryResult) -> str:
-    """How many frames were lost, the reason of the first loss, and whether the track was continued."""
+    """Warning about lost frames: their number, the reason of the first loss, and whether the track was continued."""
     trajectory = odometry.trajectory
     lost, segments = int((~trajectory.tracked).sum()), len(np.unique(trajectory.segment))
     first = next(iter(odometry.report.get("losses", ())), None)

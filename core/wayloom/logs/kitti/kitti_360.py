@@ -116,7 +116,7 @@ def read_numbered_poses(file: Path, count: int) -> dict[int, FloatArray]:
 
 
 def missing_poses(truth: FloatArray | None) -> tuple[str, ...]:
-    """What is missing of the poses, for `DriveLog.missing`."""
+    """Entries of `DriveLog.missing` about the poses."""
     if truth is None:
         return ("truth poses",)
     without = int((~np.isfinite(truth).all(axis=(1, 2))).sum())

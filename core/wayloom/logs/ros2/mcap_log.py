@@ -91,7 +91,7 @@ class McapLog:
         return
 
     def damaged(self, *, decode: bool, progress: Progress = silent) -> list[LogError]:
-        """What is wrong with each image that cannot be used, by decoding every one; and with the file's check sums."""
+        """The errors of all images that cannot be used, by decoding every one; and of the file's check sums."""
         found: list[LogError] = []
         for index in range(len(self)) if decode else ():
             for side in (0, 1):

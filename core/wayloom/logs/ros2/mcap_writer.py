@@ -57,7 +57,7 @@ class McapWriter(DriveWriter):
         return self.spool / "left", self.spool / "right"
 
     def lidar_file(self, index: int) -> Path:
-        """In the spool."""
+        """Path of the scan of a frame, in the spool."""
         return self.spool / "lidar" / f"{index:010d}.bin"
 
     def write_calibration(self) -> None:

@@ -76,7 +76,7 @@ class OxtsPackets:
 
 @dataclass(frozen=True, slots=True)
 class InsTrajectory:
-    """What the GNSS/INS unit says of its own way.
+    """Trajectory of the GNSS/INS unit by its own packets.
 
     t_ns              (M,) int64
     T_enu_imu         (M, 4, 4): positions as said, in the tangent plane of the first packet; x forward, y left, z up

@@ -1,6 +1,6 @@
 """Visual-inertial fusion in the window: start from gravity, preintegrated links of new keyframes, predicted poses.
 
-docs/odometry.md has the equations.
+docs/odometry-design.md has the equations.
 """
 
 from collections.abc import Sequence

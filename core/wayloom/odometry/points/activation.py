@@ -82,7 +82,7 @@ def activate_points(
     """
     s, newest = settings, len(now) - 1
     uv_live, _ = seen(now, now.points, rig, s.border)
-    room = s.points if newest == 0 else max(min(s.new_points, s.points - len(uv_live)), s.min_new_points)
+    room = s.points if newest == 0 else max(s.points - len(uv_live), s.min_new_points)
     uv_waiting, waiting = seen(now, now.immature.points, rig, s.border)
     sure = immature.known(now.immature)[waiting]
     uv_waiting, waiting = uv_waiting[sure], waiting[sure]

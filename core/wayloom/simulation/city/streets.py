@@ -147,7 +147,7 @@ class StreetGraph:
         return Control.SIGNS if east and north and self._signs[node] else Control.SIGNALS
 
     def clear_m(self, a: int, b: int) -> float:
-        """How far from node a the crossing there begins on the street to b, m: behind all rounded corners."""
+        """Distance from node a to the end of its crossing on the street to b, m: behind all rounded corners."""
         starts = []
         for shape in self.shapes_beside(a, b):
             k = shape.nodes.index(a)

@@ -33,7 +33,7 @@ class Mesh:
         return len(self.material)
 
     def triangles(self) -> Triangles:
-        """What the kernels draw."""
+        """The arrays that the kernels render."""
         return Triangles(self.corners, self.uv, self.normals, self.material, self.tint)
 
     def rows(self, which: NDArray[np.int64] | slice) -> "Mesh":

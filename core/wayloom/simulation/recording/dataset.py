@@ -94,7 +94,7 @@ def render_pairs(
 
 
 def _random_scene(world: World, size: str, rng: np.random.Generator) -> tuple[Scene, NDArray[np.float64]]:
-    """What is around a vehicle in a random lane at a random moment, and T_world_cam (4, 4) of its left camera."""
+    """The scene around a vehicle in a random lane at a random moment, and T_world_cam (4, 4) of its left camera."""
     x, y, yaw = _random_place(world, rng)
     t_s = float(rng.uniform(0, 600))
     T_world_cam = camera_on_ground(x, y, yaw, float(rng.uniform(0, 100)))

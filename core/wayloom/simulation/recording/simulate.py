@@ -39,7 +39,7 @@ FORMAT_VERSION = 1
 
 @dataclass(frozen=True, slots=True)
 class OutputSettings:
-    """How drives are written.
+    """Settings of the written logs.
 
     size    "full", "half" or "quarter" of the rigs' images
     format  a key of WRITERS
@@ -53,7 +53,7 @@ class OutputSettings:
 
 @dataclass(frozen=True, slots=True)
 class PresetVariant:
-    """What differs from a preset.
+    """Variant of a preset.
 
     seed    another city than the preset's
     laps    another number than the preset's, for presets that go in laps
@@ -157,7 +157,7 @@ def is_done(out_dir: Path, preset: Preset, number: int, format: str) -> bool:
 
 
 def run_settings(preset: Preset, output: OutputSettings, frames: int | None) -> dict[str, Any]:
-    """Everything that the bytes of a run depend on."""
+    """All settings that the bytes of a run depend on."""
     return {
         "format_version": FORMAT_VERSION,
         "wayloom": __version__,

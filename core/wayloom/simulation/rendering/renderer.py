@@ -33,7 +33,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Everything that may be visible at one moment t_s: triangles, nearest chunks first, light, and rain."""
+    """Renderable scene at one moment t_s: triangles that may be visible, nearest chunks first, light, and rain."""
 
     mesh: Mesh
     light: Light

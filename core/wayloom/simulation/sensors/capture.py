@@ -106,8 +106,8 @@ class StereoCamera:
         """(h, w, 3) uint8 image of one side (0 left, 1 right). light: factor on all radiance."""
         camera, sensor, vehicle = self.cameras[side], self.sensors[side], self.vehicle
         depth = None if rendered.truth is None else rendered.truth[side].depth
-        way = rendered.twist[side] * exposure.exposure_s if vehicle.motion_blur else None
-        x = through_lens(rendered.radiance[side], camera, sensor.blur_px, depth if way is not None else None, way)
+        motion = rendered.twist[side] * exposure.exposure_s if vehicle.motion_blur else None
+        x = through_lens(rendered.radiance[side], camera, sensor.blur_px, depth if motion is not None else None, motion)
         if vehicle.glare.veil > 0 or vehicle.glare.sun > 0:
             open_sky = 0.0 if depth is None else open_sky_at_sun(depth, camera, rendered.sun_cam[side])
             x = with_glare(x, camera, vehicle.glare, rendered.sun_cam[side], rendered.sun_rgb, open_sky)
@@ -116,7 +116,7 @@ class StereoCamera:
 
 @dataclass(frozen=True, slots=True)
 class CaptureSettings:
-    """What is captured: instance numbers that are not rendered, whether ground truth is kept, and the seed of the sensors' noise.
+    """Instance numbers that are not rendered, whether ground truth is kept, and the seed of the sensors' noise.
 
     Each frame and side has its own random stream of the seed.
     """

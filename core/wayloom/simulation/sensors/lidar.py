@@ -107,7 +107,7 @@ def directions(settings: LidarSettings, number: int) -> tuple[F64, NDArray[np.in
 
 
 def _within_reach(world: World, camera: PinholeCamera, T_world_view: F64, movers: list[PlacedModel], reach_m: float) -> Mesh:
-    """What stands or moves within a view and no farther than reach_m."""
+    """Static and moving triangles within a view and no farther than reach_m."""
     planes, reach = view_planes(camera, T_world_view)
     reach[-1] = reach_m
     origin = T_world_view[:3, 3]
@@ -119,7 +119,7 @@ def _shots(
     mesh: Mesh, textures: TextureStack, camera: PinholeCamera, T_enu_lidar: F64, T_lidar_view: F64, settings: LidarSettings,
     number: int,
 ) -> _Shots:  # fmt: skip
-    """What the shots of one quarter meet within the scanner's reach."""
+    """Hits of the shots of one quarter within the scanner's reach."""
     direction, ring = directions(settings, number)
     rays = direction @ T_lidar_view[:3, :3]
     uv = camera.project(rays)

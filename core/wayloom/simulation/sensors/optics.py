@@ -101,7 +101,7 @@ def culling_camera(cameras: tuple[TrueCamera, ...]) -> PinholeCamera:
 
 
 def truth_of(scene: Scene, camera: TrueCamera, T_world_cam: F64, fine_ids: NDArray[np.int32] | None = None) -> Truth:
-    """What the ray through each pixel's centre meets, depth along the true camera's z.
+    """Ground truth of the ray through each pixel's centre, with depth along the true camera's z.
 
     Where the lens bends, class and instance are those seen at most a quarter of a pixel (along each axis) from the ray; depth is
     where the ray itself meets that triangle's plane. fine_ids: `Scene.fine_ids` of the drawn camera, where they are at hand.
@@ -123,21 +123,21 @@ def truth_of(scene: Scene, camera: TrueCamera, T_world_cam: F64, fine_ids: NDArr
     )
 
 
-def through_lens(radiance: F32, camera: TrueCamera, blur_px: float, depth: F32 | None = None, way: F64 | None = None) -> F32:
-    """(h, w, 3) what falls on the sensor, from the drawn radiance.
+def through_lens(radiance: F32, camera: TrueCamera, blur_px: float, depth: F32 | None = None, motion: F64 | None = None) -> F32:
+    """(h, w, 3) light on the sensor, from the rendered radiance.
 
-    depth  (h, w) m along z, 0 infinitely far; way (6,) twist m, rad of the camera, in its own axes, while the shutter is open.
-    Both or none: then nothing moves. What moves by itself is smeared by the camera's motion only.
+    depth  (h, w) m along z, 0 infinitely far; motion (6,) twist m, rad of the camera, in its own axes, while the shutter is open.
+    Both or none: then nothing moves. Moving objects are blurred by the camera's motion only.
     """
-    if camera.lens_uv is None and way is None:
+    if camera.lens_uv is None and motion is None:
         return blurred(radiance, blur_px)
     b = 3.0 * blur_px**2
     out = np.empty((camera.height, camera.width, 3), np.float32)
     lens_uv = np.empty((0, 0, 2), np.float32) if camera.lens_uv is None else camera.lens_uv
     opening = closing = np.eye(4)[:3]
     depths = np.empty((0, 0), np.float32)
-    if way is not None and depth is not None:
-        opening, closing, depths = se3.exp(0.5 * way)[:3], se3.exp(-0.5 * way)[:3], depth
+    if motion is not None and depth is not None:
+        opening, closing, depths = se3.exp(0.5 * motion)[:3], se3.exp(-0.5 * motion)[:3], depth
     kernels.through_lens(radiance, lens_uv, depths, _view(camera.rendered, np.eye(4)), opening, closing, np.float32(b), out)
     return out
 

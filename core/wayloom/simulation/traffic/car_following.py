@@ -35,12 +35,12 @@ RouteChoice = Callable[["Agent", tuple[int, ...]], int | None]
 class Agent:
     """A vehicle on its chain of lanes and crossings, alternately, beginning with a lane.
 
-    front_m, v_m_s  place of its front bumper from the start of the chain, and speed
-    starts          where each element of the chain begins, m
-    at, tail        elements in which its front and its rear are
-    granted         the last element that it may enter
-    keeps_route         keeps to its way even if it is blocked
-    way             its front at every step since born_s
+    front_m, v_m_s   place of its front bumper from the start of the chain, and speed
+    starts           where each element of the chain begins, m
+    at, tail         elements in which its front and its rear are
+    granted          the last element that it may enter
+    keeps_route      whether it never chooses another exit, even if it is blocked
+    front_history_m  its front at every step since born_s
     """
 
     order: int
@@ -59,7 +59,7 @@ class Agent:
     keeps_route: bool = False
     waited_s: float = 0.0
     gone: bool = False
-    way: list[float] = field(default_factory=list)
+    front_history_m: list[float] = field(default_factory=list)
 
     @property
     def rear_m(self) -> float:
@@ -103,7 +103,7 @@ class TrafficSimulation:
         self._grant_crossings()
         speeds = [self._next_speed(agent) for agent in self.agents]
         for agent, v in zip(self.agents, speeds, strict=True):
-            agent.way.append(agent.front_m)
+            agent.front_history_m.append(agent.front_m)
             agent.front_m += v * STEP_S
             agent.v_m_s = v
             agent.waited_s = agent.waited_s + STEP_S if v < 0.5 else 0.0
@@ -246,11 +246,13 @@ class TrafficSimulation:
         zone = self.lanes.conflict(turn.key, other.chain[k].key)
         if zone is None:
             return False
-        way, v = agent.to_line_m + zone[1] + agent.length_m, agent.v_m_s
+        distance_m, v = agent.to_line_m + zone[1] + agent.length_m, agent.v_m_s
         top = min(agent.desired_speed_m_s, float(turn.limit_m_s.min()))
-        if self._leader(agent, agent.at + 2)[0] < way + EXIT_ROOM_M:
+        if self._leader(agent, agent.at + 2)[0] < distance_m + EXIT_ROOM_M:
             return False
-        mine = max(0.0, top - v) / ACCELERATION_M_S2 + max(0.0, way - max(0.0, top**2 - v**2) / (2 * ACCELERATION_M_S2)) / top
+        mine = (
+            max(0.0, top - v) / ACCELERATION_M_S2 + max(0.0, distance_m - max(0.0, top**2 - v**2) / (2 * ACCELERATION_M_S2)) / top
+        )
         theirs = (other.starts[k] + from_m - other.front_m) / max(other.v_m_s, other.desired_speed_m_s)
         return mine + CLEARANCE_S < theirs
 

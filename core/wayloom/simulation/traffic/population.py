@@ -180,7 +180,7 @@ def run_traffic(population: TrafficPopulation, recording: list[RecordingVehicle]
         population.simulation.step()
         for w in recording:
             if w.begun and w.steps is None and (w.agent.gone or w.done(w.agent, population.simulation.t_s)):
-                w.steps = len(w.agent.way)
+                w.steps = len(w.agent.front_history_m)
                 w.agent.choose, w.agent.keeps_route = population.choose, False
         steps += 1
     return population.simulation.t_s
@@ -190,10 +190,10 @@ def recorded_traffic(population: TrafficPopulation) -> RecordedTraffic:
     """The trajectories of all vehicles that ever moved."""
     out = []
     for agent in population.all_agents:
-        if len(agent.way) > 1:
+        if len(agent.front_history_m) > 1:
             s, xy = agent.polyline()
-            mesh, way = population.meshes[agent.order], np.array(agent.way)
-            out.append(Vehicle(agent.order, mesh, braking(mesh), agent.length_m, s, xy, agent.born_s, STEP_S, way))
+            mesh, front_m = population.meshes[agent.order], np.array(agent.front_history_m)
+            out.append(Vehicle(agent.order, mesh, braking(mesh), agent.length_m, s, xy, agent.born_s, STEP_S, front_m))
     return RecordedTraffic(out)
 
 

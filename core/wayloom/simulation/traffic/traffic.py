@@ -26,7 +26,7 @@ AXLES = 0.3
 
 @dataclass(frozen=True, slots=True)
 class PlacedModel:
-    """A mover at one moment, and a ball of radius_m around centre (3,) m that holds it.
+    """A moving object at one moment, with its bounding sphere: centre (3,) m and radius_m.
 
     model          around its own origin, to be put at T_world_model (4, 4) as thing `number`; without one, already in its place
     """
@@ -39,15 +39,15 @@ class PlacedModel:
 
     @property
     def mesh(self) -> Mesh:
-        """Where it is; made when asked for, since most movers are out of view and cast no shadow into it."""
+        """Its transformed mesh; made when asked for, since most moving objects are out of view."""
         return self.model if self.T_world_model is None else posed(self.model, self.T_world_model, self.number)
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """One vehicle and where it goes: s (N,) m and xy (N, 2) m of its line, its front's way (K,) m at even steps from born_s on.
+    """Trajectory of one vehicle: s (N,) m and xy (N, 2) m of its path, front_m (K,) of its front at even steps from born_s on.
 
-    mesh, braking  what it looks like, and with its brake lamps on
+    mesh, braking  its mesh without and with lit brake lamps
     """
 
     order: int
@@ -58,17 +58,17 @@ class Vehicle:
     xy: F64
     born_s: float
     step_s: float
-    way: F64
+    front_m: F64
 
     @property
     def gone_s(self) -> float:
-        """When it is taken away."""
-        return self.born_s + (len(self.way) - 1) * self.step_s
+        """Time at which it is removed, s."""
+        return self.born_s + (len(self.front_m) - 1) * self.step_s
 
     def middle_m(self, t_s: float) -> float:
-        """Its middle's way along its line: between two steps a cubic with the mean speeds around each."""
+        """Arc length of its middle along its path, m: between two steps a cubic with the mean speeds around each."""
         k, u = self._step(t_s)
-        (v0, v1), w = self._speeds(k), self.way
+        (v0, v1), w = self._speeds(k), self.front_m
         rising = u * u * (3 - 2 * u)
         return float(w[k] + rising * (w[k + 1] - w[k]) + u * (1 - u) * ((1 - u) * v0 - u * v1)) - 0.5 * self.length_m
 
@@ -80,12 +80,12 @@ class Vehicle:
     def _step(self, t_s: float) -> tuple[int, float]:
         """The step before a time, and the share of the next one that has passed."""
         steps = (t_s - self.born_s) / self.step_s
-        k = int(np.clip(np.floor(steps), 0, len(self.way) - 2))
+        k = int(np.clip(np.floor(steps), 0, len(self.front_m) - 2))
         return k, steps - k
 
     def _speeds(self, k: int) -> tuple[float, float]:
         """Speed at step k and at the next one, m a step."""
-        w, last = self.way, len(self.way) - 1
+        w, last = self.front_m, len(self.front_m) - 1
         return float(w[k + 1] - w[max(k - 1, 0)]) / (2 if k else 1), float(w[min(k + 2, last)] - w[k]) / (2 if k + 2 <= last else 1)
 
     def at(self, t_s: float) -> tuple[float, float, float]:
@@ -96,10 +96,10 @@ class Vehicle:
 
 
 class TrafficSource(Protocol):
-    """Gives the vehicles of a time."""
+    """Source of the vehicles present at a time."""
 
     def vehicles(self, t_s: float) -> Sequence[Vehicle]:
-        """All that are there."""
+        """The vehicles that are there at a time."""
         ...
 
 

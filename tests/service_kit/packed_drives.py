@@ -10,7 +10,7 @@ from wayloom.client.manifests import PackedDrive
 from wayloom.store.manifest import Manifest, ManifestFile
 
 
-def parcel(
+def packed_drive(
     folder: Path, name: str = "drive", play: dict[str, object] | None = None, sizes: tuple[int, ...] = (1000, 0)
 ) -> PackedDrive:
     """A drive with files of these sizes and a `play.json` that says what its stages shall do."""
@@ -18,10 +18,10 @@ def parcel(
     rng = np.random.default_rng(sum(name.encode()))
     contents = {f"log/image_0/{i:06}.png": rng.bytes(size) for i, size in enumerate(sizes)}
     contents["log/play.json"] = json.dumps(play or {}).encode()
-    return parcel_of(folder, name, contents)
+    return packed_drive_of(folder, name, contents)
 
 
-def parcel_of(folder: Path, name: str, contents: dict[str, bytes]) -> PackedDrive:
+def packed_drive_of(folder: Path, name: str, contents: dict[str, bytes]) -> PackedDrive:
     """A drive of these files."""
     sources, files = {}, []
     for path, content in contents.items():
