@@ -78,8 +78,8 @@ def test_a_second_run_does_nothing_twice(done, log_path, settings, clip_a_gnss):
 def test_another_network_is_run_and_what_follows_from_it(done, log_path, settings, clip_a_gnss, tmp_path):
     out, first = done
     other = colour_network(tmp_path, "others", THREE.replace("13, 8, 10", "0, 8, 10"))
-    another = settings.model_copy(update={"segmentation": SegmentationSettings(model=str(other))})
-    second = process_drive(log_path, out, another, clip_a_gnss)
+    with_other = settings.model_copy(update={"segmentation": SegmentationSettings(model=str(other))})
+    second = process_drive(log_path, out, with_other, clip_a_gnss)
     assert reused(second) == ["ingest", "odometry", "georeference"]
     assert set(np.unique(second.labels.stereo)) != set(np.unique(first.labels.stereo))
 

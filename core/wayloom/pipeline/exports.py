@@ -30,7 +30,7 @@ def write_exports(
 ) -> None:
     """Write trajectory.tum, .kitti and, with GNSS, .geojson; cloud.ply and cloud.laz; map.png; overlays/."""
     trajectory = odometry.trajectory
-    write_tum(folder / "trajectory.tum", trajectory.t_ns, trajectory.T_world_cam)
+    write_tum(folder / "trajectory.tum", trajectory.t_ns, trajectory.T_world_cam, trajectory.tracked)
     write_kitti(folder / "trajectory.kitti", trajectory.T_world_cam)
     if geo.frame is not None:
         export_geojson_track(folder / "trajectory.geojson", geo.T_enu_cam, geo.frame, log.name)
