@@ -14,13 +14,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.calibration.learn import chi_square, learn_rig
+from wayloom.calibration.covariance import chi_square
+from wayloom.calibration.learn import learn_rig
 from wayloom.calibration.sampling import Sampler
 from wayloom.calibration.settings import CalibrationSettings
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry.lens import IDENTITY, RightLens, lens_from_values
 from wayloom.logs.types import DriveLog
-from wayloom.odometry import frame_source
+from wayloom.odometry import frame_source, warm_up
 from wayloom.odometry.observers import Observer
 from wayloom.odometry.odometry import track
 from wayloom.odometry.rig import rows
@@ -76,8 +77,10 @@ def track_calibrated(
     report. matches : of the first pairs, as of `frame_source.first_matches`, where the caller has them."""
     if lens is not None or not settings.self_calibration:
         return track(log, settings, progress, threads, IDENTITY if lens is None else lens, observers, matches)
+    frame_source.check_rig(log)
+    warm_up.compile_odometry(False, progress)
     start = process_time()
-    progress(0.0, "learning the right camera's lens from pieces of the drive (compiling kernels, first run only)")
+    progress(0.0, "learning the right camera's lens from pieces of the drive")
     if matches is None:
         with frame_source.one_opencv_thread():
             matches = frame_source.first_matches(log, settings.row_frames)

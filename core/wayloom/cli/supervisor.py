@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -99,6 +99,19 @@ class Supervisor:
 def _signal(child: Child, number: signal.Signals) -> None:
     if child.process is not None and child.process.poll() is None:
         child.process.send_signal(number)
+
+
+@contextlib.contextmanager
+def compiling_kernels() -> Iterator[None]:
+    """While this lasts, a process of its own compiles what the odometry's kernels still lack, at low priority."""
+    command = [sys.executable, "-m", "wayloom.odometry.warm_up"]
+    silence = subprocess.DEVNULL
+    child = subprocess.Popen(command, stdin=silence, stdout=silence, stderr=silence, preexec_fn=ending_with_parent(signal.SIGKILL))
+    try:
+        yield
+    finally:
+        child.kill()
+        child.wait()
 
 
 def ending_with_parent(number: signal.Signals) -> Callable[[], None] | None:
