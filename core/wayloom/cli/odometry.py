@@ -56,8 +56,11 @@ def odometry_command(
     from wayloom.odometry.rig.calibration_observations import ObservationCollector
     from wayloom.pipeline.folders import writing_to
     from wayloom.pipeline.settings import load_settings
+    from wayloom.pipeline.usable import check_rig
 
-    settings = load_settings(config, Option("--threads", "threads", threads), Option("--rig", "rig", rig)).settings
+    loaded = load_settings(config, Option("--threads", "threads", threads), Option("--rig", "rig", rig))
+    check_rig(loaded)
+    settings = loaded.settings
     drive = open_log(log, gnss=gnss)
     check_outside(drive, out, points, json, evidence, debug)
     lens, doubts = lens_for_log(settings.rig, drive)

@@ -1,10 +1,8 @@
 """Checks that settings which passed their types can be used on this machine: rig file, network, device."""
 
-from pathlib import Path
-
 from wayloom.calibration.rig_file import read_rig_file
 from wayloom.config.sources import Loaded
-from wayloom.errors import ConfigError, InputError
+from wayloom.errors import InputError
 from wayloom.pipeline.settings import WayloomSettings
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model, locate
 
@@ -14,13 +12,9 @@ def check_usable(loaded: Loaded[WayloomSettings], runs_stages: bool = True) -> N
 
     runs_stages : whether this process will run the network itself; else its file and the device are another machine's
     """
-    settings = loaded.settings
+    check_rig(loaded)
     try:
-        _check_rig(settings.rig)
-    except InputError as error:
-        raise loaded.refusal("rig", str(error)) from None
-    try:
-        description = find_model(settings.segmentation.model or DEFAULT_MODEL)
+        description = find_model(loaded.settings.segmentation.model or DEFAULT_MODEL)
         if runs_stages:
             locate(description)
     except InputError as error:
@@ -29,12 +23,17 @@ def check_usable(loaded: Loaded[WayloomSettings], runs_stages: bool = True) -> N
         _check_device(loaded)
 
 
-def _check_rig(rig: Path | None) -> None:
+def check_rig(loaded: Loaded[WayloomSettings]) -> None:
+    """Raise ConfigError, naming where the value stands, for a rig file or folder that is not there, and for a file that is none."""
+    rig = loaded.settings.rig
     if rig is None or rig.is_dir():
         return
     if not rig.exists():
-        raise ConfigError("no such file or folder", file=rig, remedy="name a RIG.toml of `wayloom calibrate`, or a folder of them")
-    read_rig_file(rig)
+        raise loaded.refusal("rig", f"{rig}: no such file or folder", "name a RIG.toml of `wayloom calibrate`, or a folder of them")
+    try:
+        read_rig_file(rig)
+    except InputError as error:
+        raise loaded.refusal("rig", str(error)) from None
 
 
 def _check_device(loaded: Loaded[WayloomSettings]) -> None:
