@@ -4,6 +4,8 @@ import pytest
 from wayloom.geometry import se3
 from wayloom.odometry.kernels import linear
 
+pytestmark = pytest.mark.kernels
+
 
 @pytest.mark.parametrize("size", [0.0, 1e-9, 1e-4, 0.01, 1.0])
 def test_exponential_and_logarithm_agree_with_the_geometry_room(size: float) -> None:

@@ -18,6 +18,8 @@ from wayloom.odometry.kernels.matches import (
     template_equations,
 )
 
+pytestmark = pytest.mark.kernels
+
 SIZE = (90, 140)
 
 

@@ -6,6 +6,8 @@ from wayloom.odometry.kernels import stereo as kernels
 from wayloom.odometry.points import stereo
 from wayloom.odometry.points.selection import select_candidates
 
+pytestmark = pytest.mark.kernels
+
 
 def naive_best_column(template, image, u, v, low, high):
     low, high = max(kernels.HALF_W, low), min(image.shape[1] - 1 - kernels.HALF_W, high)

@@ -12,6 +12,8 @@ from wayloom.odometry.kernels.arrays import PATTERN
 from wayloom.odometry.kernels.patch import make_scratch
 from wayloom.odometry.settings import OdometrySettings
 
+pytestmark = pytest.mark.kernels
+
 STRICT = ROBUST._replace(max_energy=70.0)
 GREY_SIGMA = OdometrySettings().grey_sigma
 

@@ -9,6 +9,8 @@ from wayloom.geometry import se3
 from wayloom.odometry.kernels import tracking
 from wayloom.odometry.tracking import pyramid
 
+pytestmark = pytest.mark.kernels
+
 LEVEL = np.array([CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy])
 
 

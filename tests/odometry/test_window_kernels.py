@@ -11,6 +11,8 @@ from wayloom.odometry.backend.window import Window
 from wayloom.odometry.kernels import adjustment, equations, linear, patch
 from wayloom.odometry.kernels.arrays import LEAST_ALIKE, LEFT_ALIKE, PATTERN, RIGHT, RIGHT_ALIKE
 
+pytestmark = pytest.mark.kernels
+
 
 def ray(uv):
     return (uv[0] - NUMBERS.cx) / NUMBERS.fx, (uv[1] - NUMBERS.cy) / NUMBERS.fy
