@@ -10,6 +10,8 @@ from made_drive import CAMERA
 from wayloom.labelling.kernels import visibility, voting
 from wayloom.segmentation.scores import STEPS_PER_NAT, Scores, rest_steps, scores_from_logits
 
+pytestmark = pytest.mark.kernels
+
 SEEDS = st.integers(0, 10_000)
 FEW = settings(max_examples=40, deadline=None)
 

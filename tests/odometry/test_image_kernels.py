@@ -4,6 +4,8 @@ import pytest
 from wayloom.odometry.kernels import images, selection
 from wayloom.odometry.points.selection import gradient_thresholds, next_cell, select_candidates, spread_sample
 
+pytestmark = pytest.mark.kernels
+
 
 def noise(shape: tuple[int, int] = (41, 53)) -> np.ndarray:
     return np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)

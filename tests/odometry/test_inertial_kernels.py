@@ -15,6 +15,8 @@ from wayloom.odometry.kernels.arrays import Frames
 from wayloom.odometry.kernels.compiler import opened
 from wayloom.odometry.kernels.inertial import Inertial
 
+pytestmark = pytest.mark.kernels
+
 F64 = NDArray[np.float64]
 DENSITY = np.array([1e-3, 1e-2])
 TIMES = (1.0, 1.4, 2.1)
@@ -109,6 +111,7 @@ def test_the_motion_changes_with_the_bias_as_its_derivative_says() -> None:
         np.testing.assert_allclose(change / 2e-4, J[:, k], atol=1e-6)
 
 
+@pytest.mark.compiled
 def test_the_covariance_is_that_of_noisy_samples() -> None:
     t, force, rate = ideal_samples()
     R, v, p, _, C = preintegrated(t, force, rate, 1.0, 2.0, np.zeros(6))

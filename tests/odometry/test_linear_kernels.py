@@ -5,6 +5,8 @@ from wayloom.geometry import se3
 from wayloom.odometry.kernels import linear
 from wayloom.odometry.kernels.compiler import opened
 
+pytestmark = pytest.mark.kernels
+
 
 @pytest.mark.parametrize("size", [0.0, 1e-9, 1e-4, 0.01, 1.0])
 def test_exponential_and_logarithm_agree_with_the_geometry_room(size: float) -> None:

@@ -10,6 +10,8 @@ from wayloom.odometry.kernels import matches
 from wayloom.odometry.kernels.compiler import opened
 from wayloom.odometry.kernels.matches import HALF, SEARCH_HALF, match_patches
 
+pytestmark = pytest.mark.kernels
+
 bilinear, cubic, stays_inside = opened(matches.bilinear), opened(matches.cubic), opened(matches.stays_inside)
 right_side, search = opened(matches.right_side), opened(matches.search)
 template_equations = opened(matches.template_equations)

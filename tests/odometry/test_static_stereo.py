@@ -7,6 +7,7 @@ from wayloom.odometry.kernels.compiler import opened
 from wayloom.odometry.points import stereo
 from wayloom.odometry.points.selection import select_candidates
 
+pytestmark = pytest.mark.kernels
 best_column, refine_column, patch_sums = (opened(part) for part in (kernels.best_column, kernels.refine_column, kernels.patch_sums))
 
 

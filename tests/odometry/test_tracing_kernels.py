@@ -13,6 +13,7 @@ from wayloom.odometry.kernels.compiler import opened
 from wayloom.odometry.kernels.patch import make_scratch
 from wayloom.odometry.settings import OdometrySettings
 
+pytestmark = pytest.mark.kernels
 search_line, settle = opened(tracing.search_line), opened(tracing.settle)
 
 STRICT = ROBUST._replace(max_energy=70.0)

@@ -10,6 +10,8 @@ from wayloom.odometry.kernels import tracking
 from wayloom.odometry.kernels.compiler import opened
 from wayloom.odometry.tracking import pyramid
 
+pytestmark = pytest.mark.kernels
+
 LEVEL = np.array([CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy])
 
 

@@ -15,6 +15,8 @@ from wayloom.odometry.kernels.compiler import opened
 patch_residual, projection_jacobian = opened(patch.patch_residual), opened(patch.projection_jacobian)
 looks_alike, coupling_of_state = opened(patch.looks_alike), opened(equations.coupling_of_state)
 
+pytestmark = pytest.mark.kernels
+
 
 def ray(uv):
     return (uv[0] - NUMBERS.cx) / NUMBERS.fx, (uv[1] - NUMBERS.cy) / NUMBERS.fy

@@ -15,6 +15,8 @@ from wayloom.stitching.merge import MAX_WEIGHT, OFFSET_STEPS, STATIC_CLASSES, VO
 from wayloom.stitching.settings import MergeSettings
 from wayloom.stitching.voxel_map import VoxelMap
 
+pytestmark = pytest.mark.kernels
+
 COARSE = MergeSettings(voxel_m=0.5)
 FIELDS = ("keys", "points_enu", "votes", "label", "count", "drives", "last_seen_ns")
 

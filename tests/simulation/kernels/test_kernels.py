@@ -10,6 +10,8 @@ from wayloom.simulation.kernels.arrays import DepthMap, TextureStack, Triangles,
 from wayloom.simulation.rendering.renderer import World
 from wayloom.simulation.textures.materials import Material
 
+pytestmark = pytest.mark.kernels
+
 WIDTH, HEIGHT = 40, 24
 
 
