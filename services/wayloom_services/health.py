@@ -8,11 +8,11 @@ from redis.exceptions import RedisError
 
 from wayloom import __version__
 from wayloom.config.classes import CLASS_NAMES, MOVING_CLASSES, PALETTE, SKY
+from wayloom.config.stages import drive_stages, map_stages
 from wayloom.store import counts, migrate
 from wayloom.store.database import DatabaseError, Session
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.schemas import ClassOut, Health, Info
-from wayloom_services.views import ALL_STAGES
 
 router = APIRouter(tags=["service"])
 
@@ -53,7 +53,7 @@ async def info(service: ServiceDep) -> Info:
         version=__version__,
         map_id=settings.map_id,
         needs_key=settings.api_key is not None,
-        stages=list(ALL_STAGES),
+        stages=[*drive_stages(), *map_stages()],
         classes=classes,
     )
 

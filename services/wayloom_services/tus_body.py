@@ -103,8 +103,7 @@ async def complete(service: Service, upload: Upload) -> None:
         uploads.mark_complete(session, upload.id)
         return drives.mark_complete(session, upload.drive_id, upload.path)
 
-    woken = await service.write(finish)
-    await service.wake([woken] if woken else [])
+    await service.notify(await service.write(finish))
 
 
 async def forget(service: Service, upload: Upload) -> None:

@@ -4,14 +4,12 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 
+from wayloom.config.stages import drive_stages, map_stages
 from wayloom.store import drives
 from wayloom.store.database import Session
 from wayloom.store.drives import Received
-from wayloom.store.queues import DRIVE_STAGES, MAP_STAGES
 from wayloom.store.tables import Drive, Job, MapVersion, SubmapRow
 from wayloom_services.schemas import DriveOut, StageOut, SubmapOut, VersionOut
-
-ALL_STAGES = DRIVE_STAGES + MAP_STAGES
 
 
 def drives_out(session: Session, rows: Sequence[Drive]) -> list[DriveOut]:
@@ -58,7 +56,7 @@ def submap_out(row: SubmapRow) -> SubmapOut:
 def _stages(drive: Drive, jobs: Sequence[Job], now: float) -> list[StageOut]:
     """Every stage that the drive will have, those without a row yet as waiting."""
     found = {job.stage: job for job in jobs}
-    names = DRIVE_STAGES if drive.placed is False else ALL_STAGES
+    names = drive_stages() if drive.placed is False else (*drive_stages(), *map_stages())
     return [_stage(found[name], now) if name in found else _waiting(name) for name in names]
 
 

@@ -1,17 +1,22 @@
-"""Evidence of made drives: points of a street seen by a rig with a known lens, with noise and outliers."""
+"""Calibration observations of made drives: points of a street seen by a rig with a known lens, with noise and outliers."""
 
 import numpy as np
+from numpy.typing import NDArray
 
+from wayloom.calibration.covariance import REGIONS
 from wayloom.calibration.residuals import lens_of_drive
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import IDENTITY, RightLens, project_scaled
 from wayloom.odometry.rig.calibration_observations import TARGETS, CalibrationObservations
 
+FloatArray = NDArray[np.float64]
 CAMERA = PinholeCamera(718.0, 716.0, 607.0, 185.0, 1241, 376)
 RIG = StereoRig(CAMERA, (-0.537, 0.001, 0.0005))
 LENS = RightLens(0.8e-3, -1.5e-3, 1.0e-3, 2e-3, -3e-3, 1.0015, -0.8, 0.008, -8e-4, 1.5e-3)
 BORDER_PX = 8.0
+RIGHT = [0, *range(1 + TARGETS, 1 + 2 * TARGETS)]
+"""Of a point's matches, those in right images."""
 
 
 def made_drive(
@@ -23,11 +28,18 @@ def made_drive(
     turn_rad: float = 0.03,
     noise_px: float = 0.1,
     outliers: float = 0.05,
+    group_px: float = 0.0,
+    field_px: FloatArray | None = None,
     offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
     rig_id: str | None = "made",
     rig: StereoRig = RIG,
 ) -> CalibrationObservations:
-    """A drive of groups that turn by about turn_rad a metre; offsets: its own disparity bias in px, pitch and roll in rad."""
+    """A drive of match groups that turn by about turn_rad a metre.
+
+    group_px   sigma of an error that all right matches of one group share in a region of the image, in both directions
+    field_px   (REGIONS[1], REGIONS[0], 2) errors that all right matches of the rig share in a region
+    offsets    the drive's own disparity bias in px, pitch and roll in rad
+    """
     rng = np.random.default_rng(seed)
     own, columns = lens_of_drive(lens, np.array(offsets)), []
     T_guess = np.zeros((groups, TARGETS, 4, 4))
@@ -35,6 +47,9 @@ def made_drive(
         T, T_guess[s] = _motion(rng, turn_rad)
         uv, measured = _matches(rng, T, own, rig, points)
         measured += noise_px * rng.normal(size=measured.shape)
+        if group_px or field_px is not None:
+            shared = group_px * rng.normal(size=(*REGIONS[::-1], 2)) + (0.0 if field_px is None else field_px)
+            measured[:, RIGHT] += shared[*_region(measured[:, RIGHT], rig.camera)]
         wrong = rng.random(measured.shape[:2]) < outliers
         measured[wrong] += rng.normal(0, 1.5, (int(wrong.sum()), 2))
         columns.append((np.full(len(uv), s), uv, measured))
@@ -45,6 +60,13 @@ def made_drive(
         group.astype(np.int32), uv.astype(np.int32), measured[:, 0].astype(np.float32),
         measured[:, 1 : 1 + TARGETS].astype(np.float32), measured[:, 1 + TARGETS :].astype(np.float32),
     )  # fmt: skip
+
+
+def _region(pixels: FloatArray, camera: PinholeCamera) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Row and column of REGIONS in which pixels (..., 2) lie."""
+    size = np.array([camera.width, camera.height]) / REGIONS
+    across, down = np.moveaxis(np.clip(np.nan_to_num(pixels) // size, 0, np.array(REGIONS) - 1).astype(np.intp), -1, 0)
+    return down, across
 
 
 def _motion(rng: np.random.Generator, turn_rad: float) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from made_observations import CAMERA, LENS, RIG, made_drive
 
-from wayloom.calibration.learn import Calibration, field_sigma, field_size, learn_rig, undetermined
+from wayloom.calibration.covariance import field_sigma
+from wayloom.calibration.learn import Calibration, field_size, learn_rig, undetermined
 from wayloom.calibration.settings import CalibrationSettings
 from wayloom.errors import CalibrationError
 from wayloom.geometry.camera import PinholeCamera, StereoRig

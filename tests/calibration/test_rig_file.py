@@ -3,7 +3,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wayloom.calibration.learn import learn_rig
 from wayloom.calibration.rig_file import RigFile, differences, read_rig_file, text_of, write_rig_file
+from wayloom.calibration.score_moments import SIZE, ScoreMoments
 from wayloom.errors import CalibrationError
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import PARAMETERS, RightLens
@@ -17,7 +19,11 @@ def made() -> RigFile:
     root = rng.normal(size=(11, 11))
     determined = np.array([True] * 7 + [False, True, True])
     information, pull = root @ root.T, rng.normal(size=11)
-    return RigFile("car-7", RIG, ('a"b', "straße\n2"), LENS, rng.uniform(0, 1e-3, 10), determined, information, pull, 321, 0.11)
+    y = rng.normal(size=(30, SIZE))
+    scores = ScoreMoments(y.T @ y, -1.5e-6, 14.5)
+    return RigFile(
+        "car-7", RIG, ('a"b', "straße\n2"), LENS, rng.uniform(0, 1e-3, 10), determined, information, pull, scores, 321, 0.11
+    )
 
 
 def test_a_rig_file_comes_back_as_it_was_written(tmp_path: Path) -> None:
@@ -28,6 +34,9 @@ def test_a_rig_file_comes_back_as_it_was_written(tmp_path: Path) -> None:
     )  # fmt: skip
     for name in ("sigma", "determined", "information", "pull"):
         np.testing.assert_array_equal(getattr(back, name), getattr(made(), name))
+    assert back.scores is not None
+    np.testing.assert_array_equal(back.scores.moments, made().scores.moments)
+    assert (back.scores.region_excess_px2, back.scores.region_freedom) == (-1.5e-6, 14.5)
 
 
 def test_a_rig_without_a_name_stays_nameless(tmp_path: Path) -> None:
@@ -39,7 +48,7 @@ def test_a_rig_without_a_name_stays_nameless(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("format_version = 1", "format_version = 2", "format_version 2"),
+        ("format_version = 2", "format_version = 3", "format_version 3"),
         ("k1 = 0.01", "k1 = nan", "right_lens.k1"),
         ("k1 = 0.01", "k1 = 7.0", "right_lens.k1: is impossible"),
         ("k1 = 0.01", "k3 = 0.01", "right_lens.k1: is missing"),
@@ -47,8 +56,11 @@ def test_a_rig_without_a_name_stays_nameless(tmp_path: Path) -> None:
         ("[camera]", "[lens]", "camera.fx: is missing"),
         ("t_right_left_m = [-", "t_right_left_m = [", "baseline"),
         ("drives = [", "drives = [3, ", "drives"),
-        ("pull = [", "pull = [1.0, ", "evidence.pull"),
-        ("information = [", "information = [[1.0], ", "evidence.information"),
+        ("pull = [", "pull = [1.0, ", "normal_equations.pull"),
+        ("information = [", "information = [[1.0], ", "normal_equations.information"),
+        ("moments = [", "moments = [[1.0], ", "scores.moments"),
+        ("moments = [\n  [", "moments = [\n  [-", "scores.moments: has a negative"),
+        ("region_freedom = ", "region_freedom = -", "scores.region_freedom"),
         ("rig_id = ", "rig_id = 3 #", "rig_id"),
         ("[right_lens]", "[right_lens", "no TOML"),
     ],
@@ -62,6 +74,15 @@ def test_a_damaged_file_is_refused_with_the_key_that_is_wrong(old: str, new: str
         read_rig_file(file)
     assert says in str(raised.value)
     assert str(file) in str(raised.value)
+
+
+def test_a_file_of_format_1_still_gives_its_lens_and_takes_no_drives(tmp_path: Path) -> None:
+    text = text_of(made()).replace("format_version = 2", "format_version = 1").replace("[normal_equations]", "[evidence]")
+    (tmp_path / "RIG.toml").write_text(text[: text.index("# Of the match groups' scores")])
+    back = read_rig_file(tmp_path / "RIG.toml")
+    assert (back.lens, back.scores) == (LENS, None)
+    with pytest.raises(CalibrationError, match=r"format 1 .*learn it again from the observations of all its drives"):
+        learn_rig([], known=back)
 
 
 def test_a_file_that_is_not_there_is_an_error_of_one_line(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from wayloom.client.api import AnswerError, Api
 from wayloom.client.manifests import pack
 from wayloom.client.upload import upload
 from wayloom.client.watch import wait_for_drive
+from wayloom.config.backoff import Backoff
 from wayloom.errors import LogError, ServiceError
 
 
@@ -134,7 +135,7 @@ def test_a_file_that_changes_on_the_way_is_said(api: Api, tmp_path: Path) -> Non
 
 
 def test_a_server_that_is_not_there_is_said() -> None:
-    with Api("http://127.0.0.1:9", pauses_s=(0.01,)) as api, pytest.raises(ServiceError, match="does not answer"):
+    with Api("http://127.0.0.1:9", retries=Backoff(0.01, 0.01, 2)) as api, pytest.raises(ServiceError, match="does not answer"):
         api.json("GET", "/v1/drives")
 
 
@@ -190,7 +191,7 @@ def test_a_kitti_raw_log_with_its_calibration_beside_it_is_packed_whole(alone: A
 
 @pytest.mark.real_data
 def test_the_command_uploads_waits_and_tells(tmp_path: Path, clip_a: Path) -> None:
-    with service(tmp_path / "data", WAYLOOM_STEPS="service_kit.little_steps:EASY_STEPS") as up:
+    with service(tmp_path / "data", WAYLOOM_STAGE_HOOKS="service_kit.little_stages:easy_hooks") as up:
         few = few_frames(clip_a, tmp_path / "few")
         done = run_upload(up, few, "--wait", "--json", str(tmp_path / "said.json"))
         assert done.returncode == 0, done.stderr

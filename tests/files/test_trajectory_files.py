@@ -26,6 +26,31 @@ def test_evo_reads_our_tum_file(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.array(evo.poses_se3), T, atol=1e-7)
 
 
+def test_guessed_poses_stand_between_comments_that_evo_and_we_pass_over(tmp_path: Path) -> None:
+    t_ns, T = trajectory()
+    tracked = np.ones(40, bool)
+    tracked[:2] = tracked[10:14] = tracked[39:] = False
+    write_tum(tmp_path / "traj.tum", t_ns, T, tracked)
+    lines = (tmp_path / "traj.tum").read_text().splitlines()
+    guessed, kind = [], "tracked"
+    for line in lines:
+        if line.startswith("#"):
+            kind = line.removeprefix("# ").partition(":")[0]
+        else:
+            guessed.append(kind == "guessed")
+    assert guessed == (~tracked).tolist()
+    evo = file_interface.read_tum_trajectory_file(tmp_path / "traj.tum")
+    np.testing.assert_allclose(np.array(evo.poses_se3), T, atol=1e-7)
+    np.testing.assert_array_equal(read_tum(tmp_path / "traj.tum")[0], t_ns)
+
+
+def test_a_drive_that_was_tracked_throughout_has_a_file_without_comments(tmp_path: Path) -> None:
+    t_ns, T = trajectory()
+    write_tum(tmp_path / "plain.tum", t_ns, T)
+    write_tum(tmp_path / "tracked.tum", t_ns, T, np.ones(40, bool))
+    assert (tmp_path / "tracked.tum").read_bytes() == (tmp_path / "plain.tum").read_bytes()
+
+
 def test_evo_reads_our_kitti_file_as_poses_relative_to_the_first(tmp_path: Path) -> None:
     _, T = trajectory()
     write_kitti(tmp_path / "traj.kitti", T)

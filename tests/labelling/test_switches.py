@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from made_drive import CAMERA, HeldImages, even_images, made_drive, random_images, still_drive, texture
 
 from wayloom.labelling.settings import PAPER, LabellingSettings
-from wayloom.labelling.tcl import label_points, voting_frames
+from wayloom.labelling.tcl import label_points
 from wayloom.labelling.types import PointLabels
+from wayloom.labelling.voting_frames import voting_frames
 from wayloom.odometry.types import OdometryResult
 from wayloom.segmentation.scores import scores_from_logits
 

@@ -10,6 +10,10 @@ from wayloom.odometry.backend.inertial import NO_IMU
 from wayloom.odometry.backend.window import Window
 from wayloom.odometry.kernels import adjustment, equations, linear, patch
 from wayloom.odometry.kernels.arrays import LEAST_ALIKE, LEFT_ALIKE, PATTERN, RIGHT, RIGHT_ALIKE
+from wayloom.odometry.kernels.compiler import opened
+
+patch_residual, projection_jacobian = opened(patch.patch_residual), opened(patch.projection_jacobian)
+looks_alike, coupling_of_state = opened(patch.looks_alike), opened(equations.coupling_of_state)
 
 
 def ray(uv):
@@ -23,7 +27,7 @@ def test_patch_sums_are_those_of_the_naive_patch() -> None:
     for i in range(5):
         scratch = patch.make_scratch()
         arguments = (points.rho[i], NUMBERS, 0.2, points.colour[i], points.weight[i], 1.1, -3.0, ROBUST)
-        energy, inside = patch.patch_residual(image, T, *ray(points.uv[i]), *arguments, scratch)
+        energy, inside = patch_residual(image, T, *ray(points.uv[i]), *arguments, scratch)
         M_slow, e_slow, energy_slow = patch_terms(image, T, *ray(points.uv[i]), *arguments)
         assert inside
         assert energy == pytest.approx(energy_slow, rel=1e-4)
@@ -36,7 +40,7 @@ def test_a_patch_outside_behind_or_not_finite_is_not_inside() -> None:
     image, colours, scratch = window.images.left[0], window.points.colour[0], patch.make_scratch()
 
     def inside(T, x, y, rho):
-        return patch.patch_residual(image, T, x, y, rho, NUMBERS, 0.0, colours, colours, 1.0, 0.0, ROBUST, scratch)[1]
+        return patch_residual(image, T, x, y, rho, NUMBERS, 0.0, colours, colours, 1.0, 0.0, ROBUST, scratch)[1]
 
     behind, broken = np.eye(4), np.eye(4)
     behind[2, 3], broken[0, 3] = -20.0, np.nan
@@ -52,7 +56,7 @@ def test_an_outlier_above_the_limit_has_no_sums() -> None:
     strict = ROBUST._replace(max_energy=50.0)
     colours = np.full(8, 250.0, np.float32)
     ones, scratch = np.ones(8, np.float32), patch.make_scratch()
-    energy, inside = patch.patch_residual(
+    energy, inside = patch_residual(
         window.images.left[0], np.eye(4), 0.0, 0.0, 0.1, NUMBERS, 0.0, colours, ones, 1.0, 0.0, strict, scratch
     )
     assert inside
@@ -63,7 +67,7 @@ def test_an_outlier_above_the_limit_has_no_sums() -> None:
 @pytest.mark.parametrize("right", [0.0, 1.0])
 def test_the_projections_jacobian_is_the_numerical_one(right: float) -> None:
     T, x, y, rho, J = se3.exp(np.array([0.1, -0.2, 0.4, 0.02, -0.03, 0.01])), 0.3, -0.2, 0.15, np.zeros((2, 8))
-    assert patch.projection_jacobian(T, x, y, rho, NUMBERS, right, J)
+    assert projection_jacobian(T, x, y, rho, NUMBERS, right, J)
     for k in range(6):
         xi = np.zeros(6)
         xi[k] = 1e-6
@@ -149,7 +153,7 @@ def test_the_windows_normal_equations_are_those_of_the_dense_numerical_twin() ->
     H, g, V, inverse, A = np.zeros((n, n)), np.zeros(n), np.zeros((N, n)), np.zeros(N), equations.host_maps(window.frames)
     adjustment.normal_equations(terms, A, window.points, 0.0, H, g, inverse)
     for i, host in enumerate(window.points.host):
-        equations.coupling_of_state(terms.coupling[i], terms.inlier[i], host, A, V[i])
+        coupling_of_state(terms.coupling[i], terms.inlier[i], host, A, V[i])
     scale = np.sqrt(np.diag(H_slow)[n:])
     np.testing.assert_allclose(V.T / scale, H_slow[:n, n:] / scale, rtol=1e-2, atol=2e-3 * np.abs(H_slow[:n, n:] / scale).max())
     H_reduced, g_reduced = schur(H_slow, g_slow, n)
@@ -166,7 +170,7 @@ def test_a_points_step_follows_from_its_couplings_to_the_pairs_as_from_those_to_
     x, row = np.random.default_rng(3).normal(size=1 + 8 * F), np.zeros(1 + 8 * F)
     local = equations.steps_of_pairs(A, x)
     for i, host in enumerate(window.points.host):
-        equations.coupling_of_state(terms.coupling[i], terms.inlier[i], host, A, row)
+        coupling_of_state(terms.coupling[i], terms.inlier[i], host, A, row)
         np.testing.assert_allclose((terms.coupling[i] * local[host]).sum(), row @ x, rtol=1e-9)
 
 
@@ -289,12 +293,12 @@ def test_a_patch_of_little_contrast_fits_a_plain_wall_by_its_energy_and_does_not
     rig, weights = NUMBERS._replace(fx=30.0, fy=30.0, cx=20.0, cy=20.0), np.ones(8, np.float32)
     alike = []
     for image in (wall, seen):
-        energy, inside = patch.patch_residual(
+        energy, inside = patch_residual(
             image, np.eye(4), 0.0, 0.0, 0.1, rig, 0.0, colours, weights, 1.0, 0.0, ROBUST._replace(max_energy=70.0), scratch
         )
         assert inside
         assert energy <= 70.0 * 8
-        alike.append(bool(patch.looks_alike(scratch.columns, LEAST_ALIKE)))
+        alike.append(bool(looks_alike(scratch.columns, LEAST_ALIKE)))
     assert alike == [False, True]
 
 

@@ -14,7 +14,8 @@ from wayloom.files.ply import read_ply
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
-from wayloom.pipeline.exports import cloud, write_exports
+from wayloom.pipeline.drive_map import cloud
+from wayloom.pipeline.exports import write_exports
 from wayloom.pipeline.plane import T_plane_enu, axis_labels
 
 

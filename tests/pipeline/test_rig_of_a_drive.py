@@ -15,8 +15,10 @@ from wayloom.logs.registry import open_log
 from wayloom.odometry.result.odometry_file import load_odometry
 from wayloom.odometry.rig.calibration_file import load_observations
 from wayloom.pipeline.drive import process_drive
+from wayloom.pipeline.log_source import LogSource
+from wayloom.pipeline.running import run_stage, stage_key
 from wayloom.pipeline.settings import ProcessSettings
-from wayloom.pipeline.stages import run_stage, stage_key
+from wayloom.pipeline.stage_context import StageContext
 
 FRAMES = 8
 LENS = RightLens(yaw_rad=1e-3, cx_shift_px=-0.7, ty=1e-3)
@@ -40,7 +42,7 @@ def odometry_stage(log_path: Path, folder: Path, settings: ProcessSettings) -> P
     """The stages ingest and odometry in a folder, without a network."""
     for name in ("ingest", "odometry"):
         (folder / name).mkdir(parents=True)
-        run_stage(name, log_path=log_path, gnss_path=None, inputs_dir=folder, out_dir=folder / name, settings=settings)
+        run_stage(name, StageContext(LogSource(log_path), folder, settings), folder / name)
     return folder / "odometry"
 
 
@@ -62,13 +64,11 @@ def test_every_drive_leaves_its_evidence_and_uses_the_lens_that_it_is_given(log_
 
 def test_the_odometrys_key_depends_on_the_lens_and_not_on_the_files_name(log_path: Path, tmp_path: Path) -> None:
     (tmp_path / "ingest").mkdir()
-    run_stage(
-        "ingest", log_path=log_path, gnss_path=None, inputs_dir=tmp_path, out_dir=tmp_path / "ingest", settings=ProcessSettings()
-    )
+    run_stage("ingest", StageContext(LogSource(log_path), tmp_path, ProcessSettings()), tmp_path / "ingest")
 
     def key(file: Path | None) -> str:
         settings = ProcessSettings(rig=file)
-        return stage_key("odometry", log_path=log_path, gnss_path=None, inputs_dir=tmp_path, settings=settings)
+        return stage_key("odometry", StageContext(LogSource(log_path), tmp_path, settings)).hex
 
     one, same = written(log_path, tmp_path / "one.toml"), written(log_path, tmp_path / "same.toml")
     other = written(log_path, tmp_path / "other.toml", RightLens(k1=1e-3))

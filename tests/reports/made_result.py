@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from wayloom.config.classes import CLASS_ID, VOID
+from wayloom.config.stages import drive_stages
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.georeference.alignment import georeference
@@ -19,8 +20,7 @@ from wayloom.logs.sidecars.oxts_writer import OxtsPacket
 from wayloom.logs.types import FixType, StereoFrame
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 from wayloom.pipeline.drive import DriveResult, StageTime
-from wayloom.pipeline.stages import STAGES
-from wayloom.segmentation.stage import KeyframeLabels
+from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.submaps.split import make_submaps
 
 FRAMES, KEYFRAME_EVERY, POINTS = 30, 5, 900
@@ -120,7 +120,7 @@ def made_result(
         labels=labels,
         geo=geo,
         submaps=make_submaps(log, odometry, labels, geo),
-        times={stage: StageTime(1.5 * i + 0.1, stage == "ingest") for i, stage in enumerate(STAGES)},
+        times={stage: StageTime(1.5 * i + 0.1, stage == "ingest") for i, stage in enumerate(drive_stages())},
     )
 
 

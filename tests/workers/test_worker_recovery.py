@@ -19,9 +19,10 @@ from wayloom.client.api import Api
 from wayloom.client.upload import upload
 from wayloom.client.watch import wait_for_drive
 from wayloom.config.service import ServiceSettings
-from wayloom.store.queues import DRIVE_STAGES, QUEUES, TASK_NAME
+from wayloom.config.stages import drive_stages, map_stages, queues
+from wayloom.store.queues import TASK_NAME
 
-ALL = (*DRIVE_STAGES, "stitch", "publish")
+ALL = (*drive_stages(), *map_stages())
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +61,7 @@ def test_a_drive_goes_through_every_stage_into_the_map_and_out_again(up: Up, tmp
         assert [one["stage"] for one in drive["stages"]] == list(ALL)
         assert {one["state"] for one in drive["stages"]} == {"done"}
         assert {one["attempt"] for one in drive["stages"]} == {1}
-        assert starts(up, drive["id"]) == dict.fromkeys(DRIVE_STAGES, 1)
+        assert starts(up, drive["id"]) == dict.fromkeys(drive_stages(), 1)
     assert {first, second} <= set(api.json("GET", "/v1/maps/city")["drives"])
     assert upload(api, packed_drive(tmp_path / "a", "first", sizes=(10,) * 20))["created"] is False
     api.once("DELETE", f"/v1/drives/{first}")
@@ -80,7 +81,7 @@ def test_a_worker_killed_in_the_middle_of_a_stage_loses_that_stage_only(tmp_path
         drive = wait_for_drive(api, drive_id)
         assert drive["state"] == "done"
         assert time.monotonic() - started < 25
-        assert starts(up, drive_id) == {**dict.fromkeys(DRIVE_STAGES, 1), "labelling": 2}
+        assert starts(up, drive_id) == {**dict.fromkeys(drive_stages(), 1), "labelling": 2}
         assert stage(api, drive_id, "labelling")["attempt"] == 2
         assert set(before) == {"ingest", "odometry", "segmentation"}
         assert {name: when for name, when in outputs(up, drive_id).items() if name in before} == before
@@ -104,7 +105,7 @@ def test_a_service_killed_as_a_whole_leaves_no_process_and_goes_on_when_started_
     with service(tmp_path / "data") as again:
         drive = wait_for_drive(again.api(), drive_id)
         assert drive["state"] == "done"
-        assert starts(again, drive_id) == {**dict.fromkeys(DRIVE_STAGES, 1), "odometry": 2}
+        assert starts(again, drive_id) == {**dict.fromkeys(drive_stages(), 1), "odometry": 2}
 
 
 def is_running(pid: int) -> bool:
@@ -144,7 +145,7 @@ def test_a_broker_that_is_killed_is_started_again_and_the_drive_goes_on(tmp_path
         drive_id = upload(api, packed_drive(tmp_path / "a", play={"odometry": {"seconds": 0.5}}))["id"]
         up.kill("unixsocket")
         assert wait_for_drive(api, drive_id)["state"] == "done"
-        assert starts(up, drive_id) == dict.fromkeys(DRIVE_STAGES, 1)
+        assert starts(up, drive_id) == dict.fromkeys(drive_stages(), 1)
 
 
 def test_messages_delivered_many_times_and_a_second_sweeper_do_no_harm(up: Up, tmp_path: Path) -> None:
@@ -161,15 +162,15 @@ def test_messages_delivered_many_times_and_a_second_sweeper_do_no_harm(up: Up, t
     )
     try:
         api = up.api()
-        drive_id = upload(api, packed_drive(tmp_path / "a", play={name: {"seconds": 0.2} for name in DRIVE_STAGES}))["id"]
+        drive_id = upload(api, packed_drive(tmp_path / "a", play={name: {"seconds": 0.2} for name in drive_stages()}))["id"]
         deadline = time.monotonic() + 30
         while api.drive(drive_id)["state"] not in ("done", "failed") and time.monotonic() < deadline:
             for job_id in range(1, 60):
-                for queue in QUEUES[:1]:
+                for queue in queues()[:1]:
                     broker.send_task(TASK_NAME, args=[job_id], queue=queue)
             time.sleep(0.3)
         assert api.drive(drive_id)["state"] == "done"
-        assert starts(up, drive_id) == dict.fromkeys(DRIVE_STAGES, 1)
+        assert starts(up, drive_id) == dict.fromkeys(drive_stages(), 1)
     finally:
         broker.close()
         second.send_signal(signal.SIGTERM)
@@ -189,7 +190,7 @@ def test_a_stage_that_fails_is_tried_again_and_then_given_up_with_its_reason(up:
     (up.data / "drives" / bad["id"] / "log" / "play.json").write_text("{}")
     api.once("POST", f"/v1/drives/{bad['id']}/retry")
     assert wait_for_drive(api, bad["id"])["state"] == "done"
-    assert starts(up, bad["id"]) == {**dict.fromkeys(DRIVE_STAGES, 1), "segmentation": 2}
+    assert starts(up, bad["id"]) == {**dict.fromkeys(drive_stages(), 1), "segmentation": 2}
 
 
 def test_a_drive_without_a_place_on_earth_ends_outside_of_the_map_and_says_so(up: Up, tmp_path: Path) -> None:

@@ -92,23 +92,53 @@ def adjust(
     return fit
 
 
-def drive_information(fit: Adjustment, d: int, settings: CalibrationSettings) -> tuple[FloatArray, FloatArray]:
-    """(11, 11) and (11,) of lens and kappa by one drive: its groups and its offsets' prior, the offsets eliminated."""
-    H, g = _drive_sums(fit, d, settings)
+def drive_information(
+    fit: Adjustment, d: int, settings: CalibrationSettings, curvature: float = 1.0
+) -> tuple[FloatArray, FloatArray]:
+    """(11, 11) and (11,) of lens and kappa by one drive: its groups and its offsets' prior, the offsets eliminated.
+
+    curvature : of the energy, over that of its reweighted squares
+    """
+    H, g = _drive_sums(fit, d, settings, curvature)
     gain = _offset_gain(H)
     return H[np.ix_(STAY, STAY)] - gain @ H[np.ix_(LEAVE, STAY)], g[STAY] - gain @ g[LEAVE]
 
 
 def lens_information(fit: Adjustment, settings: CalibrationSettings) -> tuple[FloatArray, FloatArray]:
     """(11, 11) and (11,) of lens and kappa by all drives, without the lens's prior, about the present lens."""
-    parts = [drive_information(fit, d, settings) for d in range(len(fit.equations))]
+    return _sum_of([drive_information(fit, d, settings) for d in range(len(fit.equations))])
+
+
+def lens_expansion(fit: Adjustment, settings: CalibrationSettings) -> tuple[FloatArray, FloatArray]:
+    """As `lens_information`, with the robust energy's own curvature: its expansion to second order, which stands for these drives
+    when others are added."""
+    return _sum_of([drive_information(fit, d, settings, curvature_ratio(fit.weights[d])) for d in range(len(fit.equations))])
+
+
+def curvature_ratio(weights: FloatArray) -> float:
+    """Curvature of the Cauchy energy over that of the reweighted squares, for weights (P, 5).
+
+    With w = 1/(1 + s), s = |r|^2/c^2, the energy's second derivative by r is w I - 2 w^2 r r^T/c^2, of trace 2 w (1 - w s) = 2 w^2.
+    """
+    return float((weights**2).sum() / max(weights.sum(), 1e-12))
+
+
+def group_scores(fit: Adjustment, d: int, settings: CalibrationSettings) -> tuple[FloatArray, FloatArray]:
+    """Scores (S, 10) and curvatures (S, 10, 10) of a drive's match groups for the lens, the drive's offsets eliminated.
+
+    With G = H_lo (H_oo + A)^-1, A the offsets' prior, a group's score is (I, -G) g and its curvature (I, -G) H (I, -G)^T; with
+    G A G^T these sum to the drive's.
+    """
+    ratio, free = curvature_ratio(fit.weights[d]), slice(0, LENS + DRIVE)
+    gain = _offset_gain(_drive_sums(fit, d, settings, ratio)[0])[:LENS]
+    reduce = np.hstack([np.eye(LENS), -gain])
+    scores = np.array([reduce @ e.g[free] for e in fit.equations[d]]).reshape(-1, LENS)
+    curvatures = np.array([ratio * reduce @ e.H[free, free] @ reduce.T for e in fit.equations[d]]).reshape(-1, LENS, LENS)
+    return scores, curvatures
+
+
+def _sum_of(parts: list[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
     return sum((H for H, _ in parts), np.zeros((len(STAY), len(STAY)))), sum((g for _, g in parts), np.zeros(len(STAY)))
-
-
-def group_scores(fit: Adjustment, d: int, settings: CalibrationSettings) -> FloatArray:
-    """(S, 10): each group's own pull on the lens, the drive's offsets eliminated; with the prior's they cancel."""
-    gain = _offset_gain(_drive_sums(fit, d, settings)[0])[:LENS]
-    return np.array([s.g[:LENS] - gain @ s.g[LEAVE] for s in fit.equations[d]]).reshape(-1, LENS)
 
 
 def _offset_gain(H: FloatArray) -> FloatArray:
@@ -116,11 +146,11 @@ def _offset_gain(H: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(H[np.ix_(LEAVE, LEAVE)], H[np.ix_(LEAVE, STAY)]).T, np.float64)
 
 
-def _drive_sums(fit: Adjustment, d: int, settings: CalibrationSettings) -> tuple[FloatArray, FloatArray]:
-    """(14, 14) and (14,) of a drive's groups and of the prior of its offsets."""
+def _drive_sums(fit: Adjustment, d: int, settings: CalibrationSettings, curvature: float = 1.0) -> tuple[FloatArray, FloatArray]:
+    """(14, 14) and (14,) of a drive's groups, H times `curvature`, and of the prior of its offsets."""
     H, g = np.zeros((KEPT, KEPT)), np.zeros(KEPT)
     for group in fit.equations[d]:
-        H += group.H
+        H += curvature * group.H
         g += group.g
     information = 1.0 / settings.drive.sigmas**2
     H[LEAVE, LEAVE] += information

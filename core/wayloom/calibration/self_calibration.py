@@ -14,13 +14,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.calibration.learn import chi_square, learn_rig
+from wayloom.calibration.covariance import chi_square
+from wayloom.calibration.learn import learn_rig
 from wayloom.calibration.sampling import Sampler
 from wayloom.calibration.settings import CalibrationSettings
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry.lens import IDENTITY, RightLens, lens_from_values
 from wayloom.logs.types import DriveLog
-from wayloom.odometry import frame_source
+from wayloom.odometry import frame_source, warm_up
 from wayloom.odometry.observers import Observer
 from wayloom.odometry.odometry import track
 from wayloom.odometry.rig import rows
@@ -70,16 +71,19 @@ class SelfCalibration:
 
 def track_calibrated(
     log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
-    lens: RightLens | None = None, observers: Sequence[Observer] = (),
+    lens: RightLens | None = None, observers: Sequence[Observer] = (), matches: FloatArray | None = None,
 ) -> OdometryResult:  # fmt: skip
     """As `wayloom.odometry.odometry.track`; without a lens (of a rig's file) the drive's own is learnt first, and told in the
-    report."""
+    report. matches : of the first pairs, as of `frame_source.first_matches`, where the caller has them."""
     if lens is not None or not settings.self_calibration:
-        return track(log, settings, progress, threads, IDENTITY if lens is None else lens, observers)
+        return track(log, settings, progress, threads, IDENTITY if lens is None else lens, observers, matches)
+    frame_source.check_rig(log)
+    warm_up.compile_odometry(False, progress)
     start = process_time()
-    progress(0.0, "learning the right camera's lens from pieces of the drive (compiling kernels, first run only)")
-    with frame_source.one_opencv_thread():
-        matches = frame_source.first_matches(log, settings.row_frames)
+    progress(0.0, "learning the right camera's lens from pieces of the drive")
+    if matches is None:
+        with frame_source.one_opencv_thread():
+            matches = frame_source.first_matches(log, settings.row_frames)
     own = self_calibrated_lens(log, settings, matches)
     seconds = process_time() - start
     if not own.lens.is_ideal:

@@ -18,7 +18,7 @@ import typer
 
 from wayloom.cli.options import ConfigOption
 from wayloom.cli.progress_bars import ProgressBars
-from wayloom.cli.supervisor import ending_with_parent
+from wayloom.cli.supervisor import compiling_kernels, ending_with_parent
 from wayloom.errors import ConfigError, ServiceError, StageError
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def simulated(out: Path) -> Fleet:
         say(f"the simulated drives are in {folder}")
     else:
         say("simulating two drives of the same streets (the first run compiles its kernels)")
-        with ProgressBars() as bars:
+        with compiling_kernels(), ProgressBars() as bars:
             simulate(PRESET, folder, OutputSettings(SIZE), threads=min(4, os.cpu_count() or 1), progress=bars("simulating"))
     return Fleet(logs, None, (CITY_ORIGIN.lon_deg, CITY_ORIGIN.lat_deg, CITY_ORIGIN.height_m))
 

@@ -92,7 +92,7 @@ def write_results(
 
     trajectory = result.trajectory
     if trajectory_format is TrajectoryFormat.TUM:
-        write_tum(out, trajectory.t_ns, trajectory.T_world_cam)
+        write_tum(out, trajectory.t_ns, trajectory.T_world_cam, trajectory.tracked)
     else:
         write_kitti(out, trajectory.T_world_cam)
     if points is not None:

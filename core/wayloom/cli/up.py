@@ -49,7 +49,7 @@ def up_command(
 
 def run(settings: "WayloomSettings", listener: socket.socket, workers: int, ready_file: Path | None) -> None:
     """Start everything, say so, and watch over it until a signal comes."""
-    from wayloom.cli.supervisor import Supervisor
+    from wayloom.cli.supervisor import Supervisor, compiling_kernels
     from wayloom.files.atomic import write_atomically
     from wayloom.store.database import Database
     from wayloom.store.migrate import upgrade
@@ -68,9 +68,10 @@ def run(settings: "WayloomSettings", listener: socket.socket, workers: int, read
             print(f"wayloom is ready at {url}   (data in {settings.data_dir}; Ctrl-C ends it)", flush=True)
             if ready_file is not None:
                 write_atomically(ready_file, f"{url}\n".encode())
-        while not stop.wait(0.25):
-            for event in supervisor.look():
-                sys.stderr.write(f"wayloom: {event}\n")
+        with compiling_kernels():
+            while not stop.wait(0.25):
+                for event in supervisor.look():
+                    sys.stderr.write(f"wayloom: {event}\n")
     finally:
         supervisor.stop()
         if ready_file is not None:

@@ -3,14 +3,13 @@
 import base64
 import hashlib
 import threading
-import time
-from collections.abc import Iterator
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any, Final
 
 from wayloom.client.api import RETRIED_STATUS, AnswerError, Api
 from wayloom.client.manifests import PackedDrive
+from wayloom.config.backoff import Backoff
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError, ServiceError
 
@@ -19,6 +18,8 @@ CHUNK: Final = 16 << 20
 CONNECTIONS: Final = 4
 TUS: Final = {"Tus-Resumable": "1.0.0"}
 CONTENT: Final = {"Content-Type": "application/offset+octet-stream"}
+RETRIES: Final = Backoff(first_s=0.125, longest_s=16.0, tries=10)
+"""Of one file."""
 ROUNDS: Final = 3
 """How often the server is asked what it lacks: a file that was damaged on the way is sent again."""
 
@@ -109,7 +110,12 @@ def _send_file(
     """One file from where the server has it, each chunk with its SHA-256, again after every interruption."""
     address: str | None = file["upload"]
     offset = int(file["offset"])
-    for pause_s in _pauses(over):
+    interrupted = False
+    for is_last in RETRIES.attempts(over.wait):
+        if interrupted and address is not None:
+            address, known = _continue_at(api, address, offset)
+            counter.add(known - offset)
+            offset = known
         try:
             while True:
                 if over.is_set():
@@ -120,33 +126,18 @@ def _send_file(
                 offset = new_offset
                 if offset == file["size"]:  # an empty chunk at the end finishes a file that a killed server had not verified yet
                     return
-        except AnswerError as error:
-            if error.status == 409 and error.code == "conflict":
-                return  # complete already, by another client
-            if (error.status in (404, 410) and address is not None) or error.status == 460:
-                counter.add(-offset)
-                address, offset = None, 0  # dropped by the server: from the beginning
-            elif error.status != 409 and error.status not in RETRIED_STATUS:
-                raise
-            last: ServiceError = error
         except ServiceError as error:
-            last = error
-        if pause_s is None:
-            raise last
-        time.sleep(pause_s)
-        if address is not None:
-            address, known = _continue_at(api, address, offset)
-            counter.add(known - offset)
-            offset = known
-
-
-def _pauses(over: threading.Event) -> Iterator[float | None]:
-    """Pauses between tries; after None there is no further try."""
-    for pause_s in (0.1, 0.3, 1.0, 2.0, 4.0, 8.0, 15.0, 15.0):
-        if over.is_set():
-            raise UploadStopped
-        yield pause_s
-    yield None
+            if isinstance(error, AnswerError):
+                if error.status == 409 and error.code == "conflict":
+                    return  # complete already, by another client
+                if (error.status in (404, 410) and address is not None) or error.status == 460:
+                    counter.add(-offset)
+                    address, offset = None, 0  # dropped by the server: from the beginning
+                elif error.status != 409 and error.status not in RETRIED_STATUS:
+                    raise
+            if is_last:
+                raise
+            interrupted = True
 
 
 def _send_chunk(api: Api, drive_id: str, file: dict[str, Any], address: str | None, offset: int, content: bytes) -> tuple[str, int]:

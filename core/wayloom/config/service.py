@@ -33,7 +33,9 @@ class ServiceSettings(Settings):
     map_id: str = Field("city", pattern=r"^[a-z0-9][a-z0-9-]{0,62}$", description="the map that drives go into")
     map_versions_kept: int = Field(20, ge=1, description="older versions of a map are forgotten")
 
-    steps: str = Field("wayloom_workers.production:STEPS", description="module:NAME of the table of stages that the workers run")
+    stage_hooks: str = Field(
+        "wayloom_workers.production:stage_hooks", description="module:NAME of the function that gives the workers' hooks of a stage"
+    )
     lease_s: float = Field(90.0, gt=0.5, description="seconds without a heartbeat after which a job is taken from its worker")
     heartbeat_s: float = Field(3.0, gt=0.05, description="seconds between heartbeats")
     sweep_s: float = Field(2.0, gt=0.05, description="seconds between two looks of the sweeper")

@@ -24,12 +24,14 @@ from wayloom.evaluation.label_matching import REASONS, Matches, MatchSettings, m
 from wayloom.evaluation.label_scores import Counts, LabelScores, count, scores
 from wayloom.evaluation.label_truth import LabelledDrive
 from wayloom.labelling.settings import PAPER, LabellingSettings
-from wayloom.labelling.tcl import label_points, voting_frames
+from wayloom.labelling.tcl import label_points
+from wayloom.labelling.voting_frames import voting_frames
 from wayloom.odometry.result.odometry_file import load_odometry, save_odometry
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.types import OdometryResult
+from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.segmentation.network import Network
-from wayloom.segmentation.stage import KeyframeLabels, segment_keyframes
+from wayloom.segmentation.stage import segment_keyframes
 
 ROWS: Final = ("baseline", "tcl_mono", "tcl_stereo", "best")
 FORMS: Final = {"baseline": "baseline", "tcl_mono": "mono", "tcl_stereo": "stereo"}

@@ -12,7 +12,8 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from pyproj import CRS, Transformer
+from pyproj import CRS, Transformer, proj_version_str
+from pyproj.database import get_database_metadata
 
 from wayloom.errors import InputError
 from wayloom.geodesy.map_frame import MapFrame
@@ -88,3 +89,8 @@ def utm_from_lonlatheight(lon_lat_height: FloatArray, epsg: int) -> FloatArray:
 def utm_crs(epsg: int) -> CRS:
     """The coordinate system of `utm_from_lonlatheight`, as pyproj knows it (for LAZ headers)."""
     return CRS.from_epsg(epsg)
+
+
+def proj_versions() -> dict[str, str]:
+    """The versions of what pyproj stands on: the library PROJ and its database of coordinate systems."""
+    return {"PROJ": proj_version_str, "EPSG": str(get_database_metadata("EPSG.VERSION"))}

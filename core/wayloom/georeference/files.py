@@ -12,6 +12,7 @@ from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.types import GeoReference
 
+GEOREFERENCE_FILE = "georeference.npz"
 FORMAT = "wayloom-georeference"
 VERSION = 1
 

@@ -17,7 +17,7 @@ Image = NDArray[np.uint8]
 
 
 class LabelImages(Protocol):
-    """Label images by voter, (h, w) uint8 train ids: `wayloom.segmentation.stage.KeyframeLabels` is one.
+    """Label images by voter, (h, w) uint8 train ids: `wayloom.segmentation.keyframe_labels.KeyframeLabels` is one.
 
     may_be_void : whether any pixel can be void
     is_balanced : whether the network's training weighed rare classes more

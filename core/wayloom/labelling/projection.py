@@ -11,8 +11,8 @@ from wayloom.labelling.kernels.visibility import ncc_weights, occluded, patch_de
 from wayloom.labelling.kernels.voting import add_hard_votes, add_soft_votes, project, read_labels
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.odometry.types import OdometryResult
+from wayloom.segmentation.keyframe_labels import SMALL
 from wayloom.segmentation.scores import STEPS_PER_NAT
-from wayloom.segmentation.stage import SMALL
 
 FloatArray = NDArray[np.float64]
 Weights = NDArray[np.float32]

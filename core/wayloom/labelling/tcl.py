@@ -36,6 +36,7 @@ from wayloom.labelling.neighbours import neighbours, no_neighbours, smoothed
 from wayloom.labelling.projection import CELL_PX, HostedPoints, Projections, add_votes, host_descriptors
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.labelling.types import PointLabels, SparseVotes
+from wayloom.labelling.voting_frames import voting_frames
 from wayloom.odometry.types import OdometryResult
 
 MIN_VOTE_SHARE = 0.01
@@ -61,14 +62,6 @@ class Voters:
     T_cam_world: NDArray[np.float64]
     segment: NDArray[np.int32]
     of_keyframe: NDArray[np.int64]
-
-
-def voting_frames(odometry: OdometryResult, settings: LabellingSettings) -> NDArray[np.int32]:
-    """The frames of the log whose images vote, increasing: the keyframes, or every tracked frame."""
-    if not settings.between_keyframes:
-        return odometry.keyframes.frame
-    frames = np.union1d(np.flatnonzero(odometry.trajectory.tracked), odometry.keyframes.frame)
-    return frames.astype(np.int32)
 
 
 def label_points(

@@ -41,9 +41,9 @@ def grey_pair(log: DriveLog, index: int) -> GreyPair:
     if read_side is None:
         frame = log.frame(index)
         left, right = (_checked(log, index, right, pyramid.grey(image)) for right, image in enumerate((frame.left, frame.right)))
-        return GreyPair(index, t_ns, left, lambda: right, frame.exposure_s)
+        return GreyPair(index, t_ns, left, lambda: right)
     right_of_log = functools.partial(_read_side, log, read_side, index, True)
-    return GreyPair(index, t_ns, _read_side(log, read_side, index, False), right_of_log, log.exposure_of(index))  # type: ignore[attr-defined]
+    return GreyPair(index, t_ns, _read_side(log, read_side, index, False), right_of_log)
 
 
 def _read_side(log: DriveLog, read_side: Callable[..., Image], index: int, right: bool) -> Image:

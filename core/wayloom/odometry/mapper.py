@@ -30,8 +30,8 @@ RESTART_BIAS_INFORMATION = 10.0
 """times the first prior's: how firmly a new segment believes the disparity bias of the one before."""
 
 
-def _nobody(mapper: "Mapper") -> None:
-    """Told before an adjustment where nobody wants to be."""
+def _unobserved(mapper: "Mapper") -> None:
+    """The default of `before_adjustment`: nobody is told."""
 
 
 class Mapper:
@@ -43,7 +43,7 @@ class Mapper:
 
     def __init__(
         self, right_rectifier: RightRectifier, settings: OdometrySettings, builder: ResultBuilder, imu: VisualInertial | None,
-        stopwatch: Stopwatch, before_adjustment: Callable[["Mapper"], None] = _nobody,
+        stopwatch: Stopwatch, before_adjustment: Callable[["Mapper"], None] = _unobserved,
     ) -> None:  # fmt: skip
         self.right_rectifier, self.settings, self.builder, self.imu = right_rectifier, settings, builder, imu
         self.stopwatch, self.before_adjustment = stopwatch, before_adjustment

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry.lens import IDENTITY, RightLens
 from wayloom.logs.types import DriveLog
-from wayloom.odometry import frame_source
+from wayloom.odometry import frame_source, warm_up
 from wayloom.odometry.backend.visual_inertial import VisualInertial, for_log
 from wayloom.odometry.mapper import Mapper
 from wayloom.odometry.observers import Observer
@@ -32,7 +32,6 @@ from wayloom.odometry.tracking.recovery import TrackingResult, is_blank
 from wayloom.odometry.types import OdometryResult
 
 FloatArray = NDArray[np.float64]
-COMPILING = " (compiling kernels, first run only)"
 
 
 def track(
@@ -46,23 +45,24 @@ def track(
 
     Raises LogError for frames that cannot be read or that do not have the rig's size.
     """
+    frame_source.check_rig(log)
+    imu = for_log(log, settings)
+    warm_up.compile_odometry(imu is not None, progress)
     with frame_source.one_opencv_thread():
-        progress(0.0, f"aligning the rows of left and right{COMPILING}")
+        progress(0.0, "aligning the rows of left and right")
         right_rectifier = rows.RightRectifier(log.rig, lens, frame_source.fit_rows(log, settings.row_frames, lens, matches))
-        odometry = Odometry(right_rectifier, settings, for_log(log, settings), observers)
+        odometry = Odometry(right_rectifier, settings, imu, observers)
         for pair in frame_source.frames(log, threads, odometry.stopwatch, odometry.tracker.levels):
             status = odometry.process(pair)
             tell(observers, odometry, pair, status)
-            keyframes = len(odometry.builder.keyframes)
-            compiling = COMPILING if keyframes <= settings.window else ""
-            progress((pair.index + 1) / len(log), f"tracking, {keyframes} keyframes{compiling}")
+            progress((pair.index + 1) / len(log), f"tracking, {len(odometry.builder.keyframes)} keyframes")
         for observer in observers:
             observer.on_finish(odometry.mapper)
         return odometry.finish()
 
 
 class Odometry:
-    """Feed the pairs of a drive in order to `process`; `finish` gives the result.
+    """Feed the pairs of a drive, from its first on, in order to `process`; `finish` gives the result.
 
     tracker, mapper, builder : the parts; each frame goes from one to the next
     """

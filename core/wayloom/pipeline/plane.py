@@ -1,4 +1,4 @@
-"""The plane in which people look at a drive: up is up at the drive's own place, the first camera is at (0, 0, 0)."""
+"""Tangent plane in which people look at a drive: up is up at the drive's own place, the first camera is at (0, 0, 0)."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -23,7 +23,7 @@ Height = Annotated[float, Field(ge=-1000.0, le=20000.0)]
 
 
 class ProcessSettings(Settings):
-    """What `process_drive` and the workers' stages are told: one table a stage, and what several stages share."""
+    """Settings that `process_drive` and the workers hand to every stage: one table a stage, and what several stages share."""
 
     threads: int = Field(1, ge=1, le=64, description="threads of one stage; results do not depend on it")
     rig: Path | None = Field(None, description="what is known of rigs: a RIG.toml, or a folder with one named <rig_id>.toml a rig")

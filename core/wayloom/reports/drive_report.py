@@ -17,7 +17,8 @@ from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
 from wayloom.georeference.uncertainty import position_covariance
 from wayloom.pipeline.drive import DriveResult
-from wayloom.pipeline.exports import MAP_FILE, OVERLAYS_DIR, read_image
+from wayloom.pipeline.drive_map import read_image
+from wayloom.pipeline.exports import MAP_FILE, OVERLAYS_DIR
 from wayloom.pipeline.plane import T_plane_enu, axis_labels
 from wayloom.reports import plots, views
 from wayloom.reports.facts import concatenated, drive_facts

@@ -58,7 +58,7 @@ def scores_from_logits(logits: NDArray[np.float32], train_ids: Bytes, covered: t
 
 
 def encode_scores(scores: Scores) -> bytes:
-    """A header, the classes and the steps, a byte each. Not compressed: to unpack it would cost more than the votes themselves."""
+    """A header, the classes and the steps, a byte each, not compressed (docs/labelling.md says why)."""
     gh, gw, k = scores.classes.shape
     return _HEADER.pack(_LETTERS, k, gh, gw, *scores.covered) + scores.classes.tobytes() + scores.steps.tobytes()
 

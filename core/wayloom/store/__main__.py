@@ -1,4 +1,4 @@
-"""`python -m wayloom.store`: bring the database that the settings name to the newest tables."""
+"""`python -m wayloom.store`: migration of the database that the settings name."""
 
 import sys
 

@@ -69,11 +69,14 @@ def test_depth_of_a_pixel_is_that_of_its_ray_and_zero_where_nothing_is_seen(worl
     depth = np.empty(ids.shape, np.float32)
     raster.depth_of(ids, view, tri.corners, depth)
     assert np.all(depth[ids == raster.NO_TRIANGLE] == 0)
-    for v, u in np.argwhere(ids != raster.NO_TRIANGLE)[::7]:
+    seen, missed = np.argwhere(ids != raster.NO_TRIANGLE)[::7], 0
+    for v, u in seen:
         ray = pixel_ray(u, v, *view)
         expected = ray_hits(view.T_world_cam[:3, 3], ray, tri.corners[ids[v, u]][None].astype(float))[0]
-        if np.isfinite(expected):
-            assert depth[v, u] == pytest.approx(expected, rel=1e-5)
+        missed += not np.isfinite(expected)
+        assert not np.isfinite(expected) or depth[v, u] == pytest.approx(expected, rel=1e-5)
+    assert missed <= 0.02 * len(seen)  # rays that graze an edge
+    assert len(seen) > 20
 
 
 def test_a_triangle_behind_the_camera_is_not_drawn(world: World) -> None:

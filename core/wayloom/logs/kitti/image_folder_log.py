@@ -70,7 +70,8 @@ class ImageFolderLog:
         left, right = (self._read(files[index], size, self.colour) for files, size in self._sides())
         if self.rectifier is not None:
             left, right = self.rectifier(left, right)
-        return StereoFrame(index, int(self.t_ns[index]), left, right, self.exposure_of(index))
+        exposed = None if self.exposure_s is None else (float(self.exposure_s[index, 0]), float(self.exposure_s[index, 1]))
+        return StereoFrame(index, int(self.t_ns[index]), left, right, exposed)
 
     def grey_side(self, index: int, right: bool) -> Image:
         """Decode one image of a pair to grey (h, w), for those who need no colour or not both. Raises LogError as `frame`."""
@@ -81,10 +82,6 @@ class ImageFolderLog:
             return image
         maps = self.rectifier.right if right else self.rectifier.left
         return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), np.uint8)
-
-    def exposure_of(self, index: int) -> tuple[float, float] | None:
-        """Exposure times in seconds of a pair, left and right, where the log has them."""
-        return None if self.exposure_s is None else (float(self.exposure_s[index, 0]), float(self.exposure_s[index, 1]))
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[StereoFrame]:
         """The pairs from start to stop in order, one in memory at a time."""

@@ -17,6 +17,7 @@ from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import PARAMETERS, RightLens
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 
+ODOMETRY_FILE = "odometry.npz"
 FORMAT = "wayloom-odometry"
 VERSION = 1
 META = "meta.json"

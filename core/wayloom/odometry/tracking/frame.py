@@ -16,17 +16,15 @@ class GreyPair:
     """A pair as the odometry takes it: grey, the right image read when it is first asked for (at keyframes), where the log can
     give one side alone.
 
-    index, t_ns, exposure_s  as of StereoFrame
-    left    (h, w) uint8
-    images  the left one's pyramid, once it is built
+    index, t_ns  as of StereoFrame
+    left         (h, w) uint8
+    images       the left one's pyramid, once it is built
     """
 
-    __slots__ = ("_read_right", "_right", "exposure_s", "images", "index", "left", "t_ns")
+    __slots__ = ("_read_right", "_right", "images", "index", "left", "t_ns")
 
-    def __init__(
-        self, index: int, t_ns: int, left: Image, read_right: Callable[[], Image], exposure_s: tuple[float, float] | None
-    ) -> None:
-        self.index, self.t_ns, self.left, self.exposure_s = index, t_ns, left, exposure_s
+    def __init__(self, index: int, t_ns: int, left: Image, read_right: Callable[[], Image]) -> None:
+        self.index, self.t_ns, self.left = index, t_ns, left
         self.images: Pyramid | None = None
         self._read_right = read_right
         self._right: Image | None = None
