@@ -1,4 +1,4 @@
-"""Progress reports: how long work tells how far it is."""
+"""Progress reports of long work."""
 
 from typing import Protocol
 

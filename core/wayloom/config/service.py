@@ -1,4 +1,4 @@
-"""Settings of the service itself: where it listens, where its data lies, how patient it is."""
+"""Settings of the service: address, data folder, limits, time-outs."""
 
 import hashlib
 import ipaddress

@@ -1,4 +1,4 @@
-"""Layered settings: defaults, then a TOML file, then environment variables, then command-line options; each value with its origin.
+"""Layered settings: defaults, then a TOML file, then environment variables, then options; each value with its origin.
 
 A key of the file is the path of a field (`window` in the table `[odometry]`), its variable the same path in capitals
 (`WAYLOOM_ODOMETRY__WINDOW`). There is no file that is read without being named: a settings file may name Python code to run, and

@@ -1,4 +1,4 @@
-"""Label benchmark (the paper's sec. IV): map points labelled from single images, by TCL mono and stereo, and in the default form.
+"""Label benchmark (the paper's sec. IV): map points labelled from single images, by TCL mono and stereo, and by default.
 
 Points, depths, poses and observers are those of the odometry.
 """

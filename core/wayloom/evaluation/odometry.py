@@ -1,4 +1,4 @@
-"""The odometry on a recording, in numbers: what `benchmarks/odometry.py` puts in its table.
+"""Odometry benchmark of one recording: what `benchmarks/odometry.py` puts in its table.
 
 One run gives a flat dict of numbers; a few runs that differ in nothing but the seed of the choice of points give each number's
 median and spread. Differences below the spread mean nothing.

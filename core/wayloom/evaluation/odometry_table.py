@@ -1,4 +1,4 @@
-"""The odometry's benchmark as Markdown."""
+"""Tables of the odometry benchmark as Markdown."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace

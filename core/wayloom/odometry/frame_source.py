@@ -1,5 +1,4 @@
-"""Source of stereo frames for the odometry: grey pairs of a log, checked, decoded ahead where threads allow, and a few of them for
-the rows' fit."""
+"""Source of stereo frames for the odometry: grey pairs of a log, checked, and decoded ahead where threads allow."""
 
 import functools
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""How every kernel is compiled: cached on disk, without the GIL, strict IEEE arithmetic, division by zero gives inf or NaN.
+"""Compile options of the odometry's kernels: cached, without the GIL, strict IEEE arithmetic, division by zero gives inf or NaN.
 
 Kernels allocate nothing (working space is an argument) and count no references, which their callers hold: each array taken out of a
 named tuple or sliced would otherwise cost an atomic step, in the innermost loops more than the arithmetic, and much of the time

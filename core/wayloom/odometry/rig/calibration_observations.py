@@ -1,4 +1,4 @@
-"""Calibration observations of a drive: refined matches between left and right and between keyframes, few enough to keep for ever.
+"""Calibration observations of a drive: refined matches between left and right and between keyframes, few enough to keep.
 
 They come in groups (`MatchGroup`): a host keyframe, up to two later keyframes, and points of the host
 found in the host's right image and in both images of the later ones. Right pixels are those of the log's own right image, before
