@@ -1,4 +1,4 @@
-"""Which pixels become points: those of high gradient, spread over the image, none where a point already is."""
+"""Selection of candidate pixels: those of high gradient, spread over the image, none where a point already is."""
 
 import numpy as np
 
