@@ -1,4 +1,4 @@
-"""The normal equations of a window: every residual linearised, gathered a pair, mapped to the state, the points eliminated.
+"""Normal equations of the window: every residual linearised, gathered a pair, mapped to the state, the points eliminated.
 
 State: z = (delta, then for each keyframe its left perturbation (v, omega), a, b), 1 + 8F unknowns.
 """

@@ -1,4 +1,4 @@
-"""The IMU's part of the window: residuals between keyframes that follow each other, and their normal equations.
+"""Inertial residuals of the window, between keyframes that follow each other, and their normal equations.
 
 A keyframe's inertial state are velocity v (3,) m/s in the world, gyroscope and accelerometer bias (6,). Gravity is one direction
 for the drive, g = G (n + B gamma) / |n + B gamma|. The window's state x (1 + 8F + 9F + 2) is the visual one, then v and biases of

@@ -1,4 +1,4 @@
-"""Patches of one image found in another by translation and affine warp, for calibration: to a few hundredths of a pixel."""
+"""Patch matching by translation and affine warp (Lucas-Kanade), for calibration: to a few hundredths of a pixel."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""One patch of a host in one image of a target: its residuals, their sums, and how they depend on pose, inverse depth and bias.
+"""Photometric residuals of a patch in one image of a target, their sums, and their Jacobians by pose, inverse depth and bias.
 
 With the host's ray (x, y, 1) and inverse depth rho the point, times rho, is P = R (x, y, 1) + t rho in the target's left camera and
 P + t_right_left rho in its right one. So a right image is a target with another translation, whose columns are shifted by the

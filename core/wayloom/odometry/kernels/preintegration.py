@@ -1,4 +1,4 @@
-"""IMU samples between two keyframes as one measurement, with its covariance and its change with the biases.
+"""IMU preintegration: samples between two keyframes as one measurement, with its covariance and its change with the biases.
 
 After Forster, Carlone, Dellaert, Scaramuzza, On-Manifold Preintegration for Real-Time Visual-Inertial Odometry, T-RO 2017.
 Rows and columns of nine are (theta, v, p), of six (gyroscope bias, accelerometer bias).

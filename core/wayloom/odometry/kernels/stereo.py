@@ -1,4 +1,4 @@
-"""Static stereo: a pixel of the left image found in the same row of the right one, to a fraction of a pixel."""
+"""Static stereo matching: a pixel of the left image found in the same row of the right one, to a fraction of a pixel."""
 
 import math
 

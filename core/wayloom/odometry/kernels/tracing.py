@@ -1,4 +1,4 @@
-"""Depth of points whose poses are known: a search along the epipolar line, and an update by one more image.
+"""Epipolar search and depth update of points whose poses are known, by one more image.
 
 A host's ray (x, y, 1) with inverse depth rho lies at p(rho) = pi(R (x, y, 1) + rho t) in a target. While rho runs through the
 interval that a point is known to lie in, p runs along a straight line, the epipolar line.

@@ -1,4 +1,4 @@
-"""Alignment of a new image with a keyframe's reference points on one pyramid level, and the reference points themselves."""
+"""Direct image alignment with a keyframe's reference points on one pyramid level, and the reference points themselves."""
 
 import math
 
