@@ -2,11 +2,13 @@
 disparity bias, with the lens of its own images, with a file of the other drives of its rig, with the true lens, and beside it the
 same way of a perfect rig; and by how many of its stated sigmas each learnt parameter is off.
 
-    python benchmarks/calibration.py [--faults worn lens] [--judged 1 5] [--size full] [--seeds 1] [--cache FOLDER] [--write]
+    python benchmarks/calibration.py [--faults worn lens] [--judged 1 5] [--size full] [--seeds 1] [--cache FOLDER] [--sigmas]
+                                     [--write]
 
 --faults  kinds of `wayloom.simulation.vehicle.rig_faults`; each has five drives of 120 frames, 85 to 144 m
 --judged  the ways on which it is measured; files are learnt from the four others
 --seeds   of the choice of points; medians are told
+--sigmas  only by how many sigmas the parameters are off: no drive is judged
 --write   the tables into docs/calibration.md
 
 Drives are drawn where they do not yet lie in the cache folder: half a minute to a minute of processor time for each 60 frames.
@@ -92,28 +94,45 @@ def outcome(folder: Path, seeds: int, lens: RightLens | None, self_calibration: 
     return Outcome(float(ate_m), float(longer))
 
 
-def measured(fault: str, judged: list[int], size: str, seeds: int, cache: Path) -> list[str]:
-    """Two tables of one fault, as lines of Markdown."""
-    others = [f"{fault}-{k}" for k in range(1, len(RIG_WAYS) + 1)]
-    folders = drawn([*others, *(f"perfect-{k}" for k in judged)], size, cache)
-    truth = FAULTS[fault].lens(SCALES[size])
-    observations: dict[str, CalibrationObservations] = {}
-    for name in others:
+def observed(fault: str, size: str, cache: Path) -> dict[str, CalibrationObservations]:
+    """The calibration observations of the five drives of a rig."""
+    found = {}
+    names = [f"{fault}-{k}" for k in range(1, len(RIG_WAYS) + 1)]
+    for name, folder in drawn(names, size, cache).items():
         say(0.0, f"{name}: observations")
-        observations[name] = next(iter(observations_of(folders[name], 1, ())))
-    ways = head(["drive", "perfect rig", "rows and bias only", "lens of its own images", "file of the four others", "true lens"])
-    off = head(["file of all but", *PARAMETERS])
-    for k in judged:
+        found[name] = next(iter(observations_of(folder, 1, ())))
+    return found
+
+
+def ways(fault: str, observations: dict[str, CalibrationObservations], options: argparse.Namespace) -> list[str]:
+    """The table of ways and ATE of one fault, as lines of Markdown."""
+    size, seeds, cache = options.size, options.seeds, options.cache
+    folders = drawn([*observations, *(f"perfect-{k}" for k in options.judged)], size, cache)
+    truth = FAULTS[fault].lens(SCALES[size])
+    lines = head(["drive", "perfect rig", "rows and bias only", "lens of its own images", "file of the four others", "true lens"])
+    for k in options.judged:
         name = f"{fault}-{k}"
         say(0.0, f"{name}: judged")
-        learnt = learn_rig([observations[other] for other in others if other != name]).rig
+        learnt = learn_rig([one for other, one in observations.items() if other != name]).rig
         perfect = outcome(folders[f"perfect-{k}"], seeds, None)
         found = [outcome(folders[name], seeds, None, self_calibration) for self_calibration in (False, True)]
         found += [outcome(folders[name], seeds, lens) for lens in (learnt.lens, truth)]
-        ways.append(row([name, perfect.cell(), *(one.cell(perfect) for one in found)]))
-        errors = (learnt.lens.values - truth.values) / learnt.sigma
-        off.append(row([name, *(f"{error:+.2f}" for error in errors)]))
-    return [*ways, "", *off, ""]
+        lines.append(row([name, perfect.cell(), *(one.cell(perfect) for one in found)]))
+    return [*lines, ""]
+
+
+def sigmas(fault: str, observations: dict[str, CalibrationObservations], size: str) -> list[str]:
+    """The table of errors in stated sigmas: a file of each drive alone, of all at once, and of one after the other."""
+    truth, everyone, grown = FAULTS[fault].lens(SCALES[size]), list(observations.values()), None
+    for one in everyone:
+        grown = learn_rig([one], known=grown).rig
+    files = {name: learn_rig([one]).rig for name, one in observations.items()}
+    files |= {f"{fault}: all at once": learn_rig(everyone).rig, f"{fault}: one by one": grown}
+    lines = head([f"file ({size} size)", *PARAMETERS, "mean square"])
+    for name, rig in files.items():
+        z = (rig.lens.values - truth.values) / rig.sigma
+        lines.append(row([name, *(f"{error:+.2f}" for error in z), f"{(z**2).mean():.2f}"]))
+    return [*lines, ""]
 
 
 def main() -> None:
@@ -125,13 +144,18 @@ def main() -> None:
     parser.add_argument("--size", default="full", choices=SCALES)
     parser.add_argument("--seeds", type=int, default=1, choices=range(1, len(SEEDS) + 1))
     parser.add_argument("--cache", type=Path, default=cache, help="of simulated drives")
+    parser.add_argument("--sigmas", action="store_true")
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
-    parts = (measured(fault, options.judged, options.size, options.seeds, options.cache) for fault in options.faults)
-    text = "\n".join(line for part in parts for line in part)
-    print(text)
-    if options.write:
-        put_between_marks(PAGE, "calibration benchmark", text)
+    seen = {fault: observed(fault, options.size, options.cache) for fault in options.faults}
+    blocks = {"calibration sigmas": [line for fault, found in seen.items() for line in sigmas(fault, found, options.size)]}
+    if not options.sigmas:
+        blocks["calibration benchmark"] = [line for fault, found in seen.items() for line in ways(fault, found, options)]
+    for name, lines in blocks.items():
+        text = "\n".join(lines)
+        print(text)
+        if options.write:
+            put_between_marks(PAGE, name, text)
 
 
 if __name__ == "__main__":
