@@ -143,7 +143,7 @@ def test_the_page_has_a_row_for_each_system_and_a_dash_where_nothing_is_known() 
     assert "| variant | A: ATE m; t_rel % |" in page  # nothing is taken away on B
     assert "| no rows | 0.123; –, 1 lost |" in page
     assert "| no rows | 151; –, 1 lost |" in page
-    assert "Ablations: accuracy (1 seed)" in page
+    assert "1 seed each; the first row" in page
 
 
 def test_rows_that_were_measured_again_are_replaced_and_the_others_stay() -> None:

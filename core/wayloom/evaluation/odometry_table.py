@@ -165,7 +165,7 @@ def page(summaries: Sequence[Summary]) -> str:
             "Long drives",
             lambda: plain_table([s for s in own if "way km" in s.median], DRIFT),
         ),
-        (bool(ablated), f"Ablations: accuracy ({_seeds(seeds)})", lambda: ablation_table(ablations, ACCURACY[:2])),
+        (bool(ablated), "Ablations: accuracy", lambda: [_seeds(seeds), "", *ablation_table(ablations, ACCURACY[:2])]),
         (bool(ablated), "Ablations: density", lambda: ablation_table(ablations, ABLATED_DENSITY)),
         (bool(ablated) and bool(deep), "Ablations: depth", lambda: ablation_table(deep, DEPTH[1:3])),
     ]
@@ -177,4 +177,4 @@ def page(summaries: Sequence[Summary]) -> str:
 
 
 def _seeds(runs: Sequence[int]) -> str:
-    return f"{' or '.join(map(str, runs))} seed{'' if list(runs) == [1] else 's'}"
+    return f"{' or '.join(map(str, runs))} seed{'' if list(runs) == [1] else 's'} each; the first row as in the tables above."

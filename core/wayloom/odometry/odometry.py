@@ -3,7 +3,7 @@
 Every frame is aligned with the newest keyframes (`tracker`); where the view has changed enough it becomes a keyframe itself, gets
 points by static stereo, and the window of keyframes is adjusted (`mapper`); what leaves the window stays as a prior and as points
 of the result (`result.result_builder`). After Engel, Koltun, Cremers, Direct Sparse Odometry, PAMI 2018, and Wang, Schwoerer,
-Cremers, Stereo DSO, ICCV 2017. docs/odometry.md tells the energy, the unknowns and the reasons.
+Cremers, Stereo DSO, ICCV 2017. docs/odometry-design.md tells the energy, the unknowns and the reasons.
 """
 
 from collections.abc import Sequence
