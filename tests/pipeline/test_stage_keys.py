@@ -119,7 +119,7 @@ def test_an_imu_that_a_gnss_log_brings_from_outside_is_in_the_odometrys_key(tmp_
     assert before == keys_of(log_path, tmp_path / "c", one)
 
 
-def test_exposure_times_and_imu_beside_the_log_are_in_the_odometrys_key(tmp_path):
+def test_exposure_times_beside_the_log_are_a_part_of_it(tmp_path):
     log_path = write_drive(tmp_path / "log", "kitti-odometry", gnss=False)
     sample_files(log_path)
     log = open_log(log_path)

@@ -49,9 +49,7 @@ INGEST: Final = "ingest"
 _ROOMS: Final = "wayloom.pipeline.stages"
 STAGES: tuple[Stage, ...] = (
     Stage(INGEST, "ingest", room=f"{_ROOMS}.ingest"),
-    Stage(
-        "odometry", "odometry", log_parts=("images", "imu", "exposure", "name"), settings=("odometry",), room=f"{_ROOMS}.odometry"
-    ),
+    Stage("odometry", "odometry", log_parts=("images", "imu", "name"), settings=("odometry",), room=f"{_ROOMS}.odometry"),
     Stage(
         "segmentation", "segmentation", inputs=("odometry",), log_parts=("images", "name"),
         settings=("labelling.between_keyframes",), room=f"{_ROOMS}.segmentation",
