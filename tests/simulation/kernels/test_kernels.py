@@ -10,8 +10,6 @@ from wayloom.simulation.kernels.arrays import DepthMap, TextureStack, Triangles,
 from wayloom.simulation.rendering.renderer import World
 from wayloom.simulation.textures.materials import Material
 
-pytestmark = pytest.mark.kernels
-
 WIDTH, HEIGHT = 40, 24
 
 

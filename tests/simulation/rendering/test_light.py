@@ -16,8 +16,6 @@ from wayloom.simulation.rendering.renderer import Scene, World
 from wayloom.simulation.textures.materials import Material
 from wayloom.simulation.vehicle.rigs import sized_rig
 
-pytestmark = pytest.mark.kernels
-
 CAMERA = sized_rig("quarter").camera
 DRY = LightSettings(cloud_cover=0.4)
 

@@ -18,8 +18,6 @@ from wayloom.simulation.vehicle.rig_faults import FAULTS, LENS
 from wayloom.simulation.vehicle.rigs import given_rig
 from wayloom.simulation.vehicle.vehicle_settings import RightLensSettings, VehicleSettings
 
-pytestmark = pytest.mark.kernels
-
 STRONG = RightLensSettings(
     pitch_rad=0.004, yaw_rad=-0.006, roll_rad=0.005, ty=0.02, tz=-0.03, focal_ratio=1.01, cx_shift_px=6.0, k1=0.02, p1=0.003,
     p2=-0.004,

@@ -19,7 +19,7 @@ INV_255 = np.float32(1.0 / 255.0)
 def texel_row(tex: TextureStack, layer: int, level: int, x: int, y: int) -> int:
     """Row of texel (x, y), wrapped around, of one layer and mip level."""
     size = tex.size >> level
-    return tex.offsets[level] + (np.int64(layer) * size + (y & (size - 1))) * size + (x & (size - 1))
+    return tex.offsets[level] + (layer * size + (y & (size - 1))) * size + (x & (size - 1))
 
 
 @njit(**KERNEL)
