@@ -78,7 +78,7 @@ def column_errors(log: DriveLog, lens: RightLens, data: tuple[np.ndarray, np.nda
 def test_disparities_agree_with_lidar_in_the_middle_by_the_bias_and_at_the_sides_by_the_lens(clip_b: Path) -> None:
     log = open_log(clip_b)
     collector = ObservationCollector(log.rig)
-    result = track(log, collector=collector)
+    result = track(log, observers=(collector,))
     learnt = learn_rig([collector.observations(log)])
     data = seen(log)
     x = (data[0][:, 0] - log.rig.camera.cx) / log.rig.camera.fx

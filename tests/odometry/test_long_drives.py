@@ -13,7 +13,7 @@ from wayloom.odometry.settings import OdometrySettings
 
 FRAMES, REACH_M, PERIOD = 240, 8.0, 60
 RIG = StereoRig(PinholeCamera(100.0, 100.0, 79.5, 49.5, 160, 100), (-0.5, 0.0, 0.0))
-SETTINGS = OdometrySettings(points=150, new_points=80, min_new_points=40, matched_points=80, candidates=500, sought_points=20)
+SETTINGS = OdometrySettings(points=150, min_new_points=40, matched_points=80, candidates=500, sought_points=20)
 
 
 def to_and_fro(frames: int) -> np.ndarray:

@@ -27,7 +27,6 @@ ALIGNMENT: Final = (
     ("matches.match_each", "f4:2 f4:2 i8:2 f8:2 f8:1 f8:2 f8:1 f8 f8:2 f8:3 f8:2 f8:2 f8:2"),
     ("linear.cholesky_solve", "f8:2 f8:1 f8:1 f8:1 f8:2"),
     ("linear.fill_exp_se3", "f8:1 f8:2"),
-    ("linear.fill_product", "f8:2 f8:2 f8:2"),
     ("linear.orthonormalise", "f8:2"),
     ("tracking.minimise_level", "f4:3 f8:2 f8:2 f8:1 f8:1 f8 f8 i8 f8:3 f8:2 f8:3 f8:1"),
     ("adjustment.step_frames", "f8:3 f8:2 f8:1 f8:2 f8:2"),

@@ -71,16 +71,9 @@ def fill_log_se3(T, xi):  # type: ignore[no-untyped-def]
     xi[3], xi[4], xi[5] = w0, w1, w2
 
 
-def multiply(A, B):  # type: ignore[no-untyped-def]
-    """A (4, 4) times B (4, 4), both rigid."""
-    out = np.empty((4, 4))
-    fill_product(A, B, out)
-    return out
-
-
-@kernel
+@part
 def fill_product(A, B, out):  # type: ignore[no-untyped-def]
-    """multiply into out (4, 4), another array than A and B."""
+    """A (4, 4) times B (4, 4), both rigid, into out (4, 4), another array than A and B."""
     fill_identity(out)
     for i in range(3):
         for j in range(4):
