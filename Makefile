@@ -2,15 +2,17 @@
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3 python; do command -v $$p >/dev/null 2>&1 && $$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' 2>/dev/null && { echo $$p; break; }; done)
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint requirements/constraints.txt
-PYTEST_ARGS ?=
+PYTEST_ARGS ?= -n 2 --dist loadfile
+KERNEL_TESTS = -m "kernels and not compiled" $(shell grep -rl "^pytestmark = pytest.mark.kernels" tests)
 
-.PHONY: demo test lint bench format clean help
+.PHONY: demo test coverage lint bench format clean help
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo             simulate two drives, upload them, map them, leave the dashboard running (ONCE=1: end)"
 	@echo "make demo LOG=PATH    the same with a drive log of your own (GNSS=PATH: a GNSS log kept beside it; MODEL=NAME: network)"
 	@echo "make test             lint, type check, import contracts, migration check, tests"
+	@echo "make coverage         the tests once more, and which lines none of them runs"
 	@echo "make lint             the part of it that runs nothing"
 	@echo "make bench            benchmarks: ratios against naive twins and, where installed, peers"
 
@@ -40,6 +42,12 @@ lint: .venv/.dev
 
 test: lint
 	$(BIN)/pytest $(PYTEST_ARGS)
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(KERNEL_TESTS) $(PYTEST_ARGS)
+
+coverage: .venv/.dev
+	$(BIN)/coverage run -m pytest
+	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run --append -m pytest $(KERNEL_TESTS)
+	$(BIN)/coverage report
 
 bench: .venv/.dev
 	for name in odometry labelling stitching tiles; do echo "== $$name"; $(BIN)/python benchmarks/$$name.py || exit 1; done

@@ -2,11 +2,13 @@
 disparity bias, with the lens of its own images, with a file of the other drives of its rig, with the true lens, and beside it the
 same way of a perfect rig; and by how many of its stated sigmas each learnt parameter is off.
 
-    python benchmarks/calibration.py [--faults worn lens] [--judged 1 5] [--size full] [--seeds 1] [--cache FOLDER] [--write]
+    python benchmarks/calibration.py [--faults worn lens] [--judged 1 5] [--size full] [--seeds 1] [--cache FOLDER] [--sigmas]
+                                     [--write]
 
 --faults  kinds of `wayloom.simulation.vehicle.rig_faults`; each has five drives of 120 frames, 85 to 144 m
 --judged  the ways on which it is measured; files are learnt from the four others
 --seeds   of the choice of points; medians are told
+--sigmas  only by how many sigmas the parameters are off: no drive is judged
 --write   the tables into docs/calibration.md
 
 Drives are drawn where they do not yet lie in the cache folder: half a minute to a minute of processor time for each 60 frames.
@@ -23,7 +25,7 @@ import numpy as np
 from pages import DOCS, put_between_marks
 from wayloom.calibration.learn import learn_rig
 from wayloom.calibration.self_calibration import track_calibrated
-from wayloom.cli.calibrate import evidence_of
+from wayloom.cli.calibrate import observations_of
 from wayloom.errors import InputError
 from wayloom.evaluation.odometry import SEEDS
 from wayloom.evaluation.odometry_table import head, row
@@ -33,7 +35,7 @@ from wayloom.logs.registry import open_log
 from wayloom.odometry.rig.calibration_observations import CalibrationObservations
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.simulation.recording.presets import RIG, RIG_WAYS, DrivePlan, Preset
-from wayloom.simulation.recording.simulate import simulate
+from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate
 from wayloom.simulation.vehicle.rig_faults import FAULTS
 from wayloom.simulation.vehicle.vehicle_settings import VehicleSettings
 
@@ -70,7 +72,7 @@ def rigs() -> Preset:
 
 def drawn(names: list[str], size: str, cache: Path) -> dict[str, Path]:
     """The folders of these drives."""
-    folders = simulate(rigs(), cache / f"rigs-{size}", size=size, drives=tuple(names), progress=say)
+    folders = simulate(rigs(), cache / f"rigs-{size}", OutputSettings(size=size), PresetVariant(drives=tuple(names)), progress=say)
     return {folder.name: folder for folder in folders}
 
 
@@ -79,41 +81,58 @@ def say(share: float, what: str) -> None:
     sys.stderr.write(f"calibration benchmark: {100 * share:.0f} % {what}\n")
 
 
-def outcome(folder: Path, seeds: int, lens: RightLens | None, own_lens: bool = True) -> Outcome:
+def outcome(folder: Path, seeds: int, lens: RightLens | None, self_calibration: bool = True) -> Outcome:
     """A drive tracked once for each seed, with a lens that is given, its own one, or none."""
     log, rows = open_log(folder), []
     if log.truth is None:
         raise InputError("has no poses to be measured against", file=folder, remedy="delete the folder: it is drawn anew")
     for seed in SEEDS[:seeds]:
-        result = track_calibrated(log, OdometrySettings(seed=seed, own_lens=own_lens), lens=lens)
+        result = track_calibrated(log, OdometrySettings(seed=seed, self_calibration=self_calibration), lens=lens)
         errors = evaluate(result.trajectory.T_world_cam, log.truth)
         rows.append((errors.ate_m, errors.length_ratio - 1.0))
     ate_m, longer = np.median(rows, axis=0)
     return Outcome(float(ate_m), float(longer))
 
 
-def measured(fault: str, judged: list[int], size: str, seeds: int, cache: Path) -> list[str]:
-    """Two tables of one fault, as lines of Markdown."""
-    others = [f"{fault}-{k}" for k in range(1, len(RIG_WAYS) + 1)]
-    folders = drawn([*others, *(f"perfect-{k}" for k in judged)], size, cache)
+def observed(fault: str, size: str, cache: Path) -> dict[str, CalibrationObservations]:
+    """The calibration observations of the five drives of a rig."""
+    found = {}
+    names = [f"{fault}-{k}" for k in range(1, len(RIG_WAYS) + 1)]
+    for name, folder in drawn(names, size, cache).items():
+        say(0.0, f"{name}: observations")
+        found[name] = next(iter(observations_of(folder, 1, ())))
+    return found
+
+
+def ways(fault: str, observations: dict[str, CalibrationObservations], options: argparse.Namespace) -> list[str]:
+    """The table of ways and ATE of one fault, as lines of Markdown."""
+    size, seeds, cache = options.size, options.seeds, options.cache
+    folders = drawn([*observations, *(f"perfect-{k}" for k in options.judged)], size, cache)
     truth = FAULTS[fault].lens(SCALES[size])
-    evidence: dict[str, CalibrationObservations] = {}
-    for name in others:
-        say(0.0, f"{name}: evidence")
-        evidence[name] = next(iter(evidence_of(folders[name], 1, ())))
-    ways = head(["drive", "perfect rig", "rows and bias only", "lens of its own images", "file of the four others", "true lens"])
-    off = head(["file of all but", *PARAMETERS])
-    for k in judged:
+    lines = head(["drive", "perfect rig", "rows and bias only", "lens of its own images", "file of the four others", "true lens"])
+    for k in options.judged:
         name = f"{fault}-{k}"
         say(0.0, f"{name}: judged")
-        learnt = learn_rig([evidence[other] for other in others if other != name]).rig
+        learnt = learn_rig([one for other, one in observations.items() if other != name]).rig
         perfect = outcome(folders[f"perfect-{k}"], seeds, None)
-        found = [outcome(folders[name], seeds, None, own_lens) for own_lens in (False, True)]
+        found = [outcome(folders[name], seeds, None, self_calibration) for self_calibration in (False, True)]
         found += [outcome(folders[name], seeds, lens) for lens in (learnt.lens, truth)]
-        ways.append(row([name, perfect.cell(), *(one.cell(perfect) for one in found)]))
-        errors = (learnt.lens.values - truth.values) / learnt.sigma
-        off.append(row([name, *(f"{error:+.2f}" for error in errors)]))
-    return [*ways, "", *off, ""]
+        lines.append(row([name, perfect.cell(), *(one.cell(perfect) for one in found)]))
+    return [*lines, ""]
+
+
+def sigmas(fault: str, observations: dict[str, CalibrationObservations], size: str) -> list[str]:
+    """The table of errors in stated sigmas: a file of each drive alone, of all at once, and of one after the other."""
+    truth, everyone, grown = FAULTS[fault].lens(SCALES[size]), list(observations.values()), None
+    for one in everyone:
+        grown = learn_rig([one], known=grown).rig
+    files = {name: learn_rig([one]).rig for name, one in observations.items()}
+    files |= {f"{fault}: all at once": learn_rig(everyone).rig, f"{fault}: one by one": grown}
+    lines = head([f"file ({size} size)", *PARAMETERS, "mean square"])
+    for name, rig in files.items():
+        z = (rig.lens.values - truth.values) / rig.sigma
+        lines.append(row([name, *(f"{error:+.2f}" for error in z), f"{(z**2).mean():.2f}"]))
+    return [*lines, ""]
 
 
 def main() -> None:
@@ -125,13 +144,18 @@ def main() -> None:
     parser.add_argument("--size", default="full", choices=SCALES)
     parser.add_argument("--seeds", type=int, default=1, choices=range(1, len(SEEDS) + 1))
     parser.add_argument("--cache", type=Path, default=cache, help="of simulated drives")
+    parser.add_argument("--sigmas", action="store_true")
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
-    parts = (measured(fault, options.judged, options.size, options.seeds, options.cache) for fault in options.faults)
-    text = "\n".join(line for part in parts for line in part)
-    print(text)
-    if options.write:
-        put_between_marks(PAGE, "calibration benchmark", text)
+    seen = {fault: observed(fault, options.size, options.cache) for fault in options.faults}
+    blocks = {"calibration sigmas": [line for fault, found in seen.items() for line in sigmas(fault, found, options.size)]}
+    if not options.sigmas:
+        blocks["calibration benchmark"] = [line for fault, found in seen.items() for line in ways(fault, found, options)]
+    for name, lines in blocks.items():
+        text = "\n".join(lines)
+        print(text)
+        if options.write:
+            put_between_marks(PAGE, name, text)
 
 
 if __name__ == "__main__":

@@ -19,8 +19,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
-CLASSES = 19
-MULTIPLE = 32
+from wayloom.config.classes import CLASS_COUNT
 
 
 def conv(inputs: int, outputs: int, size: int, stride: int = 1, dilation: int = 1, groups: int = 1) -> nn.Sequential:
@@ -78,7 +77,7 @@ class CityNetwork(nn.Module):
         self.mix16 = Block(112, 112)
         self.mix8 = Block(64, 64)
         self.mix4 = nn.Sequential(conv(32, 48, 3), nn.ReLU())
-        self.logits = nn.Conv2d(48, CLASSES, 1)
+        self.logits = nn.Conv2d(48, CLASS_COUNT, 1)
 
     def forward(self, x: Tensor) -> Tensor:
         s4 = self.to4(F.relu(self.stem(x)))

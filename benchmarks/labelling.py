@@ -20,6 +20,7 @@ import numpy as np
 from made_drive import CAMERA, HeldImages, made_drive, random_images, texture
 from test_tcl import naive_votes
 
+from wayloom.config.progress import Progress, silent
 from wayloom.labelling.settings import PAPER, LabellingSettings
 from wayloom.labelling.tcl import label_points
 from wayloom.odometry.types import OdometryResult, Points
@@ -27,6 +28,7 @@ from wayloom.pipeline.drive import process_drive
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.reports.drive_report import write_report
 from wayloom.segmentation.scores import scores_from_logits
+from wayloom.segmentation.settings import SegmentationSettings
 
 KEYFRAMES = 25
 """As many as reach a point in the middle, by default."""
@@ -105,10 +107,11 @@ class Clock:
         self.seconds: dict[str, float] = defaultdict(float)
         self._stage, self._since = "start", time.process_time()
 
-    def __call__(self, stage: str, share: float, what: str) -> None:
+    def __call__(self, stage: str) -> Progress:
         now = time.process_time()
         self.seconds[self._stage] += now - self._since
         self._stage, self._since = stage, now
+        return silent
 
 
 def share_of(log: Path, model: str | None) -> float:
@@ -116,8 +119,14 @@ def share_of(log: Path, model: str | None) -> float:
     for _ in range(2):
         clock = Clock()
         with tempfile.TemporaryDirectory() as folder:
-            process_drive(log, Path(folder), ProcessSettings(model=model), progress=clock, write_more=write_report)
-            clock("end", 1.0, "")
+            process_drive(
+                log,
+                Path(folder),
+                ProcessSettings(segmentation=SegmentationSettings(model=model)),
+                progress=clock,
+                write_more=write_report,
+            )
+            clock("end")
     seconds = clock.seconds
     share = 100 * seconds["labelling"] / sum(seconds.values())
     print(f"{log}: labelling {share:.1f} % of " + ", ".join(f"{name} {s:.1f} s" for name, s in seconds.items()))

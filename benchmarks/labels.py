@@ -1,7 +1,8 @@
-"""Makes the paper's table of docs/results.md: `python benchmarks/labels.py DATASET… [--work DIR] [--write]`.
+"""Tables of the label benchmark in docs/results.md: `python benchmarks/labels.py DATASET… [--source SOURCE…] [--write TABLE]`.
 
-A DATASET is what `wayloom benchmark labels` takes; the drives of all are pooled; every network of the catalogue whose file is here
-is measured. --write puts the tables into docs/results.md between their marks.
+A DATASET is what `wayloom benchmark labels` takes; the drives of all are pooled. Every network of the catalogue whose file is
+here is measured against every SOURCE of truth. --write puts the tables into docs/results.md between the marks of TABLE.
+docs/results.md gives the commands that draw the datasets; only the files of foreign networks (WAYLOOM_MODELS) come from elsewhere.
 """
 
 import argparse
@@ -15,7 +16,7 @@ from pages import put_between_marks
 from real_clips import RESULTS
 from real_labels import found_networks
 from wayloom.config.classes import CLASS_ID
-from wayloom.evaluation.label_gains import share_of_right_votes, some_vote_is_right
+from wayloom.evaluation.label_gains import Gain, share_of_right_votes, some_vote_is_right
 from wayloom.evaluation.label_scores import LabelScores, count, scores
 from wayloom.evaluation.label_tables import PAPER_ROWS
 from wayloom.evaluation.label_truth import find_labelled_drives
@@ -25,116 +26,182 @@ from wayloom.labelling.tcl import label_points
 from wayloom.segmentation.catalogue import MODELS
 
 TITLES = {"baseline": "single image", "tcl_mono": "TCL mono", "tcl_stereo": "TCL stereo", "best": "default form"}
+TRUTHS = {"auto": "", "kitti-360": "", "scanned": "through LiDAR", "drawn": "drawn truth"}
+TABLES = ("label benchmark, LiDAR", "label benchmark, drawn")
+VOTERS = {
+    "of obs(p)": ("tcl_stereo", PAPER),
+    "of the default form": ("best", LabellingSettings(votes="hard", spread=0.0, class_prior_power=0.0)),
+}
+
+
+@dataclass
+class Bound:
+    """Of all judged points, those at boundaries too.
+
+    truth, labels  train ids
+    by_paper       whether the paper's filter keeps the point: it is at no boundary
+    possible       whether some image is right
+    share          share of the votes that are right
+    """
+
+    truth: list[np.ndarray] = field(default_factory=list)
+    by_paper: list[np.ndarray] = field(default_factory=list)
+    labels: list[np.ndarray] = field(default_factory=list)
+    possible: list[np.ndarray] = field(default_factory=list)
+    share: list[np.ndarray] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One network against one source of truth."""
+
+    title: str
+    result: LabelBenchmark
+    bounds: dict[str, Bound]
 
 
 def main() -> None:
     """Measure every network, print, and where asked for write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("datasets", type=Path, nargs="+")
+    parser.add_argument("--source", nargs="+", choices=list(TRUTHS), default=["auto"], help="of the truth: one table row for each")
     parser.add_argument("--work", type=Path, help="keep tracks and label images here")
     parser.add_argument("--models", nargs="+", default=list(MODELS), help="names of the catalogue, or TOML files")
     parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--write", action="store_true", help="put the tables into docs/results.md")
+    parser.add_argument("--write", choices=TABLES, help="put the tables into docs/results.md")
     options = parser.parse_args()
-    drives = [replace(drive, name=f"{one.name}-{drive.name}") for one in options.datasets for drive in find_labelled_drives(one)]
-    results = []
+    measured = []
     for network in found_networks(options.models):
-        bounds = {name: Bound() for name in VOTERS}
-        result = benchmark_labels(drives, network, work_dir=options.work, threads=options.threads, show=partial(look, bounds))
-        results.append((result, bounds))
-        print(table(results[-1:]), flush=True)
-    text = table(results)
+        for source in options.source:
+            bounds = {name: Bound() for name in VOTERS}
+            drives = [
+                replace(drive, name=f"{dataset.name}-{drive.name}")
+                for dataset in options.datasets
+                for drive in find_labelled_drives(dataset, source)
+            ]
+            result = benchmark_labels(
+                drives, network, work_dir=options.work, threads=options.threads, show=partial(add_to_bounds, bounds)
+            )
+            title = result.model if len(options.source) == 1 else f"{result.model}, {TRUTHS[source] or source}"
+            measured.append(Measured(title, result, bounds))
+            print(gain_table(measured[-1:]), flush=True)
+    text = tables(measured)
     print(text, end="")
     if options.write:
-        put_between_marks(RESULTS, "label benchmark", text)
+        put_between_marks(RESULTS, options.write, text)
 
 
-@dataclass
-class Bound:
-    """Of all points, those at boundaries too: truth, some label, where some image is right, the truth's share of the votes."""
-
-    truth: list[np.ndarray] = field(default_factory=list)
-    labels: list[np.ndarray] = field(default_factory=list)
-    possible: list[np.ndarray] = field(default_factory=list)
-    share: list[np.ndarray] = field(default_factory=list)
-
-
-VOTERS = {
-    "of obs(p)": ("tcl_stereo", PAPER),
-    "of the default form": ("best", LabellingSettings(votes="hard", spread=0.0, rarity=0.0)),
-}
-
-
-def look(bounds: dict[str, Bound], done: LabelledPoints) -> None:
-    """Note what the images of a drive say of its judged points."""
+def add_to_bounds(bounds: dict[str, Bound], done: LabelledPoints) -> None:
+    """Add the judged points of a drive."""
     judged, truth = done.matches.judged_with_boundaries, done.matches.truth
     for name, (row, form) in VOTERS.items():
         votes, bound = label_points(done.odometry, done.images, form), bounds[name]
         bound.truth.append(truth[judged])
+        bound.by_paper.append(done.matches.judged[judged])
         bound.labels.append(done.labels[row][judged])
         bound.possible.append(some_vote_is_right(votes, truth)[judged])
         bound.share.append(share_of_right_votes(votes, truth)[judged])
 
 
-def bound_line(model: str, name: str, bound: Bound) -> str:
-    """What a vote that always knew the right image would reach, and what the images say where the label is wrong."""
+def tables(measured: list[Measured]) -> str:
+    """Gains, levels, classes, the bound of any vote, and how many points each filter left out."""
+    parts = [gain_table(measured), level_table(measured)]
+    seen: set[str] = set()
+    for one in measured:
+        if one.result.model not in seen:
+            parts += [class_table(one, "accuracy", "class-wise accuracy"), class_table(one, "iou", "IoU"), group_table(one)]
+        seen.add(one.result.model)
+    parts += [bound_table(measured), *filter_lines(measured)]
+    return "\n".join(parts)
+
+
+def markdown(head: list[str], rows: list[list[str]]) -> str:
+    """A Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+
+
+def gain_table(measured: list[Measured]) -> str:
+    """mIoU and OA gained over the single image: the paper's form first, then the default form."""
+    (paper_miou, paper_oa), *paper = PAPER_ROWS.values()
+    head = ["gained over the single image: mIoU [95 %] / OA, percent", "TCL stereo", "TCL mono", "default form"]
+    gained = [f"{miou - paper_miou:+.1f} / {oa - paper_oa:+.1f}" for miou, oa in reversed(paper)]
+    rows = [["the paper, KITTI-360", *gained, "–"]]
+    for one in measured:
+        for suffix, scores_of, gains in (
+            ("", one.result.rows, one.result.gains),
+            (", boundary points too", one.result.rows_with_boundaries, one.result.gains_with_boundaries),
+        ):
+            cells = [gain_cell(scores_of, gains, row) for row in ("tcl_stereo", "tcl_mono", "best")]
+            rows.append([f"{one.title}{suffix}", *cells])
+    return markdown(head, rows)
+
+
+def gain_cell(rows: dict[str, LabelScores], gains: dict[str, Gain], row: str) -> str:
+    """Gain of mIoU with its interval, and of OA."""
+    gain = gains[row]
+    return f"{gain.miou:+.1f} [{gain.low:+.1f}, {gain.high:+.1f}] / {rows[row].oa - rows['baseline'].oa:+.1f}"
+
+
+def level_table(measured: list[Measured]) -> str:
+    """mIoU and OA of every row."""
+    rows = [["the paper, KITTI-360", *(f"{miou} / {oa}" for miou, oa in PAPER_ROWS.values()), "–", "–"]]
+    for one in measured:
+        for suffix, of_kind in (("", one.result.rows), (", boundary points too", one.result.rows_with_boundaries)):
+            cells = [f"{of_kind[row].miou:.1f} / {of_kind[row].oa:.1f}" for row in TITLES]
+            rows.append([f"{one.title}{suffix}", *cells, str(of_kind["baseline"].points)])
+    return markdown(["mIoU / OA, percent", *TITLES.values(), "points"], rows)
+
+
+def class_table(one: Measured, measure: str, title: str) -> str:
+    """IoU of each class, or its accuracy TP_c / N_c where N_c points got class c; by the paper's filter."""
+    rows = one.result.rows
+    names = [name for name in CLASS_ID if any(name in getattr(score, measure) for score in rows.values())]
+    lines = []
+    for row, label in TITLES.items():
+        values = getattr(rows[row], measure)
+        lines.append([label, *(f"{values[name]:.1f}" if name in values else "–" for name in names)])
+    bound = next(iter(one.bounds.values()))
+    truth = np.concatenate(bound.truth)[np.concatenate(bound.by_paper)]
+    lines.append(["points of the class", *(str(int((truth == CLASS_ID[name]).sum())) for name in names)])
+    return markdown([f"{one.title}, {title}", *names], lines)
+
+
+def group_table(one: Measured) -> str:
+    """Mean IoU of each group of classes; by the paper's filter."""
+    rows = one.result.rows
+    groups = list(rows["baseline"].groups)
+    lines = [[title, *(f"{rows[row].groups[group]:.1f}" for group in groups)] for row, title in TITLES.items()]
+    return markdown([f"{one.title}, mean IoU", *groups], lines)
+
+
+def bound_table(measured: list[Measured]) -> str:
+    """What a vote that always knew the right image would reach."""
+    head = ["boundary points too", "the vote", "if it knew the right image", "no image right", "under half of the votes right"]
+    return markdown(head, [bound_row(one.title, name, bound) for one in measured for name, bound in one.bounds.items()])
+
+
+def bound_row(title: str, name: str, bound: Bound) -> list[str]:
+    """The oracle's mIoU / OA, and of the points that the vote labels wrong, those without a right image or majority."""
     truth, labels = np.concatenate(bound.truth), np.concatenate(bound.labels)
     possible, share = np.concatenate(bound.possible), np.concatenate(bound.share)
     wrong = labels != truth
     reached = scores(count(truth, np.where(possible, truth, labels)))
     found = scores(count(truth, labels))
     never, less = 100 * (~possible[wrong]).mean(), 100 * (share[wrong] < 0.5).mean()
-    cells = f"{found.miou:.1f} / {found.oa:.1f} | {reached.miou:.1f} / {reached.oa:.1f} | {never:.0f} % | {less:.0f} %"
-    return f"| {model}, images {name} | {cells} |"
+    levels = [f"{found.miou:.1f} / {found.oa:.1f}", f"{reached.miou:.1f} / {reached.oa:.1f}"]
+    return [f"{title}, images {name}", *levels, f"{never:.0f} %", f"{less:.0f} %"]
 
 
-def table(results: list[tuple[LabelBenchmark, dict[str, Bound]]]) -> str:
-    """The paper's rows beside ours, then the gains, the groups of classes, and what bounds a vote."""
-    lines = ["| mIoU / OA, percent | single image | TCL mono | TCL stereo | default form |", "| --- | --- | --- | --- | --- |"]
-    paper = " | ".join(f"{miou} / {oa}" for miou, oa in PAPER_ROWS.values())
-    lines.append(f"| the paper, KITTI-360 | {paper} | |")
-    for result, _ in results:
-        for name, rows in (("", result.rows), (", boundary points too", result.rows_with_boundaries)):
-            cells = " | ".join(f"{rows[row].miou:.1f} / {rows[row].oa:.1f}" for row in TITLES)
-            lines.append(f"| {result.model}{name} | {cells} |")
-    heads = [TITLES[row] for row in TITLES if row != "baseline"]
-    lines += ["", f"| mIoU gained [95 % of resamples] | {' | '.join(heads)} |", f"| --- {'| --- ' * len(heads)}|"]
-    for result, _ in results:
-        for name, gains in (("", result.gains), (", boundary points too", result.gains_with_boundaries)):
-            shown = [f"{gains[row].miou:+.1f} [{gains[row].low:+.1f}, {gains[row].high:+.1f}]" for row in TITLES if row in gains]
-            lines.append(f"| {result.model}{name} | {' | '.join(shown)} |")
-    for result, bounds in results:
-        truth = np.concatenate(bounds["of obs(p)"].truth)
-        lines += ["", *class_lines(result.model, result.rows_with_boundaries, truth)]
-        lines += ["", *group_lines(result.model, result.rows_with_boundaries)]
-    lines += [
-        "",
-        "| boundary points too | the vote | if it knew the right image | no image right | under half of the votes right |",
-        "| --- | --- | --- | --- | --- |",
-    ]
-    lines += [bound_line(result.model, name, bound) for result, bounds in results for name, bound in bounds.items()]
-    counts = results[0][0].filters
-    lines += ["", "Points: " + ", ".join(f"{number} {name}" for name, number in counts.items()) + "."]
-    lines += [f"Left out: {name}: {why}." for name, why in results[0][0].losses.items()]
-    return "\n".join(lines) + "\n"
-
-
-def class_lines(model: str, rows: dict[str, LabelScores], truth: np.ndarray) -> list[str]:
-    """IoU of each class, and its points."""
-    names = list(rows["baseline"].iou)
-    points = [int((truth == CLASS_ID[name]).sum()) for name in names]
-    lines = [f"| {model}, boundary points too | {' | '.join(names)} |", f"| --- {'| --- ' * len(names)}|"]
-    for row, title in TITLES.items():
-        lines.append(f"| {title} | {' | '.join(f'{rows[row].iou[name]:.1f}' for name in names)} |")
-    return [*lines, f"| points | {' | '.join(map(str, points))} |"]
-
-
-def group_lines(model: str, rows: dict[str, LabelScores]) -> list[str]:
-    """Mean IoU of each group of classes."""
-    groups = list(rows["baseline"].groups)
-    lines = [f"| {model}, boundary points too | {' | '.join(groups)} |", f"| --- {'| --- ' * len(groups)}|"]
-    for row, title in TITLES.items():
-        lines.append(f"| {title} | {' | '.join(f'{rows[row].groups[group]:.1f}' for group in groups)} |")
+def filter_lines(measured: list[Measured]) -> list[str]:
+    """Points by filter, once for each source of truth; drives that were left out."""
+    lines = []
+    for one in measured:
+        if one.result.model == measured[0].result.model:
+            source = one.title.removeprefix(one.result.model).removeprefix(", ")
+            numbers = ", ".join(f"{number} {name}" for name, number in one.result.filters.items())
+            lines.append(f"Points{', ' + source if source else ''}: {numbers}.\n")
+            lines += [f"Left out: {name}: {why}.\n" for name, why in one.result.losses.items()]
     return lines
 
 

@@ -13,7 +13,8 @@ on the same recordings in the same run.
 --only      recordings of these names
 --ablations also runs for each part left out, of these recordings, all where none is named
 --peer      a program to compare with: its command with {log} (KITTI odometry layout) and {out} (poses)
---write     the tables into docs/odometry.md, the numbers into benchmarks/odometry.json, to which a test holds the odometry
+--write     the numbers into benchmarks/odometry.json, to which a test holds the odometry, and all of these as tables into
+            docs/benchmarks/odometry.md; rows that are not measured again stay as they are
 
 The prototype is looked for in WAYLOOM_PROTOTYPES (default ../shared/prototypes); without it its rows are left out.
 CPU times are those of one thread, images decoded within them, kernels compiled or loaded before.
@@ -25,7 +26,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -38,17 +39,18 @@ import naive  # noqa: E402
 import numpy as np  # noqa: E402
 from made_window import NUMBERS, ROBUST, made_window  # noqa: E402
 
-from pages import DOCS, put_between_marks  # noqa: E402
+from pages import DOCS  # noqa: E402
 from wayloom.errors import InputError, WayloomError  # noqa: E402
 from wayloom.evaluation import odometry_peers, odometry_table  # noqa: E402
-from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, SEEDS, Summary, measured, peak_memory_mb, warm_up  # noqa: E402
+from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, SEEDS, Summary, measured, peak_memory_mb, replaced, warm_up  # noqa: E402
 from wayloom.evaluation.odometry_recordings import Recording, clip_recordings, piece, recording_of  # noqa: E402
 from wayloom.geometry import se3  # noqa: E402
 from wayloom.odometry.kernels import adjustment, equations, linear, patch, tracking  # noqa: E402
+from wayloom.odometry.kernels.compiler import opened  # noqa: E402
 from wayloom.odometry.tracking import pyramid  # noqa: E402
-from wayloom.simulation.recording.simulate import simulate  # noqa: E402
+from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate  # noqa: E402
 
-PAGE, NUMBERS_FILE = DOCS / "odometry.md", ROOT / "benchmarks" / "odometry.json"
+PAGE, NUMBERS_FILE = DOCS / "benchmarks" / "odometry.md", ROOT / "benchmarks" / "odometry.json"
 
 
 def say(share: float, what: str) -> None:
@@ -75,7 +77,13 @@ def simulated(preset: str, size: str, drives: tuple[str, ...], cache: Path) -> l
     folder = cache / "-".join((preset, size, *drives))
     if not folder.is_dir():
         unfinished = cache / f"{folder.name}.unfinished-{os.getpid()}"
-        simulate(preset, unfinished, size=size, truth=True, drives=drives, progress=lambda share, what: None)
+        simulate(
+            preset,
+            unfinished,
+            OutputSettings(size=size, truth=True),
+            PresetVariant(drives=drives),
+            progress=lambda share, what: None,
+        )
         unfinished.rename(folder)
     return sorted(path for path in folder.iterdir() if path.is_dir())
 
@@ -107,6 +115,16 @@ def foreign(other: Callable[[], Summary | None]) -> list[Summary]:
     return [] if summary is None else [summary]
 
 
+def read_numbers(file: Path) -> list[Summary]:
+    """The summaries that a file holds; none where there is no file yet."""
+    return [Summary.from_json(row) for row in json.loads(file.read_text())] if file.is_file() else []
+
+
+def write_numbers(file: Path, summaries: Sequence[Summary]) -> None:
+    """The summaries as a JSON list."""
+    file.write_text(json.dumps([summary.as_json() for summary in summaries], indent=1) + "\n")
+
+
 def best_ms(work: Callable[[], object], repeats: int) -> float:
     """Least CPU time in ms of one call, over five rounds of `repeats` calls."""
     work()
@@ -129,17 +147,18 @@ def kernel_table() -> None:
     patch_scratch = patch.make_scratch()
     graded = pyramid.with_gradient(image.astype(np.float32))
     rays = np.column_stack([(points.uv - (NUMBERS.cx, NUMBERS.cy)) / (NUMBERS.fx, NUMBERS.fy), points.rho, points.colour[:, 4]])
-    camera, H, g = np.array(NUMBERS[:4]), np.zeros((8, 8)), np.zeros(8)
+    camera, H, g, J = np.array(NUMBERS[:4]), np.zeros((8, 8)), np.zeros(8), np.zeros(8)
+    patch_residual, tracking_equations = opened(patch.patch_residual), opened(tracking.tracking_equations)
     xi = np.array([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
     rows = [
         (
             "patch_residual",
-            best_ms(lambda: patch.patch_residual(*one, patch_scratch), 2000),
+            best_ms(lambda: patch_residual(*one, patch_scratch), 2000),
             best_ms(lambda: naive.patch_terms(*one), 20),
         ),
         (
             "tracking_equations, 400 points",
-            best_ms(lambda: tracking.tracking_equations(graded, rays, T, 1.0, 0.0, camera, 9.0, 20.0, H, g), 200),
+            best_ms(lambda: tracking_equations(graded, rays, T, 1.0, 0.0, camera, 9.0, 20.0, H, g, J), 200),
             best_ms(lambda: naive.tracking_equations(graded, rays, T, 1.0, 0.0, camera, 9.0, 20.0), 2),
         ),
         ("exp_se3", best_ms(lambda: linear.exp_se3(xi), 2000), best_ms(lambda: se3.exp(xi), 200)),
@@ -182,15 +201,14 @@ def main() -> None:
                 summaries = measured_all(options, Path(cache))
         except WayloomError as problem:
             sys.exit(f"odometry benchmark: {problem}")
-        text = odometry_table.page(summaries, options.seeds)
-        print(text)
+        print(odometry_table.page(summaries))
         own = [summary for summary in summaries if summary.variant == DEFAULT]
         print("\n".join(["**Parts, wall ms a frame**", "", *odometry_table.parts_table(own)]))
-        numbers = json.dumps([summary.as_json() for summary in summaries], indent=1) + "\n"
-        for file in filter(None, (options.json, NUMBERS_FILE if options.write else None)):
-            file.write_text(numbers)
+        if options.json is not None:
+            write_numbers(options.json, summaries)
         if options.write:
-            put_between_marks(PAGE, "odometry benchmark", text)
+            write_numbers(NUMBERS_FILE, replaced(read_numbers(NUMBERS_FILE), summaries))
+            PAGE.write_text(odometry_table.page(read_numbers(NUMBERS_FILE)), encoding="utf-8")
     kernel_table()
 
 

@@ -2,20 +2,32 @@
 
 FOLDER holds the recordings as docs/results.md describes them; default is what WAYLOOM_DATA names, else ../shared/data.
 --write puts the tables into docs/results.md, between its two marks.
+--decoding measures instead what it costs to decode clip A's images (docs/decisions/0023).
 """
 
 import argparse
 import json
 import os
 import sys
+import time
+import zlib
+from collections.abc import Callable
 from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from pages import DOCS, put_between_marks
 from wayloom.evaluation.georeference import TrackDistance
 from wayloom.evaluation.recordings import RecordingRow, measure_kitti_odometry, measure_kitti_raw
+from wayloom.logs.images import grey_png
+from wayloom.logs.images.image_files import check_png
+from wayloom.logs.kernels.png_rows import unfilter
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = DOCS / "results.md"
+DECODED, ROUNDS = 60, 5
 
 
 def measured(data: Path) -> list[RecordingRow]:
@@ -56,15 +68,51 @@ def distance_line(name: str, given: str, distance: TrackDistance) -> str:
     return f"| {name} | {given} | {h.median_m:.3f}, {h.p95_m:.3f}, {h.max_m:.3f} | {v.median_m:.3f}, {v.p95_m:.3f}, {v.max_m:.3f} |"
 
 
+def decoding(folder: Path) -> str:
+    """A Markdown table: processor time of decoding a grey PNG, the best of some rounds of each image, all ways in turn."""
+    files = sorted(folder.glob("*.png"))[:DECODED]
+    ways: dict[str, Callable[[bytes], NDArray[np.uint8]]] = {
+        "isal, rows by a kernel": lambda data: grey_png.decode(check_png(data, folder)),
+        "zlib, rows by a kernel": lambda data: _with_zlib(check_png(data, folder)),
+        "OpenCV": lambda data: cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE),
+    }
+    images = [file.read_bytes() for file in files]
+    assert all(np.array_equal(way(images[0]), ways["OpenCV"](images[0])) for way in ways.values())
+    best = {name: np.full(len(images), np.inf) for name in ways}
+    for _ in range(ROUNDS):
+        for i, data in enumerate(images):
+            for name, way in ways.items():
+                start = time.process_time()
+                way(data)
+                best[name][i] = min(best[name][i], time.process_time() - start)
+    rows = [f"| {name} | {1e3 * seconds.mean():.2f} |" for name, seconds in best.items()]
+    return "\n".join(["| decoder | ms an image |", "| --- | --- |", *rows]) + "\n"
+
+
+def _with_zlib(chunks: list[tuple[bytes, memoryview]]) -> NDArray[np.uint8]:
+    """As grey_png.decode, with the standard library."""
+    header = chunks[0][1]
+    width, height = int.from_bytes(header[:4], "big"), int.from_bytes(header[4:8], "big")
+    stream = b"".join(content for kind, content in chunks if kind == b"IDAT")
+    rows = zlib.decompressobj().decompress(stream, (width + 1) * height + 1)
+    image = np.empty((height, width), np.uint8)
+    unfilter(np.frombuffer(rows, np.uint8).reshape(height, width + 1), image)
+    return image
+
+
 def main() -> None:
     """Measure, print, and where asked for write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("WAYLOOM_DATA", ROOT.parent / "shared" / "data")))
     parser.add_argument("--json", type=Path, help="also write all numbers to this file")
     parser.add_argument("--write", action="store_true", help="put the table into docs/results.md")
+    parser.add_argument("--decoding", action="store_true", help="measure the decoding of images instead")
     options = parser.parse_args()
     if not options.data.is_dir():
         sys.exit(f"no folder {options.data}: set WAYLOOM_DATA or give --data")
+    if options.decoding:
+        print(decoding(options.data / "kitti_odometry" / "sequences" / "00" / "image_0"), end="")
+        return
     rows = measured(options.data)
     if not all(row.same_twice for row in rows):
         sys.exit("two runs of one recording gave different trajectories")

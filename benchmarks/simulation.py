@@ -15,7 +15,7 @@ from pathlib import Path
 from pages import DOCS, put_between_marks
 from wayloom.evaluation import simulated_views as simulated
 from wayloom.evaluation.labelled_images import ImageScores, scores_on_camvid, scores_on_kitti
-from wayloom.evaluation.realism import Look, look_of
+from wayloom.evaluation.realism import ImageStatistics, image_statistics
 from wayloom.logs.registry import open_log
 from wayloom.segmentation.catalogue import find_model
 from wayloom.segmentation.network import Network
@@ -29,14 +29,14 @@ SEEDS = (7, 19, 31)
 GOALS = {"accuracy": 85.0, "full": 1.1, "half": 0.35, "set_up": 20.0}
 
 
-def real_look(folder: Path) -> Look:
+def real_statistics(folder: Path) -> ImageStatistics:
     """Every 12th pair of a clip."""
     log = open_log(folder)
     frames = [log.frame(k) for k in range(0, len(log), EVERY_FRAME)]
-    return look_of([(frame.left, frame.right) for frame in frames], log.rig)
+    return image_statistics([(frame.left, frame.right) for frame in frames], log.rig)
 
 
-def look_table(a: Look, b: Look, ours: Look) -> list[str]:
+def statistics_table(a: ImageStatistics, b: ImageStatistics, ours: ImageStatistics) -> list[str]:
     """Both real clips beside the simulator, and how far it is from their mean."""
     high, excess = (a.high_slope + b.high_slope) / 2, 100 * (2 * ours.residual / (a.residual + b.residual) - 1)
     rows = [
@@ -96,7 +96,8 @@ def main() -> None:
     clips = options.data / "kitti_odometry/sequences/00", options.data / "kitti_raw/2011_09_26/2011_09_26_drive_0005_sync"
     network = Network(find_model(options.model))
     views = simulated.views_of_cities(SEEDS, options.views)
-    looks = [*(real_look(clip) for clip in clips), look_of([(v.left, v.right) for v in views], sized_rig("full"))]
+    simulated_pairs = [(view.left, view.right) for view in views]
+    all_statistics = [*(real_statistics(clip) for clip in clips), image_statistics(simulated_pairs, sized_rig("full"))]
     counts = simulated.counts_of_views(network, views)
     photographs: list[ImageScores] = [
         scores_on_kitti(network, options.data / "labelled/kitti"),
@@ -107,12 +108,13 @@ def main() -> None:
     costs = {size: simulated.cost_of(size, 10) for size in ("full", "half")}
     folder = options.prototypes / "city-simulator"
     prototype = simulated.cost_of_prototype(folder) if folder.is_dir() else None
-    tables = look_table(*looks), class_table(rows, accuracies), cost_table(costs, prototype)
+    tables = statistics_table(*all_statistics), class_table(rows, accuracies), cost_table(costs, prototype)
     text = "\n\n".join("\n".join(table) for table in tables) + "\n"
     print(text, end="")
     if options.json:
         numbers = {
-            "looks": [look.as_json() for look in looks], "classes": [asdict(row) for row in rows], "accuracy": accuracies,
+            "looks": [statistics.as_json() for statistics in all_statistics], "classes": [asdict(row) for row in rows],
+            "accuracy": accuracies,
             "cost": {size: cost.as_json() for size, cost in costs.items()}, "prototype_pair_s": prototype,
         }  # fmt: skip
         options.json.write_text(json.dumps(numbers, indent=1) + "\n")

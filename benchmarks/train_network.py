@@ -1,25 +1,26 @@
-"""Trains `wayloom-city`, the small network in the package, on simulated streets, and exports it to ONNX.
+"""Trains `wayloom-city`, the small network in the package, on simulated streets from nothing, and exports it to ONNX.
 
     python -m venv TRAIN && TRAIN/bin/pip install '.[train]'
     TRAIN/bin/python benchmarks/train_network.py --out OUT
 
-PyTorch is needed here and nowhere else. The streets of --seeds are trained on, those of --held-out are only judged; neither is a
-seed of a preset of `wayloom simulate`. Training goes for --minutes; with --steps instead a run
-depends on its seed alone, and not on how fast the machine is. OUT gets `wayloom-city.onnx`, its TOML, `scores.json`, and the state
-from which `--start` goes on.
+PyTorch is needed here and nowhere else. The recipe (phases, cities, steps, seeds) stands in `training_recipe.py`. A run depends on
+it alone and not on how fast the machine is (about an hour on two cores); one that was stopped goes on after its last whole phase.
+OUT gets `wayloom-city.onnx`, its TOML, `scores.json` on the held-out cities, and the state after each phase.
+--trial N makes N steps a phase on two views: whether everything works.
 """
 
 import argparse
 import hashlib
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from copy import deepcopy
 from itertools import repeat
 from pathlib import Path
 from queue import Queue
 from threading import Thread
+from typing import Any
 
 import numpy as np
 import torch
@@ -27,33 +28,43 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F  # noqa: N812
 
-from city_network import MULTIPLE, CityNetwork, export_onnx, twice
+from city_network import CityNetwork, export_onnx, twice
 from city_views import CLASSES, VOID, Views, batches, class_weights, rendered
-from wayloom.config.classes import CLASS_NAMES
+from training_recipe import (
+    BATCH,
+    CROP,
+    HELD_OUT,
+    MEAN,
+    MULTIPLE,
+    PHASES,
+    RATE,
+    STD,
+    Phase,
+    confusion_of,
+    description,
+    note_done,
+    phases_left,
+    scores_of,
+    share_of_rate,
+    state_file,
+    trial,
+)
 
-CROP = (192, 448)
-BATCH = 4
-RATE = 3e-3
-WARM_UP = 0.04
-MEAN = (0.485, 0.456, 0.406)
-STD = (0.229, 0.224, 0.225)
 Batch = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
 def main() -> None:
-    """Render, train, judge, export."""
+    """Render, train phase by phase, judge, export."""
     options = _options()
-    torch.manual_seed(options.seed)
     torch.set_num_threads(options.threads)
-    train = all_views(options.seeds, options.full_seeds, options)
-    print(f"{len(train)} views to train on", flush=True)
-    network = trained(begun(options.start), train, options.minutes, options.steps, options.seed, options.bf16)
     options.out.mkdir(parents=True, exist_ok=True)
+    phases = trial(options.trial) if options.trial else PHASES
+    network = made(phases, options)
     path = options.out / "wayloom-city.onnx"
-    torch.save(network.state_dict(), options.out / "wayloom-city.state")
     export_onnx(network, str(path))
-    held_out = {"half": all_views(options.held_out, [], options), "full": all_views([], options.held_out[:1], options)}
-    scores = {size: judged(network, views) for size, views in held_out.items()}
+    views = 2 if options.trial else phases[0].views
+    held_out = {"half": all_views(HELD_OUT, (), views, options), "full": all_views((), HELD_OUT[:1], views, options)}
+    scores = {size: judged(network, seen) for size, seen in held_out.items()}
     for size, score in scores.items():
         print_scores(size, score)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
@@ -62,40 +73,47 @@ def main() -> None:
     (options.out / "wayloom-city.toml").write_text(description(digest))
 
 
-def all_views(half_seeds: list[int], full_seeds: list[int], options: argparse.Namespace) -> Views:
+def made(phases: tuple[Phase, ...], options: argparse.Namespace) -> CityNetwork:
+    """The network after all phases: a new one through each, or what an earlier run left through those that it did not finish."""
+    left, state = phases_left(phases, options.out)
+    torch.manual_seed(phases[0].seed)
+    network = CityNetwork()
+    if state is not None:
+        print(f"going on from {state}", flush=True)
+        network.load_state_dict(torch.load(state, weights_only=True))
+    for phase in left:
+        views = all_views(phase.half, phase.full, phase.views, options)
+        print(f"phase {phase.name}: {len(views)} views, {phase.steps} steps", flush=True)
+        network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        network = trained(network, views, phase, options.bf16)
+        torch.save(network.state_dict(), state_file(phase, options.out))
+        note_done(phase, options.out)
+    return network
+
+
+def all_views(half: Sequence[int], full: Sequence[int], count: int, options: argparse.Namespace) -> Views:
     """The views of some cities in half size and of others in full; each city is rendered once, several at a time."""
-    sizes = ["half"] * len(half_seeds) + ["full"] * len(full_seeds)
+    sizes = ["half"] * len(half) + ["full"] * len(full)
     with ProcessPoolExecutor(options.processes) as pool:
-        parts = list(pool.map(rendered, half_seeds + full_seeds, repeat(options.views), sizes, repeat(options.cache)))
+        parts = list(pool.map(rendered, [*half, *full], repeat(count), sizes, repeat(options.cache)))
     return Views([image for p in parts for image in p.images], [classes for p in parts for classes in p.classes])
 
 
-def begun(start: Path | None) -> CityNetwork:
-    """A new network, or the one that an earlier run left."""
-    network = CityNetwork()
-    if start:
-        network.load_state_dict(torch.load(start, weights_only=True))
-    return network.to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]
-
-
-def trained(network: CityNetwork, views: Views, minutes: float, steps: int | None, seed: int, bf16: bool) -> CityNetwork:
+def trained(network: CityNetwork, views: Views, phase: Phase, bf16: bool) -> CityNetwork:
     """AdamW with a one-cycle rate; what is returned is the running mean of the weights, which is steadier than the last ones."""
     mean = deepcopy(network).eval()
     weights = torch.from_numpy(class_weights(views.classes))
     optimiser = torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=0.02)
-    source = ahead(batches(views, BATCH, CROP, seed))
-    started, step, done = time.monotonic(), 0, 0.0
-    while done < 1.0:
+    source = ahead(batches(views, min(BATCH, len(views)), CROP, phase.seed))
+    started = time.monotonic()
+    for step in range(phase.steps):
         for group in optimiser.param_groups:
-            group["lr"] = RATE * share_of_rate(done)
+            group["lr"] = RATE * share_of_rate(step / phase.steps)
         loss = train_step(network, optimiser, next(source), weights, step % 4, bf16)
-        step += 1
-        follow(mean, network, min(0.995, 1 - 10 / (step + 10)))
-        elapsed = time.monotonic() - started
-        done = step / steps if steps else elapsed / (60 * minutes)
-        if step % 100 == 0:
-            print(f"step {step}, {100 * done:.0f} %: loss {loss:.3f}, {elapsed:.0f} s", flush=True)
-    print(f"{step} steps of {BATCH} crops in {elapsed:.0f} s", flush=True)
+        follow(mean, network, min(0.995, 1 - 10 / (step + 11)))
+        if (step + 1) % 100 == 0 or step + 1 == phase.steps:
+            elapsed = time.monotonic() - started
+            print(f"step {step + 1} of {phase.steps}: loss {loss:.3f}, {elapsed:.0f} s", flush=True)
     return mean
 
 
@@ -135,13 +153,6 @@ def loss_of(logits: Tensor, classes: Tensor, weights: Tensor) -> Tensor:
     return entropy + 0.5 * dice[present].mean()
 
 
-def share_of_rate(done: float) -> float:
-    """Linear warm-up, then half a cosine down to nothing."""
-    if done < WARM_UP:
-        return done / WARM_UP
-    return 0.5 * (1 + float(np.cos(np.pi * (done - WARM_UP) / (1 - WARM_UP))))
-
-
 @torch.no_grad()
 def follow(mean: CityNetwork, network: CityNetwork, keep: float) -> None:
     """Move the running mean of weights and statistics towards the network."""
@@ -166,16 +177,12 @@ def ahead(source: Iterator[Batch]) -> Iterator[Batch]:
 
 
 @torch.no_grad()
-def judged(network: CityNetwork, views: Views) -> dict[str, float | dict[str, float]]:
+def judged(network: CityNetwork, views: Views) -> dict[str, Any]:
     """Mean IoU and accuracy in percent over the classes present, and IoU of each, over every pixel of whole views."""
     confusion = np.zeros((CLASSES, CLASSES), np.int64)
     for image, truth in zip(views.images, views.classes, strict=True):
-        found = labels_of(network, image)
-        known = truth != VOID
-        confusion += np.bincount(truth[known].astype(int) * CLASSES + found[known], minlength=CLASSES**2).reshape(CLASSES, CLASSES)
-    hits, truths, founds = np.diag(confusion), confusion.sum(1), confusion.sum(0)
-    iou = {CLASS_NAMES[c]: float(100 * hits[c] / (truths[c] + founds[c] - hits[c])) for c in range(CLASSES) if truths[c]}
-    return {"miou": float(np.mean(list(iou.values()))), "oa": float(100 * hits.sum() / confusion.sum()), "iou": iou}
+        confusion += confusion_of(truth, labels_of(network, image))
+    return scores_of(confusion)
 
 
 def labels_of(network: CityNetwork, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -186,51 +193,25 @@ def labels_of(network: CityNetwork, image: NDArray[np.uint8]) -> NDArray[np.uint
     return logits[0, :, :height, :width].argmax(0).to(torch.uint8).numpy()
 
 
-def print_scores(size: str, score: dict[str, float | dict[str, float]]) -> None:
+def print_scores(size: str, score: dict[str, Any]) -> None:
     """One line for the means, one for the classes."""
     print(f"held-out streets, {size} size: mIoU {score['miou']:.1f} %, accuracy {score['oa']:.1f} %")
-    ious = score["iou"]
-    assert isinstance(ious, dict)
-    print("  " + ", ".join(f"{name} {value:.1f}" for name, value in ious.items()), flush=True)
-
-
-def description(digest: str) -> str:
-    """The TOML that goes beside the network."""
-    return f'''name = "wayloom-city"
-title = "small network trained on the simulated city; colour or grey"
-file = "wayloom-city.onnx"
-sha256 = "{digest}"
-licence = "Apache-2.0"
-source = "in the package; made by benchmarks/train_network.py from simulated images alone"
-layout = "NCHW"
-dtype = "float32"
-mean = {list(MEAN)}
-std = {list(STD)}
-size = "dynamic"
-multiple = {MULTIPLE}
-output = "logits"
-colour = false
-simulated = true
-'''
+    print("  " + ", ".join(f"{name} {value:.1f}" for name, value in score["iou"].items()), flush=True)
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, help="folder of the results")
     parser.add_argument("--cache", type=Path, default=Path("/tmp/wayloom-views"), help="folder of the rendered views")
-    parser.add_argument("--seeds", type=int, nargs="+", default=list(range(1001, 1009)), help="cities to train on, half size")
-    parser.add_argument("--full-seeds", type=int, nargs="*", default=[1021, 1022, 1023], help="cities to train on, full size")
-    parser.add_argument("--held-out", type=int, nargs="+", default=[1901, 1902], help="cities to judge by")
-    parser.add_argument("--views", type=int, default=40, help="of each city")
-    parser.add_argument("--minutes", type=float, default=25.0)
-    parser.add_argument("--steps", type=int, help="instead of --minutes")
-    parser.add_argument("--start", type=Path, help="the state file of an earlier run, to go on from")
+    parser.add_argument("--trial", type=int, metavar="N", help="N steps a phase on two views: a try of the whole way")
     parser.add_argument("--threads", type=int, default=1, help="of the training")
     parser.add_argument("--processes", type=int, default=2, help="of the rendering")
     parser.add_argument(
-        "--bf16", action="store_true", help="bfloat16 inside the network: a third faster where the processor has it"
+        "--bf16",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="bfloat16 inside the network, as the shipped one was made",
     )
-    parser.add_argument("--seed", type=int, default=1)
     return parser.parse_args()
 
 

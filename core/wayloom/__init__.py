@@ -1,4 +1,4 @@
-"""wayloom weaves the drives of a vehicle fleet into one semantic 3D map of a city, from stereo cameras and GNSS alone."""
+"""Semantic 3D mapping of a city with a vehicle fleet, from stereo cameras and GNSS alone."""
 
 from pathlib import Path as _Path
 

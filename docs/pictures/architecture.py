@@ -11,6 +11,8 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Rectangle
 
+from wayloom.config.stages import MAP_STAGES, drive_stages
+
 COLOURS: Final = {"process": "#d6e6f5", "stage": "#eef4fa", "table": "#fbe9c6", "files": "#dcefdc", "outside": "#f2f2f2"}
 DATA, CONTROL = "#2b5d8a", "#b0482f"
 
@@ -40,7 +42,6 @@ BOXES: Final = {
     "folders": Box(7.5, 8.1, 8.1, 0.5, "data folder: drive logs, stages/STAGE/KEY", "files"),
     "blobs": Box(7.5, 0.9, 8.1, 0.5, "object store: submaps and tiles, named by their SHA-256", "files"),
 }
-STAGES: Final = ("ingest", "odometry", "segmentation", "labelling", "georeference", "submaps", "stitch", "publish")
 WORKER: Final = Box(10.9, 3.9, 2.0, 4.6, "", "process")
 
 
@@ -70,12 +71,13 @@ def draw_worker(ax: Axes) -> None:
     """The workers with the stages of the catalogue, those of the map apart."""
     draw_box(ax, WORKER)
     ax.text(WORKER.x, WORKER.y + 2.1, "workers:\none stage at a time", ha="center", va="center", fontsize=7.7)
-    for row, stage in enumerate(STAGES):
-        gap = 0.15 if row >= 6 else 0.0
+    of_drive = drive_stages()
+    for row, stage in enumerate([*of_drive, *(stage.name for stage in MAP_STAGES)]):
+        gap = 0.15 if row >= len(of_drive) else 0.0
         y = WORKER.y + 1.6 - 0.5 * row - gap
         draw_box(ax, Box(WORKER.x, y, 1.5, 0.32, stage, "stage"))
         if row:
-            draw_arrow(ax, (WORKER.x, y + 0.36 + (gap if row == 6 else 0.0)), (WORKER.x, y + 0.16), DATA)
+            draw_arrow(ax, (WORKER.x, y + 0.36 + (gap if row == len(of_drive) else 0.0)), (WORKER.x, y + 0.16), DATA)
 
 
 def draw_legend(ax: Axes) -> None:

@@ -8,9 +8,9 @@ import numpy as np
 
 from wayloom.config.classes import PALETTE
 from wayloom.simulation.recording.presets import DEMO
-from wayloom.simulation.recording.record_drive import plan_recording, way_of
+from wayloom.simulation.recording.record_drive import plan_recording, route_plan
 from wayloom.simulation.recording.worlds import build_world
-from wayloom.simulation.sensors.capture import StereoCamera, capture
+from wayloom.simulation.sensors.capture import CaptureSettings, StereoCamera, capture
 from wayloom.simulation.traffic.drives import plan_drives
 
 OUT = Path(__file__).with_name("simulation.jpg")
@@ -23,14 +23,14 @@ SHOWN = ((0, 18), (1, 55))
 def main() -> None:
     """One column a drive: image, classes, depth of the left camera."""
     world = build_world(DEMO.city, DEMO.light, "full")
-    drives = plan_drives(world.city, [way_of(plan, DEMO) for plan in DEMO.drives])
+    drives = plan_drives(world.city, [route_plan(plan, DEMO) for plan in DEMO.drives])
     columns = []
     for number, frame in SHOWN:
         recording = plan_recording(DEMO, number, drives[number])
         camera = StereoCamera(recording.plan.vehicle, "full", recording.motion)
         around = replace(world, traffic=recording.drive.traffic)
         t_s = recording.t_s[frame : frame + 1]
-        pair = next(capture(camera, around, t_s, recording.drive.left_out, True, (0,)))
+        pair = next(capture(camera, around, t_s, CaptureSettings(recording.drive.left_out, True, (0,))))
         assert pair.truth is not None
         truth = pair.truth[0]
         near = np.where(truth.depth > 0, 1 - np.sqrt(np.minimum(truth.depth, FARTHEST_M) / FARTHEST_M), 0)

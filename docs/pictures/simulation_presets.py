@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.simulation.city.numbering import FIRST_MOVER
+from wayloom.simulation.city.instance_ids import FIRST_MOVER
 from wayloom.simulation.recording.presets import DEMO, PRESETS, Preset
-from wayloom.simulation.recording.record_drive import plan_recording, way_of
+from wayloom.simulation.recording.record_drive import plan_recording, route_plan
 from wayloom.simulation.recording.worlds import build_world
 from wayloom.simulation.rendering.light import WEATHERS, CityLight
 from wayloom.simulation.rendering.renderer import World
-from wayloom.simulation.sensors.capture import StereoCamera, capture
+from wayloom.simulation.sensors.capture import CaptureSettings, StereoCamera, capture
 from wayloom.simulation.traffic.drives import plan_drives
 from wayloom.simulation.vehicle.rigs import sized_rig
 
@@ -34,18 +34,18 @@ LOOK_EVERY = 10
 
 def frame_of(preset: Preset, world: World, number: int, frame: int) -> Image:
     """(HEIGHT, WIDTH, 3) BGR: what the left camera records; exposure control starts a second before."""
-    drives = plan_drives(world.city, [way_of(plan, preset) for plan in preset.drives])
+    drives = plan_drives(world.city, [route_plan(plan, preset) for plan in preset.drives])
     recording = plan_recording(preset, number, drives[number])
     camera = StereoCamera(recording.plan.vehicle, "half", recording.motion)
     around = replace(world, traffic=recording.drive.traffic)
     t_s = recording.t_s[frame - 1 : frame + 1]
-    *_, pair = capture(camera, around, t_s, recording.drive.left_out, False, (0,))
+    *_, pair = capture(camera, around, t_s, CaptureSettings(recording.drive.left_out, False, (0,)))
     return np.asarray(cv2.resize(pair.left[..., ::-1], (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def moving_shares(preset: Preset, world: World, number: int) -> dict[int, float]:
     """How much of the left image moves in every LOOK_EVERYth frame of a drive."""
-    drives = plan_drives(world.city, [way_of(plan, preset) for plan in preset.drives])
+    drives = plan_drives(world.city, [route_plan(plan, preset) for plan in preset.drives])
     recording = plan_recording(preset, number, drives[number])
     around, camera = replace(world, traffic=recording.drive.traffic), sized_rig("quarter").camera
     out = {}

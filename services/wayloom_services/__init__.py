@@ -1,1 +1,1 @@
-"""wayloom's HTTP API, tile server and operator dashboard."""
+"""HTTP API, tile server and operator dashboard."""

@@ -1,4 +1,4 @@
-"""`python -m wayloom_services`: the API on an address, or on a socket that the parent has opened (--fd)."""
+"""API server process (`python -m wayloom_services`): on an address, or on a socket that the parent has opened (--fd)."""
 
 import argparse
 import socket
@@ -7,8 +7,9 @@ import sys
 import uvicorn
 
 from wayloom.config.json_log import configure_log
-from wayloom.config.service import load_service_settings
 from wayloom.errors import WayloomError
+from wayloom.pipeline.settings import load_settings
+from wayloom.pipeline.usable import check_usable
 from wayloom_services.app import create_app
 
 GRACE_S = 3
@@ -21,8 +22,10 @@ def main() -> int:
     arguments = parser.parse_args()
     configure_log()
     try:
-        settings = load_service_settings()
+        loaded = load_settings()
+        settings = loaded.settings
         settings.check_exposure()
+        check_usable(loaded, runs_stages=False)
     except WayloomError as error:
         sys.stderr.write(f"wayloom: {error}\n")
         return 2

@@ -1,4 +1,4 @@
-"""The ASGI application."""
+"""ASGI application factory."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager

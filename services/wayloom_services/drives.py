@@ -1,4 +1,4 @@
-"""Drives: registered, listed, watched, tried again, removed."""
+"""Drive endpoints: registration, listing, state, track, preview, retry, removal."""
 
 from typing import Annotated, Any
 
@@ -25,12 +25,12 @@ async def register(manifest: Manifest, response: Response, service: ServiceDep) 
 
     def change(session: Session) -> tuple[Registration, JobMessage | None]:
         drive, created = drives.register(session, manifest, service.settings.map_id)
-        woken = drives.queue_if_complete(session, drive)
+        first_job = drives.queue_if_complete(session, drive)
         (view,) = drives_out(session, [drive])
-        return Registration(id=drive.id, created=created, drive=view, missing=_missing(service, session, drive.id)), woken
+        return Registration(id=drive.id, created=created, drive=view, missing=_missing(service, session, drive.id)), first_job
 
-    answer, woken = await service.write(change)
-    await service.wake([woken] if woken else [])
+    answer, first_job = await service.write(change)
+    await service.notify(first_job)
     response.status_code = 201 if answer.created else 200
     response.headers["Location"] = f"/v1/drives/{answer.id}"
     return answer
@@ -56,7 +56,7 @@ async def one(drive_id: DriveId, service: ServiceDep) -> DriveOut:
 
 @router.get("/{drive_id}/track")
 async def track(drive_id: DriveId, service: ServiceDep) -> Feature:
-    """The way that the drive took, as a GeoJSON LineString in WGS84; no geometry until it has a place."""
+    """Track of the drive as a GeoJSON LineString in WGS84; no geometry until the drive is geo-referenced."""
     drive = await service.read(lambda session: drives.get(session, drive_id))
     geometry = {"type": "LineString", "coordinates": drive.track} if drive.track else None
     return Feature(geometry=geometry, properties={"id": drive.id, "name": drive.name, "state": drive.state})
@@ -81,16 +81,16 @@ async def retry(drive_id: DriveId, service: ServiceDep) -> DriveOut:
         drives.get(session, drive_id)
         return jobs.retry(session, drive_id)
 
-    await service.wake(await service.write(change))
+    await service.notify(*await service.write(change))
     return await one(drive_id, service)
 
 
 @router.delete("/{drive_id}", status_code=202)
 async def remove(drive_id: DriveId, service: ServiceDep) -> DriveOut:
     """Remove the drive: its files, and its part of the map with the next version."""
-    woken = await service.write(lambda session: drives.request_removal(session, drive_id))
+    removal = await service.write(lambda session: drives.request_removal(session, drive_id))
     view = await one(drive_id, service)
-    await service.wake([woken])
+    await service.notify(removal)
     return view
 
 

@@ -1,4 +1,4 @@
-"""From wayloom's errors to HTTP: problem+json (RFC 9457) with a stable code, by one table."""
+"""Mapping of wayloom's errors to HTTP: problem+json (RFC 9457) with a stable code, by one table."""
 
 from typing import Final
 

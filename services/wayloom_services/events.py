@@ -1,4 +1,4 @@
-"""What changes, pushed as server-sent events. One poller reads the rows for all listeners, so events need no broker."""
+"""Server-sent events of drives and maps. One poller reads the rows for all listeners, so events need no broker."""
 
 import asyncio
 import json
@@ -23,7 +23,7 @@ Snapshot = dict[tuple[str, str], str]
 
 
 class Feed:
-    """Reads the newest drives and the maps while anybody listens, and tells every listener what has changed."""
+    """Polls the newest drives and the maps while anybody listens, and broadcasts the changes to all listeners."""
 
     def __init__(self, service: Service) -> None:
         self._service = service
@@ -70,7 +70,7 @@ def _snapshot(session: Session) -> Snapshot:
 
 
 def _look(before: Snapshot, session: Session) -> tuple[Snapshot, list[str]]:
-    """What is there now, and which of the drives of before are removed; a drive that newer ones pushed out of sight is not."""
+    """The current snapshot, and the drives of the last one that are removed; drives pushed off the list by newer ones are not."""
     after = _snapshot(session)
     unseen = sorted(drive_id for event, drive_id in before.keys() - after.keys() if event == "drive")
     known = drives.known(session, unseen)

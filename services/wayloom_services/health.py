@@ -1,4 +1,4 @@
-"""Whether the server lives, whether it can work, and what it counts."""
+"""Health, readiness and metrics endpoints."""
 
 from fastapi import APIRouter, Depends, Response
 from fastapi.responses import PlainTextResponse
@@ -8,24 +8,24 @@ from redis.exceptions import RedisError
 
 from wayloom import __version__
 from wayloom.config.classes import CLASS_NAMES, MOVING_CLASSES, PALETTE, SKY
+from wayloom.config.stages import drive_stages, map_stages
 from wayloom.store import counts, migrate
 from wayloom.store.database import DatabaseError, Session
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.schemas import ClassOut, Health, Info
-from wayloom_services.views import ALL_STAGES
 
 router = APIRouter(tags=["service"])
 
 
 @router.get("/healthz")
 async def alive() -> Health:
-    """The process answers."""
+    """Liveness: the process answers."""
     return Health(status="ok", version=__version__, checks={})
 
 
 @router.get("/readyz", responses={503: {"model": Health}})
 async def ready(response: Response, service: ServiceDep) -> Health:
-    """The database is there and up to date. Without a broker drives still arrive and wait: `degraded`, but 200."""
+    """Readiness: the database is there and up to date. Without a broker drives still arrive and wait: `degraded`, but 200."""
     checks = {
         "database": await service.in_thread(lambda: _database(service)),
         "broker": await service.in_thread(lambda: _broker(service)),
@@ -53,7 +53,7 @@ async def info(service: ServiceDep) -> Info:
         version=__version__,
         map_id=settings.map_id,
         needs_key=settings.api_key is not None,
-        stages=list(ALL_STAGES),
+        stages=[*drive_stages(), *map_stages()],
         classes=classes,
     )
 

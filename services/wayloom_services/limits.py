@@ -1,4 +1,4 @@
-"""How much a request may say. Files come as uploads, which count for themselves; everything else is short, or a manifest."""
+"""Request size limits outside of uploads."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""One writer for each upload. Whoever comes later takes over: a client knows before the server that its old link is dead."""
+"""Upload locks: one writer for each upload; a newer request takes over from one whose connection is dead."""
 
 import asyncio
 from collections.abc import AsyncIterable, AsyncIterator
@@ -15,7 +15,7 @@ class UploadLocks:
 
     @asynccontextmanager
     async def hold(self, upload_id: str) -> AsyncIterator[asyncio.Event]:
-        """Ask the holder to stop, wait for it, then hold. Yields the event that is set when the next one asks."""
+        """Ask the holder to stop, wait for it, then hold the lock. Yields the event that is set when another request asks."""
         lock, asked = self._holders.setdefault(upload_id, (asyncio.Lock(), []))
         for event in asked:
             event.set()

@@ -1,11 +1,12 @@
-"""Maps, their versions, tiles and submaps."""
+"""Map endpoints: versions, tiles, coverage and submaps."""
 
-import math
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 
 from wayloom.store import maps
+from wayloom.tiles.grid import TileAddress, tile_bounds
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS
 from wayloom_services.errors import ProtocolError
@@ -59,7 +60,7 @@ async def version(map_id: MapId, number: Number, service: ServiceDep) -> Version
 
 @router.get("/maps/{map_id}/coverage")
 async def coverage(map_id: MapId, service: ServiceDep) -> FeatureCollection:
-    """Where the newest version has something, as squares of the tile grid: of zoom 17, or of the deepest above it."""
+    """Coverage of the newest version, as squares of the tile grid: of zoom 17, or of the deepest above it."""
     zoom, addresses = await service.read(lambda session: maps.coverage(session, map_id, COVERAGE_ZOOM))
     return FeatureCollection(
         features=[Feature(geometry=_square(zoom, x, y), properties={"z": zoom, "x": x, "y": y}) for x, y in addresses]
@@ -92,34 +93,34 @@ TILE_ANSWERS: dict[int | str, dict[str, Any]] = {
 }
 
 
+@dataclass(frozen=True, slots=True)
+class TilePath:
+    """Address of a tile in a request's path: layer, zoom, column, row, file extension."""
+
+    layer: Layer
+    z: Zoom
+    x: Coordinate
+    y: Coordinate
+    ext: Extension
+
+
+TilePathDep = Annotated[TilePath, Depends()]
+
+
 @router.get("/maps/{map_id}/tiles/{layer}/{z}/{x}/{y}.{ext}", response_class=Response, responses=TILE_ANSWERS)
-async def tile(
-    map_id: MapId, layer: Layer, z: Zoom, x: Coordinate, y: Coordinate, ext: Extension, request: Request, service: ServiceDep
-) -> Response:
+async def tile(map_id: MapId, path: TilePathDep, request: Request, service: ServiceDep) -> Response:
     """A tile of the newest version. Its ETag is its content's hash: ask again with If-None-Match."""
-    return await _tile(service, request, (map_id, None, layer, z, x, y), ext, ASK_AGAIN)
+    return await _tile(service, request, (map_id, None), path, ASK_AGAIN)
 
 
 @router.get("/maps/{map_id}/versions/{number}/tiles/{layer}/{z}/{x}/{y}.{ext}", response_class=Response, responses=TILE_ANSWERS)
-async def tile_of_version(
-    map_id: MapId,
-    number: Number,
-    layer: Layer,
-    z: Zoom,
-    x: Coordinate,
-    y: Coordinate,
-    ext: Extension,
-    request: Request,
-    service: ServiceDep,
-) -> Response:
+async def tile_of_version(map_id: MapId, number: Number, path: TilePathDep, request: Request, service: ServiceDep) -> Response:
     """A tile of a given version: it never changes."""
-    return await _tile(service, request, (map_id, number, layer, z, x, y), ext, _forever(service))
+    return await _tile(service, request, (map_id, number), path, _forever(service))
 
 
-async def _tile(
-    service: Service, request: Request, address: tuple[str, int | None, str, int, int, int], ext: str, cache: str
-) -> Response:
-    map_id, number, layer, z, x, y = address
+async def _tile(service: Service, request: Request, map_version: tuple[str, int | None], path: TilePath, cache: str) -> Response:
+    (map_id, number), layer, z, x, y = map_version, path.layer, path.z, path.x, path.y
     if x >= 1 << z or y >= 1 << z:
         raise ProtocolError(404, "not-found", f"zoom {z} has no tile {x}/{y}: both go from 0 to {(1 << z) - 1}")
     row = await service.read(
@@ -154,6 +155,5 @@ def _box(text: str) -> maps.Box:
 
 def _square(z: int, x: int, y: int) -> dict[str, object]:
     """The outline of a web-mercator tile in degrees."""
-    west, east = (360.0 * column / (1 << z) - 180.0 for column in (x, x + 1))
-    north, south = (math.degrees(math.atan(math.sinh(math.pi * (1 - 2 * row / (1 << z))))) for row in (y, y + 1))
+    west, south, east, north = tile_bounds(TileAddress(z, x, y))
     return {"type": "Polygon", "coordinates": [[[west, south], [east, south], [east, north], [west, north], [west, south]]]}

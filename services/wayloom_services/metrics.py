@@ -1,4 +1,4 @@
-"""What Prometheus may ask for. Labels are route templates and known methods, never words that a client chose."""
+"""Prometheus metrics. Labels are route templates and known methods, never text that a client chose."""
 
 import time
 from typing import Final

@@ -1,4 +1,4 @@
-"""What the API answers, as its OpenAPI document shows it. Times are seconds since 1970."""
+"""Response models of the API, as its OpenAPI document shows them. Times are seconds since 1970."""
 
 from typing import Any, Literal
 
@@ -163,7 +163,7 @@ class ClassOut(BaseModel):
 
 
 class Info(BaseModel):
-    """What a dashboard or client must know before its first request."""
+    """Map, stages and classes: for dashboards and clients, before their first request."""
 
     version: str
     map_id: str

@@ -1,4 +1,4 @@
-"""Resumable upload by the tus protocol 1.0.0: creation, creation-with-upload, checksum, expiration, termination.
+"""Resumable upload endpoints (tus 1.0.0): creation, creation-with-upload, checksum, expiration, termination.
 
 The offset is the size of the stored file, whatever happened before. A chunk with a checksum waits beside the file until it is whole
 and right; a chunk without is kept as far as it came. When a file is whole, its SHA-256 must be the manifest's.

@@ -1,4 +1,4 @@
-"""The bytes of an upload: received, stored, verified and put into their drive."""
+"""Upload bodies: receiving, storing, verifying, and moving a whole file into its drive."""
 
 import hashlib
 import os
@@ -103,8 +103,7 @@ async def complete(service: Service, upload: Upload) -> None:
         uploads.mark_complete(session, upload.id)
         return drives.mark_complete(session, upload.drive_id, upload.path)
 
-    woken = await service.write(finish)
-    await service.wake([woken] if woken else [])
+    await service.notify(await service.write(finish))
 
 
 async def forget(service: Service, upload: Upload) -> None:

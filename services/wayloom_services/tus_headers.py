@@ -1,4 +1,4 @@
-"""The headers of the tus protocol, read and written."""
+"""Headers of the tus protocol: parsing and formatting."""
 
 import base64
 import binascii

@@ -1,17 +1,15 @@
-"""From rows to what the API answers."""
+"""Conversion of database rows to response models."""
 
 import math
 import time
 from collections.abc import Mapping, Sequence
 
+from wayloom.config.stages import drive_stages, map_stages
 from wayloom.store import drives
 from wayloom.store.database import Session
 from wayloom.store.drives import Received
-from wayloom.store.queues import DRIVE_STAGES, MAP_STAGES
 from wayloom.store.tables import Drive, Job, MapVersion, SubmapRow
 from wayloom_services.schemas import DriveOut, StageOut, SubmapOut, VersionOut
-
-ALL_STAGES = DRIVE_STAGES + MAP_STAGES
 
 
 def drives_out(session: Session, rows: Sequence[Drive]) -> list[DriveOut]:
@@ -23,7 +21,7 @@ def drives_out(session: Session, rows: Sequence[Drive]) -> list[DriveOut]:
 
 
 def drive_out(drive: Drive, jobs: Sequence[Job], received: Received, usual: Mapping[str, float]) -> DriveOut:
-    """One drive; `usual` is how long each stage usually takes."""
+    """Response model of a drive; `usual` holds the usual duration of each stage."""
     now = time.time()
     stages = _stages(drive, jobs, now)
     current = next((stage for stage in stages if stage.state not in ("done",)), None)
@@ -39,7 +37,7 @@ def drive_out(drive: Drive, jobs: Sequence[Job], received: Received, usual: Mapp
 
 
 def version_out(row: MapVersion) -> VersionOut:
-    """One version."""
+    """Response model of a map version."""
     return VersionOut(
         map_id=row.map_id, version=row.version, created_at=row.created_at, frame=row.frame, drives=row.drives,
         submaps=row.submap_count, bounds=row.bounds, layers=row.layers, tiles=row.tile_count, bytes=row.byte_count, facts=row.facts,
@@ -47,7 +45,7 @@ def version_out(row: MapVersion) -> VersionOut:
 
 
 def submap_out(row: SubmapRow) -> SubmapOut:
-    """One submap's place."""
+    """Response model of a submap."""
     covariance = [[value if value is None or math.isfinite(value) else None for value in line] for line in row.covariance]
     return SubmapOut(
         digest=row.digest, drive_id=row.drive_id, position=row.position, points=row.point_count, frame=row.frame,
@@ -58,7 +56,7 @@ def submap_out(row: SubmapRow) -> SubmapOut:
 def _stages(drive: Drive, jobs: Sequence[Job], now: float) -> list[StageOut]:
     """Every stage that the drive will have, those without a row yet as waiting."""
     found = {job.stage: job for job in jobs}
-    names = DRIVE_STAGES if drive.placed is False else ALL_STAGES
+    names = drive_stages() if drive.placed is False else (*drive_stages(), *map_stages())
     return [_stage(found[name], now) if name in found else _waiting(name) for name in names]
 
 
@@ -84,7 +82,7 @@ def _share_done(drive: Drive, stages: Sequence[StageOut], received: Received) ->
 
 
 def _eta(drive: Drive, stages: Sequence[StageOut], usual: Mapping[str, float]) -> float | None:
-    """The rest of the running stage by its own pace, the following ones as long as they usually took."""
+    """Remaining time: the running stage by its own pace, the following ones by their usual duration."""
     if drive.state not in ("queued", "running", "stitching"):
         return None
     rest = 0.0

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from made_evidence import LENS, evidence
+from made_observations import LENS, made_drive
 
 from wayloom.calibration.learn import learn_rig
 from wayloom.calibration.report import facts, lines, warnings
@@ -25,8 +25,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Evidence of three drives: two in a folder, one where `wayloom process` leaves it."""
     root = tmp_path_factory.mktemp("drives")
     for seed in range(2):
-        save_observations(evidence(LENS, seed), root / "gathered" / f"drive-{seed}.npz")
-    save_observations(evidence(LENS, 2), root / "processed" / "stages" / "odometry" / "evidence.npz")
+        save_observations(made_drive(LENS, seed), root / "gathered" / f"drive-{seed}.npz")
+    save_observations(made_drive(LENS, 2), root / "processed" / "stages" / "odometry" / "evidence.npz")
     return root
 
 
@@ -36,7 +36,7 @@ def test_a_rig_is_learnt_from_folders_of_evidence_and_what_process_left(folder: 
     assert done.returncode == 0, done.stderr
     rig = read_rig_file(out)
     assert rig.drives == ("drive 0", "drive 1", "drive 2")
-    expected = learn_rig([evidence(LENS, seed) for seed in range(3)]).rig
+    expected = learn_rig([made_drive(LENS, seed) for seed in range(3)]).rig
     assert rig.lens == expected.lens
     said = json.loads((tmp_path / "facts.json").read_text())
     assert set(said["right_lens"]) == set(PARAMETERS)
@@ -71,7 +71,7 @@ def test_bad_input_ends_in_one_line_and_status_2_and_writes_nothing(folder: Path
 
 
 def test_the_report_says_what_is_known_and_what_is_not() -> None:
-    good, bad = learn_rig([evidence(IDENTITY, 0)]), learn_rig([evidence(LENS, 0)])
+    good, bad = learn_rig([made_drive(IDENTITY, 0)]), learn_rig([made_drive(LENS, 0)])
     assert warnings(good) == []
     assert "by up to 7." in warnings(bad)[0]
     assert any(line.strip().startswith("k1") and "±" in line for line in lines(bad))
@@ -80,5 +80,5 @@ def test_the_report_says_what_is_known_and_what_is_not() -> None:
 
 
 def test_a_drive_that_does_not_fit_is_named() -> None:
-    found = learn_rig([evidence(LENS, 0), evidence(LENS, 1), evidence(IDENTITY, 2, snippets=4, outliers=0.9)])
+    found = learn_rig([made_drive(LENS, 0), made_drive(LENS, 1), made_drive(IDENTITY, 2, groups=4, outliers=0.9)])
     assert [warning for warning in warnings(found) if warning.startswith("drive 2 does not fit")]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from made_evidence import LENS, RIG, evidence
+from made_observations import LENS, RIG, made_drive
 
 from wayloom.calibration.residuals import (
     KEPT,
@@ -21,7 +21,7 @@ from wayloom.geometry import se3
 from wayloom.geometry.lens import RightLens, lens_from_values, project_scaled
 from wayloom.geometry.rectification import distort, undistort
 
-DRIVE = drive_of(evidence(LENS, snippets=3, points=20, noise_px=0.05, outliers=0.0))
+DRIVE = drive_of(made_drive(LENS, groups=3, points=20, noise_px=0.05, outliers=0.0))
 STEPS = np.array([1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-6, 1e-3, 1e-4, 1e-5, 1e-5])
 
 
@@ -93,9 +93,9 @@ def test_the_common_radial_errors_column_is_that_of_finite_differences() -> None
     def predicted(kappa: float) -> np.ndarray:
         """Both images through kappa: the host's ray is what it sees undistorted; left predictions are distorted, right ones get
         kappa with the lens's own k1."""
-        rays = camera.rays(warped(DRIVE.evidence.uv_host.astype(float), kappa, undistort))
+        rays = camera.rays(warped(DRIVE.observations.uv_host.astype(float), kappa, undistort))
         lens = lens_from_values(LENS.values + kappa * np.eye(LENS_COUNT)[7])
-        out = residuals(Drive(DRIVE.evidence, rays, DRIVE.measured), lens, state())
+        out = residuals(Drive(DRIVE.observations, rays, DRIVE.measured), lens, state())
         for t in (1, 2):
             left = out[:, t] + DRIVE.measured[:, t]
             out[:, t] = np.where(np.isfinite(left), warped(np.nan_to_num(left), kappa, distort), np.nan) - DRIVE.measured[:, t]
@@ -108,7 +108,7 @@ def test_a_match_is_predicted_where_camera_and_lens_put_the_point() -> None:
     now, p, rig = state(), 7, RIG
     own = lens_of_drive(LENS, now.offsets)
     host = DRIVE.rays[p] / now.rho[p]
-    T = now.T_target_host[DRIVE.evidence.snippet[p], 1]
+    T = now.T_target_host[DRIVE.observations.group[p], 1]
     target = T[:3, :3] @ host + T[:3, 3]
     one = np.ones(1)
     expected = [

@@ -78,8 +78,8 @@ def column_errors(log: DriveLog, lens: RightLens, data: tuple[np.ndarray, np.nda
 def test_disparities_agree_with_lidar_in_the_middle_by_the_bias_and_at_the_sides_by_the_lens(clip_b: Path) -> None:
     log = open_log(clip_b)
     collector = ObservationCollector(log.rig)
-    result = track(log, collector=collector)
-    learnt = learn_rig([collector.evidence(log)])
+    result = track(log, observers=(collector,))
+    learnt = learn_rig([collector.observations(log)])
     data = seen(log)
     x = (data[0][:, 0] - log.rig.camera.cx) / log.rig.camera.fx
     middle, sides = np.abs(x) < 0.3, np.abs(x) > 0.55

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_evidence import CAMERA, LENS, RIG, evidence
+from made_observations import CAMERA, LENS, RIG, made_drive
 
-from wayloom.calibration.learn import Calibration, field_sigma, field_size, learn_rig, undetermined
+from wayloom.calibration.covariance import field_sigma
+from wayloom.calibration.learn import Calibration, field_size, learn_rig, undetermined
 from wayloom.calibration.settings import CalibrationSettings
 from wayloom.errors import CalibrationError
 from wayloom.geometry.camera import PinholeCamera, StereoRig
@@ -30,7 +31,7 @@ def field_error_px(lens: RightLens, truth: RightLens) -> float:
 
 @pytest.mark.parametrize("kind", TURNS)
 def test_a_lens_is_learnt_within_two_of_its_sigmas(kind: str) -> None:
-    drives = [evidence(LENS, seed, turn_rad=turn) for seed, turn in enumerate(TURNS[kind])]
+    drives = [made_drive(LENS, seed, turn_rad=turn) for seed, turn in enumerate(TURNS[kind])]
     found = learn_rig(drives)
     assert worst_z(found, LENS) < 2.0
     assert field_error_px(found.rig.lens, LENS) < 0.1
@@ -39,7 +40,7 @@ def test_a_lens_is_learnt_within_two_of_its_sigmas(kind: str) -> None:
 
 
 def test_a_perfect_rig_stays_perfect() -> None:
-    found = learn_rig([evidence(IDENTITY, seed) for seed in range(2)])
+    found = learn_rig([made_drive(IDENTITY, seed) for seed in range(2)])
     assert worst_z(found, IDENTITY) < 2.0
     assert field_error_px(found.rig.lens, IDENTITY) < 0.05
     assert found.worst_px < 0.1
@@ -47,7 +48,7 @@ def test_a_perfect_rig_stays_perfect() -> None:
 
 def test_each_drive_may_differ_from_the_rig_by_bias_pitch_and_roll() -> None:
     offsets = [(0.3, 2e-4, -3e-4), (-0.3, -2e-4, 3e-4), (0.1, 1e-4, 0.0), (-0.1, -1e-4, 0.0)]
-    drives = [evidence(LENS, seed, offsets=own) for seed, own in enumerate(offsets)]
+    drives = [made_drive(LENS, seed, offsets=own) for seed, own in enumerate(offsets)]
     found = learn_rig(drives)
     assert worst_z(found, LENS) < 2.0
     own = [(drive.disparity_bias_px, 1e3 * drive.pitch_rad, 1e3 * drive.roll_rad) for drive in found.drives]
@@ -55,7 +56,7 @@ def test_each_drive_may_differ_from_the_rig_by_bias_pitch_and_roll() -> None:
 
 
 def test_a_lens_learnt_on_other_drives_fits_the_one_left_out() -> None:
-    drives = [evidence(LENS, seed) for seed in range(3)]
+    drives = [made_drive(LENS, seed) for seed in range(3)]
     for left_out in range(3):
         others = learn_rig([drive for k, drive in enumerate(drives) if k != left_out])
         own = learn_rig([drives[left_out]])
@@ -64,7 +65,7 @@ def test_a_lens_learnt_on_other_drives_fits_the_one_left_out() -> None:
 
 
 def test_drives_added_later_say_the_same_as_all_at_once() -> None:
-    drives = [evidence(LENS, seed) for seed in range(3)]
+    drives = [made_drive(LENS, seed) for seed in range(3)]
     first = learn_rig(drives[:2])
     added, whole = learn_rig(drives[2:], known=first.rig), learn_rig(drives)
     assert added.rig.drives == whole.rig.drives == ("drive 0", "drive 1", "drive 2")
@@ -78,29 +79,29 @@ def test_drives_added_later_say_the_same_as_all_at_once() -> None:
 def narrow(drive: CalibrationObservations, reach_px: float = 60.0) -> CalibrationObservations:
     """The drive with matches near the middle of the right image only."""
     near = np.hypot(*(drive.uv_right - (CAMERA.cx, CAMERA.cy)).T) < reach_px
-    columns = ("snippet", "uv_host", "uv_right", "uv_left_target", "uv_right_target")
+    columns = ("group", "uv_host", "uv_right", "uv_left_target", "uv_right_target")
     return replace(drive, **{name: getattr(drive, name)[near] for name in columns})
 
 
 def test_what_the_drives_leave_undetermined_is_told_and_stays_by_its_prior() -> None:
-    drive = narrow(evidence(LENS, 0, snippets=12, points=400))
+    drive = narrow(made_drive(LENS, 0, groups=12, points=400))
     found, prior = learn_rig([drive]), CalibrationSettings().lens.sigmas
     assert "k1" in undetermined(found.rig)
     k1 = PARAMETERS.index("k1")
     assert abs(found.rig.lens.k1) < 3 * prior[k1]
     assert found.rig.sigma[k1] > 0.5 * prior[k1]
     assert worst_z(found, LENS) < 2.0
-    assert undetermined(learn_rig([evidence(LENS, 1)]).rig) == ()
+    assert undetermined(learn_rig([made_drive(LENS, 1)]).rig) == ()
 
 
 def test_a_tenth_of_wrong_matches_does_no_harm() -> None:
-    found = learn_rig([evidence(LENS, seed, outliers=0.1) for seed in range(2)])
+    found = learn_rig([made_drive(LENS, seed, outliers=0.1) for seed in range(2)])
     assert field_error_px(found.rig.lens, LENS) < 0.1
     assert worst_z(found, LENS) < 2.0
 
 
 def test_the_order_of_the_drives_hardly_matters_and_the_same_drives_give_the_same_bits() -> None:
-    drives = [evidence(LENS, seed) for seed in range(2)]
+    drives = [made_drive(LENS, seed) for seed in range(2)]
     one, again, other = learn_rig(drives), learn_rig(drives), learn_rig(drives[::-1])
     assert one.rig.lens == again.rig.lens
     np.testing.assert_array_equal(one.rig.information, again.rig.information)
@@ -108,38 +109,38 @@ def test_the_order_of_the_drives_hardly_matters_and_the_same_drives_give_the_sam
 
 
 def test_a_drive_that_is_known_already_and_one_without_matches_are_left_out() -> None:
-    first = learn_rig([evidence(LENS, 0)])
-    empty = evidence(LENS, 5, snippets=1)
+    first = learn_rig([made_drive(LENS, 0)])
+    empty = made_drive(LENS, 5, groups=1)
     nothing = {
         name: getattr(empty, name)[:0]
         for name in (
-            "host_frame", "target_frame", "T_target_host", "snippet", "uv_host", "uv_right", "uv_left_target", "uv_right_target",
+            "host_frame", "target_frame", "T_target_host", "group", "uv_host", "uv_right", "uv_left_target", "uv_right_target",
         )
     }  # fmt: skip
-    found = learn_rig([evidence(LENS, 0), replace(empty, **nothing), evidence(LENS, 1)], known=first.rig)
+    found = learn_rig([made_drive(LENS, 0), replace(empty, **nothing), made_drive(LENS, 1)], known=first.rig)
     assert [name for name, _ in found.left_out] == ["drive 0", "drive 5"]
     assert found.rig.drives == ("drive 0", "drive 1")
 
 
 def test_too_little_is_refused_with_what_to_do() -> None:
     with pytest.raises(CalibrationError, match=r"2 groups of matches in 1 drives are too few.*turns"):
-        learn_rig([evidence(LENS, 0, snippets=2)])
-    known = learn_rig([evidence(LENS, 0)]).rig
+        learn_rig([made_drive(LENS, 0, groups=2)])
+    known = learn_rig([made_drive(LENS, 0)]).rig
     with pytest.raises(CalibrationError, match="learnt from already"):
-        learn_rig([evidence(LENS, 0)], known=known)
+        learn_rig([made_drive(LENS, 0)], known=known)
 
 
 def test_drives_of_different_rigs_are_refused() -> None:
     with pytest.raises(CalibrationError, match="is of the rig made, the log of another"):
-        learn_rig([evidence(LENS, 0), evidence(LENS, 1, rig_id="another")])
+        learn_rig([made_drive(LENS, 0), made_drive(LENS, 1, rig_id="another")])
     long = StereoRig(CAMERA, (-0.7, 0.0, 0.0))
     with pytest.raises(CalibrationError, match="baseline"):
-        learn_rig([evidence(LENS, 0), evidence(LENS, 1, rig=long)])
+        learn_rig([made_drive(LENS, 0), made_drive(LENS, 1, rig=long)])
 
 
 def test_days_with_slightly_different_calibrations_are_one_rig_with_a_doubt() -> None:
     other = StereoRig(PinholeCamera(707.0, 705.0, 601.0, 183.0, 1226, 370), RIG.t_right_left)
-    found = learn_rig([evidence(LENS, 0), evidence(LENS, 1, rig=other)])
+    found = learn_rig([made_drive(LENS, 0), made_drive(LENS, 1, rig=other)])
     assert any("another calibration" in doubt for doubt in found.doubts)
     assert worst_z(found, LENS) < 2.0
 

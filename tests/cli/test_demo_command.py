@@ -38,7 +38,7 @@ def test_a_real_drive_goes_in_and_its_map_comes_out(clip_a: Path, clip_a_gnss: P
     done = demo("--log", str(log), "--gnss", str(clip_a_gnss), "--out", str(tmp_path / "out"))
     assert done.returncode == 0, done.stderr + done.stdout
     for stage in ("ingest", "odometry", "segmentation", "labelling", "georeference", "submaps", "stitch", "publish"):
-        assert f"street: {stage} done" in done.stdout
+        assert f"street, {stage}: done" in done.stdout
     assert "knows simulated streets only" in done.stdout
     picture = cv2.imread(str(map_of(tmp_path / "out")))[..., ::-1]
     ground = picture[:, :-190].reshape(-1, 3)

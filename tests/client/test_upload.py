@@ -14,11 +14,13 @@ import httpx2
 import pytest
 
 from service_kit import tus
-from service_kit.parcels import parcel, parcel_of
+from service_kit.packed_drives import packed_drive, packed_drive_of
 from service_kit.running import ApiAlone, Up, environment, service, until
 from wayloom.client.api import AnswerError, Api
 from wayloom.client.manifests import pack
 from wayloom.client.upload import upload
+from wayloom.client.watch import wait_for_drive
+from wayloom.config.backoff import Backoff
 from wayloom.errors import LogError, ServiceError
 
 
@@ -41,17 +43,17 @@ def arrived(server: ApiAlone, drive_id: str) -> dict[str, bytes]:
 
 
 def test_every_byte_of_a_drive_arrives(alone: ApiAlone, api: Api, tmp_path: Path) -> None:
-    sent = parcel(tmp_path, "whole", sizes=(0, 1, 1000, 70_000, 3 << 20))
-    told: list[int] = []
-    registration = upload(api, sent, lambda done, _of: told.append(done), chunk=1 << 20)
+    sent = packed_drive(tmp_path, "whole", sizes=(0, 1, 1000, 70_000, 3 << 20))
+    told: list[float] = []
+    registration = upload(api, sent, lambda share, _what: told.append(share), chunk=1 << 20)
     assert registration["missing"] == []
     assert arrived(alone, registration["id"]) == {name: path.read_bytes() for name, path in sent.sources.items()}
-    assert told[-1] == sent.manifest.byte_count
+    assert told[-1] == 1.0
     assert told == sorted(told)
 
 
 def test_a_drive_that_is_there_is_not_sent_again(api: Api, tmp_path: Path) -> None:
-    sent = parcel(tmp_path, "again", sizes=(5000,))
+    sent = packed_drive(tmp_path, "again", sizes=(5000,))
     first = upload(api, sent)
     for path in sent.sources.values():
         path.unlink()
@@ -61,12 +63,12 @@ def test_a_drive_that_is_there_is_not_sent_again(api: Api, tmp_path: Path) -> No
 
 def test_an_upload_goes_on_while_the_server_is_killed_and_comes_back(tmp_path: Path) -> None:
     server = ApiAlone(tmp_path / "data")
-    sent = parcel(tmp_path / "files", "killed", sizes=(4 << 20,) * 10)
+    sent = packed_drive(tmp_path / "files", "killed", sizes=(4 << 20,) * 10)
     reached = threading.Event()
     results: list[dict[str, object]] = []
 
-    def told(done: int, of: int) -> None:
-        if done > of // 4:
+    def told(share: float, what: str, /) -> None:
+        if share > 0.25:
             reached.set()
 
     def send() -> None:
@@ -92,28 +94,28 @@ def test_an_upload_goes_on_while_the_server_is_killed_and_comes_back(tmp_path: P
 
 
 def test_a_client_that_was_killed_goes_on_where_it_was(alone: ApiAlone, tmp_path: Path) -> None:
-    sent = parcel(tmp_path, "client killed", sizes=(2 << 20,) * 12)
+    sent = packed_drive(tmp_path, "client killed", sizes=(2 << 20,) * 12)
     script = "import sys, pickle; from wayloom.client.api import Api; from wayloom.client.upload import upload\n"
-    script += "import time; slow = lambda done, of: time.sleep(0.1)\n"
+    script += "import time; slow = lambda share, what: time.sleep(0.1)\n"
     script += "upload(Api(sys.argv[1]), pickle.load(open(sys.argv[2], 'rb')), slow, chunk=1 << 19)"
     import pickle
 
-    (tmp_path / "parcel").write_bytes(pickle.dumps(sent))
-    process = subprocess.Popen([sys.executable, "-c", script, alone.url, str(tmp_path / "parcel")], env=environment())
+    (tmp_path / "packed_drive").write_bytes(pickle.dumps(sent))
+    process = subprocess.Popen([sys.executable, "-c", script, alone.url, str(tmp_path / "packed_drive")], env=environment())
     drive_id = sent.manifest.drive_id
     with Api(alone.url) as api:
         until(lambda: (alone.data / "drives" / drive_id).exists() and any((alone.data / "drives" / drive_id).rglob("*.png")))
         process.kill()
         process.wait()
-        told: list[int] = []
-        upload(api, sent, lambda done, _of: told.append(done))
-    assert 0 < told[0] < sent.manifest.byte_count
+        told: list[float] = []
+        upload(api, sent, lambda share, _what: told.append(share))
+    assert 0 < told[0] < 1
     assert arrived(alone, drive_id) == {name: path.read_bytes() for name, path in sent.sources.items()}
 
 
 def test_a_file_that_was_whole_but_not_verified_when_the_server_died_is_finished(alone: ApiAlone, api: Api, tmp_path: Path) -> None:
     content = os.urandom(5000)
-    sent = parcel_of(tmp_path, "unverified", {"log/a": content})
+    sent = packed_drive_of(tmp_path, "unverified", {"log/a": content})
     drive_id = api.json("POST", "/v1/drives", json=sent.manifest.model_dump(mode="json", exclude_none=True))["id"]
     with httpx2.Client(base_url=alone.url, trust_env=False) as http:
         address = str(tus.create(http, drive_id, "log/a", len(content)).headers["Location"])
@@ -123,7 +125,7 @@ def test_a_file_that_was_whole_but_not_verified_when_the_server_died_is_finished
 
 
 def test_a_file_that_changes_on_the_way_is_said(api: Api, tmp_path: Path) -> None:
-    sent = parcel_of(tmp_path, "changed", {"log/a": os.urandom(5000)})
+    sent = packed_drive_of(tmp_path, "changed", {"log/a": os.urandom(5000)})
     sent.sources["log/a"].write_bytes(b"short")
     with pytest.raises(LogError, match="shorter"):
         upload(api, sent)
@@ -133,7 +135,7 @@ def test_a_file_that_changes_on_the_way_is_said(api: Api, tmp_path: Path) -> Non
 
 
 def test_a_server_that_is_not_there_is_said() -> None:
-    with Api("http://127.0.0.1:9", pauses_s=(0.01,)) as api, pytest.raises(ServiceError, match="does not answer"):
+    with Api("http://127.0.0.1:9", retries=Backoff(0.01, 0.01, 2)) as api, pytest.raises(ServiceError, match="does not answer"):
         api.json("GET", "/v1/drives")
 
 
@@ -189,7 +191,7 @@ def test_a_kitti_raw_log_with_its_calibration_beside_it_is_packed_whole(alone: A
 
 @pytest.mark.real_data
 def test_the_command_uploads_waits_and_tells(tmp_path: Path, clip_a: Path) -> None:
-    with service(tmp_path / "data", WAYLOOM_STEPS="service_kit.little_steps:EASY_STEPS") as up:
+    with service(tmp_path / "data", WAYLOOM_STAGE_HOOKS="service_kit.little_stages:easy_hooks") as up:
         few = few_frames(clip_a, tmp_path / "few")
         done = run_upload(up, few, "--wait", "--json", str(tmp_path / "said.json"))
         assert done.returncode == 0, done.stderr
@@ -210,3 +212,31 @@ def run_upload(up: Up, log: Path, *arguments: str, on_terminal: bool = False) ->
     terminal = "import os, pty, sys; sys.exit(os.waitstatus_to_exitcode(pty.spawn(sys.argv[1:])))"
     command = [sys.executable, "-c", terminal, *command] if on_terminal else command
     return subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=120)
+
+
+def answers(*drives: dict[str, object]) -> Api:
+    """A server that says these things of a drive, one after the other."""
+
+    class Answers(Api):
+        def __init__(self) -> None:
+            self._said = iter(drives)
+
+        def drive(self, drive_id: str) -> dict[str, object]:
+            return next(self._said)
+
+    return Answers()
+
+
+def test_waiting_for_a_drive_tells_the_progress_of_each_stage() -> None:
+    def stage(name: str, state: str, progress: float, message: str = "", seconds: float | None = None) -> dict[str, object]:
+        return {"stage": name, "state": state, "progress": progress, "message": message, "seconds": seconds}
+
+    api = answers(
+        {"state": "running", "stages": [stage("ingest", "done", 1.0, seconds=0.5), stage("odometry", "waiting", 0.0)]},
+        {"state": "running", "stages": [stage("odometry", "running", 0.25, "frame 5 of 20")]},
+        {"state": "done", "stages": [stage("odometry", "done", 1.0, seconds=3.25)]},
+    )
+    heard: list[tuple[str, float, str]] = []
+    last = wait_for_drive(api, "d", lambda name: lambda share, what: heard.append((name, share, what)), {"ingest"}, poll_s=0.0)
+    assert heard == [("ingest", 1.0, "done before"), ("odometry", 0.25, "frame 5 of 20"), ("odometry", 1.0, "done in 3.2 s")]
+    assert last["state"] == "done"

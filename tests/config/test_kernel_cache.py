@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from wayloom.config.kernel_cache import kernel_digest, use_kernel_cache
+from wayloom.config import kernel_cache
+from wayloom.config.kernel_cache import KernelGroup, compile_kernels, kernel_digest, use_kernel_cache
 
 
 def package(folder: Path, callee: str) -> Path:
@@ -62,3 +63,51 @@ def test_where_the_cache_cannot_be_written_it_goes_with_the_process(tmp_path: Pa
     done = subprocess.run([sys.executable, "-c", code], env=environment, check=True, timeout=300, capture_output=True, text=True)
     assert done.stdout == "[1. 1.]\n"
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+class Kernel:
+    """Stands for a compiled function: notes the types that it was compiled for."""
+
+    def __init__(self) -> None:
+        self.compiled: list[tuple[str, ...]] = []
+
+    def compile(self, types: tuple[str, ...]) -> None:
+        self.compiled.append(types)
+
+
+def test_what_is_compiled_is_said_and_compiled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
+    f, g, said = Kernel(), Kernel(), []
+    groups = [KernelGroup("first", lambda: [(f, ("i",)), (g, ("j",))]), KernelGroup("second", lambda: [(f, ("k",))])]
+    assert compile_kernels(groups, lambda share, what: said.append((share, what))) == 3
+    assert (f.compiled, g.compiled) == ([("i",), ("k",)], [("j",)])
+    assert said == [(0.0, f"compiling kernels, {k} of 3 (first run only)") for k in (1, 2, 3)]
+    assert compile_kernels(groups, lambda share, what: said.append((share, what))) == 0
+    assert len(f.compiled) == 2
+    assert len(said) == 3
+
+
+def test_a_group_that_another_process_compiles_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
+    theirs, ours, said = Kernel(), Kernel(), []
+    groups = [KernelGroup("theirs", lambda: [(theirs, ())]), KernelGroup("ours", lambda: [(ours, ())])]
+    code = (
+        "import fcntl, pathlib, sys; held = open(sys.argv[1], 'a'); fcntl.flock(held, fcntl.LOCK_EX); print(flush=True);"
+        "sys.stdin.read(); pathlib.Path(sys.argv[1]).with_suffix('.compiled').touch()"
+    )
+    lock = kernel_cache._mark(tmp_path, groups[0]).with_suffix(".lock")
+    command = [sys.executable, "-c", code, str(lock)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+
+        def progress(share: float, what: str, /) -> None:
+            said.append(what)
+            if "another process" in what and other.stdin is not None and not other.stdin.closed:
+                other.stdin.close()
+
+        assert compile_kernels(groups, progress) == 1
+    assert (len(theirs.compiled), len(ours.compiled)) == (0, 1)
+    assert "compiling kernels, 1 of 2: another process works on the others (first run only)" in said

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from wayloom.simulation.recording.simulate import simulate
+from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "python-api.md"
 FRAMES = 24
@@ -14,7 +14,8 @@ FRAMES = 24
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    (folder,) = simulate("demo", tmp_path_factory.mktemp("city"), size="quarter", frames=FRAMES, drives=("car-1",), threads=2)
+    variant = PresetVariant(drives=("car-1",), frames=FRAMES)
+    (folder,) = simulate("demo", tmp_path_factory.mktemp("city"), OutputSettings("quarter"), variant, threads=2)
     return folder
 
 

@@ -1,5 +1,6 @@
 """The numbers of the odometry's benchmark on results whose errors are known."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 
 from wayloom.errors import ConfigError, InputError
 from wayloom.evaluation import odometry_density, odometry_depth, odometry_peers, odometry_table
-from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, drift, run_measured, summarise
+from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, Summary, drift, replaced, run_measured, summarise
 from wayloom.evaluation.odometry_recordings import (
     CLIP_A_WRONG_UNTIL,
     Recording,
@@ -25,6 +26,7 @@ from wayloom.logs.registry import open_log
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 
+ROOT = Path(__file__).resolve().parents[2]
 CAMERA = PinholeCamera(100.0, 100.0, 63.5, 47.5, 128, 96)
 RIG = StereoRig(CAMERA, (-0.5, 0.0, 0.0))
 
@@ -129,14 +131,35 @@ def test_every_ablation_is_a_setting_of_the_odometry() -> None:
 
 
 def test_the_page_has_a_row_for_each_system_and_a_dash_where_nothing_is_known() -> None:
-    numbers = {"frames": 10.0, "tracked": 9.0, "cpu median ms": 20.0, "keyframes": 4.0, "ATE m (poses)": 0.123}
+    numbers = {"frames": 10.0, "tracked": 9.0, "cpu median ms": 20.0, "cpu mean ms": 21.0, "keyframes": 4.0, "ATE m (poses)": 0.123}
     own = summarise("A", DEFAULT, [numbers, {**numbers, "ATE m (poses)": 0.133}])
-    other = summarise("A", "peer", [{"frames": 10.0, "tracked": 10.0, "ATE m (poses)": 0.5}])
-    less = summarise("A", "no rows", [numbers])
-    page = odometry_table.page([own, other, less], 2)
-    assert "| A | poses | wayloom | 9 of 10 | 0.128 ± 0.010 | – |" in page
-    assert "| A | peer | – | – |" in page
+    other = summarise("A", "prototype, fast", [{"frames": 10.0, "tracked": 10.0, "ATE m (poses)": 0.5, "cpu mean ms": 14.0}])
+    less = summarise("A", "no rows", [{**numbers, "points/m": 151.0}])
+    elsewhere = summarise("B", DEFAULT, [numbers])
+    page = odometry_table.page([own, other, less, elsewhere])
+    assert "| A | poses | wayloom | 2 | 9 of 10 | 0.128 ± 0.010 | – |" in page
+    assert "| A | wayloom | 4 | – | 21.0 | 20.0 | – | 1.50 |" in page
+    assert "| A | prototype, fast | – | – | 14.0 |" in page
+    assert "| variant | A: ATE m; t_rel % |" in page  # nothing is taken away on B
     assert "| no rows | 0.123; –, 1 lost |" in page
+    assert "| no rows | 151; –, 1 lost |" in page
+    assert "1 seed each; the first row" in page
+
+
+def test_rows_that_were_measured_again_are_replaced_and_the_others_stay() -> None:
+    old = [summarise(name, variant, [{"x": 1.0}]) for name in "AB" for variant in (DEFAULT, "no rows")]
+    new = [summarise("C", DEFAULT, [{"x": 3.0}]), summarise("A", "no rows", [{"x": 2.0}, {"x": float("nan")}])]
+    rows = replaced(old, new)
+    assert [(row.recording, row.variant) for row in rows] == [(r.recording, r.variant) for r in (*old, new[0])]
+    assert [row.median["x"] for row in rows] == [1.0, 2.0, 1.0, 1.0, 3.0]
+    again = [Summary.from_json(json.loads(json.dumps(row.as_json()))) for row in rows]
+    assert again == rows
+
+
+def test_the_committed_page_is_what_the_committed_numbers_say() -> None:
+    rows = [Summary.from_json(row) for row in json.loads((ROOT / "benchmarks" / "odometry.json").read_text())]
+    assert (ROOT / "docs" / "benchmarks" / "odometry.md").read_text(encoding="utf-8") == odometry_table.page(rows)
+    assert {row.variant for row in rows} >= set(ABLATIONS)
 
 
 def test_clips_are_found_with_what_is_known_of_them(data_dir: Path) -> None:

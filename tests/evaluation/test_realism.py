@@ -7,7 +7,7 @@ import pytest
 
 from wayloom.evaluation.realism import (
     align_rows,
-    look_of,
+    image_statistics,
     share_of_strong_gradients,
     spectrum_slopes,
     stereo_residuals,
@@ -84,16 +84,16 @@ def test_a_right_image_that_lies_a_row_off_is_aligned_before_it_is_compared() ->
 
 def test_nothing_can_be_said_of_no_pairs() -> None:
     with pytest.raises(ValueError, match="no pair"):
-        look_of([], RIG)
+        image_statistics([], RIG)
 
 
 @pytest.mark.real_data
 def test_a_real_clip_looks_as_it_was_measured(clip_a: Path) -> None:
     log = open_log(clip_a)
     frames = [log.frame(k) for k in range(0, 96, 24)]
-    look = look_of([(frame.left, frame.right) for frame in frames], log.rig)
-    assert -3.0 < look.slope < -2.4
-    assert -3.8 < look.high_slope < -3.2
-    assert 0.25 < look.strong_gradients < 0.36
-    assert 0.45 < look.stereo_density < 0.7
-    assert 3.4 < look.residual < 5.4
+    statistics = image_statistics([(frame.left, frame.right) for frame in frames], log.rig)
+    assert -3.0 < statistics.slope < -2.4
+    assert -3.8 < statistics.high_slope < -3.2
+    assert 0.25 < statistics.strong_gradients < 0.36
+    assert 0.45 < statistics.stereo_density < 0.7
+    assert 3.4 < statistics.residual < 5.4

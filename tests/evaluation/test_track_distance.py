@@ -5,9 +5,9 @@ import pytest
 
 from wayloom.errors import InputError
 from wayloom.evaluation import georeference
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.geodesy.wgs84 import lonlatheight_from_enu
 from wayloom.geometry import se3
-from wayloom.georeference.geodesy import lonlatheight_from_enu
-from wayloom.georeference.types import MapFrame
 
 KARLSRUHE = MapFrame(8.4229, 49.0112, 112.8)
 FAR_ORIGIN = MapFrame(8.5, 49.5, 0.0)

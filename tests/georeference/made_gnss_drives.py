@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.geodesy import wgs84
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
-from wayloom.georeference import geodesy
 from wayloom.georeference.rigid import R_ENU_LEVELCAM
-from wayloom.georeference.types import MapFrame
 from wayloom.logs.types import FixType, GnssTrack
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 
@@ -35,7 +35,7 @@ class MadeDrive:
     T_place_cam: FloatArray
 
     def truth_in(self, frame: MapFrame) -> FloatArray:
-        return geodesy.T_enu_enu(frame, PLACE) @ self.T_place_cam
+        return wgs84.T_enu_enu(frame, PLACE) @ self.T_place_cam
 
 
 def path(
@@ -112,7 +112,7 @@ def made_drive(
 
 def track_of(t_ns: NDArray[np.int64], fixes: FloatArray, sigma_m: float) -> GnssTrack:
     covariance = np.tile(np.eye(3) * sigma_m**2, (len(fixes), 1, 1))
-    lon_lat_height = geodesy.lonlatheight_from_enu(fixes, PLACE)
+    lon_lat_height = wgs84.lonlatheight_from_enu(fixes, PLACE)
     return GnssTrack(t_ns, lon_lat_height, covariance, np.full(len(fixes), FixType.SINGLE, np.uint8))
 
 

@@ -7,15 +7,15 @@ import pytest
 from georeference.made_gnss_drives import LEVER, PLACE, MadeDrive, made_drive, odometry_of
 from wayloom.errors import StageError
 from wayloom.evaluation.trajectory import relative_errors
+from wayloom.geodesy import wgs84
+from wayloom.geodesy.map_frame import map_frame_for
 from wayloom.geometry import se3
-from wayloom.georeference import geodesy
 from wayloom.georeference.alignment import georeference
-from wayloom.georeference.frames import map_frame_for
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.uncertainty import heading_sigma_rad, position_covariance
 from wayloom.logs.sidecars.oxts import UP_FACTOR
 from wayloom.logs.types import FixType, GnssTrack
-from wayloom.simulation.sensors.gnss import SIGMA_M, fix_errors, planned
+from wayloom.simulation.sensors.gnss import SIGMA_M, fix_errors, steps_in_force
 from wayloom.simulation.vehicle.vehicle_settings import gnss_steps
 
 FRAME = map_frame_for(PLACE.lon_deg, PLACE.lat_deg)
@@ -30,9 +30,9 @@ def with_fixes(drive: MadeDrive, **changes) -> MadeDrive:
 
 
 def moved_fixes(drive: MadeDrive, rows: slice, by: list[float]) -> MadeDrive:
-    enu = geodesy.enu_from_lonlatheight(drive.log.gnss.lon_lat_height, PLACE)
+    enu = wgs84.enu_from_lonlatheight(drive.log.gnss.lon_lat_height, PLACE)
     enu[rows] += by
-    return with_fixes(drive, lon_lat_height=geodesy.lonlatheight_from_enu(enu, PLACE))
+    return with_fixes(drive, lon_lat_height=wgs84.lonlatheight_from_enu(enu, PLACE))
 
 
 def test_a_perfect_drive_comes_to_its_exact_place():
@@ -67,7 +67,7 @@ def test_fixes_between_frames_count_at_their_own_time():
     gnss = drive.log.gnss
     track = GnssTrack(
         gnss.t_ns[:-1] + 50_000_000,
-        geodesy.lonlatheight_from_enu(antenna, PLACE),
+        wgs84.lonlatheight_from_enu(antenna, PLACE),
         gnss.covariance_enu[:-1],
         gnss.fix_type[:-1],
     )
@@ -190,7 +190,7 @@ def test_the_given_frame_is_used_and_changes_no_place_on_earth():
     drive = made_drive(seed=7)
     one = georeference(drive.log, drive.odometry)
     other = georeference(drive.log, drive.odometry, map_frame_for(7.5, 48.5))
-    places = [geodesy.lonlatheight_from_enu(g.T_enu_cam[:, :3, 3], g.frame) for g in (one, other)]
+    places = [wgs84.lonlatheight_from_enu(g.T_enu_cam[:, :3, 3], g.frame) for g in (one, other)]
     assert np.abs(places[0] - places[1])[:, :2].max() < 1e-12
     sigmas = [np.trace(position_covariance(g.T_enu_cam, g.covariance), axis1=1, axis2=2) for g in (one, other)]
     assert np.allclose(*sigmas, rtol=1e-4)
@@ -217,7 +217,7 @@ def through_every_kind_of_fix(seed: int, scale: float, frames: int = 240) -> Mad
     sigma = np.array([SIGMA_M[FixType(kind)] for kind in kinds])[:, None] * [1.0, 1.0, UP_FACTOR]
     return with_fixes(
         drive,
-        lon_lat_height=geodesy.lonlatheight_from_enu(antenna + fix_errors(kinds, 0.1, np.random.default_rng(seed)), PLACE),
+        lon_lat_height=wgs84.lonlatheight_from_enu(antenna + fix_errors(kinds, 0.1, np.random.default_rng(seed)), PLACE),
         covariance_enu=np.einsum("ni,ij->nij", sigma**2, np.eye(3)),
         fix_type=kinds,
     )
@@ -333,7 +333,7 @@ EVERY_KIND = gnss_steps(
 def every_kind(frames: int) -> np.ndarray:
     """(frames,) FixType of frames that are spread evenly over a drive."""
     shares = np.arange(frames) / (frames - 1)
-    return np.array([step.fix for step in planned(EVERY_KIND, shares)], np.uint8)
+    return np.array([step.fix for step in steps_in_force(EVERY_KIND, shares)], np.uint8)
 
 
 PARTS = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from georeference.made_gnss_drives import odometry_of
-from wayloom.georeference import geodesy
+from wayloom.geodesy import wgs84
 from wayloom.georeference.alignment import georeference
 from wayloom.logs.registry import open_log
 from wayloom.logs.types import GnssTrack
@@ -30,7 +30,7 @@ def odometry(log, data_dir):
 def to_ins_m(log, geo) -> np.ndarray:
     """(M,) m: the mapped antenna from each of the log's fixes."""
     antenna = geo.T_enu_cam[:, :3, :3] @ log.p_cam_gnss + geo.T_enu_cam[:, :3, 3]
-    return np.linalg.norm(antenna - geodesy.enu_from_lonlatheight(log.gnss.lon_lat_height, geo.frame), axis=1)
+    return np.linalg.norm(antenna - wgs84.enu_from_lonlatheight(log.gnss.lon_lat_height, geo.frame), axis=1)
 
 
 def only(log, rows):
@@ -55,9 +55,9 @@ def test_fixes_that_were_kept_back_are_met_within_the_claimed_uncertainty(log, o
 
 
 def test_real_fixes_thrown_off_by_fifteen_metres_are_found(log, odometry):
-    enu = geodesy.enu_from_lonlatheight(log.gnss.lon_lat_height, frame := georeference(log, odometry).frame)
+    enu = wgs84.enu_from_lonlatheight(log.gnss.lon_lat_height, frame := georeference(log, odometry).frame)
     enu[60:90] += [10.0, -11.0, 0.0]
-    gnss = dataclasses.replace(log.gnss, lon_lat_height=geodesy.lonlatheight_from_enu(enu, frame))
+    gnss = dataclasses.replace(log.gnss, lon_lat_height=wgs84.lonlatheight_from_enu(enu, frame))
     thrown = type("Log", (), {"gnss": gnss, "p_cam_gnss": log.p_cam_gnss, "name": log.name})()
     geo = georeference(thrown, odometry)
     assert [outlier["fix"] for outlier in geo.report["outliers"]] == list(range(60, 90))

@@ -10,6 +10,8 @@ from made_drive import CAMERA
 from wayloom.labelling.kernels import visibility, voting
 from wayloom.segmentation.scores import STEPS_PER_NAT, Scores, rest_steps, scores_from_logits
 
+pytestmark = pytest.mark.kernels
+
 SEEDS = st.integers(0, 10_000)
 FEW = settings(max_examples=40, deadline=None)
 
@@ -26,60 +28,62 @@ def naive_grey(image: np.ndarray, u: float, v: float) -> float:
 
 @FEW
 @given(seed=SEEDS, scale=st.floats(0.4, 2.5))
-def test_looks_and_their_likeness_are_those_of_the_naive_twin(seed: int, scale: float) -> None:
+def test_descriptors_and_their_correlation_are_those_of_the_naive_twin(seed: int, scale: float) -> None:
     rng = np.random.default_rng(seed)
     image = rng.integers(0, 255, (9, 11)).astype(np.uint8)
     uv = rng.uniform([-2, -2], [12, 10], (4, 2))
-    looks = visibility.patches(image, uv, np.full(4, scale))
+    descriptors = visibility.patch_descriptors(image, uv, np.full(4, scale))
     for n, (u, v) in enumerate(uv):
         values = np.array([naive_grey(image, u + du * scale, v + dv * scale) for dv in (-1, 0, 1) for du in (-1, 0, 1)])
         values -= values.mean()
         norm = np.linalg.norm(values)
-        assert looks[n] == pytest.approx(values / norm if norm > 1 else np.zeros(9), abs=2e-4)
-    of_others = looks[::-1].copy()
-    nearness, inverse_depth = np.full(4, 0.2 * scale, np.float32), np.full(4, 0.2)
-    may = np.array([True, True, False, True])
-    for least, power in ((0.0, 1.0), (0.3, 4.0), (0.2, 2.5)):
-        alike = visibility.likeness(of_others, image, 1, image.shape, uv, nearness, inverse_depth, may, least, np.float32(power))
+        assert descriptors[n] == pytest.approx(values / norm if norm > 1 else np.zeros(9), abs=2e-4)
+    of_others = descriptors[::-1].copy()
+    d_observer, inverse_depth = np.full(4, 0.2 * scale, np.float32), np.full(4, 0.2)
+    candidate = np.array([True, True, False, True])
+    for min_ncc, power in ((0.0, 1.0), (0.3, 4.0), (0.2, 2.5)):
+        weights = visibility.ncc_weights(
+            of_others, image, 1, image.shape, uv, d_observer, inverse_depth, candidate, min_ncc, np.float32(power)
+        )
         for n, (u, v) in enumerate(uv):
-            r = min(float(looks[n] @ of_others[n]), 1.0)
-            seen = may[n] and -0.5 <= u < 10.5 and -0.5 <= v < 8.5 and r >= least
-            assert alike[n] == pytest.approx(r**power if seen else 0.0, abs=5e-4) or abs(r - least) < 2e-4
+            r = min(float(descriptors[n] @ of_others[n]), 1.0)
+            seen = candidate[n] and -0.5 <= u < 10.5 and -0.5 <= v < 8.5 and r >= min_ncc
+            assert weights[n] == pytest.approx(r**power if seen else 0.0, abs=5e-4) or abs(r - min_ncc) < 2e-4
 
 
-def alike_at(image: np.ndarray, looks: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """Their likeness to what lies at uv in an image, at the same scale."""
+def correlation_at(image: np.ndarray, descriptors: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Their normalised cross-correlation with the patches at uv in an image, at the same scale."""
     near = np.full(len(uv), 0.1)
-    found: np.ndarray = visibility.likeness(
-        looks, image, 1, image.shape, uv, near.astype(np.float32), near, np.ones(len(uv), bool), 0.0, np.float32(1.0)
+    found: np.ndarray = visibility.ncc_weights(
+        descriptors, image, 1, image.shape, uv, near.astype(np.float32), near, np.ones(len(uv), bool), 0.0, np.float32(1.0)
     )
     return found
 
 
-def test_a_flat_patch_and_one_that_is_nowhere_have_no_looks() -> None:
+def test_a_flat_patch_and_one_that_is_nowhere_have_zero_descriptors() -> None:
     image = np.full((20, 20), 90, np.uint8)
     uv = np.array([[5.0, 5.0], [np.nan, 5.0], [np.inf, 5.0]])
-    assert not visibility.patches(image, uv, np.ones(3)).any()
+    assert not visibility.patch_descriptors(image, uv, np.ones(3)).any()
 
 
-def test_looks_do_not_depend_on_brightness_and_contrast() -> None:
+def test_the_correlation_does_not_depend_on_brightness_and_contrast() -> None:
     rng = np.random.default_rng(1)
     image = cv2.GaussianBlur(rng.integers(0, 120, (40, 40)).astype(np.uint8), (0, 0), 1.5)
     brighter = (image * 1.6 + 20).astype(np.uint8)
     uv = rng.uniform(5, 35, (50, 2))
-    looks = visibility.patches(image, uv, np.ones(50))
-    assert (alike_at(brighter, looks, uv) > 0.98).all()
-    assert np.median(alike_at(image, looks, uv + 4.0)) < 0.6
+    descriptors = visibility.patch_descriptors(image, uv, np.ones(50))
+    assert (correlation_at(brighter, descriptors, uv) > 0.98).all()
+    assert np.median(correlation_at(image, descriptors, uv + 4.0)) < 0.6
 
 
 @FEW
 @given(seed=SEEDS)
-def test_what_stands_behind_a_seen_point_is_hidden(seed: int) -> None:
+def test_a_projection_behind_a_seen_point_is_occluded(seed: int) -> None:
     rng = np.random.default_rng(seed)
     seen_uv, seen_d = rng.uniform([-5, -5], [105, 65], (60, 2)), rng.uniform(0.01, 0.5, 60).astype(np.float32)
     uv, d = rng.uniform([-5, -5], [105, 65], (80, 2)), rng.uniform(0.01, 0.5, 80).astype(np.float32)
-    grid = visibility.nearest_seen(seen_uv, seen_d, 8.0, 8, 13)
-    found = visibility.hidden(uv, d, grid, 8.0, 0.15)
+    grid = visibility.occlusion_buffer(seen_uv, seen_d, 8.0, 8, 13)
+    found = visibility.occluded(uv, d, grid, 8.0, 0.15)
 
     def cell(p: np.ndarray) -> tuple[int, int] | None:
         column, row = np.floor((p + 0.5) / 8.0).astype(int)
@@ -141,7 +145,7 @@ def test_what_the_best_leave_over_is_shared_by_the_others(seed: int) -> None:
     logits = np.random.default_rng(seed).normal(0, 2, (3, 3, 19)).astype(np.float32)
     scores = scores_from_logits(logits, np.arange(19, dtype=np.uint8), (24, 24), 4)
     for best, steps, rest in zip(
-        scores.probabilities.reshape(-1, 4), scores.steps.reshape(-1, 4), rest_steps(scores).ravel(), strict=True
+        np.exp(scores.steps.reshape(-1, 4) / -32.0), scores.steps.reshape(-1, 4), rest_steps(scores).ravel(), strict=True
     ):
         share = max(1 - float(best.sum()), 1e-6) / 15
         assert rest == pytest.approx(max(steps[3], min(255.0, -32 * np.log(share))), abs=0.05)
@@ -180,7 +184,7 @@ def test_votes_in_the_order_of_the_hosts_come_into_that_of_the_points() -> None:
     rng = np.random.default_rng(2)
     point, kinds = rng.permutation(30), rng.integers(0, 4, 30)
     ids, sums = rng.integers(0, 19, kinds.sum()).astype(np.uint8), rng.random(kinds.sum()).astype(np.float32)
-    start, ids_out, sums_out = voting.in_order(point, kinds, ids, sums)
+    start, ids_out, sums_out = voting.sorted_by_point(point, kinds, ids, sums)
     came = np.concatenate([[0], np.cumsum(kinds)])
     for n, p in enumerate(point):
         assert ids_out[start[p] : start[p + 1]].tolist() == ids[came[n] : came[n + 1]].tolist()

@@ -1,4 +1,4 @@
-"""Points beside each other share their votes: against a slow, obvious twin, and what that promises."""
+"""Smoothing of votes over neighbours in space: against a slow, obvious twin, and its invariants."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_drive import even_images, made_drive, random_images, still_drive, texture
 
-from wayloom.labelling.neighbours import NEAREST, OWN, nearest, neighbours, shared
+from wayloom.labelling.neighbours import MAX_NEIGHBOURS, OWN_WEIGHT, nearest, neighbours, smoothed
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.labelling.tcl import label_points
 from wayloom.labelling.types import PointLabels, SparseVotes
@@ -27,7 +27,7 @@ def random_votes(rng: np.random.Generator, count: int) -> SparseVotes:
     return SparseVotes(start, np.concatenate(of_each), rng.uniform(0.1, 2, start[-1]).astype(np.float32))
 
 
-def naive_shared(drive: OdometryResult, votes: SparseVotes, spread: float, p: int) -> np.ndarray:
+def naive_smoothed(drive: OdometryResult, votes: SparseVotes, spread: float, p: int) -> np.ndarray:
     """The votes of one point: its own sum, shared as its nearest ones of the same segment vote on the mean."""
     world, segment = drive.points_world(), drive.keyframes.segment[drive.points.host]
     dense = np.zeros((len(world), 19))
@@ -37,24 +37,24 @@ def naive_shared(drive: OdometryResult, votes: SparseVotes, spread: float, p: in
     sigma = spread / float(drive.points.inverse_depth[p])
     near = sorted((float(np.linalg.norm(world[q] - world[p])), q) for q in range(len(world)) if segment[q] == segment[p])
     mean, of_all = np.zeros(19), 0.0
-    for r, q in near[: NEAREST + 1]:
+    for r, q in near[: MAX_NEIGHBOURS + 1]:
         if r <= 3 * sigma and dense[q].any():
-            closeness = np.exp(-(r**2) / (2 * sigma**2)) * (OWN if q == p else 1)
-            mean += closeness * dense[q] / dense[q].sum()
-            of_all += closeness
+            weight = np.exp(-(r**2) / (2 * sigma**2)) * (OWN_WEIGHT if q == p else 1)
+            mean += weight * dense[q] / dense[q].sum()
+            of_all += weight
     return dense[p].sum() * mean / of_all if dense[p].any() else np.zeros(19)
 
 
 @FEW
 @given(seed=st.integers(0, 10_000), spread=st.floats(0.01, 0.2))
-def test_shared_votes_are_those_of_the_naive_twin(seed: int, spread: float) -> None:
+def test_smoothed_votes_are_those_of_the_naive_twin(seed: int, spread: float) -> None:
     rng = np.random.default_rng(seed)
     drive = made_drive(seed, points=40)
     drive = replace(drive, keyframes=replace(drive.keyframes, segment=np.array([0, 0, 0, 1, 1], np.int32)))
     votes, baseline = random_votes(rng, 40), rng.integers(0, 19, 40).astype(np.uint8)
-    labels, found = shared(votes, neighbours(drive, spread), baseline, 0.0)
+    labels, found = smoothed(votes, neighbours(drive, spread), baseline, 0.0)
     for p in range(40):
-        expected = naive_shared(drive, votes, spread, p)
+        expected = naive_smoothed(drive, votes, spread, p)
         dense = np.zeros(19)
         part = slice(found.start[p], found.start[p + 1])
         dense[found.classes[part]] = found.weights[part]
@@ -88,7 +88,7 @@ def test_a_point_takes_the_label_of_those_beside_it_and_not_of_those_behind_it_i
     images.lefts[0][29, 50] = 2  # the network errs at the first point
     points = replace(drive.points, uv_host=uv, inverse_depth=(1 / depth).astype(np.float32))
     drive = replace(drive, points=points)
-    asked = {"reach": 0, "likeness_power": 0.0}
+    asked = {"reach": 0, "ncc_power": 0.0}
     assert label_points(drive, images, ALONE.model_copy(update=asked)).stereo.tolist() == [2] + [13] * 5 + [2] * 4
     assert label_points(drive, images, TOGETHER.model_copy(update=asked)).stereo.tolist() == [13] * 6 + [2] * 4
 
@@ -100,27 +100,27 @@ def test_points_of_another_segment_are_no_neighbours() -> None:
     apart = neighbours(
         replace(drive, points=points, keyframes=replace(drive.keyframes, segment=np.array([0, 0, 1, 1, 1], np.int32))), 0.05
     )
-    assert together.closeness.sum() == 2 * OWN + 2
-    assert apart.closeness.sum() == 2 * OWN
-    assert (apart.rows[apart.closeness > 0] == [0, 1]).all()
+    assert together.weights.sum() == 2 * OWN_WEIGHT + 2
+    assert apart.weights.sum() == 2 * OWN_WEIGHT
+    assert (apart.rows[apart.weights > 0] == [0, 1]).all()
 
 
 def test_a_point_without_a_depth_keeps_its_own_votes() -> None:
     drive = still_drive(points=3)
     points = replace(drive.points, inverse_depth=np.array([0.1, np.nan, -0.2], np.float32))
     near = neighbours(replace(drive, points=points), 0.05)
-    assert near.closeness[1:].sum() == 2
+    assert near.weights[1:].sum() == 2
     assert (near.rows[1:, 0] == [1, 2]).all()
     votes = SparseVotes(np.array([0, 1, 2, 3]), np.array([4, 5, 6], np.uint8), np.ones(3, np.float32))
-    assert shared(votes, near, np.zeros(3, np.uint8), 0.0)[0].tolist() == [4, 5, 6]
+    assert smoothed(votes, near, np.zeros(3, np.uint8), 0.0)[0].tolist() == [4, 5, 6]
 
 
 def test_the_labels_do_not_depend_on_how_many_points_are_counted_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(1)
     votes, near = random_votes(rng, 150), neighbours(made_drive(1, points=150), 0.1)
-    whole = shared(votes, near, np.zeros(150, np.uint8), 0.01)
+    whole = smoothed(votes, near, np.zeros(150, np.uint8), 0.01)
     monkeypatch.setattr("wayloom.labelling.neighbours._BLOCK", 40)
-    parts = shared(votes, near, np.zeros(150, np.uint8), 0.01)
+    parts = smoothed(votes, near, np.zeros(150, np.uint8), 0.01)
     assert np.array_equal(whole[0], parts[0])
     assert np.array_equal(whole[1].start, parts[1].start)
     assert np.array_equal(whole[1].weights, parts[1].weights)
@@ -136,7 +136,7 @@ def test_of_many_points_at_one_place_each_stays_its_own_neighbour() -> None:
     near = neighbours(replace(drive, points=alike), 0.05)
     own = near.rows == np.arange(40)[:, None]
     assert own.any(axis=1).all()
-    np.testing.assert_allclose(near.closeness[own], OWN)
+    np.testing.assert_allclose(near.weights[own], OWN_WEIGHT)
 
 
 @pytest.mark.parametrize("count", [1, 7, 40, 700])

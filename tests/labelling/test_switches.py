@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from made_drive import CAMERA, HeldImages, even_images, made_drive, random_images, still_drive, texture
 
 from wayloom.labelling.settings import PAPER, LabellingSettings
-from wayloom.labelling.tcl import label_points, voting_frames
+from wayloom.labelling.tcl import label_points
 from wayloom.labelling.types import PointLabels
+from wayloom.labelling.voting_frames import voting_frames
 from wayloom.odometry.types import OdometryResult
 from wayloom.segmentation.scores import scores_from_logits
 
@@ -51,7 +52,7 @@ def test_a_keyframe_in_which_the_point_looks_different_hardly_votes() -> None:
         images.smalls[k] = texture(10 + k)
     labels = label_points(still_drive(), images, HARD)
     assert (labels.mono == 4).mean() > 0.85
-    anyone = label_points(still_drive(), images, HARD.model_copy(update={"likeness_power": 0.0}))
+    anyone = label_points(still_drive(), images, HARD.model_copy(update={"ncc_power": 0.0}))
     assert (anyone.mono == 8).all()
 
 
@@ -66,8 +67,8 @@ def test_a_keyframe_of_another_segment_does_not_vote_beyond_obs() -> None:
 @given(seed=st.integers(0, 10_000), dist_min=st.floats(1.0, 60.0))
 def test_in_no_form_does_an_observer_nearer_than_the_limit_vote(seed: int, dist_min: float) -> None:
     drive, images = with_texture(seed)
-    labels = label_points(drive, images, HARD.model_copy(update={"dist_min_m": dist_min, "nearness_power": 0.0}))
-    every = label_points(drive, images, HARD.model_copy(update={"dist_min_m": 0.01, "nearness_power": 0.0}))
+    labels = label_points(drive, images, HARD.model_copy(update={"dist_min_m": dist_min, "inverse_depth_power": 0.0}))
+    every = label_points(drive, images, HARD.model_copy(update={"dist_min_m": 0.01, "inverse_depth_power": 0.0}))
     for p in range(len(drive.points)):
         assert weight_of_all(labels, p) <= weight_of_all(every, p) + 1e-5
     near = label_points(drive, images, HARD.model_copy(update={"dist_min_m": 100.0}))
@@ -184,8 +185,8 @@ def test_frames_between_keyframes_vote_where_that_is_asked() -> None:
 
 def test_nearness_may_count_more_or_not_at_all() -> None:
     drive, images = with_texture(5)
-    flat = label_points(drive, images, PAPER.model_copy(update={"nearness_power": 0.0}))
+    flat = label_points(drive, images, PAPER.model_copy(update={"inverse_depth_power": 0.0}))
     assert np.array_equal(flat.vote_weight, np.round(flat.vote_weight))
     assert (
-        label_points(drive, images, PAPER.model_copy(update={"nearness_power": 2.0})).vote_weight < flat.vote_weight.max()
+        label_points(drive, images, PAPER.model_copy(update={"inverse_depth_power": 2.0})).vote_weight < flat.vote_weight.max()
     ).all()

@@ -6,7 +6,7 @@ import numpy as np
 
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
-from wayloom.logs.drive_writer import DriveWriter
+from wayloom.logs.drive_writer import DriveWriter, ImageEncoding, SensorExtrinsics
 from wayloom.logs.kitti.kitti_360_writer import Kitti360Writer
 from wayloom.logs.kitti.kitti_odometry_writer import KittiOdometryWriter
 from wayloom.logs.kitti.kitti_raw_writer import KittiRawWriter
@@ -68,7 +68,14 @@ def made_packets(count: int) -> list[OxtsPacket]:
 def write_drive(folder: Path, log_format: str, *, colour: bool = True, count: int = FRAMES, gnss: bool = True) -> Path:
     """A drive of a format below `folder`; returns its own folder."""
     writer, name = WRITERS[log_format]
-    with writer(folder / name, RIG, colour=colour, rig_id="rig-7", vehicle_id="car-7", T_cam_imu=T_CAM_IMU) as drive:
+    with writer(
+        folder / name,
+        RIG,
+        rig_id="rig-7",
+        vehicle_id="car-7",
+        extrinsics=SensorExtrinsics(T_cam_imu=T_CAM_IMU),
+        encoding=ImageEncoding(colour=colour),
+    ) as drive:
         for frame, T in zip(made_frames(count, colour), made_poses(count), strict=True):
             drive.add(frame, T)
         for packet in made_packets(count) if gnss else []:

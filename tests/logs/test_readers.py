@@ -7,7 +7,8 @@ import pytest
 
 from logs.made_drives import FRAMES, RIG, START_NS, T_CAM_IMU, WRITERS, made_frames, made_packets, made_poses, write_drive
 from wayloom.errors import LogError, UnknownFormatError
-from wayloom.geometry.wgs84 import enu_from_lonlatheight
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.logs.drive_writer import DriveWriter
 from wayloom.logs.registry import LOG_FORMATS, open_log
 from wayloom.logs.sidecars.oxts import ins_trajectory
@@ -133,7 +134,7 @@ def test_the_ins_trajectory_has_attitude_and_integrates_velocity(tmp_path: Path)
     seconds = (ins.t_ns - ins.t_ns[0]) / 1e9
     np.testing.assert_allclose(ins.integrated_enu, seconds[:, None] * [8.0, 3.0, 0.1], atol=1e-9)
     assert ins.distance_m == pytest.approx(seconds[-1] * np.linalg.norm([8.0, 3.0, 0.1]))
-    np.testing.assert_allclose(ins.T_enu_imu[:, :3, 3], enu_from_lonlatheight(ins.lon_lat_height, ins.lon_lat_height[0]))
+    np.testing.assert_allclose(ins.T_enu_imu[:, :3, 3], enu_from_lonlatheight(ins.lon_lat_height, MapFrame(*ins.lon_lat_height[0])))
     forward = ins.T_enu_imu[0, :3, 0]
     np.testing.assert_allclose(forward, [np.cos(0.3) * np.cos(0.02), np.sin(0.3) * np.cos(0.02), np.sin(0.02)], atol=1e-12)
     assert len(ins_trajectory(drive / "oxts", first=2, count=3).t_ns) == 3

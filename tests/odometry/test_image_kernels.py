@@ -1,7 +1,10 @@
 import numpy as np
+import pytest
 
 from wayloom.odometry.kernels import images, selection
 from wayloom.odometry.points.selection import gradient_thresholds, next_cell, select_candidates, spread_sample
+
+pytestmark = pytest.mark.kernels
 
 
 def noise(shape: tuple[int, int] = (41, 53)) -> np.ndarray:
@@ -36,52 +39,51 @@ def test_block_medians_are_lower_medians_of_whole_levels_over_every_second_pixel
             assert out[r, c] == expected
 
 
-def naive_selection(size, thresholds, block, cell, border, taken) -> list[tuple[int, int]]:
-    h, w = size.shape[0] - border, size.shape[1] - border
-    found: list[tuple[int, int]] = []
-
-    def strongest(x0, x1, y0, y1, share):
-        best, place = 0.0, None
-        for y in range(y0, min(y1, h)):
-            for x in range(x0, min(x1, w)):
-                if size[y, x] > share * thresholds[y // block, x // block] and size[y, x] > best:
-                    best, place = size[y, x], (x, y)
-        return place
-
-    def add(place):
-        if not taken[place[1] // 8, place[0] // 8]:
-            found.append(place)
-
-    for y4 in range(border, h, 4 * cell):
-        for x4 in range(border, w, 4 * cell):
-            any4 = False
-            for y2 in range(y4, min(y4 + 4 * cell, h), 2 * cell):
-                for x2 in range(x4, min(x4 + 4 * cell, w), 2 * cell):
-                    any2 = False
-                    for y1 in range(y2, min(y2 + 2 * cell, h), cell):
-                        for x1 in range(x2, min(x2 + 2 * cell, w), cell):
-                            place = strongest(x1, x1 + cell, y1, y1 + cell, 1.0)
-                            if place:
-                                any2 = any4 = True
-                                add(place)
-                    place = strongest(x2, x2 + 2 * cell, y2, y2 + 2 * cell, 0.75)
-                    if not any2 and place:
-                        any4 = True
-                        add(place)
-            place = strongest(x4, x4 + 4 * cell, y4, y4 + 4 * cell, 0.5)
-            if not any4 and place:
-                add(place)
-    return found
+def strongest_of_cells(size: np.ndarray, wanted: np.ndarray, border: int, edge: int) -> dict[tuple[int, int], tuple[int, int]]:
+    """(column, row) of each cell of `edge` px that holds a wanted pixel, with its strongest (u, v); the first in rows of equals."""
+    h, w = size.shape
+    v, u = np.nonzero(wanted[border : h - border, border : w - border])
+    order = np.lexsort((u, v, -size[v + border, u + border]))
+    cells: dict[tuple[int, int], tuple[int, int]] = {}
+    for k in order:
+        cells.setdefault((int(u[k]) // edge, int(v[k]) // edge), (int(u[k]) + border, int(v[k]) + border))
+    return cells
 
 
-def test_selected_pixels_are_those_of_the_naive_search() -> None:
-    rng = np.random.default_rng(2)
+def naive_selection(size: np.ndarray, threshold_px: np.ndarray, cell: int, border: int, taken: np.ndarray) -> set[tuple[int, int]]:
+    """By definition: every cell's strongest pixel over its threshold; of 2x2 cells without one the strongest over 3/4 of it; of 4x4
+    cells without any of these the strongest over half of it; none at a taken place. threshold_px (h, w): of each pixel."""
+    fine, middle, coarse = (
+        strongest_of_cells(size, size > share * threshold_px, border, edge * cell)
+        for share, edge in ((1.0, 1), (0.75, 2), (0.5, 4))
+    )
+    middle = {key: place for key, place in middle.items() if key not in {(a // 2, b // 2) for a, b in fine}}
+    found = {(a // 4, b // 4) for a, b in fine} | {(a // 2, b // 2) for a, b in middle}
+    coarse = {key: place for key, place in coarse.items() if key not in found}
+    places = [*fine.values(), *middle.values(), *coarse.values()]
+    return {(u, v) for u, v in places if not taken[v // selection.TAKEN_CELL, u // selection.TAKEN_CELL]}
+
+
+@pytest.mark.parametrize(("cell", "border", "seed"), [(5, 6, 2), (3, 4, 3), (7, 9, 4)])
+def test_selected_pixels_are_those_of_the_naive_search(cell: int, border: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
     size = (np.abs(rng.normal(scale=6, size=(90, 110))) * np.linspace(0.2, 2, 110)).astype(np.float32)
-    thresholds = np.full((3, 4), 12, np.float32)
+    thresholds = rng.uniform(8, 16, (3, 4)).astype(np.float32)
     taken = rng.random((12, 14)) < 0.2
-    points = np.zeros((500, 2), np.int64)
-    n = selection.select_pixels(size, thresholds, 32, 5, 6, taken, points)
-    assert [tuple(p) for p in points[:n].tolist()] == naive_selection(size, thresholds, 32, 5, 6, taken)
+    points = np.zeros((2000, 2), np.int64)
+    n = selection.select_pixels(size, thresholds, 32, cell, border, taken, points)
+    expected = naive_selection(size, np.kron(thresholds, np.ones((32, 32), np.float32))[:90, :110], cell, border, taken)
+    assert len(expected) > 40
+    assert sorted(map(tuple, points[:n].tolist())) == sorted(expected)
+
+
+def test_selected_pixels_come_in_row_order_of_groups_of_four_by_four_cells() -> None:
+    size = np.abs(np.random.default_rng(5).normal(scale=6, size=(90, 110))).astype(np.float32)
+    points = np.zeros((2000, 2), np.int64)
+    n = selection.select_pixels(size, np.full((3, 4), 9, np.float32), 32, 5, 6, np.zeros((12, 14), np.bool_), points)
+    row, column = (points[:n, 1] - 6) // 20, (points[:n, 0] - 6) // 20
+    assert n > 40
+    assert (np.diff(100 * row + column) >= 0).all()
 
 
 def test_selection_stops_at_its_capacity() -> None:

@@ -2,19 +2,19 @@ import numpy as np
 from made_window import NUMBERS, ROBUST, made_window
 
 from wayloom.odometry.backend.window import Window
-from wayloom.odometry.kernels.arrays import LEFT_ALIKE, RIGHT, RIGHT_ALIKE
+from wayloom.odometry.kernels.arrays import LEFT_ALIKE, RIGHT, RIGHT_ALIKE, Robust
 from wayloom.odometry.points import immature
 
 STRICT = ROBUST._replace(max_energy=70.0)
 
 
-def waiting_window(known: bool) -> tuple[Window, np.ndarray]:
-    """A window whose newest keyframe's points wait, and their true inverse depths."""
+def waiting_window(known: bool, robust: Robust = STRICT, off: float = 1.02) -> tuple[Window, np.ndarray]:
+    """A window whose newest keyframe's points wait, their inverse depths `off` times the truth, and the true ones."""
     window = made_window(4, 80, disturbed=False)
     mine = window.points.host == 3
     pixels, truth = window.points.uv[mine].astype(np.int64), window.points.rho[mine].copy()
-    rho = truth * 1.02 if known else 0 * truth
-    immature.add(window, immature.of_pixels(window, pixels, rho, 1000, 50.0, NUMBERS, STRICT))
+    rho = truth * off if known else 0 * truth
+    immature.add(window, immature.of_pixels(window, pixels, rho, 1000, 50.0, NUMBERS, robust))
     return window, truth
 
 
@@ -29,6 +29,15 @@ def test_matched_points_are_known_at_once_and_others_when_an_older_keyframe_show
     assert known.sum() > 15
     rows = window.immature.id - 1000
     assert np.median(np.abs(window.immature.points.rho / truth[rows] - 1.0)[known]) < 0.03
+
+
+def test_matched_points_are_known_whatever_the_static_terms_weigh() -> None:
+    weighed, _ = waiting_window(True, off=1.0)
+    unweighed, _ = waiting_window(True, STRICT._replace(static_weight=0.0, observer_right_weight=0.0), off=1.0)
+    assert immature.known(unweighed.immature).all()
+    assert unweighed.immature.points.has_static.all()
+    assert len(unweighed.immature.id) > 0.9 * len(weighed.immature.id)
+    assert unweighed.immature.information.max() < 1e-3 * weighed.immature.information.min()
 
 
 def test_looking_at_more_keyframes_makes_depths_better_and_surer() -> None:

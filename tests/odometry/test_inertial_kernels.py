@@ -12,7 +12,10 @@ from wayloom.geometry import se3
 from wayloom.odometry.kernels import inertial as kernel
 from wayloom.odometry.kernels import preintegration
 from wayloom.odometry.kernels.arrays import Frames
+from wayloom.odometry.kernels.compiler import opened
 from wayloom.odometry.kernels.inertial import Inertial
+
+pytestmark = pytest.mark.kernels
 
 F64 = NDArray[np.float64]
 DENSITY = np.array([1e-3, 1e-2])
@@ -63,10 +66,21 @@ def moved(frames: Frames, inertial: Inertial, x: F64) -> tuple[Frames, Inertial]
     )
 
 
+link_residual, link_jacobian = opened(kernel.link_residual), opened(kernel.link_jacobian)
+
+
+def jacobian(frames: Frames, inertial: Inertial, f: int) -> F64:
+    """(15, 32) of link f."""
+    link, r, J = kernel.make_link_space(), np.zeros(15), np.zeros((15, 32))
+    link_residual(inertial, frames.T_cam_world[f], frames.T_cam_world[f + 1], f, link, r)
+    link_jacobian(inertial, f, link, r, J)
+    return J
+
+
 def residuals(frames: Frames, inertial: Inertial) -> F64:
     out = np.zeros((2, 15))
     for f in range(2):
-        kernel.link_residual(inertial, frames.T_cam_world[f], frames.T_cam_world[f + 1], f, out[f])
+        link_residual(inertial, frames.T_cam_world[f], frames.T_cam_world[f + 1], f, kernel.make_link_space(), out[f])
     return out
 
 
@@ -97,6 +111,7 @@ def test_the_motion_changes_with_the_bias_as_its_derivative_says() -> None:
         np.testing.assert_allclose(change / 2e-4, J[:, k], atol=1e-6)
 
 
+@pytest.mark.compiled
 def test_the_covariance_is_that_of_noisy_samples() -> None:
     t, force, rate = ideal_samples()
     R, v, p, _, C = preintegrated(t, force, rate, 1.0, 2.0, np.zeros(6))
@@ -122,8 +137,7 @@ def test_jacobians_agree_with_finite_differences(moved_first: bool) -> None:
     if moved_first:  # away from the truth, where residuals are not small and the bias is not the one of the preintegration
         frames, inertial = moved(frames, inertial, rng.normal(size=n) * 0.02)
     for f in range(2):
-        J, r = np.zeros((15, 32)), residuals(frames, inertial)[f]
-        kernel.link_jacobian(inertial, frames.T_cam_world[f], frames.T_cam_world[f + 1], f, r, J)
+        J = jacobian(frames, inertial, f)
         index = link_unknowns(f)
         for column, k in enumerate(index):
             x = np.zeros(n)
@@ -144,8 +158,7 @@ def test_normal_equations_are_those_of_a_dense_twin() -> None:
     energy = kernel.add_links(frames, inertial, H, g)
     dense: dict[str, Any] = {"H": np.zeros((54, 54)), "g": np.zeros(54), "energy": 0.0}
     for f in range(2):
-        J, W, r = np.zeros((15, 32)), np.zeros((15, 15)), residuals(frames, inertial)[f]
-        kernel.link_jacobian(inertial, frames.T_cam_world[f], frames.T_cam_world[f + 1], f, r, J)
+        J, W, r = jacobian(frames, inertial, f), np.zeros((15, 15)), residuals(frames, inertial)[f]
         W[:9, :9] = 3.0 * inertial.information[f]
         W[9:, 9:] = 3.0 * np.diag([1e8] * 3 + [1e6] * 3) / inertial.duration[f]
         wide = np.zeros((15, 54))

@@ -13,7 +13,7 @@ from wayloom.odometry.settings import OdometrySettings
 
 FRAMES, REACH_M, PERIOD = 240, 8.0, 60
 RIG = StereoRig(PinholeCamera(100.0, 100.0, 79.5, 49.5, 160, 100), (-0.5, 0.0, 0.0))
-SETTINGS = OdometrySettings(points=150, new_points=80, min_new_points=40, matched_points=80, candidates=500, sought_points=20)
+SETTINGS = OdometrySettings(points=150, min_new_points=40, matched_points=80, candidates=500, sought_points=20)
 
 
 def to_and_fro(frames: int) -> np.ndarray:
@@ -40,7 +40,7 @@ def test_the_prior_of_a_long_drive_stays_well_conditioned_and_its_errors_do_not_
     def watched(window: Window, *arguments: object) -> None:
         original(window, *arguments)  # type: ignore[arg-type]
         eigenvalues.append(np.linalg.eigvalsh(scaled(window.prior_H))[[0, -1]])
-        biases.append(float(window.delta[0]))
+        biases.append(float(window.disparity_bias[0]))
         assert np.array_equal(window.prior_H, window.prior_H.T)
 
     monkeypatch.setattr(marginalisation, "marginalise", watched)

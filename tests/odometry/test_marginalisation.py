@@ -62,10 +62,10 @@ def test_the_prior_is_the_schur_complement_of_the_leaving_points_and_frame() -> 
     gone = marginalisation.leaving_points(window, 0)
     fold = gone & (window.inlier[:, :4] > 0).any(axis=1) & (window.information > 1.0)
     part = type(window.points)(*(column[fold] for column in window.points))
-    H, g = reduced_equations(window.images, NUMBERS, window.frames, part, window.delta[0], robust)
+    H, g = reduced_equations(window.images, NUMBERS, window.frames, part, window.disparity_bias[0], robust)
     H[1:7, 1:7] += marginalisation.GAUGE * np.eye(6)
     z = np.zeros(33)
-    z[0] = window.delta[0]
+    z[0] = window.disparity_bias[0]
     g = g + window.prior_g + (H @ z)
     H = H + window.prior_H
     H[[7, 8], [7, 8]] += AFFINE_PRIOR
@@ -91,7 +91,7 @@ def test_marginalising_does_not_move_the_window() -> None:
     adjustment.adjust(window, NUMBERS, robust, AFFINE_PRIOR, 10)
     moved = [np.abs(se3.log(a @ se3.inverse(b))).max() for a, b in zip(window.frames.T_cam_world, before, strict=True)]
     assert max(moved) < 0.01
-    assert abs(window.delta[0] - BIAS_PX) < 0.15
+    assert abs(window.disparity_bias[0] - BIAS_PX) < 0.15
 
 
 def test_first_estimates_stay_once_they_are_set() -> None:

@@ -3,6 +3,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from wayloom.cli.main import app
 from wayloom.errors import ConfigError, InputError, LogError
 from wayloom.files.ply import read_ply
 from wayloom.files.trajectory_files import read_kitti, read_tum
+from wayloom.odometry.settings import ImuSettings, OdometrySettings
 
 FRAMES = 8
 
@@ -67,6 +69,31 @@ def test_lost_frames_are_a_warning_and_no_failure(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert "1 of 8 frames not tracked, 1 segments, the first: frame 4, the image is blank" in done.output
     assert len(read_tum(tmp_path / "t.tum")[0]) == FRAMES
+    comments = [line for line in (tmp_path / "t.tum").read_text().splitlines() if line.startswith("#")]
+    assert [line.partition(":")[0] for line in comments] == ["# guessed", "# tracked"]
+
+
+def test_settings_of_a_file_and_of_the_environment_reach_the_odometry(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[Any] = []
+
+    def noted(drive: Any, settings: Any, progress: Any, threads: int, **_: Any) -> None:
+        given.extend((settings, threads))
+        raise ConfigError("that is enough")
+
+    monkeypatch.setattr("wayloom.calibration.self_calibration.track_calibrated", noted)
+    monkeypatch.setenv("WAYLOOM_ODOMETRY__POINTS", "600")
+    (tmp_path / "fleet.toml").write_text("threads = 3\n[odometry]\nwindow = 8\n[odometry.imu]\nuse = false\n")
+    arguments = ["odometry", str(log), "--out", str(tmp_path / "t.tum"), "--config", str(tmp_path / "fleet.toml")]
+    CliRunner().invoke(app, arguments)
+    assert given == [OdometrySettings(window=8, points=600, imu=ImuSettings(use=False)), 3]
+
+
+def test_a_rig_file_that_is_not_there_is_refused_by_the_options_name(log: Path, tmp_path: Path) -> None:
+    arguments = ["odometry", str(log), "--out", str(tmp_path / "t.tum"), "--rig", str(tmp_path / "none.toml")]
+    with pytest.raises(ConfigError, match=r"--rig: .*none\.toml: no such file or folder"):
+        CliRunner().invoke(app, arguments, catch_exceptions=False)
 
 
 @pytest.mark.parametrize("option", ["--out", "--points", "--json"])

@@ -62,9 +62,9 @@ def test_the_motion_after_a_blind_second_is_that_between_frames_that_were_seen(m
     truth, expected = np.concatenate([fast, fast[-1] @ slow[1:]]), []
     original = recovery.Recovery.align
 
-    def watched(self: recovery.Recovery, sought: recovery.TrackingRequest, *rest: Any) -> recovery.TrackingResult:
-        expected.append(se3.inverse(sought.T_expected)[:3, 3])
-        return original(self, sought, *rest)
+    def watched(self: recovery.Recovery, request: recovery.TrackingRequest, *rest: Any) -> recovery.TrackingResult:
+        expected.append(se3.inverse(request.frame.T_predicted)[:3, 3])
+        return original(self, request, *rest)
 
     monkeypatch.setattr(recovery.Recovery, "align", watched)
     blind = dict.fromkeys(range(10, 14), lambda left, right: (np.zeros_like(left), right))

@@ -28,14 +28,14 @@ def sampled(log: MadeLog, wanted: int = 4) -> CalibrationObservations:
     right_rectifier = RightRectifier(log.rig, IDENTITY, frame_source.fit_rows(log, (0,)))
     collector = ObservationCollector(log.rig)
     Sampler(log, OdometrySettings(), right_rectifier, collector).stretch(0, len(log), wanted)
-    return collector.evidence(log)
+    return collector.observations(log)
 
 
 @pytest.mark.parametrize("step_m", [0.4, 0.8, 1.6])
 def test_hosts_and_targets_are_as_far_apart_as_wanted_at_any_speed(step_m: float) -> None:
     log = MadeLog(curve(24, step_m, 0.01))
     found = sampled(log, 3)
-    assert found.snippets == 3
+    assert found.groups == 3
     hosts = log.truth[found.host_frame][:, :3, 3]
     assert np.linalg.norm(np.diff(hosts, axis=0), axis=1).min() > 0.95 * DISTANCES_M[-1]
     for host, targets, T_found in zip(found.host_frame, found.target_frame, found.T_target_host, strict=True):
@@ -48,13 +48,13 @@ def test_hosts_and_targets_are_as_far_apart_as_wanted_at_any_speed(step_m: float
             assert np.linalg.norm(error[3:]) < 0.01
 
 
-def test_a_snippet_does_not_reach_over_what_was_not_seen() -> None:
+def test_a_match_group_does_not_reach_over_what_was_not_seen() -> None:
     found = sampled(Damaged(curve(20, 0.8)))
-    assert found.snippets >= 3
+    assert found.groups >= 3
     both = np.column_stack([found.host_frame, found.target_frame])
     assert not np.isin(both, (6, 7)).any()
     assert not ((both.min(axis=1, initial=99, where=both >= 0) < 6) & (both.max(axis=1) > 7)).any()
 
 
 def test_a_car_that_stands_gives_nothing() -> None:
-    assert sampled(MadeLog(curve(12, 0.0))).snippets == 0
+    assert sampled(MadeLog(curve(12, 0.0))).groups == 0

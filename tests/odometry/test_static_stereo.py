@@ -3,8 +3,12 @@ import pytest
 from made_street import RIG, pair
 
 from wayloom.odometry.kernels import stereo as kernels
+from wayloom.odometry.kernels.compiler import opened
 from wayloom.odometry.points import stereo
 from wayloom.odometry.points.selection import select_candidates
+
+pytestmark = pytest.mark.kernels
+best_column, refine_column, patch_sums = (opened(part) for part in (kernels.best_column, kernels.refine_column, kernels.patch_sums))
 
 
 def naive_best_column(template, image, u, v, low, high):
@@ -21,10 +25,8 @@ def test_best_column_is_that_of_the_naive_search() -> None:
     left, right = (rng.integers(-60, 61, (20, 90)).astype(np.int16) for _ in range(2))
     costs = np.empty(200, np.int16)
     for u, low, high in ((40, 5, 42), (10, -20, 12), (80, 60, 95)):
-        assert kernels.best_column(left, right, u, 9, low, high, costs) == pytest.approx(
-            naive_best_column(left, right, u, 9, low, high)
-        )
-    assert kernels.best_column(left, right, 5, 9, 88, 95, costs)[0] == -1
+        assert best_column(left, right, u, 9, low, high, costs) == pytest.approx(naive_best_column(left, right, u, 9, low, high))
+    assert best_column(left, right, 5, 9, 88, 95, costs)[0] == -1
 
 
 def shifted_pair(dx: float, dy: float) -> tuple[np.ndarray, np.ndarray]:
@@ -40,14 +42,14 @@ def shifted_pair(dx: float, dy: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("shift", [7.0, 7.3, 7.77])
 def test_a_column_is_refined_to_a_fraction_of_a_pixel(shift: float) -> None:
     left, right = shifted_pair(shift, 0.0)
-    x, sigma = kernels.refine_column(left, right, 60, 30, 53)
+    x, sigma = refine_column(left, right, 60, 30, 53)
     assert 60 - x == pytest.approx(shift, abs=0.03)
     assert sigma < 0.5
 
 
 def test_a_flat_patch_has_no_match() -> None:
     flat = np.full((40, 60), 90, np.uint8)
-    assert kernels.refine_column(flat, flat, 30, 20, 25)[1] == kernels.NO_MATCH
+    assert refine_column(flat, flat, 30, 20, 25)[1] == kernels.NO_MATCH
 
 
 def test_both_axes_are_refined_to_a_fraction_of_a_pixel() -> None:
@@ -61,7 +63,8 @@ def test_both_axes_are_refined_to_a_fraction_of_a_pixel() -> None:
 
 def test_patch_sums_are_those_of_numpy() -> None:
     left, right = shifted_pair(3.2, 0.4)
-    s = kernels.patch_sums(left, right, 50, 30, 46.7, 29.4, 5)
+    s = np.empty(8)
+    patch_sums(left, right, 50, 30, 46.7, 29.4, 5, s)
     gy, gx = np.gradient(left.astype(float))
     window = np.s_[25:36, 45:56]
     gx, gy = gx[window], gy[window]

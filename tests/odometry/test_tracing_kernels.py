@@ -9,8 +9,12 @@ from wayloom.odometry.backend import window as windows
 from wayloom.odometry.backend.window import Window
 from wayloom.odometry.kernels import linear, tracing
 from wayloom.odometry.kernels.arrays import PATTERN
+from wayloom.odometry.kernels.compiler import opened
 from wayloom.odometry.kernels.patch import make_scratch
 from wayloom.odometry.settings import OdometrySettings
+
+pytestmark = pytest.mark.kernels
+search_line, settle = opened(tracing.search_line), opened(tracing.settle)
 
 STRICT = ROBUST._replace(max_energy=70.0)
 GREY_SIGMA = OdometrySettings().grey_sigma
@@ -105,7 +109,7 @@ def test_the_line_search_finds_the_minimum_of_the_naive_distances() -> None:
         if not ((ends > 12).all() and (ends < (307, 187)).all()):
             continue
         distances = np.empty(100, np.float32)
-        s, best, second = tracing.search_line(
+        s, best, second = search_line(
             image, T, x, y, *ends[0], *ends[1], NUMBERS, points.colour[i], np.float32(1.1), np.float32(-4.0), 3.0, distances
         )
         length = np.hypot(*(ends[1] - ends[0]))
@@ -197,7 +201,7 @@ def test_settling_never_leaves_the_interval() -> None:
     points = window.points
     for i in np.flatnonzero(points.host == 0):
         low, high = 1.1 * points.rho[i], 1.3 * points.rho[i]
-        rho, _ = tracing.settle(
+        rho, _ = settle(
             window.images.left[1], relative(window, 0, 1), *ray(points.uv[i]), 1.2 * points.rho[i], low, high, NUMBERS,
             points.colour[i], points.weight[i], 1.0, 0.0, ROBUST, make_scratch(),
         )  # fmt: skip

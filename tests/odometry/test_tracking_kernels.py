@@ -7,7 +7,10 @@ from made_street import CAMERA, RIG, curve, render
 from odometry import naive
 from wayloom.geometry import se3
 from wayloom.odometry.kernels import tracking
+from wayloom.odometry.kernels.compiler import opened
 from wayloom.odometry.tracking import pyramid
+
+pytestmark = pytest.mark.kernels
 
 LEVEL = np.array([CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy])
 
@@ -27,7 +30,9 @@ def test_tracking_equations_are_those_of_the_naive_twin() -> None:
     image = pyramid.with_gradient(image)
     T = se3.exp(np.array([0.02, 0.01, -0.03, 0.002, 0.001, -0.003])) @ T
     H, g = np.zeros((8, 8)), np.zeros(8)
-    energy, count, beyond = tracking.tracking_equations(image, reference, T, 1.02, -1.0, LEVEL, 9.0, 20.0, H, g)
+    energy, count, beyond = opened(tracking.tracking_equations)(
+        image, reference, T, 1.02, -1.0, LEVEL, 9.0, 20.0, H, g, np.zeros(8)
+    )
     H_slow, g_slow, energy_slow, count_slow, beyond_slow = naive.tracking_equations(
         image, reference, T, 1.02, -1.0, LEVEL, 9.0, 20.0
     )

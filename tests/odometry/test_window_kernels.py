@@ -10,6 +10,12 @@ from wayloom.odometry.backend.inertial import NO_IMU
 from wayloom.odometry.backend.window import Window
 from wayloom.odometry.kernels import adjustment, equations, linear, patch
 from wayloom.odometry.kernels.arrays import LEAST_ALIKE, LEFT_ALIKE, PATTERN, RIGHT, RIGHT_ALIKE
+from wayloom.odometry.kernels.compiler import opened
+
+patch_residual, projection_jacobian = opened(patch.patch_residual), opened(patch.projection_jacobian)
+looks_alike, coupling_of_state = opened(patch.looks_alike), opened(equations.coupling_of_state)
+
+pytestmark = pytest.mark.kernels
 
 
 def ray(uv):
@@ -23,7 +29,7 @@ def test_patch_sums_are_those_of_the_naive_patch() -> None:
     for i in range(5):
         scratch = patch.make_scratch()
         arguments = (points.rho[i], NUMBERS, 0.2, points.colour[i], points.weight[i], 1.1, -3.0, ROBUST)
-        energy, inside = patch.patch_residual(image, T, *ray(points.uv[i]), *arguments, scratch)
+        energy, inside = patch_residual(image, T, *ray(points.uv[i]), *arguments, scratch)
         M_slow, e_slow, energy_slow = patch_terms(image, T, *ray(points.uv[i]), *arguments)
         assert inside
         assert energy == pytest.approx(energy_slow, rel=1e-4)
@@ -36,7 +42,7 @@ def test_a_patch_outside_behind_or_not_finite_is_not_inside() -> None:
     image, colours, scratch = window.images.left[0], window.points.colour[0], patch.make_scratch()
 
     def inside(T, x, y, rho):
-        return patch.patch_residual(image, T, x, y, rho, NUMBERS, 0.0, colours, colours, 1.0, 0.0, ROBUST, scratch)[1]
+        return patch_residual(image, T, x, y, rho, NUMBERS, 0.0, colours, colours, 1.0, 0.0, ROBUST, scratch)[1]
 
     behind, broken = np.eye(4), np.eye(4)
     behind[2, 3], broken[0, 3] = -20.0, np.nan
@@ -52,7 +58,7 @@ def test_an_outlier_above_the_limit_has_no_sums() -> None:
     strict = ROBUST._replace(max_energy=50.0)
     colours = np.full(8, 250.0, np.float32)
     ones, scratch = np.ones(8, np.float32), patch.make_scratch()
-    energy, inside = patch.patch_residual(
+    energy, inside = patch_residual(
         window.images.left[0], np.eye(4), 0.0, 0.0, 0.1, NUMBERS, 0.0, colours, ones, 1.0, 0.0, strict, scratch
     )
     assert inside
@@ -63,7 +69,7 @@ def test_an_outlier_above_the_limit_has_no_sums() -> None:
 @pytest.mark.parametrize("right", [0.0, 1.0])
 def test_the_projections_jacobian_is_the_numerical_one(right: float) -> None:
     T, x, y, rho, J = se3.exp(np.array([0.1, -0.2, 0.4, 0.02, -0.03, 0.01])), 0.3, -0.2, 0.15, np.zeros((2, 8))
-    assert patch.projection_jacobian(T, x, y, rho, NUMBERS, right, J)
+    assert projection_jacobian(T, x, y, rho, NUMBERS, right, J)
     for k in range(6):
         xi = np.zeros(6)
         xi[k] = 1e-6
@@ -97,7 +103,7 @@ def naive_equations(window: Window):
         T = [se3.exp(z[1 + 8 * f : 7 + 8 * f]) @ frames.T_cam_world[f] for f in range(F)]
         ab = frames.affine + z[1 : 1 + 8 * F].reshape(F, 8)[:, 6:]
         x, y = ray(p.uv[i] + pixel)
-        uv = project(T[t] @ np.linalg.inv(T[h]), x, y, p.rho[i] + z[1 + 8 * F + i], NUMBERS, right, window.delta[0] + z[0])
+        uv = project(T[t] @ np.linalg.inv(T[h]), x, y, p.rho[i] + z[1 + 8 * F + i], NUMBERS, right, window.disparity_bias[0] + z[0])
         grey = p.colour[i][next(k for k in range(8) if (PATTERN[k] == pixel).all())]
         if t == h:
             gain, offset = frames.gain_right[h]
@@ -142,14 +148,14 @@ def test_the_windows_normal_equations_are_those_of_the_dense_numerical_twin() ->
     n = 1 + 8 * F
     H_slow, g_slow, energy_slow = naive_equations(window)
     terms = adjustment.make_terms(N, F)
-    energy = equations.linearise(window.images, NUMBERS, window.frames, window.points, window.delta[0], ROBUST, terms)
+    energy = equations.linearise(window.images, NUMBERS, window.frames, window.points, window.disparity_bias[0], ROBUST, terms)
     assert energy == pytest.approx(energy_slow, rel=1e-4)
     np.testing.assert_allclose(terms.own[:, 0], np.diag(H_slow)[n:], rtol=2e-3)
     np.testing.assert_allclose(terms.own[:, 1], g_slow[n:], rtol=2e-3, atol=2e-4 * np.abs(g_slow[n:]).max())
     H, g, V, inverse, A = np.zeros((n, n)), np.zeros(n), np.zeros((N, n)), np.zeros(N), equations.host_maps(window.frames)
     adjustment.normal_equations(terms, A, window.points, 0.0, H, g, inverse)
     for i, host in enumerate(window.points.host):
-        equations.coupling_of_state(terms.coupling[i], terms.inlier[i], host, A, V[i])
+        coupling_of_state(terms.coupling[i], terms.inlier[i], host, A, V[i])
     scale = np.sqrt(np.diag(H_slow)[n:])
     np.testing.assert_allclose(V.T / scale, H_slow[:n, n:] / scale, rtol=1e-2, atol=2e-3 * np.abs(H_slow[:n, n:] / scale).max())
     H_reduced, g_reduced = schur(H_slow, g_slow, n)
@@ -162,11 +168,11 @@ def test_a_points_step_follows_from_its_couplings_to_the_pairs_as_from_those_to_
     window = made_window()
     F, N = len(window), len(window.point_id)
     terms, A = adjustment.make_terms(N, F), equations.host_maps(window.frames)
-    equations.linearise(window.images, NUMBERS, window.frames, window.points, window.delta[0], ROBUST, terms)
+    equations.linearise(window.images, NUMBERS, window.frames, window.points, window.disparity_bias[0], ROBUST, terms)
     x, row = np.random.default_rng(3).normal(size=1 + 8 * F), np.zeros(1 + 8 * F)
     local = equations.steps_of_pairs(A, x)
     for i, host in enumerate(window.points.host):
-        equations.coupling_of_state(terms.coupling[i], terms.inlier[i], host, A, row)
+        coupling_of_state(terms.coupling[i], terms.inlier[i], host, A, row)
         np.testing.assert_allclose((terms.coupling[i] * local[host]).sum(), row @ x, rtol=1e-9)
 
 
@@ -175,7 +181,7 @@ def test_closed_residuals_count_for_nothing() -> None:
     window.points.closed[:] = 1
     window.points.has_static[:] = 0
     terms = adjustment.make_terms(len(window.point_id), len(window))
-    assert equations.linearise(window.images, NUMBERS, window.frames, window.points, window.delta[0], ROBUST, terms) == 0.0
+    assert equations.linearise(window.images, NUMBERS, window.frames, window.points, window.disparity_bias[0], ROBUST, terms) == 0.0
     assert not terms.own.any()
     assert not terms.inlier.any()
 
@@ -194,7 +200,7 @@ def test_adjustment_brings_a_disturbed_window_back_to_the_truth() -> None:
         window.frames,
         window.points,
         NO_IMU,
-        window.delta,
+        window.disparity_bias,
         *prior,
         np.array([1e3, 1.0]),
         1.0,
@@ -209,7 +215,7 @@ def test_adjustment_brings_a_disturbed_window_back_to_the_truth() -> None:
     assert way.max() < 0.02
     sure = own[:, 0] * truth.points.rho**2 > np.median(own[:, 0] * truth.points.rho**2)  # pixels of some gradient
     assert np.median(np.abs(after[sure])) < 0.75 * np.median(np.abs(before[sure]))
-    assert window.delta[0] == pytest.approx(BIAS_PX, abs=0.1)
+    assert window.disparity_bias[0] == pytest.approx(BIAS_PX, abs=0.1)
     assert np.abs(window.frames.affine[:, 0]).max() < 0.04
     assert inlier[:, -1].mean() > 0.9
 
@@ -227,14 +233,14 @@ def test_what_the_first_unknown_wants_is_the_dense_solution() -> None:
 def test_a_bias_that_is_held_stays_and_says_which_step_it_would_take() -> None:
     held, free, wish = made_window(4, 60), made_window(4, 60), np.zeros(2)
     for window, hold in ((held, 1), (free, 0)):
-        window.delta[0] = 0.0
+        window.disparity_bias[0] = 0.0
         adjustment.adjust_window(
-            window.images, NUMBERS, window.frames, window.points, NO_IMU, window.delta, np.zeros((33, 33)), np.zeros(33),
+            window.images, NUMBERS, window.frames, window.points, NO_IMU, window.disparity_bias, np.zeros((33, 33)), np.zeros(33),
             np.array([1e3, 1.0]), 1.0, hold, wish, ROBUST, 1, 1e-4,
         )  # fmt: skip
-    assert held.delta[0] == 0.0
-    assert free.delta[0] == pytest.approx(wish[0], rel=1e-9)
-    assert free.delta[0] > 0.1
+    assert held.disparity_bias[0] == 0.0
+    assert free.disparity_bias[0] == pytest.approx(wish[0], rel=1e-9)
+    assert free.disparity_bias[0] > 0.1
     assert wish[1] > 0
 
 
@@ -242,7 +248,7 @@ def test_adjusting_again_never_raises_the_energy() -> None:
     window, energies = made_window(3, 20), []
     for _ in range(3):
         *_, energy = adjustment.adjust_window(
-            window.images, NUMBERS, window.frames, window.points, NO_IMU, window.delta, np.zeros((25, 25)), np.zeros(25),
+            window.images, NUMBERS, window.frames, window.points, NO_IMU, window.disparity_bias, np.zeros((25, 25)), np.zeros(25),
             np.array([1e3, 1.0]), 1.0, 0, np.zeros(2), ROBUST, 4, 1e-4,
         )  # fmt: skip
         energies.append(energy)
@@ -289,12 +295,12 @@ def test_a_patch_of_little_contrast_fits_a_plain_wall_by_its_energy_and_does_not
     rig, weights = NUMBERS._replace(fx=30.0, fy=30.0, cx=20.0, cy=20.0), np.ones(8, np.float32)
     alike = []
     for image in (wall, seen):
-        energy, inside = patch.patch_residual(
+        energy, inside = patch_residual(
             image, np.eye(4), 0.0, 0.0, 0.1, rig, 0.0, colours, weights, 1.0, 0.0, ROBUST._replace(max_energy=70.0), scratch
         )
         assert inside
         assert energy <= 70.0 * 8
-        alike.append(bool(patch.looks_alike(scratch.columns, LEAST_ALIKE)))
+        alike.append(bool(looks_alike(scratch.columns, LEAST_ALIKE)))
     assert alike == [False, True]
 
 

@@ -11,10 +11,11 @@ from evo.tools import file_interface
 from reports.made_result import CAMERA, made_result
 from wayloom.config.classes import PALETTE_WITH_VOID
 from wayloom.files.ply import read_ply
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
-from wayloom.georeference.geodesy import enu_from_lonlatheight
-from wayloom.georeference.types import MapFrame
-from wayloom.pipeline.exports import cloud, write_exports
+from wayloom.pipeline.drive_map import cloud
+from wayloom.pipeline.exports import write_exports
 from wayloom.pipeline.plane import T_plane_enu, axis_labels
 
 

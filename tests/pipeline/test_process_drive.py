@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,12 +11,17 @@ import pytest
 
 from pipeline.real_log import FRAMES, colour_network, damage, first_frames
 from segmentation.made_network import THREE
+from wayloom.config.stages import drive_stages
 from wayloom.errors import InputError, LogError, ModelError, TooFewKeyframesError
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.pipeline.drive import process_drive
+from wayloom.pipeline.log_source import LogSource
+from wayloom.pipeline.running import run_stage, stage_key
 from wayloom.pipeline.settings import ProcessSettings
-from wayloom.pipeline.stages import STAGES, finished_key, run_stage, stage_key
+from wayloom.pipeline.stage_context import StageContext
+from wayloom.pipeline.stage_files import finished_key
 from wayloom.reports.drive_report import write_report
+from wayloom.segmentation.settings import SegmentationSettings
 
 PRODUCTS = {
     "trajectory.tum", "trajectory.kitti", "trajectory.geojson", "cloud.ply", "cloud.laz", "map.png", "overlays", "report.json",
@@ -30,7 +36,7 @@ def log_path(clip_a, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def settings(tmp_path_factory):
-    return ProcessSettings(model=str(colour_network(tmp_path_factory.mktemp("network"))))
+    return ProcessSettings(segmentation=SegmentationSettings(model=str(colour_network(tmp_path_factory.mktemp("network")))))
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +52,7 @@ def reused(result):
 def test_everything_promised_is_there(done):
     out, result = done
     assert {path.name for path in out.iterdir()} == PRODUCTS
-    assert {path.name for path in (out / "stages").iterdir()} == {*STAGES, ".lock", "products.json"}
+    assert {path.name for path in (out / "stages").iterdir()} == {*drive_stages(), ".lock", "products.json"}
     assert len((out / "trajectory.tum").read_text().splitlines()) == FRAMES
     assert reused(result) == []
     assert result.odometry.trajectory.tracked.all()
@@ -63,16 +69,17 @@ def test_the_report_agrees_with_the_result(done):
 
 def test_a_second_run_does_nothing_twice(done, log_path, settings, clip_a_gnss):
     out, _ = done
-    before = {name: (out / "stages" / name / "stage.json").stat().st_mtime_ns for name in STAGES}
+    before = {name: (out / "stages" / name / "stage.json").stat().st_mtime_ns for name in drive_stages()}
     again = process_drive(log_path, out, settings, clip_a_gnss, write_more=write_report)
-    assert reused(again) == list(STAGES)
-    assert before == {name: (out / "stages" / name / "stage.json").stat().st_mtime_ns for name in STAGES}
+    assert reused(again) == list(drive_stages())
+    assert before == {name: (out / "stages" / name / "stage.json").stat().st_mtime_ns for name in drive_stages()}
 
 
 def test_another_network_is_run_and_what_follows_from_it(done, log_path, settings, clip_a_gnss, tmp_path):
     out, first = done
     other = colour_network(tmp_path, "others", THREE.replace("13, 8, 10", "0, 8, 10"))
-    second = process_drive(log_path, out, settings.model_copy(update={"model": str(other)}), clip_a_gnss)
+    with_other = settings.model_copy(update={"segmentation": SegmentationSettings(model=str(other))})
+    second = process_drive(log_path, out, with_other, clip_a_gnss)
     assert reused(second) == ["ingest", "odometry", "georeference"]
     assert set(np.unique(second.labels.stereo)) != set(np.unique(first.labels.stereo))
 
@@ -100,7 +107,7 @@ def test_a_stage_whose_files_the_disk_lost_is_made_anew(done, log_path, settings
     before = (out / "stages" / file).read_bytes(), (out / "cloud.ply").read_bytes()
     (out / "stages" / file).write_bytes(b"")
     again = process_drive(log_path, out, settings, clip_a_gnss, write_more=write_report)
-    assert [name for name in STAGES if name not in reused(again)] == [file.split("/")[0]]
+    assert [name for name in drive_stages() if name not in reused(again)] == [file.split("/")[0]]
     assert ((out / "stages" / file).read_bytes(), (out / "cloud.ply").read_bytes()) == before
 
 
@@ -108,7 +115,7 @@ def test_a_touched_file_is_looked_at_again_and_nothing_more(done, log_path, sett
     out, _ = done
     process_drive(log_path, out, settings, clip_a_gnss)
     os.utime(log_path / "calib.txt")
-    assert reused(process_drive(log_path, out, settings, clip_a_gnss)) == [name for name in STAGES if name != "ingest"]
+    assert reused(process_drive(log_path, out, settings, clip_a_gnss)) == [name for name in drive_stages() if name != "ingest"]
 
 
 def test_without_gnss_the_map_is_in_its_own_frame(done, log_path, settings, clip_a_gnss):
@@ -131,18 +138,14 @@ def test_a_stage_runs_by_itself_from_linked_folders(done, log_path, settings, cl
     out, _ = done
     process_drive(log_path, out, settings, clip_a_gnss)
     (tmp_path / "inputs").mkdir()
-    for name in STAGES[:-1]:
+    for name in drive_stages()[:-1]:
         (tmp_path / "inputs" / name).symlink_to(out / "stages" / name)
     (tmp_path / "attempt").mkdir()
-    given = {"log_path": log_path, "gnss_path": clip_a_gnss, "inputs_dir": tmp_path / "inputs", "settings": settings}
-    said = run_stage("submaps", out_dir=tmp_path / "attempt", **given)
-    assert (
-        said["key"]
-        == stage_key("submaps", **given)
-        == finished_key(tmp_path / "attempt")
-        == finished_key(out / "stages" / "submaps")
-    )
-    assert stage_key("submaps", drive_id="other", **given) != said["key"]
+    context = StageContext(LogSource(log_path, clip_a_gnss), tmp_path / "inputs", settings)
+    metadata = run_stage("submaps", context, tmp_path / "attempt")
+    key = stage_key("submaps", context).hex
+    assert metadata["key"] == key == finished_key(tmp_path / "attempt") == finished_key(out / "stages" / "submaps")
+    assert stage_key("submaps", replace(context, drive_id="other")).hex != key
 
 
 def test_a_damaged_image_leaves_nothing_behind(settings, clip_a, tmp_path):
@@ -180,7 +183,7 @@ def test_nothing_is_written_into_the_log(settings, clip_a, tmp_path):
 
 def test_a_missing_network_is_told_before_the_work(log_path, tmp_path):
     with pytest.raises(ModelError, match="unknown network"):
-        process_drive(log_path, tmp_path / "out", ProcessSettings(model="no-such-network"))
+        process_drive(log_path, tmp_path / "out", ProcessSettings(segmentation=SegmentationSettings(model="no-such-network")))
     assert not list(tmp_path.iterdir())
 
 
@@ -189,7 +192,7 @@ def test_a_damaged_network_is_told_before_the_work(log_path, tmp_path, spoil):
     network = colour_network(tmp_path / "network").with_suffix(".onnx")
     network.write_bytes(spoil(network.read_bytes()))
     with pytest.raises(ModelError, match="not an ONNX file"):
-        process_drive(log_path, tmp_path / "out", ProcessSettings(model=str(network)))
+        process_drive(log_path, tmp_path / "out", ProcessSettings(segmentation=SegmentationSettings(model=str(network))))
     assert not (tmp_path / "out").exists()
 
 

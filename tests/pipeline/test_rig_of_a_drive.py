@@ -15,8 +15,10 @@ from wayloom.logs.registry import open_log
 from wayloom.odometry.result.odometry_file import load_odometry
 from wayloom.odometry.rig.calibration_file import load_observations
 from wayloom.pipeline.drive import process_drive
+from wayloom.pipeline.log_source import LogSource
+from wayloom.pipeline.running import run_stage, stage_key
 from wayloom.pipeline.settings import ProcessSettings
-from wayloom.pipeline.stages import run_stage, stage_key
+from wayloom.pipeline.stage_context import StageContext
 
 FRAMES = 8
 LENS = RightLens(yaw_rad=1e-3, cx_shift_px=-0.7, ty=1e-3)
@@ -40,18 +42,18 @@ def odometry_stage(log_path: Path, folder: Path, settings: ProcessSettings) -> P
     """The stages ingest and odometry in a folder, without a network."""
     for name in ("ingest", "odometry"):
         (folder / name).mkdir(parents=True)
-        run_stage(name, log_path=log_path, gnss_path=None, inputs_dir=folder, out_dir=folder / name, settings=settings)
+        run_stage(name, StageContext(LogSource(log_path), folder, settings), folder / name)
     return folder / "odometry"
 
 
 def test_every_drive_leaves_its_evidence_and_uses_the_lens_that_it_is_given(log_path: Path, tmp_path: Path) -> None:
     plain = odometry_stage(log_path, tmp_path / "plain", ProcessSettings())
     file = written(log_path, tmp_path / "RIG.toml")
-    known = odometry_stage(log_path, tmp_path / "known", ProcessSettings(rig=str(file)))
+    known = odometry_stage(log_path, tmp_path / "known", ProcessSettings(rig=file))
     for folder in (plain, known):
         evidence = load_observations(folder / "evidence.npz")
         assert (evidence.rig_id, evidence.name.split("#")[0]) == ("car-7", "street")
-        assert evidence.snippets >= 1
+        assert evidence.groups >= 1
         assert (folder / "evidence.npz").stat().st_size < 300_000
         assert evidence.rig == open_log(log_path).rig
     one, other = (load_odometry(folder / "odometry.npz") for folder in (plain, known))
@@ -62,13 +64,11 @@ def test_every_drive_leaves_its_evidence_and_uses_the_lens_that_it_is_given(log_
 
 def test_the_odometrys_key_depends_on_the_lens_and_not_on_the_files_name(log_path: Path, tmp_path: Path) -> None:
     (tmp_path / "ingest").mkdir()
-    run_stage(
-        "ingest", log_path=log_path, gnss_path=None, inputs_dir=tmp_path, out_dir=tmp_path / "ingest", settings=ProcessSettings()
-    )
+    run_stage("ingest", StageContext(LogSource(log_path), tmp_path, ProcessSettings()), tmp_path / "ingest")
 
     def key(file: Path | None) -> str:
-        settings = ProcessSettings(rig=None if file is None else str(file))
-        return stage_key("odometry", log_path=log_path, gnss_path=None, inputs_dir=tmp_path, settings=settings)
+        settings = ProcessSettings(rig=file)
+        return stage_key("odometry", StageContext(LogSource(log_path), tmp_path, settings)).hex
 
     one, same = written(log_path, tmp_path / "one.toml"), written(log_path, tmp_path / "same.toml")
     other = written(log_path, tmp_path / "other.toml", RightLens(k1=1e-3))
@@ -79,7 +79,7 @@ def test_the_odometrys_key_depends_on_the_lens_and_not_on_the_files_name(log_pat
 def test_the_file_of_another_rig_is_told_before_anything_is_made(log_path: Path, tmp_path: Path) -> None:
     file = written(log_path, tmp_path / "RIG.toml", rig_id="car-8")
     with pytest.raises(CalibrationError, match="is of the rig car-8, the log of car-7"):
-        process_drive(log_path, tmp_path / "out", ProcessSettings(rig=str(file)))
+        process_drive(log_path, tmp_path / "out", ProcessSettings(rig=file))
     assert not (tmp_path / "out").exists()
 
 
@@ -101,6 +101,6 @@ def test_the_odometry_command_takes_a_rig_and_leaves_evidence(log_path: Path, tm
     done = odometry("--rig", file, "--evidence", tmp_path / "e.npz")
     assert done.returncode == 0, done.stderr
     assert "warning: the rig file says rig car-7, the log unknown" in done.stderr
-    assert load_observations(tmp_path / "e.npz").snippets >= 1
+    assert load_observations(tmp_path / "e.npz").groups >= 1
     bad = odometry("--rig", tmp_path / "missing.toml")
     assert (bad.returncode, bad.stderr.count("\n")) == (2, 1)

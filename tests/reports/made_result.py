@@ -7,10 +7,12 @@ import cv2
 import numpy as np
 
 from wayloom.config.classes import CLASS_ID, VOID
+from wayloom.config.stages import drive_stages
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.georeference.alignment import georeference
 from wayloom.labelling.types import PointLabels
+from wayloom.logs.drive_writer import SensorExtrinsics
 from wayloom.logs.inspection import inspect_log
 from wayloom.logs.kitti.kitti_odometry_writer import KittiOdometryWriter
 from wayloom.logs.registry import open_log
@@ -18,8 +20,7 @@ from wayloom.logs.sidecars.oxts_writer import OxtsPacket
 from wayloom.logs.types import FixType, StereoFrame
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 from wayloom.pipeline.drive import DriveResult, StageTime
-from wayloom.pipeline.stages import STAGES
-from wayloom.segmentation.stage import KeyframeLabels
+from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.submaps.split import make_submaps
 
 FRAMES, KEYFRAME_EVERY, POINTS = 30, 5, 900
@@ -38,7 +39,7 @@ def made_path() -> np.ndarray:
 
 def write_log(folder: Path, T: np.ndarray, *, gnss: bool, truth: bool) -> None:
     rng = np.random.default_rng(3)
-    with KittiOdometryWriter(folder, RIG, p_cam_gnss=np.array([0.0, -1.0, 0.0])) as writer:
+    with KittiOdometryWriter(folder, RIG, extrinsics=SensorExtrinsics(p_cam_gnss=np.array([0.0, -1.0, 0.0]))) as writer:
         for i in range(FRAMES):
             image = rng.integers(60, 200, (CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
             writer.add(StereoFrame(i, i * 10**8, image, image), T[i] if truth else None)
@@ -119,7 +120,7 @@ def made_result(
         labels=labels,
         geo=geo,
         submaps=make_submaps(log, odometry, labels, geo),
-        times={stage: StageTime(1.5 * i + 0.1, stage == "ingest") for i, stage in enumerate(STAGES)},
+        times={stage: StageTime(1.5 * i + 0.1, stage == "ingest") for i, stage in enumerate(drive_stages())},
     )
 
 

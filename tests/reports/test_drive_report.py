@@ -31,17 +31,17 @@ def written(result, folder):
 
 
 def test_the_json_says_what_was_measured(folder, result):
-    said = json.loads((folder / "report.json").read_text())
-    assert said["format"] == "wayloom-drive-report"
-    assert said["odometry"]["frames"] == said["odometry"]["frames_tracked"] == 30
-    assert said["odometry"]["distance_m"] == pytest.approx(58 * 1.01, rel=1e-3)
-    assert said["odometry"]["disparity_bias_px"] == -0.4
-    assert said["log"]["gnss"]["share"]["fixed"] == pytest.approx(2 / 3)
-    assert said["georeference"]["origin"] == {"lon_deg": 8.5, "lat_deg": 49.5, "height_m": 0.0}
-    assert said["truth"]["length_ratio"] == pytest.approx(1.01, rel=1e-3)
-    assert said["cloud"]["points"] == sum(len(placed.submap) for placed in result.submaps)
-    assert list(said["stages"]) == ["ingest", "odometry", "segmentation", "labelling", "georeference", "submaps"]
-    assert said["stages"]["ingest"] == {"seconds": 0.1, "reused": True}
+    facts = json.loads((folder / "report.json").read_text())
+    assert facts["format"] == "wayloom-drive-report"
+    assert facts["odometry"]["frames"] == facts["odometry"]["frames_tracked"] == 30
+    assert facts["odometry"]["distance_m"] == pytest.approx(58 * 1.01, rel=1e-3)
+    assert facts["odometry"]["disparity_bias_px"] == -0.4
+    assert facts["log"]["gnss"]["share"]["fixed"] == pytest.approx(2 / 3)
+    assert facts["georeference"]["origin"] == {"lon_deg": 8.5, "lat_deg": 49.5, "height_m": 0.0}
+    assert facts["truth"]["length_ratio"] == pytest.approx(1.01, rel=1e-3)
+    assert facts["cloud"]["points"] == sum(len(placed.submap) for placed in result.submaps)
+    assert list(facts["stages"]) == ["ingest", "odometry", "segmentation", "labelling", "georeference", "submaps"]
+    assert facts["stages"]["ingest"] == {"seconds": 0.1, "reused": True}
 
 
 def test_every_point_is_counted_once_in_each_column(result):
@@ -100,22 +100,22 @@ def test_a_drive_without_gnss_and_truth_says_so(tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     text = (written(result, out) / "report.html").read_text()
-    said = json.loads((out / "report.json").read_text())
-    assert said["georeference"]["origin"] is None
-    assert "truth" not in said
-    assert any("no GNSS" in warning for warning in said["warnings"])
+    facts = json.loads((out / "report.json").read_text())
+    assert facts["georeference"]["origin"] is None
+    assert "truth" not in facts
+    assert any("no GNSS" in warning for warning in facts["warnings"])
     assert "own frame" in text
     assert not (out / "trajectory.geojson").exists()
     assert (out / "cloud.laz").exists()
 
 
 def test_lost_frames_are_warned_of_first(tmp_path):
-    said = drive_facts(made_result(tmp_path, lost=(12,)))
-    assert said["warnings"][0] == (
+    facts = drive_facts(made_result(tmp_path, lost=(12,)))
+    assert facts["warnings"][0] == (
         "1 of 30 frames were lost (first frame 12: the image is blank) and hold a guess of constant motion; "
         "the track has 2 segments, joined by GNSS or by guesses"
     )
-    assert said["odometry"]["segments"] == 2
+    assert facts["odometry"]["segments"] == 2
 
 
 def test_what_a_log_need_not_have_is_no_warning(result):

@@ -4,25 +4,15 @@ from pathlib import Path
 
 import numpy as np
 
+from wayloom.files import wire_format
+from wayloom.files.wire_format import number_field as number
+
 FLOAT, UINT8, INT64 = 1, 2, 7
 Dim = int | str
 
 
-def varint(value: int) -> bytes:
-    out = bytearray()
-    while value > 0x7F:
-        out.append(value & 0x7F | 0x80)
-        value >>= 7
-    return bytes([*out, value])
-
-
-def number(field: int, value: int) -> bytes:
-    return varint(field << 3) + varint(value)
-
-
 def nested(field: int, *parts: bytes | str) -> bytes:
-    data = b"".join(p.encode() if isinstance(p, str) else p for p in parts)
-    return varint(field << 3 | 2) + varint(len(data)) + data
+    return wire_format.field(field, b"".join(p.encode() if isinstance(p, str) else p for p in parts))
 
 
 def tensor(name: str, values: np.ndarray, *more: bytes) -> bytes:

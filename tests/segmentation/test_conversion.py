@@ -4,6 +4,7 @@ import contextlib
 import hashlib
 import io
 import pickle
+import sys
 import zipfile
 from collections import OrderedDict
 from collections.abc import Callable
@@ -18,7 +19,9 @@ from wayloom.errors import ModelError
 from wayloom.segmentation.catalogue import MODELS, find_model
 from wayloom.segmentation.conversion.convert import convert
 from wayloom.segmentation.conversion.efficientvit import build_efficientvit_b0
+from wayloom.segmentation.conversion.onnx_writer import GraphWriter
 from wayloom.segmentation.conversion.state_dict import Tensors, read_state_dict
+from wayloom.segmentation.download import fetch
 from wayloom.segmentation.network import Network
 from wayloom.segmentation.onnx_file import check_onnx
 
@@ -106,6 +109,28 @@ def test_what_cannot_be_converted_is_told_before_the_work(tmp_path: Path) -> Non
     ]:
         with pytest.raises(ModelError, match=fault):
             convert(name, tmp_path / "none.pt", out)
+
+
+def test_without_the_package_onnx_nothing_is_converted_and_the_extra_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("efficientvit", "onnx_writer"):
+        monkeypatch.delitem(sys.modules, f"wayloom.segmentation.conversion.{name}", raising=False)
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    with pytest.raises(ModelError, match=r"pip install 'wayloom\[convert\]'"):
+        convert("efficientvit-b0", tmp_path / "none.pt", tmp_path / "vit.onnx")
+    with pytest.raises(ModelError, match="onnx is not installed"):  # before anything is fetched
+        fetch(MODELS["efficientvit-b0"], tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_graph_is_checked_when_it_is_written() -> None:
+    from onnx.checker import ValidationError
+
+    graph = GraphWriter()
+    graph.name_output(graph.node("Relu", "nowhere"), "y")
+    with pytest.raises(ValidationError, match="nowhere"):
+        graph.model({"x": ("n",)}, {"y": ("n",)}, "made")
 
 
 class _Storage:

@@ -12,9 +12,10 @@ from wayloom.errors import StageError
 from wayloom.logs.registry import open_log
 from wayloom.logs.types import DriveLog
 from wayloom.segmentation.catalogue import find_model
+from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.segmentation.network import Labelled, Network
 from wayloom.segmentation.overlay import overlay
-from wayloom.segmentation.stage import KeyframeLabels, segment_keyframes
+from wayloom.segmentation.stage import segment_keyframes
 
 KEYFRAMES = (0, 9, 21)
 

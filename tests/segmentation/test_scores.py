@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from wayloom.segmentation.kernels.scores import best_scores
 from wayloom.segmentation.scores import STEPS_PER_NAT, Scores, decode_scores, encode_scores, scores_from_logits
 
+pytestmark = pytest.mark.kernels
+
 
 def naive_scores(logits: np.ndarray, train_ids: np.ndarray, k: int) -> tuple[list[int], list[float]]:
     """The k best of one cell by the definition."""

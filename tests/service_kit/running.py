@@ -11,13 +11,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from service_kit.little_steps import RUNS
+from service_kit.little_stages import RUNS
 from wayloom.client.api import Api
+from wayloom.config.backoff import Backoff
 
 TESTS = Path(__file__).resolve().parents[1]
 ROOT = TESTS.parent
 QUICK = {
-    "WAYLOOM_STEPS": "service_kit.little_steps:STEPS",
+    "WAYLOOM_STAGE_HOOKS": "service_kit.little_stages:hooks",
     "WAYLOOM_HEARTBEAT_S": "0.2",
     "WAYLOOM_LEASE_S": "4",
     "WAYLOOM_SWEEP_S": "0.2",
@@ -62,7 +63,7 @@ class Up:
     def api(self) -> Api:
         """A client that is closed with the service."""
         if self._api is None:
-            self._api = Api(self.url, pauses_s=(0.2, 0.5, 1.0, 2.0))
+            self._api = Api(self.url, retries=Backoff(0.2, 2.0, 5))
         return self._api
 
     def children(self, what: str) -> list[int]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from service_kit.parcels import parcel
+from service_kit.packed_drives import packed_drive
 from service_kit.running import service, until
 from wayloom.client.upload import upload
 from wayloom.client.watch import wait_for_drive
@@ -38,7 +38,7 @@ def browser() -> Iterator[Any]:
 def test_the_dashboard_shows_map_and_drives_and_follows_them(browser: Any, tmp_path: Path) -> None:
     with service(tmp_path / "data") as up:
         api, url = up.api(), up.url
-        first = upload(api, parcel(tmp_path / "a", "first drive"))["id"]
+        first = upload(api, packed_drive(tmp_path / "a", "first drive"))["id"]
         wait_for_drive(api, first)
         page = browser.new_page(viewport={"width": 1200, "height": 750})
         said: list[str] = []
@@ -57,10 +57,10 @@ def test_the_dashboard_shows_map_and_drives_and_follows_them(browser: Any, tmp_p
         assert page.evaluate("wayloomMap.getZoom()") > 14
         assert page.evaluate("wayloomMap.queryRenderedFeatures({layers: ['tracks']}).length") > 0
 
-        bad = upload(api, parcel(tmp_path / "b", "broken drive", {"odometry": {"bad": True}}))["id"]
+        bad = upload(api, packed_drive(tmp_path / "b", "broken drive", {"odometry": {"bad": True}}))["id"]
         page.wait_for_selector(f"[data-id='{bad}'] .error")
         assert "record it again" in page.inner_text(f"[data-id='{bad}'] .error")
-        slow = upload(api, parcel(tmp_path / "c", "slow drive", {"odometry": {"seconds": 2.0}}))["id"]
+        slow = upload(api, packed_drive(tmp_path / "c", "slow drive", {"odometry": {"seconds": 2.0}}))["id"]
         page.wait_for_selector(f"[data-id='{slow}'][data-state=running]")
         until(lambda: "odometry" in page.inner_text(f"[data-id='{slow}'] .words"))
         page.wait_for_selector(f"[data-id='{slow}'][data-state=done]")

@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import pytest
 
+from wayloom.config.stages import drive_stages
 from wayloom.errors import ConflictError, LeaseLostError
 from wayloom.store import drives, jobs, maps, sweep
 from wayloom.store.database import Database
 from wayloom.store.jobs import Claim
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.processes import identity
-from wayloom.store.queues import DRIVE_STAGES
 from wayloom.store.tables import Drive, Job
 
 LEASE_S = 60.0
@@ -23,9 +23,9 @@ def new_drive(database: Database, name: str = "a") -> tuple[str, int]:
     with database.write() as session:
         manifest = Manifest(name=name, files=(ManifestFile(path="log/a", size=1, sha256="0" * 64),))
         drive, _ = drives.register(session, manifest, "city")
-        wake = drives.mark_complete(session, drive.id, "log/a")
-        assert wake is not None
-        return drive.id, wake.job_id
+        message = drives.mark_complete(session, drive.id, "log/a")
+        assert message is not None
+        return drive.id, message.job_id
 
 
 def take(database: Database, job_id: int, worker: str = "elsewhere|1|1") -> Claim:
@@ -88,7 +88,7 @@ def test_the_stages_are_queued_one_after_the_other(database: Database) -> None:
         assert drive(database, drive_id).state == "running"
         following = done(database, held)
         job_id = following.job_id if following else 0
-    assert tuple(seen) == DRIVE_STAGES
+    assert tuple(seen) == drive_stages()
 
 
 def test_a_worker_whose_token_is_old_can_neither_beat_nor_finish_nor_fail(database: Database) -> None:
@@ -125,7 +125,7 @@ def test_a_job_whose_lease_ran_out_is_queued_again(database: Database) -> None:
     time.sleep(0.05)
     assert sweep.requeue_lost(database, 3) == 1
     assert job(database, job_id).state == "queued"
-    assert [wake.job_id for wake in sweep.unsent(database, 10.0)] == [job_id]
+    assert [message.job_id for message in sweep.unsent(database, 10.0)] == [job_id]
 
 
 def test_a_job_whose_process_died_is_queued_again_at_once(database: Database) -> None:
@@ -181,8 +181,8 @@ def test_a_retried_drive_goes_on_with_the_stage_that_failed(database: Database) 
     with database.write() as session:
         jobs.fail(session, held, "bad luck", final=True)
     with database.write() as session:
-        woken = jobs.retry(session, drive_id)
-    assert [wake.job_id for wake in woken] == [following.job_id]
+        messages = jobs.retry(session, drive_id)
+    assert [message.job_id for message in messages] == [following.job_id]
     assert job(database, job_id).state == "done"
     assert job(database, following.job_id).attempt == 0
     assert drive(database, drive_id).state == "queued"
@@ -223,14 +223,14 @@ def test_a_failed_map_job_fails_the_drives_that_wait_for_it_and_a_retry_brings_t
         jobs.fail(session, held, "no\0 room", final=True)
     assert drive(database, drive_id).error == "stitch: no room"
     with database.write() as session:
-        assert [wake.job_id for wake in jobs.retry(session, drive_id)] == [job_id]
+        assert [message.job_id for message in jobs.retry(session, drive_id)] == [job_id]
     assert drive(database, drive_id).state == "stitching"
 
 
 def test_a_job_is_sent_again_only_when_nobody_took_it_for_a_while(database: Database) -> None:
     _, job_id = new_drive(database)
-    (wake,) = sweep.unsent(database, 10.0)
-    jobs.mark_sent(database, [wake])
+    (message,) = sweep.unsent(database, 10.0)
+    jobs.mark_sent(database, [message])
     assert sweep.unsent(database, 10.0) == []
     time.sleep(0.02)
     assert [found.job_id for found in sweep.unsent(database, 0.01)] == [job_id]

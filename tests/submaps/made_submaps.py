@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
-from wayloom.georeference.types import GeoReference, MapFrame
+from wayloom.georeference.types import GeoReference
 from wayloom.labelling.types import PointLabels
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 from wayloom.submaps.submap import PlacedSubmap, Submap

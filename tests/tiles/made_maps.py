@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from wayloom.georeference import geodesy
-from wayloom.georeference.frames import map_frame_for
+from wayloom.geodesy import wgs84
+from wayloom.geodesy.map_frame import map_frame_for
 from wayloom.stitching.merge import STATIC_CLASSES
 from wayloom.stitching.voxel_map import VoxelMap
 from wayloom.tiles.pyramid import Track
@@ -12,7 +12,7 @@ from wayloom.tiles.pyramid import Track
 def made_map(voxels: int = 3000, lon: float = 8.39, lat: float = 48.98, extent_m: float = 150.0, seed: int = 0) -> VoxelMap:
     rng = np.random.default_rng(seed)
     frame = map_frame_for(lon, lat)
-    centre = geodesy.enu_from_lonlatheight(np.array([[lon, lat, 115.0]]), frame)[0]
+    centre = wgs84.enu_from_lonlatheight(np.array([[lon, lat, 115.0]]), frame)[0]
     points = centre + rng.uniform([-extent_m, -extent_m, -2.0], [extent_m, extent_m, 12.0], (voxels, 3))
     keys = np.floor(points / 0.1).astype(np.int32)
     _, rows = np.unique(keys, axis=0, return_index=True)

@@ -8,8 +8,8 @@ from made_maps import made_map
 
 from wayloom.config.classes import CLASS_ID, PALETTE, VOID
 from wayloom.files.ply import read_ply
+from wayloom.geodesy import wgs84
 from wayloom.geometry import se3
-from wayloom.georeference import geodesy
 from wayloom.tiles.exports import ASPRS_OF_CLASS, export_geojson_track, export_laz, export_ply
 from wayloom.tiles.preview import PAPER, TRACK, bar_length_m, top_down
 
@@ -25,7 +25,7 @@ def test_a_laz_lies_in_utm_at_its_true_place(city, tmp_path):
     crs = cloud.header.parse_crs()
     assert crs == pyproj.CRS.from_epsg(32632)
     lon, lat = pyproj.Transformer.from_crs(crs, 4326, always_xy=True).transform(np.array(cloud.x), np.array(cloud.y))
-    expected = geodesy.lonlatheight_from_enu(city.points_enu, city.frame)
+    expected = wgs84.lonlatheight_from_enu(city.points_enu, city.frame)
     assert np.abs(lon - expected[:, 0]).max() * 73_000 < 0.002
     assert np.abs(lat - expected[:, 1]).max() * 111_000 < 0.002
     assert np.abs(np.array(cloud.z) - expected[:, 2]).max() < 0.001
@@ -78,7 +78,7 @@ def test_a_track_is_a_wgs84_line_with_longitude_first(city, tmp_path):
     feature = json.loads((tmp_path / "track.geojson").read_text())["features"][0]
     assert feature["geometry"]["type"] == "LineString"
     assert (
-        np.abs(np.array(feature["geometry"]["coordinates"]) - geodesy.lonlatheight_from_enu(city.points_enu[:5], city.frame)).max()
+        np.abs(np.array(feature["geometry"]["coordinates"]) - wgs84.lonlatheight_from_enu(city.points_enu[:5], city.frame)).max()
         < 1e-3
     )
     assert 8.3 < feature["geometry"]["coordinates"][0][0] < 8.5

@@ -1,17 +1,12 @@
 import mapbox_vector_tile
-import pytest
 
+from wayloom.files.wire_format import varint
 from wayloom.tiles import protobuf
-
-
-@pytest.mark.parametrize(("value", "data"), [(0, b"\x00"), (127, b"\x7f"), (128, b"\x80\x01"), (300, b"\xac\x02")])
-def test_numbers_are_written_as_the_wire_format_says(value, data):
-    assert protobuf.varint(value) == data
 
 
 def test_small_numbers_with_sign_stay_short():
     assert [protobuf.zigzag(n) for n in (0, -1, 1, -2)] == [b"\x00", b"\x01", b"\x02", b"\x03"]
-    assert protobuf.zigzag(2147483647) == protobuf.varint(4294967294)
+    assert protobuf.zigzag(2147483647) == varint(4294967294)
 
 
 def test_the_specifications_own_example_of_a_polygon_is_met():

@@ -11,7 +11,7 @@ from redis import Redis
 from redis.exceptions import RedisError
 
 from service_kit import postgres
-from service_kit.parcels import parcel
+from service_kit.packed_drives import packed_drive
 from service_kit.running import service, until
 from wayloom.client.upload import upload
 from wayloom.client.watch import wait_for_drive
@@ -52,8 +52,8 @@ def test_a_drive_survives_a_killed_worker_on_postgresql_and_redis_too(tmp_path: 
             assert not (tmp_path / "data" / "wayloom.db").exists()
             assert up.children("valkey-server") == []
             api = up.api()
-            first = upload(api, parcel(tmp_path / "a", "first", {"odometry": {"seconds": 1.0}}))["id"]
-            second = upload(api, parcel(tmp_path / "b", "second"))["id"]
+            first = upload(api, packed_drive(tmp_path / "a", "first", {"odometry": {"seconds": 1.0}}))["id"]
+            second = upload(api, packed_drive(tmp_path / "b", "second"))["id"]
             until(lambda: api.drive(first)["stages"][1]["progress"] > 0.2)
             for pid in up.children("wayloom_workers worker"):
                 up.kill_process(pid)

@@ -9,27 +9,26 @@ import numpy as np
 import pytest
 
 from wayloom.config.progress import silent
-from wayloom.config.service import ServiceSettings
-from wayloom.georeference import geodesy
-from wayloom.georeference.frames import map_frame_for
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy import wgs84
+from wayloom.geodesy.map_frame import MapFrame, map_frame_for
+from wayloom.pipeline.settings import WayloomSettings
 from wayloom.store import drives, maps
 from wayloom.store.jobs import Claim
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.migrate import upgrade
 from wayloom.submaps.submap import PlacedSubmap, Submap
-from wayloom_workers.__main__ import make_bench
+from wayloom_workers.__main__ import make_context
 from wayloom_workers.production import submap_row
 from wayloom_workers.publishing import TILES_FILE, tidy
-from wayloom_workers.steps import StageAttempt, WorkerContext
+from wayloom_workers.stage_hooks import StageAttempt, WorkerContext
 from wayloom_workers.stitching import stitch
 
 LON, LAT = 8.4, 48.9995
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Iterator[WorkerContext]:
-    made = make_bench(ServiceSettings(data_dir=tmp_path / "data"))
+def context(tmp_path: Path) -> Iterator[WorkerContext]:
+    made = make_context(WayloomSettings(data_dir=tmp_path / "data"))
     upgrade(made.database)
     yield made
     made.database.close()
@@ -49,53 +48,53 @@ def placed(drive_id: str, seed: int, lat: float = LAT) -> PlacedSubmap:
     submap.T_submap_cam[1, 0, 3] = 30.0
     frame = map_frame_for(LON, lat)
     T_enu_submap = np.eye(4)
-    T_enu_submap[:3, 3] = geodesy.enu_from_lonlatheight(np.array([[LON, lat, 110.0]]), frame)[0]
+    T_enu_submap[:3, 3] = wgs84.enu_from_lonlatheight(np.array([[LON, lat, 110.0]]), frame)[0]
     return PlacedSubmap(submap, T_enu_submap, np.eye(6) * 0.01, drive_id, frame)
 
 
-def add(bench: WorkerContext, name: str, seed: int, lat: float = LAT) -> str:
+def add(context: WorkerContext, name: str, seed: int, lat: float = LAT) -> str:
     """A drive with one placed submap."""
-    with bench.database.write() as session:
+    with context.database.write() as session:
         manifest = Manifest(name=name, files=(ManifestFile(path="log/a", size=1, sha256="0" * 64),))
         drive_id = drives.register(session, manifest, "city")[0].id
         item = placed(drive_id, seed, lat)
-        bench.blobs.put(item.submap.encoded)
+        context.blobs.put(item.submap.encoded)
         maps.place_submaps(session, drive_id, [submap_row(drive_id, "city", 0, item)])
     return drive_id
 
 
-def stitched(bench: WorkerContext, out_dir: Path) -> dict[str, object]:
+def stitched(context: WorkerContext, out_dir: Path) -> dict[str, object]:
     """What `stitch` writes for the map as it is."""
     out_dir.mkdir()
-    stitch(StageAttempt(bench, Claim(1, 1, "stitch", 1, None, "city", {}), None, None, out_dir, {}, out_dir, silent))
+    stitch(StageAttempt(context, Claim(1, 1, "stitch", 1, None, "city", {}), None, None, out_dir, {}, out_dir, silent))
     found: dict[str, object] = json.loads((out_dir / TILES_FILE).read_text())
     return found
 
 
-def test_the_order_in_which_drives_came_changes_no_byte(bench: WorkerContext, tmp_path: Path) -> None:
-    other = make_bench(ServiceSettings(data_dir=tmp_path / "other"))
+def test_the_order_in_which_drives_came_changes_no_byte(context: WorkerContext, tmp_path: Path) -> None:
+    other = make_context(WayloomSettings(data_dir=tmp_path / "other"))
     upgrade(other.database)
     for name, seed in (("a", 1), ("b", 2), ("c", 3)):
-        add(bench, name, seed)
+        add(context, name, seed)
     for name, seed in (("c", 3), ("a", 1), ("b", 2)):
         add(other, name, seed)
-    assert stitched(bench, tmp_path / "1") == stitched(other, tmp_path / "2")
+    assert stitched(context, tmp_path / "1") == stitched(other, tmp_path / "2")
     other.database.close()
 
 
-def test_a_map_from_which_a_drive_was_removed_is_the_map_without_it(bench: WorkerContext, tmp_path: Path) -> None:
-    add(bench, "a", 1)
-    without = stitched(bench, tmp_path / "1")
-    removed = add(bench, "b", 2)
-    assert stitched(bench, tmp_path / "2") != without
-    with bench.database.write() as session:
+def test_a_map_from_which_a_drive_was_removed_is_the_map_without_it(context: WorkerContext, tmp_path: Path) -> None:
+    add(context, "a", 1)
+    without = stitched(context, tmp_path / "1")
+    removed = add(context, "b", 2)
+    assert stitched(context, tmp_path / "2") != without
+    with context.database.write() as session:
         drives.request_removal(session, removed)
-    assert stitched(bench, tmp_path / "3") == without
+    assert stitched(context, tmp_path / "3") == without
 
 
-def test_drives_on_both_sides_of_a_degree_lie_side_by_side_in_one_frame(bench: WorkerContext, tmp_path: Path) -> None:
-    south, north = add(bench, "south", 1), add(bench, "north", 2, lat=49.0005)
-    said = stitched(bench, tmp_path / "1")
+def test_drives_on_both_sides_of_a_degree_lie_side_by_side_in_one_frame(context: WorkerContext, tmp_path: Path) -> None:
+    south, north = add(context, "south", 1), add(context, "north", 2, lat=49.0005)
+    said = stitched(context, tmp_path / "1")
     assert said["frame"] == [8.5, 48.5, 0.0]
     assert said["drives"] == sorted([south, north])
     finest = {(tile["x"], tile["y"]) for tile in said["tiles"] if tile["layer"] == "points"}  # type: ignore[attr-defined]
@@ -107,11 +106,11 @@ def test_drives_on_both_sides_of_a_degree_lie_side_by_side_in_one_frame(bench: W
 
 
 @pytest.mark.parametrize("far_lat", [LAT - 3.0, LAT + 3.0])
-def test_a_drive_of_another_city_does_not_stop_the_map(bench: WorkerContext, tmp_path: Path, far_lat: float) -> None:
-    near = [add(bench, "a", 1), add(bench, "b", 2)]
-    without = stitched(bench, tmp_path / "1")
-    far = add(bench, "far", 3, lat=far_lat)
-    said = stitched(bench, tmp_path / "2")
+def test_a_drive_of_another_city_does_not_stop_the_map(context: WorkerContext, tmp_path: Path, far_lat: float) -> None:
+    near = [add(context, "a", 1), add(context, "b", 2)]
+    without = stitched(context, tmp_path / "1")
+    far = add(context, "far", 3, lat=far_lat)
+    said = stitched(context, tmp_path / "2")
     assert said["drives"] == sorted(near)
     assert said == without | {"out_of_reach": [far]}
 
@@ -119,7 +118,7 @@ def test_a_drive_of_another_city_does_not_stop_the_map(bench: WorkerContext, tmp
 def tiles_of(points_enu: np.ndarray, frame: MapFrame, zoom: int = 18) -> set[tuple[int, int]]:
     """The tiles in which points lie, each point by itself."""
     found = set()
-    for lon, lat, _ in geodesy.lonlatheight_from_enu(points_enu, frame):
+    for lon, lat, _ in wgs84.lonlatheight_from_enu(points_enu, frame):
         x = (lon + 180.0) / 360.0
         y = 0.5 - np.arcsinh(np.tan(np.radians(lat))) / (2.0 * np.pi)
         found.add((int(x * (1 << zoom)), int(y * (1 << zoom))))
@@ -127,37 +126,36 @@ def tiles_of(points_enu: np.ndarray, frame: MapFrame, zoom: int = 18) -> set[tup
 
 
 def test_the_settings_origin_is_the_frame_where_there_is_one(tmp_path: Path) -> None:
-    bench = make_bench(ServiceSettings(data_dir=tmp_path / "data", map_origin=(8.41, 49.0, 100.0)))
-    upgrade(bench.database)
-    add(bench, "a", 1)
-    assert stitched(bench, tmp_path / "1")["frame"] == [8.41, 49.0, 100.0]
-    bench.database.close()
+    context = make_context(WayloomSettings(data_dir=tmp_path / "data", map_origin=(8.41, 49.0, 100.0)))
+    upgrade(context.database)
+    add(context, "a", 1)
+    assert stitched(context, tmp_path / "1")["frame"] == [8.41, 49.0, 100.0]
+    context.database.close()
 
 
 def test_before_publishing_unused_blobs_go_and_everything_that_is_to_be_published_stays(
-    bench: WorkerContext, tmp_path: Path
+    context: WorkerContext, tmp_path: Path
 ) -> None:
-    add(bench, "a", 1)
-    stitches = bench.folders.map("city") / "stages" / "stitch"
+    add(context, "a", 1)
+    stitches = context.folders.map("city") / "stages" / "stitch"
     stitches.mkdir(parents=True)
-    stitched(bench, stitches / "earlier")
-    add(bench, "b", 2)
-    said = stitched(bench, stitches / "key")
-    for blob in bench.folders.blobs.glob("*/*"):
+    stitched(context, stitches / "earlier")
+    add(context, "b", 2)
+    said = stitched(context, stitches / "key")
+    for blob in context.folders.blobs.glob("*/*"):
         os.utime(blob, (1e9, 1e9))
     needed = {tile["digest"] for tile in said["tiles"]}  # type: ignore[attr-defined]
-    with bench.database.read() as session:
+    with context.database.read() as session:
         needed |= {row.digest for row in maps.submaps(session, "city")}
-    assert needed < set(bench.blobs.older_than(0.0))
-    tidy(
-        StageAttempt(bench, Claim(2, 1, "publish", 1, None, "city", {}), None, None, tmp_path, {"stitch": "key"}, tmp_path, silent)
-    )
-    assert set(bench.blobs.older_than(0.0)) == needed
+    assert needed < set(context.blobs.older_than(0.0))
+    claim = Claim(2, 1, "publish", 1, None, "city", {})
+    tidy(StageAttempt(context, claim, None, None, tmp_path, {"stitch": "key"}, tmp_path, silent))
+    assert set(context.blobs.older_than(0.0)) == needed
     assert [path.name for path in stitches.iterdir()] == ["key"]
 
 
-def test_a_map_without_drives_has_no_tiles(bench: WorkerContext, tmp_path: Path) -> None:
-    with bench.database.write() as session:
+def test_a_map_without_drives_has_no_tiles(context: WorkerContext, tmp_path: Path) -> None:
+    with context.database.write() as session:
         maps.ensure_map(session, "city")
-    said = stitched(bench, tmp_path / "1")
+    said = stitched(context, tmp_path / "1")
     assert (said["tiles"], said["bounds"], said["drives"]) == ([], None, [])

@@ -13,15 +13,16 @@ from typing import Any
 import pytest
 from redis import Redis
 
-from service_kit.parcels import parcel
+from service_kit.packed_drives import packed_drive
 from service_kit.running import Up, environment, service, until
 from wayloom.client.api import Api
 from wayloom.client.upload import upload
 from wayloom.client.watch import wait_for_drive
 from wayloom.config.service import ServiceSettings
-from wayloom.store.queues import DRIVE_STAGES, QUEUES, TASK_NAME
+from wayloom.config.stages import drive_stages, map_stages, queues
+from wayloom.store.queues import TASK_NAME
 
-ALL = (*DRIVE_STAGES, "stitch", "publish")
+ALL = (*drive_stages(), *map_stages())
 
 
 @pytest.fixture(scope="module")
@@ -52,17 +53,17 @@ def outputs(up: Up, drive_id: str) -> dict[str, int]:
 
 def test_a_drive_goes_through_every_stage_into_the_map_and_out_again(up: Up, tmp_path: Path) -> None:
     api = up.api()
-    first = upload(api, parcel(tmp_path / "a", "first", sizes=(10,) * 20))["id"]
-    second = upload(api, parcel(tmp_path / "b", "second"))["id"]
+    first = upload(api, packed_drive(tmp_path / "a", "first", sizes=(10,) * 20))["id"]
+    second = upload(api, packed_drive(tmp_path / "b", "second"))["id"]
     drives = [wait_for_drive(api, drive_id) for drive_id in (first, second)]
     for drive in drives:
         assert drive["state"] == "done"
         assert [one["stage"] for one in drive["stages"]] == list(ALL)
         assert {one["state"] for one in drive["stages"]} == {"done"}
         assert {one["attempt"] for one in drive["stages"]} == {1}
-        assert starts(up, drive["id"]) == dict.fromkeys(DRIVE_STAGES, 1)
+        assert starts(up, drive["id"]) == dict.fromkeys(drive_stages(), 1)
     assert {first, second} <= set(api.json("GET", "/v1/maps/city")["drives"])
-    assert upload(api, parcel(tmp_path / "a", "first", sizes=(10,) * 20))["created"] is False
+    assert upload(api, packed_drive(tmp_path / "a", "first", sizes=(10,) * 20))["created"] is False
     api.once("DELETE", f"/v1/drives/{first}")
     until(lambda: first not in api.json("GET", "/v1/maps/city")["drives"])
     assert second in api.json("GET", "/v1/maps/city")["drives"]
@@ -72,7 +73,7 @@ def test_a_drive_goes_through_every_stage_into_the_map_and_out_again(up: Up, tmp
 def test_a_worker_killed_in_the_middle_of_a_stage_loses_that_stage_only(tmp_path: Path) -> None:
     with service(tmp_path / "data") as up:
         api = up.api()
-        drive_id = upload(api, parcel(tmp_path / "a", play={"labelling": {"seconds": 1.5}}))["id"]
+        drive_id = upload(api, packed_drive(tmp_path / "a", play={"labelling": {"seconds": 1.5}}))["id"]
         until(lambda: stage(api, drive_id, "labelling")["progress"] > 0.2)
         before = outputs(up, drive_id)
         killed = up.kill("wayloom_workers worker")
@@ -80,7 +81,7 @@ def test_a_worker_killed_in_the_middle_of_a_stage_loses_that_stage_only(tmp_path
         drive = wait_for_drive(api, drive_id)
         assert drive["state"] == "done"
         assert time.monotonic() - started < 25
-        assert starts(up, drive_id) == {**dict.fromkeys(DRIVE_STAGES, 1), "labelling": 2}
+        assert starts(up, drive_id) == {**dict.fromkeys(drive_stages(), 1), "labelling": 2}
         assert stage(api, drive_id, "labelling")["attempt"] == 2
         assert set(before) == {"ingest", "odometry", "segmentation"}
         assert {name: when for name, when in outputs(up, drive_id).items() if name in before} == before
@@ -92,7 +93,7 @@ def test_a_service_killed_as_a_whole_leaves_no_process_and_goes_on_when_started_
     up = Up(tmp_path / "data").wait()
     try:
         api = up.api()
-        drive_id = upload(api, parcel(tmp_path / "a", play={"odometry": {"seconds": 1.0}}))["id"]
+        drive_id = upload(api, packed_drive(tmp_path / "a", play={"odometry": {"seconds": 1.0}}))["id"]
         until(lambda: stage(api, drive_id, "odometry")["progress"] > 0.1)
         children = up.children("")
         assert len(children) >= 4
@@ -104,7 +105,7 @@ def test_a_service_killed_as_a_whole_leaves_no_process_and_goes_on_when_started_
     with service(tmp_path / "data") as again:
         drive = wait_for_drive(again.api(), drive_id)
         assert drive["state"] == "done"
-        assert starts(again, drive_id) == {**dict.fromkeys(DRIVE_STAGES, 1), "odometry": 2}
+        assert starts(again, drive_id) == {**dict.fromkeys(drive_stages(), 1), "odometry": 2}
 
 
 def is_running(pid: int) -> bool:
@@ -117,7 +118,7 @@ def is_running(pid: int) -> bool:
 def test_a_service_that_is_stopped_gives_its_job_back_and_counts_no_attempt(tmp_path: Path) -> None:
     with service(tmp_path / "data") as up:
         api = up.api()
-        drive_id = upload(api, parcel(tmp_path / "a", play={"odometry": {"seconds": 3.0}}))["id"]
+        drive_id = upload(api, packed_drive(tmp_path / "a", play={"odometry": {"seconds": 3.0}}))["id"]
         until(lambda: stage(api, drive_id, "odometry")["progress"] > 0.05)
         children = up.children("")
     assert up.process.returncode == 0
@@ -129,9 +130,9 @@ def test_a_service_that_is_stopped_gives_its_job_back_and_counts_no_attempt(tmp_
 
 def test_a_broker_that_lost_everything_delays_a_drive_and_no_more(up: Up, tmp_path: Path) -> None:
     api = up.api()
-    busy = upload(api, parcel(tmp_path / "a", "busy", {"ingest": {"seconds": 1.0}}))["id"]
+    busy = upload(api, packed_drive(tmp_path / "a", "busy", {"ingest": {"seconds": 1.0}}))["id"]
     until(lambda: stage(api, busy, "ingest")["state"] == "running")
-    waiting = upload(api, parcel(tmp_path / "b", "waiting"))["id"]
+    waiting = upload(api, packed_drive(tmp_path / "b", "waiting"))["id"]
     with Redis(unix_socket_path=str(ServiceSettings(data_dir=up.data).broker_socket)) as broker:
         broker.flushall()
     assert wait_for_drive(api, waiting)["state"] == "done"
@@ -141,10 +142,10 @@ def test_a_broker_that_lost_everything_delays_a_drive_and_no_more(up: Up, tmp_pa
 def test_a_broker_that_is_killed_is_started_again_and_the_drive_goes_on(tmp_path: Path) -> None:
     with service(tmp_path / "data") as up:
         api = up.api()
-        drive_id = upload(api, parcel(tmp_path / "a", play={"odometry": {"seconds": 0.5}}))["id"]
+        drive_id = upload(api, packed_drive(tmp_path / "a", play={"odometry": {"seconds": 0.5}}))["id"]
         up.kill("unixsocket")
         assert wait_for_drive(api, drive_id)["state"] == "done"
-        assert starts(up, drive_id) == dict.fromkeys(DRIVE_STAGES, 1)
+        assert starts(up, drive_id) == dict.fromkeys(drive_stages(), 1)
 
 
 def test_messages_delivered_many_times_and_a_second_sweeper_do_no_harm(up: Up, tmp_path: Path) -> None:
@@ -161,15 +162,15 @@ def test_messages_delivered_many_times_and_a_second_sweeper_do_no_harm(up: Up, t
     )
     try:
         api = up.api()
-        drive_id = upload(api, parcel(tmp_path / "a", play={name: {"seconds": 0.2} for name in DRIVE_STAGES}))["id"]
+        drive_id = upload(api, packed_drive(tmp_path / "a", play={name: {"seconds": 0.2} for name in drive_stages()}))["id"]
         deadline = time.monotonic() + 30
         while api.drive(drive_id)["state"] not in ("done", "failed") and time.monotonic() < deadline:
             for job_id in range(1, 60):
-                for queue in QUEUES[:1]:
+                for queue in queues()[:1]:
                     broker.send_task(TASK_NAME, args=[job_id], queue=queue)
             time.sleep(0.3)
         assert api.drive(drive_id)["state"] == "done"
-        assert starts(up, drive_id) == dict.fromkeys(DRIVE_STAGES, 1)
+        assert starts(up, drive_id) == dict.fromkeys(drive_stages(), 1)
     finally:
         broker.close()
         second.send_signal(signal.SIGTERM)
@@ -178,23 +179,23 @@ def test_messages_delivered_many_times_and_a_second_sweeper_do_no_harm(up: Up, t
 
 def test_a_stage_that_fails_is_tried_again_and_then_given_up_with_its_reason(up: Up, tmp_path: Path) -> None:
     api = up.api()
-    twice = wait_for_drive(api, upload(api, parcel(tmp_path / "a", "twice", {"odometry": {"fail": 2}}))["id"])
+    twice = wait_for_drive(api, upload(api, packed_drive(tmp_path / "a", "twice", {"odometry": {"fail": 2}}))["id"])
     assert (twice["state"], twice["stages"][1]["attempt"]) == ("done", 3)
-    always = wait_for_drive(api, upload(api, parcel(tmp_path / "b", "always", {"odometry": {"fail": 9}}))["id"])
+    always = wait_for_drive(api, upload(api, packed_drive(tmp_path / "b", "always", {"odometry": {"fail": 9}}))["id"])
     assert (always["state"], always["error"]) == ("failed", "odometry: RuntimeError: no luck this time")
     assert always["stages"][1]["attempt"] == 3
-    bad = wait_for_drive(api, upload(api, parcel(tmp_path / "c", "bad", {"segmentation": {"bad": True}}))["id"])
+    bad = wait_for_drive(api, upload(api, packed_drive(tmp_path / "c", "bad", {"segmentation": {"bad": True}}))["id"])
     assert bad["error"] == "segmentation: drives/left.png, line 1: is damaged; record it again"
     assert bad["stages"][2]["attempt"] == 1
     (up.data / "drives" / bad["id"] / "log" / "play.json").write_text("{}")
     api.once("POST", f"/v1/drives/{bad['id']}/retry")
     assert wait_for_drive(api, bad["id"])["state"] == "done"
-    assert starts(up, bad["id"]) == {**dict.fromkeys(DRIVE_STAGES, 1), "segmentation": 2}
+    assert starts(up, bad["id"]) == {**dict.fromkeys(drive_stages(), 1), "segmentation": 2}
 
 
 def test_a_drive_without_a_place_on_earth_ends_outside_of_the_map_and_says_so(up: Up, tmp_path: Path) -> None:
     api = up.api()
-    drive = wait_for_drive(api, upload(api, parcel(tmp_path / "a", play={"placed": False}))["id"])
+    drive = wait_for_drive(api, upload(api, packed_drive(tmp_path / "a", play={"placed": False}))["id"])
     assert (drive["state"], drive["placed"]) == ("done", False)
     assert "not geo-referenced" in drive["note"]
     assert drive["stages"][-1]["stage"] == "submaps"
@@ -212,7 +213,7 @@ def test_a_killed_child_is_started_again(tmp_path: Path) -> None:
     ("arguments", "variables", "said"),
     [
         (("--host", "0.0.0.0"), {}, "no API key"),
-        (("--port", "99999"), {}, "WAYLOOM_PORT"),
+        (("--port", "99999"), {}, "--port"),
         (("--host", "no.such.host.invalid"), {"WAYLOOM_API_KEY": "k" * 20}, "no address"),
         ((), {"WAYLOOM_LEASE_S": "soon"}, "WAYLOOM_LEASE_S"),
         (("--data", "/proc/nothing"), {}, "/proc/nothing"),

@@ -1,4 +1,4 @@
-"""The sign of life of a running job: a thread that prolongs its lease and tells its progress."""
+"""Heartbeat of a running job: a thread that prolongs its lease and reports its progress."""
 
 import threading
 import time
@@ -10,7 +10,7 @@ import structlog
 from wayloom.errors import LeaseLostError, WayloomError
 from wayloom.store.database import DatabaseError
 from wayloom.store.jobs import Claim, heartbeat
-from wayloom_workers.steps import WorkerContext
+from wayloom_workers.stage_hooks import WorkerContext
 
 log = structlog.get_logger()
 stop_requested = threading.Event()
@@ -26,8 +26,8 @@ class StopRequestedError(WayloomError):
 class Heartbeat:
     """A context in which the job's lease is prolonged. It is the stage's `Progress`: calling it after the lease is lost raises."""
 
-    def __init__(self, bench: WorkerContext, held: Claim) -> None:
-        self._bench, self._held = bench, held
+    def __init__(self, context: WorkerContext, held: Claim) -> None:
+        self._context, self._held = context, held
         self._share, self._what = 0.0, ""
         self._over, self._lost = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._beat, name=f"heartbeat-{held.job_id}", daemon=True)
@@ -55,11 +55,11 @@ class Heartbeat:
         self._thread.join()
 
     def _beat(self) -> None:
-        settings = self._bench.settings
+        settings = self._context.settings
         good_until = time.monotonic() + settings.lease_s
         while not self._over.wait(settings.heartbeat_s):
             try:
-                heartbeat(self._bench.database, self._held, settings.lease_s, self._share, self._what)
+                heartbeat(self._context.database, self._held, settings.lease_s, self._share, self._what)
                 good_until = time.monotonic() + settings.lease_s
             except LeaseLostError:
                 self._lost.set()

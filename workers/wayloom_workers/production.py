@@ -1,4 +1,4 @@
-"""The stages as the service runs them: those of a drive by `wayloom.pipeline`, those of the map by stitching and tiles."""
+"""Hooks of the service around the stages: a drive's run by the pipeline's catalogue, the map's by stitching and tiles."""
 
 import hashlib
 import json
@@ -6,66 +6,64 @@ from typing import Any, Final
 
 import numpy as np
 
-from wayloom.georeference import geodesy
-from wayloom.georeference.files import load_georeference
+from wayloom.config.stages import REMOVAL
+from wayloom.geodesy import wgs84
+from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
+from wayloom.pipeline.log_parts import LOG_FILE
+from wayloom.pipeline.log_source import LogSource
+from wayloom.pipeline.running import run_stage, stage_key
 from wayloom.pipeline.settings import ProcessSettings
-from wayloom.pipeline.stages import GEOREFERENCE_FILE, PREVIEW_FILE, run_stage, stage_key
-from wayloom.store import drives, jobs, maps
-from wayloom.store.database import Session, now_s
+from wayloom.pipeline.stage_context import StageContext
+from wayloom.pipeline.stages.submaps import PREVIEW_FILE
+from wayloom.store import drives, maps
+from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
-from wayloom.store.queues import REMOVE
 from wayloom.store.tables import SubmapRow
 from wayloom.submaps.files import load_submaps
 from wayloom.submaps.submap import PlacedSubmap
 from wayloom_workers.publishing import publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
-from wayloom_workers.steps import StageAttempt, Step, Steps
+from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, keyed_by_inputs
 from wayloom_workers.stitching import stitch
 
 TRACK_POINTS: Final = 2000
 
 
-def _settings(work: StageAttempt) -> ProcessSettings:
-    """The pipeline's settings as the service's say."""
-    settings = work.bench.settings
-    return ProcessSettings(model=settings.model, map_origin=settings.map_origin, threads=settings.threads)
+def _settings(attempt: StageAttempt) -> ProcessSettings:
+    """Those of the service that a drive's stages are told."""
+    return attempt.context.settings.of_drives()
 
 
-def _call(work: StageAttempt) -> dict[str, Any]:
-    return {
-        "log_path": work.log_path,
-        "gnss_path": work.gnss_path,
-        "inputs_dir": work.inputs_dir,
-        "settings": _settings(work),
-        "drive_id": work.claim.drive_id,
-    }
+def _prepare(attempt: StageAttempt) -> PreparedStage:
+    """The stage of the catalogue, on the drive's log, which is opened once."""
+    assert attempt.log_path is not None
+    source = LogSource(attempt.log_path, attempt.gnss_path)
+    context = StageContext(source, attempt.inputs_dir, _settings(attempt), attempt.claim.drive_id)
+    key = stage_key(attempt.claim.stage, context)
+
+    def run() -> None:
+        run_stage(attempt.claim.stage, context, attempt.out_dir, attempt.progress, key)
+
+    return PreparedStage(key.hex, run)
 
 
-def _run(work: StageAttempt) -> None:
-    run_stage(work.claim.stage, out_dir=work.out_dir, progress=work.progress, **_call(work))
-
-
-def _key(work: StageAttempt) -> str:
-    return stage_key(work.claim.stage, **_call(work))
-
-
-def _record_log(session: Session, work: StageAttempt) -> list[JobMessage]:
+def _record_log(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     """What the log is, for the drive's page."""
-    said = json.loads((work.out_dir / "log.json").read_text(encoding="utf-8"))
-    drive = drives.get(session, str(work.claim.drive_id))
-    drive.facts = {**drive.facts, "log": _finite({name: said["log"][name] for name in said["log"].keys() - {"path", "name"}})}
+    content = json.loads((attempt.out_dir / LOG_FILE).read_text(encoding="utf-8"))
+    drive = drives.get(session, str(attempt.claim.drive_id))
+    drive.facts = {**drive.facts, "log": _finite({name: content["log"][name] for name in content["log"].keys() - {"path", "name"}})}
     return []
 
 
-def _record_track(session: Session, work: StageAttempt) -> list[JobMessage]:
+def _record_track(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     """Where the drive went, thinned for the page, and what the geo-reference says of itself."""
-    geo = load_georeference(work.out_dir / GEOREFERENCE_FILE)
-    drive = drives.get(session, str(work.claim.drive_id))
+    geo = load_georeference(attempt.out_dir / GEOREFERENCE_FILE)
+    drive = drives.get(session, str(attempt.claim.drive_id))
     drive.placed = geo.frame is not None
     drive.facts = {**drive.facts, "georeference": _finite(geo.report)}
     if geo.frame is not None:
         rows = np.unique(np.linspace(0, len(geo.T_enu_cam) - 1, TRACK_POINTS).round().astype(int))
-        lon_lat_height = geodesy.lonlatheight_from_enu(geo.T_enu_cam[rows, :3, 3], geo.frame)
+        lon_lat_height = wgs84.lonlatheight_from_enu(geo.T_enu_cam[rows, :3, 3], geo.frame)
         drive.track = np.column_stack([lon_lat_height[:, :2].round(7), lon_lat_height[:, 2].round(2)]).tolist()
     return []
 
@@ -76,30 +74,25 @@ def _finite(facts: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _share_submaps(work: StageAttempt) -> None:
-    for placed in load_submaps(work.out_dir):
-        work.bench.blobs.put(placed.submap.encoded)
-    work.bench.blobs.put(_preview(work))
+def _share_submaps(attempt: StageAttempt) -> None:
+    for placed in load_submaps(attempt.out_dir):
+        attempt.context.blobs.put(placed.submap.encoded)
+    attempt.context.blobs.put(_preview(attempt))
 
 
-def _preview(work: StageAttempt) -> bytes:
+def _preview(attempt: StageAttempt) -> bytes:
     """The picture of the drive from above that the stage left."""
-    return (work.out_dir / PREVIEW_FILE).read_bytes()
+    return (attempt.out_dir / PREVIEW_FILE).read_bytes()
 
 
-def _record_submaps(session: Session, work: StageAttempt) -> list[JobMessage]:
-    """Place the submaps and have the map stitched; a drive without a place ends here."""
-    drive = drives.get(session, str(work.claim.drive_id))
-    placed = [item for item in load_submaps(work.out_dir) if item.frame is not None]
+def _record_submaps(session: Session, attempt: StageAttempt) -> list[JobMessage]:
+    """Place the submaps; those without a place on Earth stay outside of the map."""
+    drive = drives.get(session, str(attempt.claim.drive_id))
+    placed = [item for item in load_submaps(attempt.out_dir) if item.frame is not None]
     rows = [submap_row(drive.id, drive.map_id, position, item) for position, item in enumerate(placed)]
     maps.place_submaps(session, drive.id, rows)
-    drive.facts = {**drive.facts, "preview": hashlib.sha256(_preview(work)).hexdigest()}
-    if not rows:
-        drive.state, drive.finished_at = "done", now_s(session)
-        return []
-    job = jobs.request_stitch(session, drive.map_id)
-    drive.state, drive.stitch_job_id = "stitching", job.id
-    return [JobMessage(job.id, job.queue)]
+    drive.facts = {**drive.facts, "preview": hashlib.sha256(_preview(attempt)).hexdigest()}
+    return []
 
 
 def submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) -> SubmapRow:
@@ -107,7 +100,7 @@ def submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) 
     assert placed.frame is not None
     covariance = np.where(np.isfinite(placed.covariance), placed.covariance, 0.0)
     corners = placed.points_enu() if len(placed.submap) else placed.track_enu()
-    lon_lat = geodesy.lonlatheight_from_enu(corners, placed.frame)[:, :2]
+    lon_lat = wgs84.lonlatheight_from_enu(corners, placed.frame)[:, :2]
     (west, south), (east, north) = lon_lat.min(axis=0).tolist(), lon_lat.max(axis=0).tolist()
     return SubmapRow(
         drive_id=drive_id, map_id=map_id, position=position, digest=placed.submap.digest, point_count=len(placed.submap),
@@ -116,14 +109,16 @@ def submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) 
     )  # fmt: skip
 
 
-STEPS: Final[Steps] = {
-    "ingest": Step(_run, key=_key, record=_record_log),
-    "odometry": Step(_run, key=_key),
-    "segmentation": Step(_run, key=_key),
-    "labelling": Step(_run, key=_key),
-    "georeference": Step(_run, key=_key, record=_record_track),
-    "submaps": Step(_run, key=_key, share=_share_submaps, record=_record_submaps),
-    "stitch": Step(stitch, record=request_publish),
-    "publish": Step(tidy, record=publish),
-    REMOVE: Step(nothing, share=remove_files, record=remove_rows),
+_HOOKS: Final = {
+    "ingest": StageHooks(_prepare, record=_record_log),
+    "georeference": StageHooks(_prepare, record=_record_track),
+    "submaps": StageHooks(_prepare, share=_share_submaps, record=_record_submaps),
+    "stitch": StageHooks(keyed_by_inputs(stitch), record=request_publish),
+    "publish": StageHooks(keyed_by_inputs(tidy), record=publish),
+    REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=remove_files, record=remove_rows),
 }
+
+
+def stage_hooks(stage: str) -> StageHooks:
+    """What a worker does around a stage: for a drive's stage that needs nothing special, the catalogue's run and no more."""
+    return _HOOKS.get(stage) or StageHooks(_prepare)

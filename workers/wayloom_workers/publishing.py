@@ -1,4 +1,4 @@
-"""The map's last stage: the tiles that were stitched become the next version."""
+"""Publish stage of the map: the tiles that were stitched become the next version."""
 
 import json
 import shutil
@@ -14,28 +14,28 @@ from wayloom.store.folders import Folders
 from wayloom.store.garbage import drop_unused
 from wayloom.store.jobs import JobMessage
 from wayloom.store.maps import NewVersion, TileEntry
-from wayloom_workers.steps import StageAttempt
+from wayloom_workers.stage_hooks import StageAttempt
 
 log = structlog.get_logger()
 TILES_FILE: Final = "tiles.json"
 
 
-def request_publish(session: Session, work: StageAttempt) -> list[JobMessage]:
+def request_publish(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     """What was stitched is published next; nothing else is done to the map before."""
-    payload = {"stitch": work.out_dir.name}
-    job = jobs.create_map_job(session, "publish", str(work.claim.map_id), payload, work.claim.job_id)
+    payload = {"stitch": attempt.out_dir.name}
+    job = jobs.create_map_job(session, "publish", str(attempt.claim.map_id), payload, attempt.claim.job_id)
     return [JobMessage(job.id, job.queue)]
 
 
-def tidy(work: StageAttempt) -> None:
+def tidy(attempt: StageAttempt) -> None:
     """Before publishing: drop the lists of tiles of earlier versions, and the blobs that nothing names any more."""
-    stages = work.bench.folders.map(str(work.claim.map_id)) / "stages"
+    stages = attempt.context.folders.map(str(attempt.claim.map_id)) / "stages"
     for stage in stages.iterdir():
         for output in stage.iterdir():
-            if output.name not in work.inputs.values():
+            if output.name not in attempt.inputs.values():
                 shutil.rmtree(output, ignore_errors=True)
     try:
-        dropped = drop_unused(work.bench.database, work.bench.blobs, lambda: _listed_tiles(work.bench.folders))
+        dropped = drop_unused(attempt.context.database, attempt.context.blobs, lambda: _listed_tiles(attempt.context.folders))
         log.info("blobs dropped", count=dropped)
     except (BlobError, DatabaseError, OSError) as error:  # the map does not wait for it: the next version drops them
         log.warning("blobs were not dropped", error=str(error))
@@ -47,17 +47,17 @@ def _listed_tiles(folders: Folders) -> Iterator[str]:
         yield from (entry["digest"] for entry in json.loads(path.read_text(encoding="utf-8"))["tiles"])
 
 
-def publish(session: Session, work: StageAttempt) -> list[JobMessage]:
+def publish(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     """The next version, and the flip of the map's pointer to it."""
-    said = json.loads((work.inputs_dir / "stitch" / TILES_FILE).read_text(encoding="utf-8"))
+    stitched = json.loads((attempt.inputs_dir / "stitch" / TILES_FILE).read_text(encoding="utf-8"))
     new = NewVersion(
-        frame=tuple(said["frame"]),
-        drives=tuple(said["drives"]),
-        submap_count=said["submaps"],
-        bounds=None if said["bounds"] is None else tuple(said["bounds"]),
-        tiles=[TileEntry(**entry) for entry in said["tiles"]],
-        facts={"out_of_reach": said["out_of_reach"]} if said["out_of_reach"] else {},
-        out_of_reach=tuple(said["out_of_reach"]),
+        frame=tuple(stitched["frame"]),
+        drives=tuple(stitched["drives"]),
+        submap_count=stitched["submaps"],
+        bounds=None if stitched["bounds"] is None else tuple(stitched["bounds"]),
+        tiles=[TileEntry(**entry) for entry in stitched["tiles"]],
+        facts={"out_of_reach": stitched["out_of_reach"]} if stitched["out_of_reach"] else {},
+        out_of_reach=tuple(stitched["out_of_reach"]),
     )
-    maps.publish(session, str(work.claim.map_id), new, work.bench.settings.map_versions_kept)
+    maps.publish(session, str(attempt.claim.map_id), new, attempt.context.settings.map_versions_kept)
     return []

@@ -1,26 +1,26 @@
-"""The removal of a drive: its files at once, its part of the map with the next version."""
+"""Removal of a drive: its files at once, its part of the map with the next version."""
 
 import shutil
 
-from wayloom.store import drives, jobs
+from wayloom.store import drives, jobs, maps
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
-from wayloom_workers.steps import StageAttempt
+from wayloom_workers.stage_hooks import StageAttempt
 
 
-def nothing(_work: StageAttempt) -> None:
-    """A stage whose work is all in what it shares and records."""
+def nothing(_attempt: StageAttempt) -> None:
+    """The run of a stage that only shares and records."""
 
 
-def remove_files(work: StageAttempt) -> None:
+def remove_files(attempt: StageAttempt) -> None:
     """The drive's folder. What has arrived of unfinished uploads the sweeper drops, when their rows are gone."""
-    shutil.rmtree(work.bench.folders.drive(str(work.claim.drive_id)), ignore_errors=True)
+    shutil.rmtree(attempt.context.folders.drive(str(attempt.claim.drive_id)), ignore_errors=True)
 
 
-def remove_rows(session: Session, work: StageAttempt) -> list[JobMessage]:
+def remove_rows(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     """Forget the drive; where it was in the map, the map is stitched without it."""
-    drive = drives.get(session, str(work.claim.drive_id))
-    map_id, was_placed = drive.map_id, drive.stitch_job_id is not None
+    drive = drives.get(session, str(attempt.claim.drive_id))
+    map_id, was_placed = drive.map_id, drive.stitch_job_id is not None or maps.has_submaps(session, drive.id)
     drives.delete_rows(session, drive.id)
     if not was_placed:
         return []

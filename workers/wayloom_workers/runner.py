@@ -1,4 +1,4 @@
-"""One job from its claim to its commit."""
+"""Run of one job, from its claim to its commit."""
 
 import os
 import shutil
@@ -9,101 +9,104 @@ from pathlib import Path
 
 import structlog
 
+from wayloom.config.stages import REMOVAL
 from wayloom.errors import InputError, LeaseLostError, StageError, WayloomError
 from wayloom.store import drives, jobs
 from wayloom.store.jobs import Claim, JobMessage
 from wayloom.store.processes import identity
-from wayloom.store.queues import DRIVE_STAGES
+from wayloom_workers.completion import complete_drive
 from wayloom_workers.heartbeat import Heartbeat, StopRequestedError
-from wayloom_workers.steps import StageAttempt, Step, Steps, WorkerContext
+from wayloom_workers.stage_hooks import HookTable, StageAttempt, StageHooks, WorkerContext
 
 log = structlog.get_logger()
 
 
-def run_job(bench: WorkerContext, steps: Steps, wake: Callable[[Iterable[JobMessage]], None], job_id: int) -> bool:
+def run_job(context: WorkerContext, hooks: HookTable, notify: Callable[[Iterable[JobMessage]], None], job_id: int) -> bool:
     """Run the job if it is to be had. Whatever goes wrong in the stage ends up in the job's row. Returns whether it was claimed."""
-    held = jobs.claim(bench.database, job_id, identity(), bench.settings.lease_s)
+    held = jobs.claim(context.database, job_id, identity(), context.settings.lease_s)
     if held is None:
         log.info("nothing to do", job_id=job_id)
         return False
     with structlog.contextvars.bound_contextvars(job_id=job_id, drive_id=held.drive_id, stage=held.stage, attempt=held.attempt):
         started = time.monotonic()
         try:
-            wake(_run(bench, steps[held.stage], held))
+            notify(_run(context, hooks(held.stage), held))
             log.info("stage done", seconds=round(time.monotonic() - started, 3))
         except LeaseLostError as error:
             log.warning("lease lost", error=str(error))
         except StopRequestedError:
-            _give_back(bench, held)
+            _give_back(context, held)
         except Exception as error:
             log.exception("stage failed")
-            _write_failure(bench, held, error)
+            _write_failure(context, held, error)
     return True
 
 
-def _run(bench: WorkerContext, step: Step, held: Claim) -> list[JobMessage]:
-    """Make the output, or find it made, and commit. Returns the jobs to wake."""
-    with Heartbeat(bench, held) as beat:
-        attempt = _home(bench, held) / "attempts" / f"{held.stage}-{held.job_id}-{held.token}"
+def _run(context: WorkerContext, hooks: StageHooks, held: Claim) -> list[JobMessage]:
+    """Make the output, or find it made, and commit. Returns the messages of the jobs that follow."""
+    with Heartbeat(context, held) as beat:
+        folder = _home(context, held) / "attempts" / f"{held.stage}-{held.job_id}-{held.token}"
         try:
-            work = _prepare(bench, held, attempt, beat)
-            key = step.key(work)
-            output = _output(bench, held, held.stage, key)
+            attempt = _attempt(context, held, folder, beat)
+            prepared = hooks.prepare(attempt)
+            output = _output(context, held, held.stage, prepared.key)
             if output.is_dir():
-                log.info("output is there already", key=key[:12])
+                log.info("output is there already", key=prepared.key[:12])
             else:
-                step.run(work)
+                prepared.run()
                 beat.check()
-                _keep(work.out_dir, output)
-            done = replace(work, out_dir=output)
-            step.share(done)
-            with bench.database.write() as session:
-                following = jobs.finish(session, held, key)
-                woken = step.record(session, done)
-            return woken + ([following] if following else [])
+                _keep(attempt.out_dir, output)
+            done = replace(attempt, out_dir=output)
+            hooks.share(done)
+            with context.database.write() as session:
+                following = jobs.finish(session, held, prepared.key)
+                messages = [*hooks.record(session, done), *([following] if following else [])]
+                if held.drive_id is not None and following is None and held.stage != REMOVAL.name:
+                    messages += complete_drive(session, held.drive_id)
+            return messages
         finally:
-            shutil.rmtree(attempt, ignore_errors=True)
+            shutil.rmtree(folder, ignore_errors=True)
 
 
-def _home(bench: WorkerContext, held: Claim) -> Path:
-    return bench.folders.map(held.map_id) if held.map_id is not None else bench.folders.drive(str(held.drive_id))
+def _home(context: WorkerContext, held: Claim) -> Path:
+    return context.folders.map(held.map_id) if held.map_id is not None else context.folders.drive(str(held.drive_id))
 
 
-def _output(bench: WorkerContext, held: Claim, stage: str, key: str) -> Path:
-    return _home(bench, held) / "stages" / stage / key
+def _output(context: WorkerContext, held: Claim, stage: str, key: str) -> Path:
+    return _home(context, held) / "stages" / stage / key
 
 
-def _prepare(bench: WorkerContext, held: Claim, attempt: Path, beat: Heartbeat) -> StageAttempt:
+def _attempt(context: WorkerContext, held: Claim, folder: Path, beat: Heartbeat) -> StageAttempt:
     """Fresh folders for the attempt; what earlier attempts of the job left is removed."""
-    for old in attempt.parent.glob(f"{held.stage}-{held.job_id}-*"):
+    for old in folder.parent.glob(f"{held.stage}-{held.job_id}-*"):
         shutil.rmtree(old, ignore_errors=True)
-    inputs_dir, out_dir = attempt / "inputs", attempt / "out"
+    inputs_dir, out_dir = folder / "inputs", folder / "out"
     inputs_dir.mkdir(parents=True)
     out_dir.mkdir()
-    inputs = _inputs(bench, held)
+    inputs = _inputs(context, held)
     for name, key in inputs.items():
-        folder = _output(bench, held, name, key)
-        if not folder.is_dir():
-            raise StageError(f"the output of {name} is gone from {folder}: remove the drive and send it again")
-        (inputs_dir / name).symlink_to(folder, target_is_directory=True)
-    log_path, gnss_path = _drive_paths(bench, held)
-    return StageAttempt(bench, held, log_path, gnss_path, inputs_dir, inputs, out_dir, beat)
+        output = _output(context, held, name, key)
+        if not output.is_dir():
+            raise StageError(f"the output of {name} is gone from {output}: remove the drive and send it again")
+        (inputs_dir / name).symlink_to(output, target_is_directory=True)
+    log_path, gnss_path = _drive_paths(context, held)
+    return StageAttempt(context, held, log_path, gnss_path, inputs_dir, inputs, out_dir, beat)
 
 
-def _inputs(bench: WorkerContext, held: Claim) -> dict[str, str]:
-    """The stages before this one and the keys of their outputs."""
-    if held.drive_id is not None and held.stage in DRIVE_STAGES:
-        with bench.database.read() as session:
+def _inputs(context: WorkerContext, held: Claim) -> dict[str, str]:
+    """The stages whose results this one reads, and the keys of their outputs."""
+    if held.drive_id is not None:
+        with context.database.read() as session:
             return jobs.input_keys(session, held.drive_id, held.stage)
     return {"stitch": str(held.payload["stitch"])} if "stitch" in held.payload else {}
 
 
-def _drive_paths(bench: WorkerContext, held: Claim) -> tuple[Path | None, Path | None]:
+def _drive_paths(context: WorkerContext, held: Claim) -> tuple[Path | None, Path | None]:
     if held.drive_id is None:
         return None, None
-    with bench.database.read() as session:
+    with context.database.read() as session:
         manifest = drives.get(session, held.drive_id).manifest
-    folder = bench.folders.drive(held.drive_id)
+    folder = context.folders.drive(held.drive_id)
     return folder / manifest["log"], folder / manifest["gnss"] if manifest.get("gnss") else None
 
 
@@ -117,26 +120,26 @@ def _keep(out_dir: Path, output: Path) -> None:
             raise
 
 
-def _give_back(bench: WorkerContext, held: Claim) -> None:
+def _give_back(context: WorkerContext, held: Claim) -> None:
     try:
-        with bench.database.write() as session:
+        with context.database.write() as session:
             jobs.release(session, held)
         log.info("job given back")
     except LeaseLostError as error:
         log.warning("lease lost", error=str(error))
 
 
-def _write_failure(bench: WorkerContext, held: Claim, error: Exception) -> None:
+def _write_failure(context: WorkerContext, held: Claim, error: Exception) -> None:
     """Bad input fails at once, anything else after the last attempt. A job to repeat waits for the sweeper: a short pause."""
-    final = isinstance(error, InputError | StageError) or held.attempt >= bench.settings.max_attempts
+    final = isinstance(error, InputError | StageError) or held.attempt >= context.settings.max_attempts
     text = str(error) if isinstance(error, WayloomError) else f"{type(error).__name__}: {error}"
     try:
-        with bench.database.write() as session:
-            jobs.fail(session, held, _without_folders(bench, text), final=final)
+        with context.database.write() as session:
+            jobs.fail(session, held, _without_folders(context, text), final=final)
     except LeaseLostError as lost:
         log.warning("lease lost", error=str(lost))
 
 
-def _without_folders(bench: WorkerContext, text: str) -> str:
+def _without_folders(context: WorkerContext, text: str) -> str:
     """The message without this machine's paths, which say nothing to whoever sent the drive."""
-    return text.replace(f"{bench.folders.root}/", "")
+    return text.replace(f"{context.folders.root}/", "")

@@ -1,4 +1,4 @@
-"""The map's first stage: all placed submaps are merged in one frame and cut into tiles."""
+"""Stitch stage of the map: all placed submaps merged in one frame and cut into tiles."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -7,83 +7,84 @@ from typing import Any, Final
 
 import numpy as np
 
-from wayloom.georeference import geodesy
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy import wgs84
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.uncertainty import moved_covariance
 from wayloom.stitching.merge import KEY_LIMIT, merge
-from wayloom.stitching.settings import MergeSettings
 from wayloom.store import maps
 from wayloom.store.maps import TileEntry
 from wayloom.store.tables import SubmapRow
 from wayloom.submaps.submap import PlacedSubmap, decode_submap
 from wayloom.tiles.pyramid import Track, build_tiles
 from wayloom_workers.publishing import TILES_FILE
-from wayloom_workers.steps import StageAttempt
+from wayloom_workers.stage_hooks import StageAttempt
 
-REACH_M: Final = 0.95 * KEY_LIMIT * MergeSettings().voxel_m
-"""How far from its frame's origin a map goes: the voxel grid's end (105 km), less a margin for the submaps' own size."""
+REACH: Final = 0.95 * KEY_LIMIT
+"""How far from its frame's origin a map goes, voxels: the grid's end (105 km at 0.1 m), less a margin for the submaps' own size."""
 
 
-def stitch(work: StageAttempt) -> None:
+def stitch(attempt: StageAttempt) -> None:
     """Merge every placed submap of the map, store the tiles as blobs and list them in `tiles.json`."""
-    with work.bench.database.read() as session:
-        placed = maps.submaps(session, str(work.claim.map_id))
-    frame, rows = _within_reach(work, placed)
+    with attempt.context.database.read() as session:
+        placed = maps.submaps(session, str(attempt.claim.map_id))
+    frame, rows = _within_reach(attempt, placed)
     drives = sorted({row.drive_id for row in rows})
-    said: dict[str, Any] = {
+    content: dict[str, Any] = {
         "frame": [frame.lon_deg, frame.lat_deg, frame.height_m],
         "drives": drives,
         "out_of_reach": sorted({row.drive_id for row in placed}.difference(drives)),
         "submaps": len(rows),
         "bounds": _bounds(rows),
-        "tiles": [asdict(entry) for entry in _tiles(work, rows, frame)] if rows else [],
+        "tiles": [asdict(entry) for entry in _tiles(attempt, rows, frame)] if rows else [],
     }
-    (work.out_dir / TILES_FILE).write_text(json.dumps(said) + "\n", encoding="utf-8")
+    (attempt.out_dir / TILES_FILE).write_text(json.dumps(content) + "\n", encoding="utf-8")
 
 
-def _within_reach(work: StageAttempt, rows: Sequence[SubmapRow]) -> tuple[MapFrame, Sequence[SubmapRow]]:
+def _within_reach(attempt: StageAttempt, rows: Sequence[SubmapRow]) -> tuple[MapFrame, Sequence[SubmapRow]]:
     """The frame of the map and the submaps that its grid can hold: one drive of another city must not stop the map.
 
     The frame is the settings' origin, or, of the cells that the drives lie in, the most south-western of those that reach the most
     submaps. So it depends on which drives are in the map, never on which came first. A drive of a neighbouring cell is moved over
     exactly: both frames are rigid.
     """
-    origin = work.bench.settings.map_origin
+    settings = attempt.context.settings
+    origin, reach_m = settings.map_origin, REACH * settings.merge.voxel_m
     cells = {tuple(row.frame) for row in rows} if origin is None else {origin}
-    reached = [(MapFrame(*cell), _reached(MapFrame(*cell), rows)) for cell in sorted(cells)]
+    reached = [(MapFrame(*cell), _reached(MapFrame(*cell), rows, reach_m)) for cell in sorted(cells)]
     return max(reached, key=lambda item: len(item[1]), default=(MapFrame(0.0, 0.0, 0.0), []))
 
 
-def _reached(frame: MapFrame, rows: Sequence[SubmapRow]) -> list[SubmapRow]:
-    """The submaps, each by the place of its origin, that lie within REACH_M of the frame's origin along every axis."""
+def _reached(frame: MapFrame, rows: Sequence[SubmapRow], reach_m: float) -> list[SubmapRow]:
+    """The submaps, each by the place of its origin, that lie within reach_m of the frame's origin along every axis."""
     if not rows:
         return []
-    places = [(geodesy.T_enu_enu(frame, MapFrame(*row.frame)) @ np.array(row.T_enu_submap, np.float64))[:3, 3] for row in rows]
-    near = np.abs(np.array(places)).max(axis=1) < REACH_M
+    places = [(wgs84.T_enu_enu(frame, MapFrame(*row.frame)) @ np.array(row.T_enu_submap, np.float64))[:3, 3] for row in rows]
+    near = np.abs(np.array(places)).max(axis=1) < reach_m
     return [row for row, is_near in zip(rows, near.tolist(), strict=True) if is_near]
 
 
-def _tiles(work: StageAttempt, rows: Sequence[SubmapRow], frame: MapFrame) -> list[TileEntry]:
+def _tiles(attempt: StageAttempt, rows: Sequence[SubmapRow], frame: MapFrame) -> list[TileEntry]:
     """Merge, cut, and store each tile under its hash."""
     tracks: list[tuple[tuple[str, int, str], Track]] = []
-    voxels = merge(_placed(work, rows, frame, tracks))
+    settings = attempt.context.settings
+    voxels = merge(_placed(attempt, rows, frame, tracks), settings.merge)
     in_order = [track for _, track in sorted(tracks, key=lambda item: item[0])]
     entries = []
-    for count, tile in enumerate(build_tiles(voxels, frame, tracks=in_order)):
-        digest = work.bench.blobs.put(tile.data)
+    for count, tile in enumerate(build_tiles(voxels, frame, settings.tiles, in_order)):
+        digest = attempt.context.blobs.put(tile.data)
         entries.append(TileEntry(tile.layer, tile.z, tile.x, tile.y, digest, tile.media_type, len(tile.data)))
-        work.progress(0.5 + 0.5 * (1.0 - 0.5 ** (count / 200.0)), f"{count + 1} tiles")
+        attempt.progress(0.5 + 0.5 * (1.0 - 0.5 ** (count / 200.0)), f"{count + 1} tiles")
     return entries
 
 
 def _placed(
-    work: StageAttempt, rows: Sequence[SubmapRow], frame: MapFrame, tracks: list[tuple[tuple[str, int, str], Track]]
+    attempt: StageAttempt, rows: Sequence[SubmapRow], frame: MapFrame, tracks: list[tuple[tuple[str, int, str], Track]]
 ) -> Iterator[PlacedSubmap]:
     """The submaps, one in memory at a time, all in the map's frame; their tracks are left in `tracks`."""
     for count, row in enumerate(rows):
-        work.progress(0.5 * count / len(rows), f"submap {count + 1} of {len(rows)}")
-        submap = decode_submap(work.bench.blobs.get(row.digest), row.digest)
-        T_map_row = geodesy.T_enu_enu(frame, MapFrame(*row.frame))
+        attempt.progress(0.5 * count / len(rows), f"submap {count + 1} of {len(rows)}")
+        submap = decode_submap(attempt.context.blobs.get(row.digest), row.digest)
+        T_map_row = wgs84.T_enu_enu(frame, MapFrame(*row.frame))
         covariance = moved_covariance(T_map_row, np.array(row.covariance, np.float64)[None])[0]
         placed = PlacedSubmap(submap, T_map_row @ np.array(row.T_enu_submap, np.float64), covariance, row.drive_id, frame)
         if len(submap.keyframe_t_ns):

@@ -1,1 +1,1 @@
-"""A rig's relative lens, learnt by bundle adjustment over the evidence of several of its drives. docs/calibration.md."""
+"""Calibration of a stereo rig: its relative lens by bundle adjustment over several of its drives. docs/calibration.md."""

@@ -1,7 +1,7 @@
-"""Bundle adjustment of several drives' snippets with one lens: Gauss-Newton, points, poses and drives eliminated in turn.
+"""Bundle adjustment of several drives' match groups with one lens: Gauss-Newton, points, poses and drives eliminated in turn.
 
-Each residual's weight is 1/s^2 1/(1 + |r|^2 / (c s)^2) (Cauchy), s being the noise of its kind of match, by the residuals. A
-snippet's points leave by the Schur complement, then its poses, then the drive's offsets; what stays is (11, 11) for the lens and
+Each residual's weight is 1/s^2 1/(1 + |r|^2 / (c s)^2) (Cauchy), s being the noise of its kind of match, by the residuals. A match
+group's points leave by the Schur complement, then its poses, then the drive's offsets; what stays is (11, 11) for the lens and
 kappa, which is held at zero.
 """
 
@@ -44,9 +44,9 @@ RHO_PRIOR = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class SnippetEquations:
-    """What a snippet says of lens, drive and kappa (14) after points and poses left: H (14, 14), g (14,), H x = g; the way back:
-    poses = pose_step - pose_gain @ x, rho = rho_step - rho_gain @ (x, poses)."""
+class GroupEquations:
+    """Reduced normal equations of a match group in lens, drive and kappa (14), points and poses eliminated: H (14, 14), g (14,),
+    H x = g; the way back: poses = pose_step - pose_gain @ x, rho = rho_step - rho_gain @ (x, poses)."""
 
     H: FloatArray
     g: FloatArray
@@ -58,13 +58,13 @@ class SnippetEquations:
 
 @dataclass(slots=True)
 class Adjustment:
-    """State and outcome. equations: of each drive's snippets, at the last linearisation; noise_px (3,) of KINDS;
+    """State and outcome. equations: of each drive's groups, at the last linearisation; noise_px (3,) of KINDS;
     weights: (P, 5) of each drive's matches, 0 to 1; converged: whether the last step was small."""
 
     lens: RightLens
     states: list[DriveState]
     noise_px: FloatArray
-    equations: list[list[SnippetEquations]]
+    equations: list[list[GroupEquations]]
     weights: list[FloatArray]
     converged: bool = False
 
@@ -92,23 +92,53 @@ def adjust(
     return fit
 
 
-def drive_information(fit: Adjustment, d: int, settings: CalibrationSettings) -> tuple[FloatArray, FloatArray]:
-    """(11, 11) and (11,) of lens and kappa by one drive: its snippets and its offsets' prior, the offsets eliminated."""
-    H, g = _drive_sums(fit, d, settings)
+def drive_information(
+    fit: Adjustment, d: int, settings: CalibrationSettings, curvature: float = 1.0
+) -> tuple[FloatArray, FloatArray]:
+    """(11, 11) and (11,) of lens and kappa by one drive: its groups and its offsets' prior, the offsets eliminated.
+
+    curvature : of the energy, over that of its reweighted squares
+    """
+    H, g = _drive_sums(fit, d, settings, curvature)
     gain = _offset_gain(H)
     return H[np.ix_(STAY, STAY)] - gain @ H[np.ix_(LEAVE, STAY)], g[STAY] - gain @ g[LEAVE]
 
 
 def lens_information(fit: Adjustment, settings: CalibrationSettings) -> tuple[FloatArray, FloatArray]:
     """(11, 11) and (11,) of lens and kappa by all drives, without the lens's prior, about the present lens."""
-    parts = [drive_information(fit, d, settings) for d in range(len(fit.equations))]
+    return _sum_of([drive_information(fit, d, settings) for d in range(len(fit.equations))])
+
+
+def lens_expansion(fit: Adjustment, settings: CalibrationSettings) -> tuple[FloatArray, FloatArray]:
+    """As `lens_information`, with the robust energy's own curvature: its expansion to second order, which stands for these drives
+    when others are added."""
+    return _sum_of([drive_information(fit, d, settings, curvature_ratio(fit.weights[d])) for d in range(len(fit.equations))])
+
+
+def curvature_ratio(weights: FloatArray) -> float:
+    """Curvature of the Cauchy energy over that of the reweighted squares, for weights (P, 5).
+
+    With w = 1/(1 + s), s = |r|^2/c^2, the energy's second derivative by r is w I - 2 w^2 r r^T/c^2, of trace 2 w (1 - w s) = 2 w^2.
+    """
+    return float((weights**2).sum() / max(weights.sum(), 1e-12))
+
+
+def group_scores(fit: Adjustment, d: int, settings: CalibrationSettings) -> tuple[FloatArray, FloatArray]:
+    """Scores (S, 10) and curvatures (S, 10, 10) of a drive's match groups for the lens, the drive's offsets eliminated.
+
+    With G = H_lo (H_oo + A)^-1, A the offsets' prior, a group's score is (I, -G) g and its curvature (I, -G) H (I, -G)^T; with
+    G A G^T these sum to the drive's.
+    """
+    ratio, free = curvature_ratio(fit.weights[d]), slice(0, LENS + DRIVE)
+    gain = _offset_gain(_drive_sums(fit, d, settings, ratio)[0])[:LENS]
+    reduce = np.hstack([np.eye(LENS), -gain])
+    scores = np.array([reduce @ e.g[free] for e in fit.equations[d]]).reshape(-1, LENS)
+    curvatures = np.array([ratio * reduce @ e.H[free, free] @ reduce.T for e in fit.equations[d]]).reshape(-1, LENS, LENS)
+    return scores, curvatures
+
+
+def _sum_of(parts: list[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
     return sum((H for H, _ in parts), np.zeros((len(STAY), len(STAY)))), sum((g for _, g in parts), np.zeros(len(STAY)))
-
-
-def snippet_scores(fit: Adjustment, d: int, settings: CalibrationSettings) -> FloatArray:
-    """(S, 10): each snippet's own pull on the lens, the drive's offsets eliminated; with the prior's they cancel."""
-    gain = _offset_gain(_drive_sums(fit, d, settings)[0])[:LENS]
-    return np.array([s.g[:LENS] - gain @ s.g[LEAVE] for s in fit.equations[d]]).reshape(-1, LENS)
 
 
 def _offset_gain(H: FloatArray) -> FloatArray:
@@ -116,12 +146,12 @@ def _offset_gain(H: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(H[np.ix_(LEAVE, LEAVE)], H[np.ix_(LEAVE, STAY)]).T, np.float64)
 
 
-def _drive_sums(fit: Adjustment, d: int, settings: CalibrationSettings) -> tuple[FloatArray, FloatArray]:
-    """(14, 14) and (14,) of a drive's snippets and of the prior of its offsets."""
+def _drive_sums(fit: Adjustment, d: int, settings: CalibrationSettings, curvature: float = 1.0) -> tuple[FloatArray, FloatArray]:
+    """(14, 14) and (14,) of a drive's groups, H times `curvature`, and of the prior of its offsets."""
     H, g = np.zeros((KEPT, KEPT)), np.zeros(KEPT)
-    for snippet in fit.equations[d]:
-        H += snippet.H
-        g += snippet.g
+    for group in fit.equations[d]:
+        H += curvature * group.H
+        g += group.g
     information = 1.0 / settings.drive.sigmas**2
     H[LEAVE, LEAVE] += information
     g[LEAVE] -= information * fit.states[d].offsets
@@ -148,14 +178,14 @@ def _linearise(fit: Adjustment, drives: list[Drive], settings: CalibrationSettin
         zero = np.asarray(~known)[:, :, None]
         r, J_rho = np.where(zero, 0.0, r * root), np.where(zero, 0.0, J_rho * root)
         J = np.where(zero[..., None], 0.0, J * root[..., None])
-        starts = np.searchsorted(drive.evidence.snippet, np.arange(drive.evidence.snippets + 1))
+        starts = np.searchsorted(drive.observations.group, np.arange(drive.observations.groups + 1))
         slices = [slice(a, b) for a, b in pairwise(starts)]
-        fit.equations.append([_snippet_equations(r[s], J[s], J_rho[s]) for s in slices])
+        fit.equations.append([_group_equations(r[s], J[s], J_rho[s]) for s in slices])
         fit.weights.append(weight)
 
 
-def _snippet_equations(r: FloatArray, J: FloatArray, J_rho: FloatArray) -> SnippetEquations:
-    """Eliminate points and poses of a snippet from weighted residuals r (n, 5, 2) and J (n, 5, 2, 26), J_rho (n, 5, 2)."""
+def _group_equations(r: FloatArray, J: FloatArray, J_rho: FloatArray) -> GroupEquations:
+    """Eliminate points and poses of a group from weighted residuals r (n, 5, 2) and J (n, 5, 2, 26), J_rho (n, 5, 2)."""
     n = len(r)
     r, J, J_rho = r.reshape(n, -1), J.reshape(n, -1, UNKNOWNS), J_rho.reshape(n, -1)
     flat = J.reshape(-1, UNKNOWNS)
@@ -171,11 +201,11 @@ def _snippet_equations(r: FloatArray, J: FloatArray, J_rho: FloatArray) -> Snipp
     solved = np.asarray(np.linalg.solve(H[P, P], np.column_stack([g[P], H[P, :KEPT]])), np.float64)
     pose_step, pose_gain = solved[:, 0], solved[:, 1:]
     own_H, own_g = H[:KEPT, :KEPT] - H[:KEPT, P] @ pose_gain, g[:KEPT] - H[:KEPT, P] @ pose_step
-    return SnippetEquations(own_H, own_g, pose_step, pose_gain, rho_step, rho_gain)
+    return GroupEquations(own_H, own_g, pose_step, pose_gain, rho_step, rho_gain)
 
 
 def _step_back(
-    drive: Drive, state: DriveState, equations: list[SnippetEquations], lens_step: FloatArray, settings: CalibrationSettings
+    drive: Drive, state: DriveState, equations: list[GroupEquations], lens_step: FloatArray, settings: CalibrationSettings
 ) -> None:
     """Move a drive's offsets, poses and inverse depths by what follows from the lens's step (10,)."""
     information = 1.0 / settings.drive.sigmas**2

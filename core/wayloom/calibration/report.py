@@ -1,4 +1,4 @@
-"""A calibration in words and as JSON."""
+"""Report of a calibration, in words and as JSON."""
 
 from dataclasses import asdict
 from typing import Any

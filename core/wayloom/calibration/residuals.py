@@ -1,4 +1,4 @@
-"""One drive's matches as residuals: what a lens, poses and inverse depths predict, and the derivatives.
+"""Reprojection residuals of one drive's matches by lens, poses and inverse depths, and their Jacobians.
 
 A point of ray r = (x, y, 1) and inverse depth rho in its host is, times rho,
 
@@ -45,26 +45,26 @@ class DriveState:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A drive's evidence as arrays: rays (P, 3) in the host, measured (P, 5, 2) px, NaN where there is no match."""
+    """A drive's observations as arrays: rays (P, 3) in the host, measured (P, 5, 2) px, NaN where there is no match."""
 
-    evidence: CalibrationObservations
+    observations: CalibrationObservations
     rays: FloatArray
     measured: FloatArray
 
 
-def drive_of(evidence: CalibrationObservations) -> Drive:
-    """The arrays of an evidence."""
+def drive_of(observations: CalibrationObservations) -> Drive:
+    """The arrays of a drive's observations."""
     measured = np.concatenate(
-        [evidence.uv_right[:, None], evidence.uv_left_target, evidence.uv_right_target], axis=1, dtype=np.float64
+        [observations.uv_right[:, None], observations.uv_left_target, observations.uv_right_target], axis=1, dtype=np.float64
     )  # fmt: skip
-    return Drive(evidence, evidence.rig.camera.rays(evidence.uv_host.astype(float)), measured)
+    return Drive(observations, observations.rig.camera.rays(observations.uv_host.astype(float)), measured)
 
 
 def first_state(drive: Drive) -> DriveState:
     """No offsets, the odometry's poses, depths from the disparities as they are."""
-    evidence = drive.evidence
-    rho = (evidence.uv_host[:, 0] - drive.measured[:, 0, 0]) / evidence.rig.bf
-    return DriveState(np.zeros(DRIVE), evidence.T_target_host.copy(), rho)
+    observations = drive.observations
+    rho = (observations.uv_host[:, 0] - drive.measured[:, 0, 0]) / observations.rig.bf
+    return DriveState(np.zeros(DRIVE), observations.T_target_host.copy(), rho)
 
 
 def lens_of_drive(lens: RightLens, offsets: FloatArray) -> RightLens:
@@ -76,21 +76,21 @@ def lens_of_drive(lens: RightLens, offsets: FloatArray) -> RightLens:
 
 def residuals(drive: Drive, lens: RightLens, state: DriveState) -> FloatArray:
     """(P, 5, 2) px, predicted - measured; NaN where there is no match or the point is behind the camera."""
-    rig, evidence = drive.evidence.rig, drive.evidence
+    rig, observations = drive.observations.rig, drive.observations
     own, t = lens_of_drive(lens, state.offsets), np.array(rig.t_right_left)
     rho, out = state.rho, np.empty_like(drive.measured)
     out[:, 0] = project_scaled(own, rig.camera, rig.baseline_m, drive.rays + rho[:, None] * t, rho)
     for k in range(TARGETS):
-        q = _in_target(drive.rays, rho, state.T_target_host[evidence.snippet, k])
+        q = _in_target(drive.rays, rho, state.T_target_host[observations.group, k])
         out[:, 1 + k] = rig.camera.project(q)
         out[:, 1 + TARGETS + k] = project_scaled(own, rig.camera, rig.baseline_m, q + rho[:, None] * t, rho)
     return out - drive.measured
 
 
 def jacobians(drive: Drive, lens: RightLens, state: DriveState) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of the residuals: J (P, 5, 2, 26) by lens (10), drive (3), kappa and the snippet's poses (twist (v, omega) of
+    """Derivatives of the residuals: J (P, 5, 2, 26) by lens (10), drive (3), kappa and the group's poses (twist (v, omega) of
     each target, perturbed on the left), J_rho (P, 5, 2)."""
-    rig, evidence, rho = drive.evidence.rig, drive.evidence, state.rho
+    rig, observations, rho = drive.observations.rig, drive.observations, state.rho
     own, t = lens_of_drive(lens, state.offsets), np.array(rig.t_right_left)
     J, J_rho = np.zeros((len(rho), MATCHES, 2, UNKNOWNS)), np.zeros((len(rho), MATCHES, 2))
 
@@ -106,7 +106,7 @@ def jacobians(drive: Drive, lens: RightLens, state: DriveState) -> tuple[FloatAr
 
     right(0, drive.rays, np.zeros_like(drive.rays), by_kappa)
     for k in range(TARGETS):
-        T = state.T_target_host[evidence.snippet, k]
+        T = state.T_target_host[observations.group, k]
         q = _in_target(drive.rays, rho, T)
         by_twist = np.concatenate([rho[:, None, None] * np.eye(3), -se3.hat(q)], axis=2)  # dq = rho v + omega x q
         columns = slice(KEPT + 6 * k, KEPT + 6 * (k + 1))
@@ -127,7 +127,7 @@ def _in_target(rays: FloatArray, rho: FloatArray, T: FloatArray) -> FloatArray:
 
 def _pinhole_by_q(drive: Drive, q: FloatArray) -> FloatArray:
     """(P, 2, 3): derivative of the left camera's projection at q (P, 3)."""
-    camera = drive.evidence.rig.camera
+    camera = drive.observations.rig.camera
     z = np.where(q[:, 2] > 0, q[:, 2], np.nan)
     out = np.zeros((len(q), 2, 3))
     out[:, 0, 0], out[:, 1, 1] = camera.fx / z, camera.fy / z

@@ -1,8 +1,8 @@
-"""`RIG.toml`: what was learnt of a rig over several of its drives. docs/formats.md describes every key."""
+"""The rig file `RIG.toml`: a rig's relative lens and its normal equations. docs/formats.md describes every key."""
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -10,6 +10,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.calibration.score_moments import COUNT, SIZE, ScoreMoments
+from wayloom.config.toml_text import toml_text
 from wayloom.errors import CalibrationError
 from wayloom.files.atomic import write_atomically
 from wayloom.files.text_files import read_text
@@ -18,8 +20,9 @@ from wayloom.geometry.lens import PARAMETERS, RightLens, lens_from_values
 from wayloom.logs.types import DriveLog
 
 FloatArray = NDArray[np.float64]
-VERSION: Final = 1
-COUNT: Final = len(PARAMETERS)
+VERSION: Final = 2
+WITHOUT_SCORES: Final = 1
+"""Files of this version give their lens; drives cannot be added to them."""
 SAID: Final = COUNT + 1
 """What drives speak of: the parameters, and a radial error k1 that both lenses share."""
 SAME_RIG, SAME_CALIBRATION = 0.05, 1e-3
@@ -38,8 +41,9 @@ class RigFile:
     rig          the rectified rig that the lens is relative to: the calibration of the first drive
     drives       names of the drives that it was learnt from, sorted
     lens, sigma, determined   the parameters; (10,) standard deviations; (10,) whether the drives determined them
-    information, pull   (11, 11) and (11,): what the drives say without any prior, as energy 1/2 x^T information x - pull^T x of the
-                 parameters' difference from the ideal camera's and a radial error k1 of both lenses; later drives are added
+    information, pull   (11, 11) and (11,): the drives' normal equations without any prior, energy 1/2 x^T information x - pull^T x
+                 of the parameters' difference from the ideal camera's and a radial error k1 of both lenses; later drives are added
+    scores       moments of the match groups' scores, for the sigmas; None in a file of format 1; those of later drives are added
     matches, noise_px   how many matches it rests on, and how well one fits, px
     """
 
@@ -51,6 +55,7 @@ class RigFile:
     determined: NDArray[np.bool_]
     information: FloatArray = field(default_factory=lambda: np.zeros((SAID, SAID)))
     pull: FloatArray = field(default_factory=lambda: np.zeros(SAID))
+    scores: ScoreMoments | None = field(default_factory=ScoreMoments)
     matches: int = 0
     noise_px: float = 0.0
 
@@ -67,9 +72,9 @@ def read_rig_file(file: Path) -> RigFile:
     except tomllib.TOMLDecodeError as problem:
         raise CalibrationError(f"is no TOML ({problem})", file=file, remedy=REMEDY) from None
     version = content.get("format_version")
-    if version != VERSION:
+    if version not in (WITHOUT_SCORES, VERSION):
         raise CalibrationError(f"has format_version {version!r}, not {VERSION}", file=file, remedy=REMEDY)
-    return _Reader(file, content).rig_file()
+    return _Reader(file, content).rig_file(version)
 
 
 def differences(rig: RigFile, log_rig: StereoRig, rig_id: str | None, *, file: Path | str) -> tuple[str, ...]:
@@ -127,8 +132,8 @@ def text_of(rig: RigFile) -> str:
     lines = [
         "# A stereo rig's relative lens, by `wayloom calibrate`: from the ideal rectified right camera's pixel to the real one's.",
         f"format_version = {VERSION}",
-        *([] if rig.rig_id is None else [f"rig_id = {_quoted(rig.rig_id)}"]),
-        f"drives = [{', '.join(_quoted(name) for name in rig.drives)}]",
+        *([] if rig.rig_id is None else [f"rig_id = {toml_text(rig.rig_id)}"]),
+        f"drives = {toml_text(rig.drives)}",
         f"matches = {rig.matches}",
         f"noise_px = {rig.noise_px!r}",
         "",
@@ -148,22 +153,35 @@ def text_of(rig: RigFile) -> str:
         *(f"{name} = {str(bool(known)).lower()}" for name, known in zip(PARAMETERS, rig.determined, strict=True)),
         "",
         "# What the drives say without any prior, of the lens's difference from the ideal one and a radial error of both.",
-        "[evidence]",
+        "[normal_equations]",
         f"pull = {_row(rig.pull)}",
         "information = [",
         *(f"  {_row(row)}," for row in rig.information),
         "]",
+        *_score_lines(rig.scores or ScoreMoments()),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _score_lines(scores: ScoreMoments) -> list[str]:
+    return [
+        "",
+        "# Of the match groups' scores: moments (the lower triangle), and errors that regions of the image share.",
+        "[scores]",
+        f"region_excess_px2 = {scores.region_excess_px2!r}",
+        f"region_freedom = {scores.region_freedom!r}",
+        "moments = [",
+        *(f"  {_row(row[: k + 1])}," for k, row in enumerate(scores.moments)),
+        "]",
+    ]
 
 
 def _row(values: FloatArray) -> str:
     return f"[{', '.join(repr(float(value)) for value in values)}]"
 
 
-def _quoted(text: str) -> str:
-    escaped = "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08X}" for c in text)
-    return f'"{escaped}"'
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,20 +191,21 @@ class _Reader:
     file: Path
     content: Mapping[str, Any]
 
-    def rig_file(self) -> RigFile:
+    def rig_file(self, version: int) -> RigFile:
         values = self._ten("right_lens")
         offsets = np.abs(values - RightLens().values)
         if (offsets > LARGEST).any():
             name = PARAMETERS[int(np.argmax(offsets / LARGEST))]
             raise self._bad(f"right_lens.{name}", "is impossible for a rectified pair")
-        information = self._matrix("evidence.information")
-        pull = self._floats("evidence.pull", SAID)
+        equations = "evidence" if version == WITHOUT_SCORES else "normal_equations"
+        information = self._matrix(f"{equations}.information", SAID)
+        pull = self._floats(f"{equations}.pull", SAID)
         sigma = self._ten("right_lens.sigma")
         if (sigma < 0).any():
             raise self._bad("right_lens.sigma", "is negative")
         return RigFile(
             self._rig_id(), self._rig(), self._drives(), lens_from_values(values), sigma, self._determined(), information, pull,
-            int(self._number("matches", 0.0)), self._number("noise_px", 0.0),
+            None if version == WITHOUT_SCORES else self._scores(), int(self._number("matches", 0.0)), self._number("noise_px", 0.0),
         )  # fmt: skip
 
     def _get(self, key: str) -> Any:
@@ -199,7 +218,7 @@ class _Reader:
 
     def _number(self, key: str, low: float = -math.inf) -> float:
         value = self._get(key)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value) or value < low:
+        if not _is_number(value) or value < low:
             raise self._bad(key, f"{value!r} is no number{'' if low == -math.inf else f' from {low:g} on'}")
         return float(value)
 
@@ -207,21 +226,41 @@ class _Reader:
         value = self._get(key)
         if not isinstance(value, list) or len(value) != count:
             raise self._bad(key, f"must be {count} numbers")
-        if not all(isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x) for x in value):
+        if not all(_is_number(x) for x in value):
             raise self._bad(key, "holds what is no finite number")
         return np.array(value, float)
 
     def _ten(self, table: str) -> FloatArray:
         return np.array([self._number(f"{table}.{name}") for name in PARAMETERS])
 
-    def _matrix(self, key: str) -> FloatArray:
-        rows = self._get(key)
-        if not isinstance(rows, list) or len(rows) != SAID:
-            raise self._bad(key, f"must be {SAID} rows")
-        matrix = np.array([row if isinstance(row, list) and len(row) == SAID else [math.nan] * SAID for row in rows], float)
-        if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-6, atol=1e-6 * np.abs(matrix).max()):
-            raise self._bad(key, f"is no symmetric matrix of {SAID} finite rows and columns")
+    def _matrix(self, key: str, size: int) -> FloatArray:
+        matrix = np.array(self._rows(key, [size] * size), float).reshape(size, size)
+        if not np.allclose(matrix, matrix.T, rtol=1e-6, atol=1e-6 * np.abs(matrix).max()):
+            raise self._bad(key, f"is no symmetric matrix of {size} rows and columns")
         return matrix
+
+    def _triangle(self, key: str, size: int) -> FloatArray:
+        """A symmetric matrix, of its lower triangle."""
+        matrix = np.zeros((size, size))
+        matrix[np.tril_indices(size)] = np.concatenate(self._rows(key, range(1, size + 1)))
+        return np.asarray(matrix + np.tril(matrix, -1).T)
+
+    def _rows(self, key: str, lengths: Sequence[int]) -> list[FloatArray]:
+        rows = self._get(key)
+        if not isinstance(rows, list) or [len(row) if isinstance(row, list) else -1 for row in rows] != list(lengths):
+            raise self._bad(key, f"must be {len(lengths)} rows of {lengths[0]} to {lengths[-1]} numbers")
+        if not all(_is_number(x) for row in rows for x in row):
+            raise self._bad(key, "holds what is no finite number")
+        return [np.array(row, float) for row in rows]
+
+    def _scores(self) -> ScoreMoments:
+        scores = ScoreMoments(
+            self._triangle("scores.moments", SIZE),
+            self._number("scores.region_excess_px2"), self._number("scores.region_freedom", 0.0),
+        )  # fmt: skip
+        if (np.diag(scores.moments) < 0).any():
+            raise self._bad("scores.moments", "has a negative sum of squares")
+        return scores
 
     def _determined(self) -> NDArray[np.bool_]:
         known = [self._get(f"right_lens.determined.{name}") for name in PARAMETERS]

@@ -1,6 +1,8 @@
-"""Evidence of a rig from pieces of a drive, a third of the odometry's cost: a host's stereo matches are what the next images are
-aligned with, directly and down to half size, until the host's points have been found in its targets; the last one is the next host.
-No window is adjusted: poses and depths of a snippet are unknowns of the calibration, and need a first guess only.
+"""Sampling of calibration observations from pieces of a drive, at a third of the odometry's cost.
+
+A host's stereo matches are what the next images are aligned with, directly and down to half size, until the host's points have been
+found in its targets; the last one is the next host. No window is adjusted: poses and depths of a match group are unknowns of the
+calibration, and need a first guess only.
 """
 
 import numpy as np
@@ -11,10 +13,12 @@ from wayloom.logs.types import DriveLog
 from wayloom.odometry import frame_source
 from wayloom.odometry.points import selection
 from wayloom.odometry.rig.calibration_observations import ObservationCollector
+from wayloom.odometry.rig.posed_pair import PosedPair
 from wayloom.odometry.rig.rows import RightRectifier
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.tracking import alignment as tracking
 from wayloom.odometry.tracking import pyramid, recovery
+from wayloom.odometry.tracking.frame import GreyPair
 
 FloatArray = NDArray[np.float64]
 REFERENCE_POINTS = 250
@@ -25,7 +29,8 @@ FINEST_LEVEL = 1
 class Sampler:
     """Feeds a collector with hosts and targets from stretches of a log.
 
-    reference, T_host_world  the open snippet's host, None where the way was lost; poses (t_ns, T_cam_world) of the last two frames
+    reference, T_host_world  the open match group's host, None where the way was lost
+    poses                    (t_ns, T_cam_world) of the last two frames
     """
 
     def __init__(
@@ -38,7 +43,7 @@ class Sampler:
         self._forget()
 
     def stretch(self, start: int, stop: int, wanted: int) -> None:
-        """Frames start to stop, until the collector has `wanted` snippets."""
+        """Frames start to stop, until the collector has `wanted` match groups."""
         for index in range(start, stop):
             self._frame(frame_source.grey_pair(self.log, index))
             if len(self.collector.finished) >= wanted:
@@ -52,7 +57,7 @@ class Sampler:
         self.T_host_world, self.brightness = np.eye(4), np.array([1.0, 0.0])
         self.poses: list[tuple[int, FloatArray]] = []
 
-    def _frame(self, pair: frame_source.GreyPair) -> None:
+    def _frame(self, pair: GreyPair) -> None:
         if recovery.is_blank(pair.left, self.settings.min_contrast):
             self._forget()
             return
@@ -62,18 +67,18 @@ class Sampler:
             if recovery.fit_failure(fit, self.settings) is None:
                 self.brightness, T = fit.brightness, fit.T_frame_keyframe @ self.T_host_world
                 if self.collector.is_target(T):
-                    self.collector.extend(pair.index, pair.left, pair.right, T, self.right_rectifier, 0.0)
+                    self.collector.extend(self._posed(pair, T))
             else:
                 self._forget()
         self.poses = [*self.poses[-1:], (pair.t_ns, T)]
         if self.collector.open is None:
             self._begin(pair, images, T)
 
-    def _begin(self, pair: frame_source.GreyPair, images: pyramid.Pyramid, T_cam_world: FloatArray) -> None:
+    def _begin(self, pair: GreyPair, images: pyramid.Pyramid, T_cam_world: FloatArray) -> None:
         """Make the frame a host, what its points are matched with the reference; where there are too few the way is lost."""
         aligned = self.right_rectifier.align(pair.right)
         pixels, disparity = self.collector.host_matches(pair.left, aligned)
-        self.collector.begin(pair.index, pair.left, pair.right, pixels, disparity, T_cam_world, self.right_rectifier, 0.0)
+        self.collector.begin(self._posed(pair, T_cam_world), pixels, disparity)
         if self.collector.open is None:
             self._forget()
             return
@@ -82,6 +87,10 @@ class Sampler:
         levels = tracking.reference_levels(pixels[some].astype(np.float64), rho, images, self.cameras)
         self.reference, self.T_host_world = tracking.Reference(0, levels), T_cam_world
         self.brightness = np.array([1.0, 0.0])
+
+    def _posed(self, pair: GreyPair, T_cam_world: FloatArray) -> PosedPair:
+        """The pair at T_cam_world (4, 4); no disparity bias is known."""
+        return PosedPair(pair.index, pair.left, pair.right, T_cam_world, self.right_rectifier, 0.0)
 
     def _aligned(self, reference: tracking.Reference, images: pyramid.Pyramid, t_ns: int) -> tracking.Alignment:
         """The frame's alignment with the host, from constant motion; from several speeds where none is known yet."""

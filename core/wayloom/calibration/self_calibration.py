@@ -1,12 +1,12 @@
-"""The lens of a drive whose rig nobody has calibrated: a few pieces of the drive are looked at first, their evidence tells the
-lens, and the drive is then tracked with it from its first frame on.
+"""Self-calibration of a drive whose rig has no file: the lens learnt from a few pieces of the drive before it is tracked.
 
-A lens is used only where the evidence contradicts the ideal camera: x^T C^-1 x, x the ten parameters' differences and C their
+A lens is used only where the observations contradict the ideal camera: x^T C^-1 x, x the ten parameters' differences and C their
 covariance with everything in it that `learn` knows, is beyond what chance does to an ideal camera once in a thousand drives, and
 where the lens moves pixels by so much that leaving it alone costs more than not knowing it well. So a rig that is calibrated well
 loses nothing, to the bit. docs/calibration.md has the numbers.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from time import process_time
 from typing import Final
@@ -14,14 +14,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.calibration.learn import chi_square, learn_rig
+from wayloom.calibration.covariance import chi_square
+from wayloom.calibration.learn import learn_rig
 from wayloom.calibration.sampling import Sampler
 from wayloom.calibration.settings import CalibrationSettings
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry.lens import IDENTITY, RightLens, lens_from_values
 from wayloom.logs.types import DriveLog
-from wayloom.odometry import frame_source
-from wayloom.odometry.debugging.recorder import Debug
+from wayloom.odometry import frame_source, warm_up
+from wayloom.odometry.observers import Observer
 from wayloom.odometry.odometry import track
 from wayloom.odometry.rig import rows
 from wayloom.odometry.rig.calibration_observations import CalibrationObservations, ObservationCollector
@@ -29,11 +30,11 @@ from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.types import OdometryResult
 
 FloatArray = NDArray[np.float64]
-SNIPPETS: Final = 15
+GROUPS: Final = 15
 """Asked for; they are about 4 m apart."""
 POINTS: Final = 160
-"""Of a snippet."""
-LEAST_SNIPPETS: Final = 10
+"""Of a match group."""
+LEAST_GROUPS: Final = 10
 """As many as the lens has parameters: from fewer, how much they contradict each other cannot be told."""
 STRETCHES: Final = 3
 """Of the drive: turns and straights tell different parameters."""
@@ -63,31 +64,34 @@ class SelfCalibration:
 
     lens: RightLens
     reason: str
-    snippets: int
+    groups: int
     chi_square: float
     rms_px: float
 
 
 def track_calibrated(
     log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
-    lens: RightLens | None = None, collector: ObservationCollector | None = None, debug: Debug | None = None,
+    lens: RightLens | None = None, observers: Sequence[Observer] = (), matches: FloatArray | None = None,
 ) -> OdometryResult:  # fmt: skip
     """As `wayloom.odometry.odometry.track`; without a lens (of a rig's file) the drive's own is learnt first, and told in the
-    report."""
-    if lens is not None or not settings.own_lens:
-        return track(log, settings, progress, threads, IDENTITY if lens is None else lens, collector, debug)
+    report. matches : of the first pairs, as of `frame_source.first_matches`, where the caller has them."""
+    if lens is not None or not settings.self_calibration:
+        return track(log, settings, progress, threads, IDENTITY if lens is None else lens, observers, matches)
+    frame_source.check_rig(log)
+    warm_up.compile_odometry(False, progress)
     start = process_time()
-    progress(0.0, "learning the right camera's lens from pieces of the drive (compiling kernels, first run only)")
-    with frame_source.one_opencv_thread():
-        matches = frame_source.first_matches(log, settings.row_frames)
-    own = own_lens(log, settings, matches)
+    progress(0.0, "learning the right camera's lens from pieces of the drive")
+    if matches is None:
+        with frame_source.one_opencv_thread():
+            matches = frame_source.first_matches(log, settings.row_frames)
+    own = self_calibrated_lens(log, settings, matches)
     seconds = process_time() - start
     if not own.lens.is_ideal:
         known = (settings.grey_sigma / BIAS_SIGMA_PX) ** 2
         settings = settings.model_copy(update={"bias_prior": max(settings.bias_prior, known)})
-    result = track(log, settings, progress, threads, own.lens, collector, debug, matches)
-    result.report["own_lens"] = {
-        "used": not own.lens.is_ideal, "why": own.reason, "snippets": own.snippets,
+    result = track(log, settings, progress, threads, own.lens, observers, matches)
+    result.report["self_calibration"] = {
+        "used": not own.lens.is_ideal, "why": own.reason, "match_groups": own.groups,
         "chi_square": None if np.isnan(own.chi_square) else round(own.chi_square, 1),
         "moves_px": None if np.isnan(own.rms_px) else round(own.rms_px, 3),
     }  # fmt: skip
@@ -95,15 +99,17 @@ def track_calibrated(
     return result
 
 
-def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), matches: FloatArray | None = None) -> SelfCalibration:
+def self_calibrated_lens(
+    log: DriveLog, settings: OdometrySettings = OdometrySettings(), matches: FloatArray | None = None
+) -> SelfCalibration:
     """The lens that a drive tells of. matches : as of `track`. Raises as it does."""
     with frame_source.one_opencv_thread():
-        evidence = sampled_evidence(log, settings, matches)
-    if evidence.snippets < LEAST_SNIPPETS:
-        reason = f"{evidence.snippets} groups of matches are too few to tell a lens by"
-        return SelfCalibration(IDENTITY, reason, evidence.snippets, float("nan"), float("nan"))
+        observations = sampled_observations(log, settings, matches)
+    if observations.groups < LEAST_GROUPS:
+        reason = f"{observations.groups} groups of matches are too few to tell a lens by"
+        return SelfCalibration(IDENTITY, reason, observations.groups, float("nan"), float("nan"))
     learning = CalibrationSettings(smallest_step=SMALLEST_STEP)
-    learnt = learn_rig([evidence], learning)
+    learnt = learn_rig([observations], learning)
     against = chi_square(learnt.rig, learning)
     lens, reason = IDENTITY, ""
     if not learnt.converged:
@@ -115,14 +121,14 @@ def own_lens(log: DriveLog, settings: OdometrySettings = OdometrySettings(), mat
     else:
         reason = "the drive's own images contradict the log's calibration"
         lens = lens_from_values(np.round(learnt.rig.lens.values / STEP) * STEP)
-    return SelfCalibration(lens, reason, evidence.snippets, against, learnt.rms_px)
+    return SelfCalibration(lens, reason, observations.groups, against, learnt.rms_px)
 
 
-def sampled_evidence(log: DriveLog, settings: OdometrySettings, matches: FloatArray | None = None) -> CalibrationObservations:
-    """SNIPPETS snippets or fewer from STRETCHES parts of a drive."""
+def sampled_observations(log: DriveLog, settings: OdometrySettings, matches: FloatArray | None = None) -> CalibrationObservations:
+    """GROUPS match groups or fewer from STRETCHES parts of a drive."""
     right_rectifier = rows.RightRectifier(log.rig, IDENTITY, frame_source.fit_rows(log, settings.row_frames, matches=matches))
     collector, count = ObservationCollector(log.rig, POINTS), max(1, min(STRETCHES, len(log) // LEAST_FRAMES))
     sampler, starts = Sampler(log, settings, right_rectifier, collector), [k * len(log) // count for k in range(count + 1)]
     for k, start in enumerate(starts[:-1]):
-        sampler.stretch(start, min(starts[k + 1], start + MOST_FRAMES), SNIPPETS * (k + 1) // count)
-    return collector.evidence(log)
+        sampler.stretch(start, min(starts[k + 1], start + MOST_FRAMES), GROUPS * (k + 1) // count)
+    return collector.observations(log)

@@ -1,4 +1,4 @@
-"""What the calibration believes before it sees a drive, and how it treats residuals. docs/calibration.md gives the reasons."""
+"""Settings of the calibration: priors, robust weights, thresholds. docs/calibration.md gives the reasons."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +51,7 @@ class CalibrationSettings(Settings):
     smallest_step: float = Field(0.01, gt=0, description="sigmas: a smaller step of every lens parameter ends the iteration")
     robust_scale: float = Field(2.0, gt=0, description="of a match's Cauchy weight, in units of the matches' own noise")
     least_noise_px: float = Field(0.03, gt=0, description="px, below which no match is believed")
-    shared_px: float = Field(0.02, gt=0, description="px, error that all matches of a region share, however many they are")
     least_information: float = Field(
         0.5, gt=0, lt=1, description="posterior over prior sigma from which on a parameter is undetermined"
     )
-    least_snippets: int = Field(3, ge=1, description="of all drives together, without which nothing is learnt")
+    least_groups: int = Field(3, ge=1, description="match groups of all drives together, without which nothing is learnt")

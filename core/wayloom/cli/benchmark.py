@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from wayloom.cli.progress_bars import ProgressBars
+
 group = typer.Typer(add_completion=False, no_args_is_help=True, help="Measure on data with truth: one command for each table.")
 
 
@@ -49,13 +51,12 @@ def labels(
     ablation: Annotated[bool, typer.Option("--ablation", help="A row for each switch of the labelling as well.")] = False,
 ) -> None:
     """Accuracy of labelled points: single image, TCL mono, TCL stereo, our best form (the paper's table)."""
-    from wayloom.cli.odometry import shown_progress
-    from wayloom.cli.process import default_threads
+    from wayloom.cli.options import default_threads
     from wayloom.evaluation.label_ablation import ABLATION
     from wayloom.evaluation.label_pictures import write_figure
     from wayloom.evaluation.label_tables import as_csv, as_latex, as_text
     from wayloom.evaluation.label_truth import find_labelled_drives
-    from wayloom.evaluation.labels import LabelledPoints, benchmark_labels
+    from wayloom.evaluation.labels import LabelBenchmarkSettings, LabelledPoints, benchmark_labels
     from wayloom.files.atomic import check_writable, write_atomically
     from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model
     from wayloom.segmentation.network import Network
@@ -71,10 +72,10 @@ def labels(
         drawn = write_figure(done, picture.name) if picture and not pictures else None
         pictures.extend([drawn] if drawn else [])
 
-    with shown_progress() as progress:
+    with ProgressBars(quarters=True) as bars:
         result = benchmark_labels(
-            drives, network, ABLATION if ablation else None, work_dir=work, threads=threads or default_threads(),
-            progress=progress, show=show,
+            drives, network, LabelBenchmarkSettings(variants=ABLATION if ablation else {}), work_dir=work,
+            threads=threads or default_threads(), progress=bars("labels"), show=show,
         )  # fmt: skip
     typer.echo(as_text(result))
     texts = {json: lambda: dumped(result.as_json()), csv: lambda: as_csv(result), latex: lambda: as_latex(result)}

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from wayloom.cli.progress_bars import ProgressBars
+
 if TYPE_CHECKING:
     from wayloom.calibration.learn import Calibration
     from wayloom.odometry.rig.calibration_observations import CalibrationObservations
@@ -17,14 +19,17 @@ IN_STAGES = Path("stages", "odometry", "evidence.npz")
 def calibrate_command(
     sources: Annotated[
         list[Path],
-        typer.Argument(metavar="LOG…", help="Drive logs; evidence files; folders of them; folders that `wayloom process` made."),
+        typer.Argument(
+            metavar="LOG…",
+            help="Drive logs; files of calibration observations; folders of them; folders that `wayloom process` made.",
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Where the rig's file goes: a RIG.toml.")],
     rig: Annotated[Path | None, typer.Option(help="What is known of the rig already; the drives are added to it.")] = None,
     json: Annotated[Path | None, typer.Option(help="Also write the result to this file.")] = None,
     threads: Annotated[int, typer.Option(min=1, help="More than one: decode ahead. The result is the same.")] = 1,
 ) -> None:
-    """Learn how the right camera of a rig differs from the ideal one. Logs are tracked first; evidence is used as it is."""
+    """Learn how the right camera of a rig differs from the ideal one. Logs are tracked first; observations are used as they are."""
     from wayloom.calibration.learn import learn_rig
     from wayloom.calibration.report import facts, lines
     from wayloom.calibration.rig_file import read_rig_file, write_rig_file
@@ -35,8 +40,8 @@ def calibrate_command(
     with writing_to(out):
         for file in filter(None, (out, json)):
             check_writable(file)
-        evidence = [drive for source in sources for drive in evidence_of(source, threads, (out, json))]
-        calibration = learn_rig(evidence, known=known)
+        observations = [drive for source in sources for drive in observations_of(source, threads, (out, json))]
+        calibration = learn_rig(observations, known=known)
         write_rig_file(calibration.rig, out)
         if json is not None:
             write_atomically(json, _json(facts(calibration)))
@@ -46,15 +51,15 @@ def calibrate_command(
     typer.echo(f"written: {out}")
 
 
-def evidence_of(source: Path, threads: int, outputs: tuple[Path | None, ...]) -> "Iterator[CalibrationObservations]":
-    """The evidence that a path holds, or that its drive gives when it is tracked. Raises InputError."""
-    from wayloom.odometry.rig.calibration_file import is_evidence, load_observations
+def observations_of(source: Path, threads: int, outputs: tuple[Path | None, ...]) -> "Iterator[CalibrationObservations]":
+    """The calibration observations that a path holds, or that its drive gives when it is tracked. Raises InputError."""
+    from wayloom.odometry.rig.calibration_file import is_observations_file, load_observations
 
-    if is_evidence(source):
+    if is_observations_file(source):
         yield load_observations(source)
     elif (source / IN_STAGES).is_file():
         yield load_observations(source / IN_STAGES)
-    elif files := [file for file in sorted(source.glob("*.npz")) if is_evidence(file)]:
+    elif files := [file for file in sorted(source.glob("*.npz")) if is_observations_file(file)]:
         for file in files:
             yield load_observations(file)
     else:
@@ -62,8 +67,7 @@ def evidence_of(source: Path, threads: int, outputs: tuple[Path | None, ...]) ->
 
 
 def _track(path: Path, threads: int, outputs: tuple[Path | None, ...]) -> "CalibrationObservations":
-    """Track a drive log for its evidence alone."""
-    from wayloom.cli.odometry import shown_progress
+    """Track a drive log for its observations alone."""
     from wayloom.logs.registry import check_outside, open_log
     from wayloom.odometry.odometry import track
     from wayloom.odometry.rig.calibration_observations import ObservationCollector
@@ -71,10 +75,9 @@ def _track(path: Path, threads: int, outputs: tuple[Path | None, ...]) -> "Calib
     log = open_log(path)
     check_outside(log, *outputs)
     collector = ObservationCollector(log.rig)
-    sys.stderr.write(f"tracking {log.name}\n")
-    with shown_progress() as progress:
-        track(log, progress=progress, threads=threads, collector=collector)
-    return collector.evidence(log)
+    with ProgressBars(quarters=True) as bars:
+        track(log, progress=bars(f"tracking {log.name}"), threads=threads, observers=(collector,))
+    return collector.observations(log)
 
 
 def warn(calibration: "Calibration") -> None:

@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wayloom.cli.supervisor import ending_with_parent
+from wayloom.cli.options import ConfigOption
+from wayloom.cli.progress_bars import ProgressBars
+from wayloom.cli.supervisor import compiling_kernels, ending_with_parent
 from wayloom.errors import ConfigError, ServiceError, StageError
 
 if TYPE_CHECKING:
@@ -29,49 +31,54 @@ START_TIMEOUT_S = 90.0
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """What the demo uploads: the logs, the GNSS log kept beside them, and the settings that their map asks for."""
+    """What the demo uploads: the logs, the GNSS log kept beside them, and the origin of the map that they ask for."""
 
     logs: list[Path]
     gnss: Path | None
-    environment: dict[str, str]
+    map_origin: tuple[float, float, float] | None = None
 
 
 def demo_command(
     log: Annotated[Path | None, typer.Option(help="A drive log of your own instead of two simulated drives.")] = None,
     gnss: Annotated[Path | None, typer.Option(help="A GNSS log kept beside it.")] = None,
-    model: Annotated[
-        str | None, typer.Option(envvar="WAYLOOM_MODEL", help="Network for the labels: a name of `wayloom models`, or a file.")
-    ] = None,
+    model: Annotated[str | None, typer.Option(help="Network for the labels: a name of `wayloom models`, or a file.")] = None,
     once: Annotated[bool, typer.Option("--once", help="End when the map is there.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for the drives, the service's data and map.png.")] = Path("demo-out"),
     port: Annotated[int | None, typer.Option(help="Port of the service. [default: 8088, or a free one]")] = None,
+    config: ConfigOption = None,
 ) -> None:
     """Simulate two drives (or take a log), upload them to a service, map them, and show the map."""
-    from wayloom.cli.upload import finished_stages, follow, progress_bars, send, summary
+    from wayloom.cli.upload import finished_stages, follow, send, summary
     from wayloom.client.api import Api
     from wayloom.client.manifests import pack
+    from wayloom.config.sources import Option, child_environment
     from wayloom.logs.registry import open_log
+    from wayloom.pipeline.settings import load_settings
+    from wayloom.pipeline.usable import check_usable
 
     started = time.monotonic()
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # both end the service too
     if gnss is not None and log is None:
         raise ConfigError("a GNSS log belongs to a drive log", record="--gnss", remedy="give --log too")
+    chosen = Option("--model", "segmentation.model", model)
+    loaded = load_settings(config, chosen)
+    check_usable(loaded)
     if log is None:
         fleet = simulated(out)
     else:
         open_log(log, gnss=gnss)  # a bad log is told before anything is started
-        out = out / folder_of(log, gnss, model)
-        fleet = Fleet([log], gnss, {})
-    environment = fleet.environment | ({"WAYLOOM_MODEL": model} if model else {})
-    with service(out / "service", free_port(port), environment) as (url, child):
+        out = out / folder_of(log, gnss, loaded.settings.segmentation.model)
+        fleet = Fleet([log], gnss)
+    settings = load_settings(config, chosen, Option("the simulated city", "map_origin", fleet.map_origin)).settings
+    with service(out / "service", free_port(port), child_environment(settings)) as (url, child):
         say(f"the service runs at {url}")
-        if log is not None and model is None:
+        if log is not None and settings.segmentation.model is None:
             say("labels: the built-in network knows simulated streets only; give another by --model (`wayloom models` lists some)")
-        api = Api(url)
-        with progress_bars() as bars:
-            parcels = [pack(path, fleet.gnss, None, lambda _done, _of: None) for path in fleet.logs]
-            before = [finished_stages(api, parcel.manifest.drive_id) for parcel in parcels]
-            ids = [send(api, parcel, bars, 4) for parcel in parcels]
+        api = Api(url, settings.api_key)
+        with ProgressBars(sys.stdout) as bars:
+            packed_drives = [pack(path, fleet.gnss) for path in fleet.logs]
+            before = [finished_stages(api, packed_drive.manifest.drive_id) for packed_drive in packed_drives]
+            ids = [send(api, packed_drive, bars, 4) for packed_drive in packed_drives]
             drives = [follow(api, drive_id, bars, done) for drive_id, done in zip(ids, before, strict=True)]
         for drive in drives:
             say(summary(drive))
@@ -93,14 +100,10 @@ def say(text: str) -> None:
 
 def simulated(out: Path) -> Fleet:
     """Two drives of the simulated city; drawn once, found again by later demos of this version."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
     from wayloom import __version__
     from wayloom.simulation.recording.presets import CITY_ORIGIN, PRESETS
-    from wayloom.simulation.recording.simulate import simulate
+    from wayloom.simulation.recording.simulate import OutputSettings, simulate
 
-    origin = ",".join(str(part) for part in (CITY_ORIGIN.lon_deg, CITY_ORIGIN.lat_deg, CITY_ORIGIN.height_m))
     folder = out / "drives"
     made_by = f"wayloom {__version__} {SIZE} {PRESETS[PRESET].model_dump_json()}\n"
     stamp = folder / "made-by.txt"
@@ -113,16 +116,9 @@ def simulated(out: Path) -> Fleet:
         say(f"the simulated drives are in {folder}")
     else:
         say("simulating two drives of the same streets (the first run compiles its kernels)")
-        columns = (TextColumn("{task.description}"), BarColumn(28), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())
-        console = Console(file=sys.stderr)
-        with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
-            bar = bars.add_task("starting", total=1.0)
-            threads = min(4, os.cpu_count() or 1)
-            simulate(
-                PRESET, folder, SIZE, threads=threads,
-                progress=lambda share, what: bars.update(bar, completed=share, description=what),
-            )  # fmt: skip
-    return Fleet(logs, None, {"WAYLOOM_MAP_ORIGIN": origin})
+        with compiling_kernels(), ProgressBars() as bars:
+            simulate(PRESET, folder, OutputSettings(SIZE), threads=min(4, os.cpu_count() or 1), progress=bars("simulating"))
+    return Fleet(logs, None, (CITY_ORIGIN.lon_deg, CITY_ORIGIN.lat_deg, CITY_ORIGIN.height_m))
 
 
 def folder_of(log: Path, gnss: Path | None, model: str | None) -> str:
@@ -154,17 +150,15 @@ def service(data: Path, port: int, environment: dict[str, str]) -> Iterator[tupl
     ready = data / "ready"
     ready.unlink(missing_ok=True)
     command = [sys.executable, "-m", "wayloom.cli.main", "up", "--data", str(data), "--port", str(port), "--ready-file", str(ready)]
-    said = data / "up.log"
-    with said.open("w") as log:
-        child = subprocess.Popen(
-            command, env=os.environ | environment, stdout=log, stderr=log, preexec_fn=ending_with_parent(signal.SIGTERM)
-        )
+    up_log = data / "up.log"
+    with up_log.open("w") as log:
+        child = subprocess.Popen(command, env=environment, stdout=log, stderr=log, preexec_fn=ending_with_parent(signal.SIGTERM))
     try:
         deadline = time.monotonic() + START_TIMEOUT_S
         while not ready.is_file():
             if child.poll() is not None or time.monotonic() > deadline:
-                last = (said.read_text().strip().splitlines() or ["it said nothing"])[-1]
-                raise ServiceError(f"the service did not start: {last}; {said} has all that it said")
+                last = (up_log.read_text().strip().splitlines() or ["it said nothing"])[-1]
+                raise ServiceError(f"the service did not start: {last}; {up_log} has all that it said")
             time.sleep(0.1)
         yield ready.read_text().strip(), child
     finally:

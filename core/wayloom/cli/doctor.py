@@ -83,7 +83,7 @@ def check_packages() -> list[Finding]:
 
 
 def check_kernel_cache() -> list[Finding]:
-    """Where numba keeps compiled kernels: without it every start compiles for a minute."""
+    """Where numba keeps compiled kernels: without it every start compiles for half a minute."""
     import wayloom
 
     folder = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(wayloom.__file__).parent)

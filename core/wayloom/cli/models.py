@@ -7,6 +7,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from wayloom.cli.progress_bars import ProgressBars
+
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the list as JSON to this file.", metavar="FILE")]
 
 
@@ -68,7 +70,9 @@ def fetch(
     if folder is None:
         raise ModelError("no folder to put it into", remedy="give --to DIR, or set WAYLOOM_MODELS")
     typer.echo(f"{description.name}: {description.licence}")
-    typer.echo(str(fetch_network(description, folder)))
+    with ProgressBars(quarters=True) as bars:
+        path = fetch_network(description, folder, bars(f"fetching {description.name}"))
+    typer.echo(str(path))
 
 
 def _tell(descriptions: list[Any], json_file: Path | None) -> None:

@@ -1,18 +1,16 @@
 """`wayloom odometry`: the trajectory of a drive, and its cloud of points."""
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wayloom.cli.interrupts import check
+from wayloom.cli.options import ConfigOption
+from wayloom.cli.progress_bars import ProgressBars
 
 if TYPE_CHECKING:
-    from wayloom.config.progress import Progress
     from wayloom.odometry.types import OdometryResult
 
 VOID = 255
@@ -27,14 +25,16 @@ class TrajectoryFormat(StrEnum):
 
 
 def odometry_command(
-    log: Annotated[Path, typer.Argument(help="The log: a KITTI odometry or KITTI raw folder.")],
+    log: Annotated[Path, typer.Argument(help="The drive log: KITTI odometry, KITTI raw, KITTI-360, or .mcap.")],
     out: Annotated[Path, typer.Option(help="Where the trajectory goes: one line for every frame.")],
     format: Annotated[TrajectoryFormat, typer.Option(help="Of the trajectory.")] = TrajectoryFormat.TUM,
     points: Annotated[
         Path | None, typer.Option(help="Also write the cloud, in the first camera's frame, to this PLY file.")
     ] = None,
     json: Annotated[Path | None, typer.Option(help="Also write segments, losses, counts and times to this file.")] = None,
-    threads: Annotated[int, typer.Option(min=1, help="More than one: decode ahead. The result is the same.")] = 1,
+    threads: Annotated[
+        int | None, typer.Option(min=1, max=64, help="More than one: decode ahead. The result is the same. [default: 1]")
+    ] = None,
     gnss: Annotated[Path | None, typer.Option(help="A GNSS log kept elsewhere; the odometry does not use it.")] = None,
     rig: Annotated[Path | None, typer.Option(help="What `wayloom calibrate` learnt of the rig: a RIG.toml.")] = None,
     evidence: Annotated[
@@ -43,71 +43,42 @@ def odometry_command(
     debug: Annotated[
         Path | None, typer.Option(help="Also write into this folder what decided each frame: tables, pictures, plots.")
     ] = None,
+    config: ConfigOption = None,
 ) -> None:
     """Track a drive from its stereo pairs alone. Exit status 0 with a warning where parts of it were lost."""
     from wayloom.calibration.rig_file import lens_for_log
     from wayloom.calibration.self_calibration import track_calibrated
+    from wayloom.config.sources import Option
     from wayloom.files.atomic import check_writable
     from wayloom.logs.registry import check_outside, open_log
-    from wayloom.odometry.debugging.recorder import Debug
+    from wayloom.odometry.debugging.recorder import DebugRecorder
     from wayloom.odometry.rig.calibration_file import save_observations
     from wayloom.odometry.rig.calibration_observations import ObservationCollector
     from wayloom.pipeline.folders import writing_to
+    from wayloom.pipeline.settings import load_settings
+    from wayloom.pipeline.usable import check_rig
 
+    loaded = load_settings(config, Option("--threads", "threads", threads), Option("--rig", "rig", rig))
+    check_rig(loaded)
+    settings = loaded.settings
     drive = open_log(log, gnss=gnss)
     check_outside(drive, out, points, json, evidence, debug)
-    lens, doubts = lens_for_log(rig, drive)
+    lens, doubts = lens_for_log(settings.rig, drive)
     for doubt in doubts:
         sys.stderr.write(f"wayloom: warning: {doubt}\n")
     collector = None if evidence is None else ObservationCollector(drive.rig)
     with writing_to(out):
         for file in filter(None, (out, points, json, evidence)):
             check_writable(file)
-        written = None if debug is None else Debug(debug)
-        with shown_progress() as progress:
-            result = track_calibrated(drive, progress=progress, threads=threads, lens=lens, collector=collector, debug=written)
+        observers = [observer for observer in (collector, None if debug is None else DebugRecorder(debug)) if observer is not None]
+        with ProgressBars(quarters=True) as bars:
+            result = track_calibrated(drive, settings.odometry, bars("odometry"), settings.threads, lens=lens, observers=observers)
         write_results(result, out, format, points, json)
         if collector is not None and evidence is not None:
-            save_observations(collector.evidence(drive), evidence)
+            save_observations(collector.observations(drive), evidence)
     warn_of_losses(result.report)
     warn_of_calibration(result.report)
     typer.echo(f"{result.report['tracked']} of {len(drive)} frames tracked, {result.report['keyframes']} keyframes: {out}")
-
-
-@contextmanager
-def shown_progress() -> "Iterator[Progress]":
-    """A bar on stderr while it is a terminal, a few lines otherwise."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bars
-
-    console = Console(stderr=True)
-    columns = (TextColumn("odometry"), BarColumn(), MofNCompleteColumn(), TextColumn("%"), TimeRemainingColumn())
-    if not console.is_terminal:
-        yield lines_on_stderr()
-        return
-    with Bars(*columns, TextColumn("{task.description}"), console=console) as bars:
-        task = bars.add_task("", total=100)
-
-        def show(share: float, what: str, /) -> None:
-            check()
-            bars.update(task, completed=int(100 * share), description=what)
-
-        yield show
-
-
-def lines_on_stderr(every: float = 0.25) -> "Progress":
-    """Progress for a log file: what is being done, first and then each time that another quarter is done."""
-    due = 0.0
-
-    def show(share: float, what: str, /) -> None:
-        nonlocal due
-        check()
-        if share >= due:
-            sys.stderr.write(f"odometry {100 * share:3.0f} %: {what}\n")
-            due = share + every
-
-    return show
 
 
 def write_results(
@@ -124,7 +95,7 @@ def write_results(
 
     trajectory = result.trajectory
     if trajectory_format is TrajectoryFormat.TUM:
-        write_tum(out, trajectory.t_ns, trajectory.T_world_cam)
+        write_tum(out, trajectory.t_ns, trajectory.T_world_cam, trajectory.tracked)
     else:
         write_kitti(out, trajectory.T_world_cam)
     if points is not None:
@@ -136,7 +107,7 @@ def write_results(
 
 def warn_of_calibration(report: dict[str, Any]) -> None:
     """One line on stderr where the log's calibration is off by more than a pixel. report : the odometry's."""
-    rows, bias, own = report["rows_off_px"], abs(report["disparity_bias_px"]), report.get("own_lens", {})
+    rows, bias, own = report["rows_off_px"], abs(report["disparity_bias_px"]), report.get("self_calibration", {})
     if own.get("used"):
         sys.stderr.write(
             f"wayloom: warning: the calibration is off: the right image by {own['moves_px']:.1f} px on average; the lens that "

@@ -1,12 +1,13 @@
 """`wayloom simulate`: drives of the simulated city."""
 
 import os
-import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from wayloom.cli.progress_bars import ProgressBars
 
 
 class Size(StrEnum):
@@ -48,21 +49,18 @@ def simulate_command(
     frames: Annotated[int | None, typer.Option(min=2, help="Stop each drive after so many frames.")] = None,
 ) -> None:
     """Draw drives of a synthetic city, with GNSS and exact truth. Called again, a run that was stopped goes on where it ended."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
     from wayloom.pipeline.folders import writing_to
-    from wayloom.simulation.recording.simulate import simulate
+    from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate
 
-    columns = (BarColumn(32), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn(), TextColumn("{task.description}"))
-    console = Console(file=sys.stderr)
     names = tuple(name.strip() for name in drives.split(",") if name.strip()) if drives is not None else ()
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bars, writing_to(out):
-        task = bars.add_task("starting", total=1.0)
+    with ProgressBars(quarters=True) as bars, writing_to(out):
         paths = simulate(
-            preset, out, size.value, seed, format.value, truth, threads or min(4, os.cpu_count() or 1),
-            lambda share, what: bars.update(task, completed=share, description=what),
-            laps=laps, drives=names, frames=frames,
-        )  # fmt: skip
+            preset,
+            out,
+            OutputSettings(size.value, format.value, truth),
+            PresetVariant(seed, laps, names, frames),
+            threads or min(4, os.cpu_count() or 1),
+            bars(f"simulating {preset}"),
+        )
     for path in paths:
         typer.echo(path)

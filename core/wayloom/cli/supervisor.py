@@ -7,13 +7,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from wayloom.config.backoff import Backoff
+
 STOP_GRACE_S: Final = 8.0
-LONGEST_PAUSE_S: Final = 15.0
+RESTARTS: Final = Backoff(first_s=0.5, longest_s=15.0)
 CALM_S: Final = 30.0
 """A child that ran this long before it died is restarted without a pause."""
 
@@ -73,7 +75,7 @@ class Supervisor:
                 continue
             if child.due == 0.0:
                 child.deaths = 1 if now - child.started > CALM_S else child.deaths + 1
-                child.due = now + min(0.25 * 2**child.deaths, LONGEST_PAUSE_S)
+                child.due = now + RESTARTS.pause_s(child.deaths)
                 code = child.process.returncode if child.process else None
                 events.append(f"{child.name} ended with status {code} and is started again; its log is {child.log}")
             elif now >= child.due:
@@ -97,6 +99,19 @@ class Supervisor:
 def _signal(child: Child, number: signal.Signals) -> None:
     if child.process is not None and child.process.poll() is None:
         child.process.send_signal(number)
+
+
+@contextlib.contextmanager
+def compiling_kernels() -> Iterator[None]:
+    """While this lasts, a process of its own compiles what the odometry's kernels still lack, at low priority."""
+    command = [sys.executable, "-m", "wayloom.odometry.warm_up"]
+    silence = subprocess.DEVNULL
+    child = subprocess.Popen(command, stdin=silence, stdout=silence, stderr=silence, preexec_fn=ending_with_parent(signal.SIGKILL))
+    try:
+        yield
+    finally:
+        child.kill()
+        child.wait()
 
 
 def ending_with_parent(number: signal.Signals) -> Callable[[], None] | None:

@@ -15,11 +15,12 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
+from wayloom.cli.options import ConfigOption
 from wayloom.errors import ConfigError, ServiceError
 
 if TYPE_CHECKING:
     from wayloom.cli.supervisor import Supervisor
-    from wayloom.config.service import ServiceSettings
+    from wayloom.pipeline.settings import WayloomSettings
 
 START_TIMEOUT_S = 60.0
 
@@ -30,21 +31,25 @@ def up_command(
     port: Annotated[int | None, typer.Option(help="Port to listen on; 0 takes a free one. [default: 8088]")] = None,
     workers: Annotated[int, typer.Option(min=1, max=64, help="Worker processes: so many stages run at once.")] = 1,
     ready_file: Annotated[Path | None, typer.Option(help="Write the URL there once the service answers.")] = None,
+    config: ConfigOption = None,
 ) -> None:
     """Run the API with its dashboard, the workers and the message broker until Ctrl-C."""
-    from wayloom.config.service import load_service_settings
-    from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model, locate
+    from wayloom.config.sources import Option
+    from wayloom.pipeline.settings import load_settings
+    from wayloom.pipeline.usable import check_usable
 
-    settings = load_service_settings(data_dir=data, host=host, port=port)
+    given = Option("--data", "data_dir", data), Option("--host", "host", host), Option("--port", "port", port)
+    loaded = load_settings(config, *given)
+    settings = loaded.settings
     settings.check_exposure()
-    locate(find_model(settings.model or DEFAULT_MODEL))  # a network that cannot be had is told now, not by the first drive
+    check_usable(loaded)  # what cannot be had is told now, not by the first drive
     with locked(settings.data_dir), listening(settings) as listener:
         run(settings, listener, workers, ready_file)
 
 
-def run(settings: "ServiceSettings", listener: socket.socket, workers: int, ready_file: Path | None) -> None:
+def run(settings: "WayloomSettings", listener: socket.socket, workers: int, ready_file: Path | None) -> None:
     """Start everything, say so, and watch over it until a signal comes."""
-    from wayloom.cli.supervisor import Supervisor
+    from wayloom.cli.supervisor import Supervisor, compiling_kernels
     from wayloom.files.atomic import write_atomically
     from wayloom.store.database import Database
     from wayloom.store.migrate import upgrade
@@ -63,22 +68,24 @@ def run(settings: "ServiceSettings", listener: socket.socket, workers: int, read
             print(f"wayloom is ready at {url}   (data in {settings.data_dir}; Ctrl-C ends it)", flush=True)
             if ready_file is not None:
                 write_atomically(ready_file, f"{url}\n".encode())
-        while not stop.wait(0.25):
-            for event in supervisor.look():
-                sys.stderr.write(f"wayloom: {event}\n")
+        with compiling_kernels():
+            while not stop.wait(0.25):
+                for event in supervisor.look():
+                    sys.stderr.write(f"wayloom: {event}\n")
     finally:
         supervisor.stop()
         if ready_file is not None:
             ready_file.unlink(missing_ok=True)
 
 
-def start_all(supervisor: "Supervisor", settings: "ServiceSettings", listener: socket.socket, workers: int) -> None:
+def start_all(supervisor: "Supervisor", settings: "WayloomSettings", listener: socket.socket, workers: int) -> None:
     """The broker, the API on the open socket, the workers, the sweeper: each a process of its own."""
     from wayloom.cli.supervisor import Child
+    from wayloom.config.sources import child_environment
 
     logs = settings.data_dir / "logs"
     logs.mkdir(parents=True, exist_ok=True)
-    environment = settings.environment() | {"PYTHONUNBUFFERED": "1"}
+    environment = child_environment(settings) | {"PYTHONUNBUFFERED": "1"}
     python = [sys.executable, "-m"]
     if settings.broker_url is None:
         supervisor.add(Child("broker", broker_command(settings), dict(os.environ), logs / "broker.log"))
@@ -92,7 +99,7 @@ def start_all(supervisor: "Supervisor", settings: "ServiceSettings", listener: s
 
 
 def wait_until_ready(
-    supervisor: "Supervisor", settings: "ServiceSettings", listener: socket.socket, stop: threading.Event
+    supervisor: "Supervisor", settings: "WayloomSettings", listener: socket.socket, stop: threading.Event
 ) -> str | None:
     """The URL once database and broker answer through the API; None when told to stop before. Raises ServiceError."""
     import httpx2
@@ -114,7 +121,7 @@ def wait_until_ready(
     raise ServiceError(f"the service did not answer within {START_TIMEOUT_S:.0f} s; its logs are in {settings.data_dir / 'logs'}")
 
 
-def broker_command(settings: "ServiceSettings") -> list[str]:
+def broker_command(settings: "WayloomSettings") -> list[str]:
     """The bundled Valkey, or the machine's Redis or Valkey, on a Unix socket. Raises ConfigError when there is none."""
     binary = bundled_valkey() or shutil.which("valkey-server") or shutil.which("redis-server")
     if binary is None:
@@ -168,7 +175,7 @@ def locked(folder: Path) -> Iterator[IO[str]]:
 
 
 @contextlib.contextmanager
-def listening(settings: "ServiceSettings") -> Iterator[socket.socket]:
+def listening(settings: "WayloomSettings") -> Iterator[socket.socket]:
     """A listening socket, so that the port is known and stays ours while the API restarts. Raises ConfigError when it is taken."""
     try:
         (family, kind, _, _, address), *_ = socket.getaddrinfo(

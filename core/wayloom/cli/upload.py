@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from wayloom.cli.options import ConfigOption
+from wayloom.cli.progress_bars import ProgressBars
 from wayloom.errors import ConfigError, NotFoundError
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
     from wayloom.client.api import Api
     from wayloom.client.manifests import PackedDrive
 
@@ -24,22 +24,21 @@ def upload_command(
     vehicle: Annotated[str | None, typer.Option(help="Id of the vehicle that drove.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write what the service says of each drive there.")] = None,
     connections: Annotated[int, typer.Option(min=1, max=32, help="Files sent at once.")] = 4,
+    config: ConfigOption = None,
 ) -> None:
     """Send drive logs to a service. Run it again after any interruption: it continues where the service has it."""
     from wayloom.client.api import Api
     from wayloom.client.manifests import pack
     from wayloom.files.atomic import write_atomically
+    from wayloom.pipeline.settings import load_settings
 
     if gnss is not None and len(logs) > 1:
         raise ConfigError("--gnss belongs to one drive, several were given", remedy="send the drives one by one")
-    with Api(to, connections=connections) as api, progress_bars() as bars:
-        parcels = []
-        for path in logs:
-            bar = bars.add_task(f"{path.name}: reading", total=None, words="")
-            parcels.append(pack(path, gnss, vehicle, lambda done, of, bar=bar: bars.update(bar, completed=done, total=of)))  # type: ignore[misc]
-            bars.remove_task(bar)
-        before = [finished_stages(api, parcel.manifest.drive_id) for parcel in parcels]
-        sent = [send(api, parcel, bars, connections) for parcel in parcels]
+    key = load_settings(config).settings.api_key
+    with Api(to, key, connections) as api, ProgressBars(sys.stdout) as bars:
+        packed_drives = [pack(path, gnss, vehicle, bars(f"{path.name}, reading")) for path in logs]
+        before = [finished_stages(api, packed_drive.manifest.drive_id) for packed_drive in packed_drives]
+        sent = [send(api, packed_drive, bars, connections) for packed_drive in packed_drives]
         drives = [
             follow(api, drive_id, bars, done) if wait else api.drive(drive_id) for drive_id, done in zip(sent, before, strict=True)
         ]
@@ -51,14 +50,11 @@ def upload_command(
         raise typer.Exit(1)
 
 
-def send(api: "Api", parcel: "PackedDrive", bars: "Progress", connections: int) -> str:
-    """Upload one drive under a bar of bytes. Returns its id."""
+def send(api: "Api", packed_drive: "PackedDrive", bars: ProgressBars, connections: int) -> str:
+    """Upload one drive under a bar. Returns its id."""
     from wayloom.client.upload import upload
 
-    bar = bars.add_task(f"{parcel.manifest.name}: sending", total=parcel.manifest.byte_count, words="")
-    registration = upload(api, parcel, lambda done, of: bars.update(bar, completed=done, total=of), connections)
-    bars.update(bar, description=f"{parcel.manifest.name}: sent", completed=parcel.manifest.byte_count)
-    return str(registration["id"])
+    return str(upload(api, packed_drive, bars(f"{packed_drive.manifest.name}, sending"), connections)["id"])
 
 
 def finished_stages(api: "Api", drive_id: str) -> set[str]:
@@ -69,41 +65,15 @@ def finished_stages(api: "Api", drive_id: str) -> set[str]:
         return set()
 
 
-def follow(api: "Api", drive_id: str, bars: "Progress", before: set[str]) -> dict[str, Any]:
-    """Show each stage as a line of its own until the drive is in the map or has failed.
+def follow(api: "Api", drive_id: str, bars: ProgressBars, before: set[str]) -> dict[str, Any]:
+    """Show the progress of each stage until the drive is in the map or has failed.
 
     before : the stages that were done when the command began
     """
     from wayloom.client.watch import wait_for_drive
 
-    lines: dict[str, Any] = {}
-    said: set[str] = set()
-
-    def told(drive: dict[str, Any]) -> None:
-        for stage in drive["stages"]:
-            name = stage["stage"]
-            if stage["state"] == "waiting" and name not in lines:
-                continue
-            if name not in lines:
-                lines[name] = bars.add_task(f"{drive['name']}: {name}", total=1.0, words="")
-            bars.update(lines[name], completed=stage["progress"], words=stage["message"] or stage["state"])
-            if stage["state"] == "done" and name not in said:
-                said.add(name)
-                if not bars.console.is_terminal:
-                    when = "before" if name in before else f"in {stage['seconds']:.1f} s"
-                    print(f"{drive['name']}: {name} done {when}", flush=True)
-
-    return wait_for_drive(api, drive_id, told)
-
-
-def progress_bars() -> "Progress":
-    """Bars on stderr; nothing where stderr is no terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
-
-    columns = ("[progress.description]{task.description}", BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    console = Console(file=sys.stderr)
-    return Progress(*columns, TextColumn("{task.fields[words]}"), console=console, disable=not console.is_terminal)
+    name = api.drive(drive_id)["name"]
+    return wait_for_drive(api, drive_id, lambda stage: bars(f"{name}, {stage}"), before)
 
 
 def summary(drive: dict[str, Any]) -> str:

@@ -1,1 +1,1 @@
-"""The HTTP client: a drive's manifest, its resumable upload, and the watch over what becomes of it."""
+"""HTTP client of the service: a drive's manifest, its resumable upload, and polling of its progress."""

@@ -1,17 +1,16 @@
-"""One wayloom server, spoken to over HTTP. Every failure is a ServiceError that says what the server answered."""
+"""HTTP requests to one wayloom server with retries; every failure is a ServiceError that holds the server's answer."""
 
 import os
-import time
-from collections.abc import Iterable
 from types import TracebackType
 from typing import Any, Self
 
 import httpx2
 
+from wayloom.config.backoff import Backoff
 from wayloom.errors import NotFoundError, ServiceError
 
 RETRIED_STATUS = frozenset({423, 429, 500, 502, 503, 504})
-PAUSES_S = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+RETRIES = Backoff(first_s=0.25, longest_s=16.0, tries=8)
 TIMEOUT = httpx2.Timeout(connect=10.0, read=120.0, write=120.0, pool=None)
 
 
@@ -26,11 +25,11 @@ class AnswerError(ServiceError):
 class Api:
     """Requests with the key, tried again with growing pauses while the server is away. Safe to share between threads."""
 
-    def __init__(self, url: str, key: str | None = None, connections: int = 4, pauses_s: Iterable[float] = PAUSES_S) -> None:
+    def __init__(self, url: str, key: str | None = None, connections: int = 4, retries: Backoff = RETRIES) -> None:
         key = key or os.environ.get("WAYLOOM_API_KEY")
         headers = {"Authorization": f"Bearer {key}"} if key else {}
         limits = httpx2.Limits(max_connections=connections + 2, max_keepalive_connections=connections + 2)
-        self._pauses_s = tuple(pauses_s)
+        self._retries = retries
         try:
             self._client = httpx2.Client(base_url=url.rstrip("/"), headers=headers, timeout=TIMEOUT, limits=limits, trust_env=False)
         except httpx2.InvalidURL as error:
@@ -49,14 +48,13 @@ class Api:
 
     def json(self, method: str, path: str, **request: Any) -> Any:
         """The answer's JSON, after as many tries as it takes. Raises AnswerError, ServiceError."""
-        for pause_s in (*self._pauses_s, None):
+        for is_last in self._retries.attempts():
             try:
                 return self.once(method, path, **request).json()
             except ServiceError as error:
                 passing = not isinstance(error, AnswerError) or error.status in RETRIED_STATUS
-                if pause_s is None or not passing:
+                if is_last or not passing:
                     raise
-                time.sleep(pause_s)
         raise AssertionError("the last try either returns or raises")
 
     def once(self, method: str, path: str, **request: Any) -> httpx2.Response:

@@ -1,12 +1,13 @@
-"""From a drive log on disk to the manifest that announces it."""
+"""Upload manifest of a drive log: its files with sizes and hashes."""
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
 from wayloom.logs.registry import open_log
 from wayloom.logs.types import DriveLog
@@ -27,9 +28,9 @@ def pack(
     log_path: Path,
     gnss: Path | None = None,
     vehicle_id: str | None = None,
-    told: Callable[[int, int], None] = lambda _done, _of: None,
+    progress: Progress = silent,
 ) -> PackedDrive:
-    """Open the log, which refuses a bad one before a byte is sent, and hash its files. `told(done, of)` hears of bytes.
+    """Open the log, which refuses a bad one before a byte is sent, and hash its files.
 
     Raises InputError.
     """
@@ -39,7 +40,7 @@ def pack(
     sources |= gnss_sources
     if not sources:
         raise LogError("has no files", file=log_path, remedy="give a drive log")
-    files = _hashed(sources, told)
+    files = _hashed(sources, progress)
     manifest = Manifest(
         name=log.name, vehicle_id=vehicle_id or log.vehicle_id, format=log.format, log=_log_name(log), gnss=gnss_name, files=files
     )
@@ -47,7 +48,7 @@ def pack(
 
 
 def _log_name(log: DriveLog) -> str:
-    """Where the log itself lies below the folder that its files are relative to."""
+    """Path of the log itself below the folder that its files are relative to."""
     below = log.path.resolve().relative_to(log.root.resolve())
     return str(PurePosixPath("log", *below.parts))
 
@@ -77,14 +78,14 @@ def _gnss_folder_files(log: DriveLog, gnss: Path) -> Iterator[Path]:
         yield from sorted(path for path in (Path(folder) / name for name in names) if path not in packets or path in wanted)
 
 
-def _hashed(sources: dict[str, Path], told: Callable[[int, int], None]) -> tuple[ManifestFile, ...]:
+def _hashed(sources: dict[str, Path], progress: Progress) -> tuple[ManifestFile, ...]:
     total, done = sum(path.stat().st_size for path in sources.values()), 0
     files = []
     with ThreadPoolExecutor(HASH_THREADS) as pool:
         for name, (size, digest) in zip(sources, pool.map(_hash, sources.values()), strict=True):
             files.append(ManifestFile(path=name, size=size, sha256=digest))
             done += size
-            told(done, total)
+            progress(done / total if total else 1.0, f"{done / 1e6:.1f} of {total / 1e6:.1f} MB read")
     return tuple(files)
 
 

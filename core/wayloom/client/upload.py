@@ -1,16 +1,16 @@
-"""The upload of one drive: several files at once, each resumed where the server's stored bytes end, until the server has all."""
+"""Resumable, parallel upload of one drive (tus protocol), continued where the server's stored bytes end."""
 
 import base64
 import hashlib
 import threading
-import time
-from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any, Final
 
 from wayloom.client.api import RETRIED_STATUS, AnswerError, Api
 from wayloom.client.manifests import PackedDrive
+from wayloom.config.backoff import Backoff
+from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError, ServiceError
 
 CHUNK: Final = 16 << 20
@@ -18,62 +18,78 @@ CHUNK: Final = 16 << 20
 CONNECTIONS: Final = 4
 TUS: Final = {"Tus-Resumable": "1.0.0"}
 CONTENT: Final = {"Content-Type": "application/offset+octet-stream"}
+RETRIES: Final = Backoff(first_s=0.125, longest_s=16.0, tries=10)
+"""Of one file."""
 ROUNDS: Final = 3
 """How often the server is asked what it lacks: a file that was damaged on the way is sent again."""
-Told = Callable[[int, int], None]
 
 
-class Stopped(Exception):  # noqa: N818 - no error: another file's upload has failed and this one ends
+class UploadStopped(Exception):  # noqa: N818 - no error: another file's upload has failed and this one ends
     """The upload is over for another reason."""
 
 
 def upload(
-    api: Api, parcel: PackedDrive, told: Told = lambda _done, _of: None, connections: int = CONNECTIONS, chunk: int = CHUNK
+    api: Api, packed_drive: PackedDrive, progress: Progress = silent, connections: int = CONNECTIONS, chunk: int = CHUNK
 ) -> dict[str, Any]:
-    """Send what the server lacks of the drive and return its registration. `told(done, of)` hears of bytes that the server has.
+    """Send what the server lacks of the drive and return its registration.
 
     Running it again after any interruption continues; running it for a drive that is complete sends nothing.
     Raises LogError when a file changed on the way, ServiceError when the server stays away or refuses.
     """
-    manifest = parcel.manifest.model_dump(mode="json", exclude_none=True)
-    total = parcel.manifest.byte_count
+    manifest = packed_drive.manifest.model_dump(mode="json", exclude_none=True)
+    total = packed_drive.manifest.byte_count
+    counter = _Counter(total, progress)
     for _ in range(ROUNDS):
         registration: dict[str, Any] = api.json("POST", "/v1/drives", json=manifest)
         missing = registration["missing"]
-        stored = total - sum(file["size"] - file["offset"] for file in missing)
-        told(stored, total)
+        counter.set(total - sum(file["size"] - file["offset"] for file in missing))
         if not missing:
             return registration
-        _send_all(api, parcel, registration["id"], missing, _Counter(stored, total, told), connections, chunk)
+        _send_all(api, packed_drive, registration["id"], missing, counter, connections, chunk)
     registration = api.json("POST", "/v1/drives", json=manifest)
     if registration["missing"]:
         raise ServiceError(
             f"{len(registration['missing'])} files did not arrive whole, the first is {registration['missing'][0]['path']}"
         )
-    told(total, total)
+    counter.set(total)
     return registration
 
 
 class _Counter:
-    """Bytes that the server has, counted from several threads."""
+    """Bytes that the server has, counted from several threads. Bytes that were lost on the way do not let the share fall."""
 
-    def __init__(self, done: int, total: int, told: Told) -> None:
-        self._done, self._total, self._told = done, total, told
+    def __init__(self, total: int, progress: Progress) -> None:
+        self._done, self._total, self._progress, self._share = 0, total, progress, 0.0
         self._lock = threading.Lock()
+
+    def set(self, done: int) -> None:
+        with self._lock:
+            self._done = done
+            self._tell()
 
     def add(self, count: int) -> None:
         with self._lock:
             self._done += count
-            self._told(min(self._done, self._total), self._total)
+            self._tell()
+
+    def _tell(self) -> None:
+        self._share = max(self._share, min(1.0, self._done / self._total) if self._total else 1.0)
+        self._progress(self._share, f"{self._done / 1e6:.1f} of {self._total / 1e6:.1f} MB sent")
 
 
 def _send_all(
-    api: Api, parcel: PackedDrive, drive_id: str, missing: list[dict[str, Any]], counter: _Counter, connections: int, chunk: int
+    api: Api,
+    packed_drive: PackedDrive,
+    drive_id: str,
+    missing: list[dict[str, Any]],
+    counter: _Counter,
+    connections: int,
+    chunk: int,
 ) -> None:
     over = threading.Event()
 
     def one(file: dict[str, Any]) -> None:
-        _send_file(api, drive_id, file, parcel.sources[file["path"]], counter, over, chunk)
+        _send_file(api, drive_id, file, packed_drive.sources[file["path"]], counter, over, chunk)
 
     with ThreadPoolExecutor(connections) as pool:
         futures = [pool.submit(one, file) for file in missing]
@@ -84,7 +100,7 @@ def _send_all(
             pool.shutdown(cancel_futures=True)
     for future in done:
         error = future.exception()
-        if error is not None and not isinstance(error, Stopped):
+        if error is not None and not isinstance(error, UploadStopped):
             raise error
 
 
@@ -94,44 +110,34 @@ def _send_file(
     """One file from where the server has it, each chunk with its SHA-256, again after every interruption."""
     address: str | None = file["upload"]
     offset = int(file["offset"])
-    for pause_s in _pauses(over):
+    interrupted = False
+    for is_last in RETRIES.attempts(over.wait):
+        if interrupted and address is not None:
+            address, known = _continue_at(api, address, offset)
+            counter.add(known - offset)
+            offset = known
         try:
             while True:
                 if over.is_set():
-                    raise Stopped
+                    raise UploadStopped
                 content = _read(source, offset, min(chunk, file["size"] - offset), file["size"])
                 address, new_offset = _send_chunk(api, drive_id, file, address, offset, content)
                 counter.add(new_offset - offset)
                 offset = new_offset
                 if offset == file["size"]:  # an empty chunk at the end finishes a file that a killed server had not verified yet
                     return
-        except AnswerError as error:
-            if error.status == 409 and error.code == "conflict":
-                return  # complete already, by another client
-            if (error.status in (404, 410) and address is not None) or error.status == 460:
-                counter.add(-offset)
-                address, offset = None, 0  # dropped by the server: from the beginning
-            elif error.status != 409 and error.status not in RETRIED_STATUS:
-                raise
-            last: ServiceError = error
         except ServiceError as error:
-            last = error
-        if pause_s is None:
-            raise last
-        time.sleep(pause_s)
-        if address is not None:
-            address, known = _continue_at(api, address, offset)
-            counter.add(known - offset)
-            offset = known
-
-
-def _pauses(over: threading.Event) -> Iterator[float | None]:
-    """Pauses between tries; after None there is no further try."""
-    for pause_s in (0.1, 0.3, 1.0, 2.0, 4.0, 8.0, 15.0, 15.0):
-        if over.is_set():
-            raise Stopped
-        yield pause_s
-    yield None
+            if isinstance(error, AnswerError):
+                if error.status == 409 and error.code == "conflict":
+                    return  # complete already, by another client
+                if (error.status in (404, 410) and address is not None) or error.status == 460:
+                    counter.add(-offset)
+                    address, offset = None, 0  # dropped by the server: from the beginning
+                elif error.status != 409 and error.status not in RETRIED_STATUS:
+                    raise
+            if is_last:
+                raise
+            interrupted = True
 
 
 def _send_chunk(api: Api, drive_id: str, file: dict[str, Any], address: str | None, offset: int, content: bytes) -> tuple[str, int]:

@@ -1,21 +1,38 @@
-"""What becomes of a drive on the server, until it is in the map."""
+"""Progress of a drive on the server, until it is in the map."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Set
 from typing import Any
 
 from wayloom.client.api import Api
+from wayloom.config.progress import NamedProgress, silent_for_each
 
 OVER = ("done", "failed")
 
 
 def wait_for_drive(
-    api: Api, drive_id: str, told: Callable[[dict[str, Any]], None] = lambda _drive: None, poll_s: float = 0.5
+    api: Api,
+    drive_id: str,
+    progress: NamedProgress = silent_for_each,
+    done_before: Set[str] = frozenset(),
+    poll_s: float = 0.5,
 ) -> dict[str, Any]:
-    """Ask until the drive is done or has failed; `told` hears each answer. Returns the last. Raises NotFoundError, ServiceError."""
+    """Ask until the drive is done or has failed. Returns the last answer. Raises NotFoundError, ServiceError.
+
+    progress    : of each stage by its name
+    done_before : stages that an earlier upload of the drive has been through, of which no time is told
+    """
     while True:
         drive = api.drive(drive_id)
-        told(drive)
+        for stage in drive["stages"]:
+            if stage["state"] != "waiting":
+                progress(stage["stage"])(float(stage["progress"]), _words(stage, stage["stage"] in done_before))
         if drive["state"] in OVER:
             return drive
         time.sleep(poll_s)
+
+
+def _words(stage: dict[str, Any], before: bool) -> str:
+    if stage["state"] == "done":
+        return "done before" if before else f"done in {stage['seconds']:.1f} s"
+    return str(stage["message"] or stage["state"])

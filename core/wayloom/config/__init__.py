@@ -1,1 +1,1 @@
-"""What every room shares without knowing each other: the classes, the base of all settings, progress, where data lies."""
+"""Settings, classes, progress and data locations that all rooms share."""

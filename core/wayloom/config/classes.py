@@ -1,4 +1,4 @@
-"""The 19 Cityscapes train classes, their colours, and which of them belong in a map of things that stand still."""
+"""Semantic classes: the 19 Cityscapes train classes, their colours, and which of them move."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""The log of a process of the service: one JSON object a line on stderr, with the job's and drive's id where there is one."""
+"""JSON log of a service process: one object a line on stderr, with the job's and drive's id where there is one."""
 
 import logging
 import sys

@@ -1,4 +1,4 @@
-"""How long work tells how far it is."""
+"""Progress reports of long work."""
 
 from typing import Protocol
 
@@ -9,5 +9,16 @@ class Progress(Protocol):
     def __call__(self, share: float, what: str, /) -> None: ...
 
 
+class NamedProgress(Protocol):
+    """Gives the `Progress` of one piece of work among several (a stage, a file), by its name."""
+
+    def __call__(self, name: str, /) -> Progress: ...
+
+
 def silent(share: float, what: str, /) -> None:
     """A `Progress` for callers that do not want to know."""
+
+
+def silent_for_each(name: str, /) -> Progress:
+    """A `NamedProgress` for callers that do not want to know."""
+    return silent

@@ -1,53 +1,46 @@
-"""Settings of the service: where it listens, where its data lies, how patient it is. Each is an environment variable WAYLOOM_*."""
+"""Settings of the service: address, data folder, limits, time-outs."""
 
 import hashlib
 import ipaddress
 import os
 import tempfile
 from pathlib import Path
-from typing import Annotated
 
-from pydantic import Field, ValidationError, field_validator
-from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
+from pydantic import Field, field_validator
 
+from wayloom.config.settings import Settings
 from wayloom.errors import ConfigError
 
 LONGEST_SOCKET_PATH = 100
 """Bytes. Linux takes 107, macOS 103."""
 
 
-class ServiceSettings(BaseSettings):
-    """What the API, the workers and the sweeper share. Frozen; made once a process."""
-
-    model_config = SettingsConfigDict(env_prefix="WAYLOOM_", frozen=True, extra="forbid", env_ignore_empty=True)
+class ServiceSettings(Settings):
+    """What the API, the workers and the sweeper share, beside the settings of the stages. Made once a process."""
 
     data_dir: Path = Field(
-        Path("wayloom-data"), description="folder of the database, the uploads, the stages' outputs and the blobs"
+        Path("wayloom-data"),
+        validate_default=True,
+        description="folder of the database, the uploads, the stages' outputs and the blobs",
     )
-    database_url: str | None = Field(None, description="SQLAlchemy URL; default SQLite in the data folder")
-    broker_url: str | None = Field(None, description="Redis or Valkey URL; default the Unix socket in the data folder")
+    database_url: str | None = Field(None, repr=False, description="SQLAlchemy URL; default SQLite in the data folder")
+    broker_url: str | None = Field(None, repr=False, description="Redis or Valkey URL; default the Unix socket in the data folder")
     blob_url: str | None = Field(None, description="object store URL, s3://bucket/prefix; default a folder in the data folder")
 
     host: str = Field("127.0.0.1", description="address to listen on")
     port: int = Field(8088, ge=0, le=65535, description="port to listen on")
     api_key: str | None = Field(None, min_length=16, repr=False, description="required as a Bearer token under /v1 where set")
     map_id: str = Field("city", pattern=r"^[a-z0-9][a-z0-9-]{0,62}$", description="the map that drives go into")
-    map_origin: Annotated[tuple[float, float, float] | None, NoDecode] = Field(
-        None,
-        description="lon,lat,height of the map frame's origin, degrees and metres; default the centre of the whole-degree cell",
-    )
     map_versions_kept: int = Field(20, ge=1, description="older versions of a map are forgotten")
-    model: str | None = Field(
-        None, description="segmentation network: a name of the catalogue or an ONNX file; default the built-in one"
-    )
 
-    steps: str = Field("wayloom_workers.production:STEPS", description="module:NAME of the table of stages that the workers run")
+    stage_hooks: str = Field(
+        "wayloom_workers.production:stage_hooks", description="module:NAME of the function that gives the workers' hooks of a stage"
+    )
     lease_s: float = Field(90.0, gt=0.5, description="seconds without a heartbeat after which a job is taken from its worker")
     heartbeat_s: float = Field(3.0, gt=0.05, description="seconds between heartbeats")
     sweep_s: float = Field(2.0, gt=0.05, description="seconds between two looks of the sweeper")
     resend_s: float = Field(10.0, gt=0.1, description="seconds after which a queued job that nobody has taken is sent again")
     max_attempts: int = Field(3, ge=1, le=20, description="attempts of one stage before the drive fails")
-    threads: int = Field(1, ge=1, le=64, description="threads of one stage")
 
     max_file_bytes: int = Field(64 * 2**30, gt=0, description="largest file of a drive, bytes")
     max_drive_files: int = Field(200_000, gt=0, description="most files of a drive")
@@ -60,11 +53,6 @@ class ServiceSettings(BaseSettings):
     upload_expiry_s: float = Field(
         7 * 86400.0, gt=0, description="seconds after its last byte at which an unfinished upload is dropped"
     )
-
-    @field_validator("map_origin", mode="before")
-    @classmethod
-    def _split_origin(cls, value: object) -> object:
-        return tuple(float(part) for part in value.split(",")) if isinstance(value, str) else value
 
     @field_validator("data_dir")
     @classmethod
@@ -108,24 +96,3 @@ class ServiceSettings(BaseSettings):
                 f"{self.host} can be reached by other machines and no API key is set",
                 remedy="set WAYLOOM_API_KEY (16 characters or more) or listen on 127.0.0.1",
             )
-
-    def environment(self) -> dict[str, str]:
-        """The variables that give a child process exactly these settings."""
-        values = {name: getattr(self, name) for name in type(self).model_fields}
-        given = {f"WAYLOOM_{name.upper()}": _as_text(value) for name, value in values.items() if value is not None}
-        kept = {name: value for name, value in os.environ.items() if name.removeprefix("WAYLOOM_").lower() not in values}
-        return kept | given
-
-
-def load_service_settings(**given: object) -> ServiceSettings:
-    """The settings from the environment, with `given` above it. Raises ConfigError that names the variable."""
-    try:
-        return ServiceSettings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
-    except ValidationError as error:
-        first = error.errors()[0]
-        name = "WAYLOOM_" + "_".join(str(part) for part in first["loc"]).upper()
-        raise ConfigError(f"{name}: {first['msg']}", remedy="see docs/service.md for every setting") from None
-
-
-def _as_text(value: object) -> str:
-    return ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)

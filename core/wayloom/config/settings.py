@@ -1,4 +1,4 @@
-"""The base of all settings: frozen, closed, each with its range and unit in its `Field`."""
+"""Base class of all settings: frozen, closed, each with its range and unit in its `Field`."""
 
 from pydantic import BaseModel, ConfigDict
 

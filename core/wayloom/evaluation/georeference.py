@@ -1,4 +1,4 @@
-"""How far a mapped track lies from a reference track on Earth, in the vertical of the place itself."""
+"""Geo-referencing error: distance of a mapped track from a reference track, in the local vertical."""
 
 from dataclasses import asdict, dataclass
 
@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import InputError
-from wayloom.georeference.geodesy import enu_from_lonlatheight, lonlatheight_from_enu
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.geodesy.wgs84 import enu_from_lonlatheight, lonlatheight_from_enu
 
 FloatArray = NDArray[np.float64]
 
@@ -35,12 +35,12 @@ class TrackDistance:
 
 
 def spread(distances: FloatArray) -> Spread:
-    """distances (N,) m, N >= 1."""
+    """Median, 95th percentile and maximum of distances (N,) m, N >= 1."""
     return Spread(float(np.median(distances)), float(np.percentile(distances, 95)), float(distances.max()))
 
 
 def antenna_enu(T_enu_cam: FloatArray, p_cam_gnss: FloatArray) -> FloatArray:
-    """(N, 3) m: where the antenna p_cam_gnss (3,) m of a camera at T_enu_cam (N, 4, 4) is."""
+    """(N, 3) m: position of the antenna p_cam_gnss (3,) m of a camera at T_enu_cam (N, 4, 4)."""
     positions: FloatArray = T_enu_cam[:, :3, :3] @ p_cam_gnss + T_enu_cam[:, :3, 3]
     return positions
 

@@ -1,4 +1,4 @@
-"""What each switch of the labelling does: rows beside the paper's and the default form."""
+"""Ablation of temporally consistent labelling: one row for each setting beside the paper's and the default form."""
 
 from typing import Final
 
@@ -9,12 +9,12 @@ ABLATION: Final[dict[str, LabellingSettings]] = {
     "paper, any projection": PAPER.model_copy(update={"reach": 20}),
     "best, hard votes": LabellingSettings(votes="hard"),
     "best, obs(p) alone": LabellingSettings(reach=0),
-    "best, no nearness": LabellingSettings(nearness_power=0.0),
+    "best, no inverse-depth weight": LabellingSettings(inverse_depth_power=0.0),
     "best, occlusion check": LabellingSettings(occlusion_check=True),
     "best, boundaries": LabellingSettings(boundary_px=5.0),
     "best, depth variance": LabellingSettings(reprojection_px=2.0),
-    "best, each point alone": LabellingSettings(spread=0.0),
-    "best, rare classes as they are": LabellingSettings(rarity=0.0),
-    "best, frames between": LabellingSettings(between_keyframes=True),
+    "best, no neighbours": LabellingSettings(spread=0.0),
+    "best, no class prior correction": LabellingSettings(class_prior_power=0.0),
+    "best, frames between keyframes": LabellingSettings(between_keyframes=True),
 }
-"""Name of the row to settings."""
+"""Name of the row to its settings."""

@@ -1,4 +1,4 @@
-"""How steady labels are where there is no truth: the same thing should have the same label, whoever looks at it."""
+"""Consistency of labels without truth: flips between the observers of a point, disagreement of points at one place."""
 
 from dataclasses import dataclass
 

@@ -1,7 +1,7 @@
-"""How sure the gain of a vote is, and how much any vote could gain.
+"""Gain of mIoU over the single image with its bootstrap interval, and an upper bound for any weighting of the votes.
 
-Neighbouring points err together, so the interval comes from resampling pieces of street, not points. What no image shows right, no
-vote over images can put right: `some_vote_is_right` bounds every weighting of the same votes.
+The errors of neighbouring points are correlated, so the bootstrap resamples blocks: pieces of street, not points. A point that no
+image labels correctly cannot be corrected by a vote over images: `some_vote_is_right` bounds every weighting of the same votes.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Which of the odometry's points are judged, and by what: the paper's filters, each counted.
+"""Association of map points with labelled LiDAR points and pixels, and the paper's filters, each counted.
 
 Labelled LiDAR points up to 100 m are projected into each keyframe's image with the given poses; a point of the keyframe is matched
 to the nearest one in the image, rejected where the depths disagree, and judged only where LiDAR and image have the same label,

@@ -1,6 +1,6 @@
-"""Pictures like the paper's figs. 4 and 5: points over a keyframe's image, true, as the image says, and after the vote.
+"""Figures of labelled points over keyframe images: ground truth, single image, after the vote (the paper's figs. 4 and 5).
 
-Points that the vote put right are boxed green, those that are still wrong red.
+Points that the vote corrected are boxed green, those that are still wrong red.
 """
 
 from typing import Final

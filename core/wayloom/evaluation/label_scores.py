@@ -1,4 +1,4 @@
-"""How right labels are: the paper's table, from counts of true and found classes.
+"""Label metrics from a confusion matrix: IoU, class-wise accuracy, mIoU and overall accuracy.
 
     IoU_c = TP_c / (TP_c + FP_c + FN_c)      accuracy_c = TP_c / N_c, where N_c points are labelled c      OA = sum TP_c / N
 

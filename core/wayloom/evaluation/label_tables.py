@@ -1,4 +1,4 @@
-"""The benchmark's table as text in the paper's layout, as CSV and as LaTeX."""
+"""Tables of the label benchmark as text in the paper's layout, as CSV and as LaTeX."""
 
 import csv
 import io
@@ -13,12 +13,12 @@ TITLES: Final = {
     "baseline": "baseline (single image)", "tcl_mono": "TCL mono", "tcl_stereo": "TCL stereo", "best": "best (default)",
 }  # fmt: skip
 PAPER_ROWS: Final = {"baseline": (58.5, 91.4), "tcl_mono": (63.6, 94.1), "tcl_stereo": (65.1, 95.2)}
-"""mIoU and OA that the paper tells for KITTI-360."""
+"""mIoU and OA that the paper gives for KITTI-360."""
 _SHORT: Final = {"traffic light": "light", "traffic sign": "sign", "motorcycle": "motorc."}
 
 
 def as_text(result: LabelBenchmark) -> str:
-    """Both tables: IoU of each class, mIoU, OA; then the class-wise accuracy; then the filters."""
+    """Both tables, without and with points at boundaries: IoU and accuracy of each class, gains; then the filters."""
     parts = [
         f"{len(result.drives)} drives ({', '.join(result.drives)}), network {result.model}",
         "",
@@ -53,22 +53,27 @@ def as_csv(result: LabelBenchmark) -> str:
 
 
 def as_latex(result: LabelBenchmark) -> str:
-    """Two tabulars: classes as columns, as in the paper."""
-    names = [CLASS_NAMES[c] for c in JUDGED]
-    heads = " & ".join(rf"\rotatebox{{90}}{{{name}}}" for name in names)
+    """Four tabulars, classes as columns as in the paper: IoU and class-wise accuracy, without and with points at boundaries."""
+    kinds = (("without boundaries", result.rows), ("with boundaries", result.rows_with_boundaries))
     parts = []
-    for caption, rows in (("without boundaries", result.rows), ("with boundaries", result.rows_with_boundaries)):
-        lines = [f"% points {caption}; network {result.model}; IoU in percent", rf"\begin{{tabular}}{{l{'r' * (len(names) + 2)}}}"]
-        lines += [r"\hline", rf" & {heads} & mIoU & OA \\", r"\hline"]
-        for row, score in rows.items():
-            cells = [_number(score.iou.get(name)) or "--" for name in names]
-            lines.append(
-                rf"{TITLES.get(row, row)} & {' & '.join(cells)} & {_number(score.miou)} & {_number(score.oa)} \\".replace(
-                    "_", r"\_"
-                )
-            )
-        parts.append("\n".join([*lines, r"\hline", r"\end{tabular}"]))
+    for points, rows in kinds:
+        comment = f"% points {points}; network {result.model};"
+        iou = {row: (score.iou, [score.miou, score.oa]) for row, score in rows.items()}
+        accuracy = {row: (score.accuracy, [score.oa]) for row, score in rows.items()}
+        parts.append(_tabular(f"{comment} IoU in percent", ["mIoU", "OA"], iou))
+        parts.append(_tabular(f"{comment} class-wise accuracy TP_c / N_c in percent, N_c points got class c", ["OA"], accuracy))
     return "\n\n".join(parts) + "\n"
+
+
+def _tabular(comment: str, means: list[str], rows: dict[str, tuple[dict[str, float], list[float]]]) -> str:
+    """One tabular: a column for each class, then the means. rows : name to values by class, and means."""
+    names = [CLASS_NAMES[c] for c in JUDGED]
+    heads = [*(rf"\rotatebox{{90}}{{{name}}}" for name in names), *means]
+    lines = [comment, rf"\begin{{tabular}}{{l{'r' * len(heads)}}}", r"\hline", rf" & {' & '.join(heads)} \\", r"\hline"]
+    for row, (by_class, of_all) in rows.items():
+        cells = [*(_number(by_class.get(name)) or "--" for name in names), *map(_number, of_all)]
+        lines.append(rf"{TITLES.get(row, row)} & {' & '.join(cells)} \\".replace("_", r"\_"))
+    return "\n".join([*lines, r"\hline", r"\end{tabular}"])
 
 
 def _text_table(rows: dict[str, LabelScores]) -> str:
@@ -80,7 +85,7 @@ def _text_table(rows: dict[str, LabelScores]) -> str:
         cells = [_number(score.iou.get(name)) or "-" for name in names]
         line = [*cells, _number(score.miou), _number(score.oa)]
         lines.append(f"{TITLES.get(row, row):{width}}  " + " ".join(f"{cell:>8}" for cell in line))
-    lines.append("class-wise accuracy, TP of all points that got the class")
+    lines.append("class-wise accuracy TP_c / N_c, N_c points got class c")
     for row, score in rows.items():
         cells = [_number(score.accuracy.get(name)) or "-" for name in names]
         lines.append(f"{TITLES.get(row, row):{width}}  " + " ".join(f"{cell:>8}" for cell in cells))

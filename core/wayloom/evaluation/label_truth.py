@@ -1,4 +1,4 @@
-"""What the benchmark of labels knows of a drive: labelled LiDAR points and labelled images of its frames."""
+"""Ground truth of the label benchmark: labelled LiDAR points and labelled images of a drive's frames."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ Labels = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class TrueFrame:
-    """What is known of one frame. points_cam (N, 3) m in its left camera with their labels (N,) train ids, 255 = void;
+    """Ground truth of one frame. points_cam (N, 3) m in its left camera with their labels (N,) train ids, 255 = void;
     image (h, w) train ids of the left image."""
 
     points_cam: FloatArray
@@ -44,7 +44,7 @@ class LabelTruth(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class LabelledDrive:
-    """A drive and what is known of it."""
+    """A drive and its ground truth."""
 
     name: str
     log: DriveLog

@@ -1,4 +1,4 @@
-"""Networks on labelled photographs: the five KITTI frames and the CamVid frames of the recordings."""
+"""Segmentation metrics of a network on labelled photographs: five KITTI frames and the CamVid frames."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,13 +1,13 @@
-"""The paper's benchmark of labels: the odometry's points, labelled from single images, by TCL, and in our best form.
+"""Label benchmark (the paper's sec. IV): map points labelled from single images, by TCL mono and stereo, and by default.
 
-Everything is measured as it comes out of the pipeline: points, depths, poses and observers are the odometry's own.
+Points, depths, poses and observers are those of the odometry.
 """
 
 import hashlib
 import json
 import tempfile
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -24,12 +24,14 @@ from wayloom.evaluation.label_matching import REASONS, Matches, MatchSettings, m
 from wayloom.evaluation.label_scores import Counts, LabelScores, count, scores
 from wayloom.evaluation.label_truth import LabelledDrive
 from wayloom.labelling.settings import PAPER, LabellingSettings
-from wayloom.labelling.tcl import label_points, voting_frames
+from wayloom.labelling.tcl import label_points
+from wayloom.labelling.voting_frames import voting_frames
 from wayloom.odometry.result.odometry_file import load_odometry, save_odometry
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.types import OdometryResult
+from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.segmentation.network import Network
-from wayloom.segmentation.stage import KeyframeLabels, segment_keyframes
+from wayloom.segmentation.stage import segment_keyframes
 
 ROWS: Final = ("baseline", "tcl_mono", "tcl_stereo", "best")
 FORMS: Final = {"baseline": "baseline", "tcl_mono": "mono", "tcl_stereo": "stereo"}
@@ -37,9 +39,17 @@ FORMS: Final = {"baseline": "baseline", "tcl_mono": "mono", "tcl_stereo": "stere
 
 
 @dataclass(frozen=True, slots=True)
+class LabelBenchmarkSettings:
+    """variants: further rows by name, beside the paper's and `best` (the default form); match: the filters; odometry: tracking."""
+
+    variants: Mapping[str, LabellingSettings] = field(default_factory=dict)
+    match: MatchSettings = field(default_factory=MatchSettings)
+    odometry: OdometrySettings = field(default_factory=OdometrySettings)
+
+
+@dataclass(frozen=True, slots=True)
 class LabelledPoints:
-    """One drive as it was labelled: what the pictures are drawn from. labels: row of the table to labels (P,);
-    images: of its keyframes, for as long as the folder is there."""
+    """One labelled drive. labels: row of the table to labels (P,); images: of its keyframes, as long as the folder is there."""
 
     drive: LabelledDrive
     odometry: OdometryResult
@@ -79,9 +89,7 @@ class LabelBenchmark:
 def benchmark_labels(
     drives: list[LabelledDrive],
     network: Network,
-    variants: dict[str, LabellingSettings] | None = None,
-    match: MatchSettings = MatchSettings(),
-    odometry: OdometrySettings = OdometrySettings(),
+    settings: LabelBenchmarkSettings = LabelBenchmarkSettings(),
     work_dir: Path | None = None,
     threads: int = 1,
     progress: Progress = silent,
@@ -89,23 +97,21 @@ def benchmark_labels(
 ) -> LabelBenchmark:
     """Track, label and judge every drive, one after the other.
 
-    variants : further rows by name, beside the paper's and `best` (the default settings)
     work_dir : where tracks and label images stay for the next run; None: nowhere
     show : called with each drive when it is labelled
     A drive that cannot be tracked is left out and named in the result's `losses`; raises StageError where none is left.
     """
-    forms = {"best": LabellingSettings(), **(variants or {})}
     counts: dict[str, tuple[Counts, Counts]] = {}
     tallies: dict[str, tuple[list[Tally], list[Tally]]] = defaultdict(lambda: ([], []))
     filters, losses = dict.fromkeys(REASONS, 0), {}
     for number, drive in enumerate(drives):
 
-        def told(share: float, what: str, /, number: int = number, drive: LabelledDrive = drive) -> None:
+        def on_progress(share: float, what: str, /, number: int = number, drive: LabelledDrive = drive) -> None:
             progress((number + share) / len(drives), f"{drive.name}: {what}")
 
         with _folder_for(work_dir, drive) as folder:
             try:
-                done = _labelled(drive, network, forms, match, odometry, folder, threads, told)
+                done = _labelled(drive, network, settings, folder, threads, on_progress)
             except StageError as error:
                 losses[drive.name] = str(error)
                 continue
@@ -138,21 +144,20 @@ def _gains(tallies: dict[str, tuple[list[Tally], list[Tally]]], kind: int) -> di
 def _labelled(
     drive: LabelledDrive,
     network: Network,
-    forms: dict[str, LabellingSettings],
-    match: MatchSettings,
-    settings: OdometrySettings,
+    settings: LabelBenchmarkSettings,
     folder: Path,
     threads: int,
     progress: Progress,
 ) -> LabelledPoints:
-    odometry = _tracked(drive, settings, folder, threads, lambda share, what: progress(0.4 * share, what))
+    forms = {"best": LabellingSettings(), **settings.variants}
+    odometry = _tracked(drive, settings.odometry, folder, threads, lambda share, what: progress(0.4 * share, what))
     if len(odometry.keyframes) < 2:
         raise StageError("the odometry found fewer than 2 keyframes")
     labels_dir = labels_folder(folder, network)
     widest = max(forms.values(), key=lambda form: form.between_keyframes)
     frames = voting_frames(odometry, widest)
     segment_keyframes(drive.log, frames, network, labels_dir, lambda share, what: progress(0.4 + 0.4 * share, what))
-    matches = match_points(odometry, drive.truth, match, lambda share, what: progress(0.8 + 0.1 * share, what))
+    matches = match_points(odometry, drive.truth, settings.match, lambda share, what: progress(0.8 + 0.1 * share, what))
     progress(0.9, "votes")
     by_paper = label_points(odometry, KeyframeLabels(labels_dir, odometry.keyframes.frame), PAPER)
     labels = {row: getattr(by_paper, form) for row, form in FORMS.items()}
@@ -170,8 +175,8 @@ def labels_folder(folder: Path, network: Network) -> Path:
 
 def _tracked(drive: LabelledDrive, settings: OdometrySettings, folder: Path, threads: int, progress: Progress) -> OdometryResult:
     """The odometry, from the folder where an earlier run left it."""
-    said = json.dumps([settings.model_dump(mode="json"), drive.log.t_ns.tolist()], sort_keys=True)
-    file = folder / f"odometry-{hashlib.sha256(said.encode()).hexdigest()[:16]}.npz"
+    inputs = json.dumps([settings.model_dump(mode="json"), drive.log.t_ns.tolist()], sort_keys=True)
+    file = folder / f"odometry-{hashlib.sha256(inputs.encode()).hexdigest()[:16]}.npz"
     if file.is_file():
         try:
             return load_odometry(file)

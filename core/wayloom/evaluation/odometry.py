@@ -1,4 +1,4 @@
-"""The odometry on a recording, in numbers: what `benchmarks/odometry.py` puts in its table.
+"""Odometry benchmark of one recording: what `benchmarks/odometry.py` puts in its table.
 
 One run gives a flat dict of numbers; a few runs that differ in nothing but the seed of the choice of points give each number's
 median and spread. Differences below the spread mean nothing.
@@ -34,19 +34,20 @@ POLL_S = 0.02
 DRIFT_STRETCH_M = 100.0
 DEFAULT = "wayloom"
 EVERY_SECOND_FRAME = "every second frame dropped"
-NOTHING_CALIBRATED: dict[str, Any] = {"row_frames": (), "bias_prior": 1e15, "own_lens": False}
+NOTHING_CALIBRATED: dict[str, Any] = {"row_frames": (), "bias_prior": 1e15, "self_calibration": False}
 ABLATIONS: dict[str, dict[str, Any]] = {
     "no static stereo terms": {"static_weight": 0.0, "observer_right_weight": 0.0},
     "no observers' right images": {"observer_right_weight": 0.0},
     "no self-calibration": NOTHING_CALIBRATED,
-    "no lens of the drive's own": {"own_lens": False},
+    "no lens of the drive's own": {"self_calibration": False},
     "no disparity bias": {"bias_prior": 1e15},
     "disparity bias free at once": {"bias_gate": 0.0},
     "no rows": {"row_frames": ()},
     "bias not in the prior": {"ablation": {"bias_in_prior": False}},
     "no marginalisation prior": {"ablation": {"marginalisation_prior": False}},
     "no first-estimate Jacobians": {"ablation": {"first_estimates": False}},
-    "no immature points": {"traced_share": 0.0, "sought_points": 0},
+    "no epipolar search": {"traced_share": 0.0, "sought_points": 0},
+    "no epipolar search, fewer waiting points": {"traced_share": 0.0, "sought_points": 0, "matched_points": 0},
     "no gradient weight": {"gradient_scale": 1e6},
     "no affine brightness in the window": {"affine_prior": (1e9, 1e9)},
     EVERY_SECOND_FRAME: {},
@@ -68,6 +69,16 @@ class Summary:
         """NaN becomes None."""
         groups = {name: {key: _json(value) for key, value in getattr(self, name).items()} for name in ("median", "spread")}
         return {**asdict(self), **groups}
+
+    @classmethod
+    def from_json(cls, row: Mapping[str, Any]) -> "Summary":
+        """What `as_json` gave; None becomes NaN."""
+        median, spread = ({key: _number(value) for key, value in row[name].items()} for name in ("median", "spread"))
+        return cls(row["recording"], row["variant"], row["runs"], median, spread)
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else value
 
 
 def _json(value: float) -> float | None:
@@ -156,6 +167,12 @@ def measured(recording: Recording, variant: str = DEFAULT, seeds: Sequence[int] 
         settings = OdometrySettings.model_validate({**changes, "seed": seed})
         runs.append(measures(seen, *timed_track(seen, settings)))
     return summarise(recording.name, variant, runs)
+
+
+def replaced(committed: Sequence[Summary], new: Sequence[Summary]) -> list[Summary]:
+    """The committed rows, those of them that were measured again replaced in their place, and the new ones behind them."""
+    rows = {(row.recording, row.variant): row for row in committed} | {(row.recording, row.variant): row for row in new}
+    return list(rows.values())
 
 
 def warm_up(recording: Recording) -> None:

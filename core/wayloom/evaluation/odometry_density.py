@@ -1,4 +1,4 @@
-"""How dense and how well spread the odometry's points are."""
+"""Density and coverage of the odometry's points."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""How right the depths of the odometry's points are: against truth images of the simulated city, and against LiDAR."""
+"""Depth errors of the odometry's points, against ground-truth images of the simulated city and against LiDAR."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Other programs on the same recording: the prototype, and whatever peer is installed here."""
+"""Peer programs run on the same recording: the prototype, and other odometries that are installed."""
 
 import json
 import os

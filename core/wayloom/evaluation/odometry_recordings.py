@@ -1,4 +1,4 @@
-"""The recordings that the odometry is judged by: a log, the truths of its way, and what is known of its depths."""
+"""Recordings of the odometry benchmark: a log with ground-truth trajectories and depths."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,31 +1,49 @@
-"""The odometry's benchmark as Markdown."""
+"""Tables of the odometry benchmark as Markdown."""
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from wayloom.evaluation.odometry import DEFAULT, Summary
+from wayloom.evaluation.odometry_peers import PROTOTYPE
 
-ACCURACY: tuple[tuple[str, str, int], ...] = (
+Column = tuple[str, str, int]
+"""Column title, name of the number, digits."""
+CPU_SHARE = "share of the prototype's cpu"
+INTRODUCTION = """# Odometry benchmark
+
+Written whole by `python benchmarks/odometry.py --write` from the numbers in `benchmarks/odometry.json`; rows measured again
+are replaced, the others stay. [The guide](../odometry.md) says what the odometry does, [the design](../odometry-design.md) why.
+
+Each cell: median ± spread (largest minus smallest) over seeds of the choice of points. ATE is taken after the best rigid alignment,
+no scale; t_rel and r_rel over stretches that fit the recording. Depths are compared with the simulator's truth images, on clip B
+with LiDAR (the nearest return within 2 px that nothing hides from the camera, for points hosted up to three frames from the scan).
+CPU times are of one thread, decoding included, with the learning of the drive's own lens, which is done once a drive; a dash where
+they were taken on a busy machine. A block of 32×32 px has texture where ten of its pixels have a slope of 10 grey levels; it is
+covered where a point that the keyframe hosts or really saw lies in it. Ablations are judged by the last truth of each recording.
+"""
+ACCURACY: tuple[Column, ...] = (
     ("ATE m", "ATE m", 3),
     ("t_rel %", "t_rel %", 2),
     ("r_rel °/100 m", "r_rel deg/100 m", 2),
     ("frame to frame mm", "frame mm", 1),
     ("length ratio", "length ratio", 4),
 )
-"""Column title, name of the number, digits."""
-EFFORT: tuple[tuple[str, str, int], ...] = (
+EFFORT: tuple[Column, ...] = (
     ("keyframes", "keyframes", 0),
     ("bias px", "bias px", 2),
     ("CPU ms a frame: mean", "cpu mean ms", 1),
     ("median", "cpu median ms", 1),
     ("p95", "cpu p95 ms", 1),
+    ("of the prototype's mean", CPU_SHARE, 2),
     ("peak MB", "peak memory MB", 0),
     ("points a metre", "points/m", 0),
     ("textured blocks covered", "blocks covered", 2),
     ("on horizontal edges", "horizontal edges", 2),
 )
-DEPTH: tuple[tuple[str, str, int], ...] = (
+ABLATED_DENSITY: tuple[Column, ...] = (("points a metre", "points/m", 0), ("blocks covered", "blocks covered", 2))
+DEPTH: tuple[Column, ...] = (
     ("points compared", "depth points", 0),
     ("within 5 % up to 30 m", "depth within_5_percent", 3),
     ("more than 2 px off", "depth beyond_2_px", 3),
@@ -33,9 +51,7 @@ DEPTH: tuple[tuple[str, str, int], ...] = (
     ("median error px, abs(x) < 0.3", "depth median_px_centre", 2),
     ("median error px, sides", "depth median_px_sides", 2),
 )
-
-
-DRIFT: tuple[tuple[str, str, int], ...] = (
+DRIFT: tuple[Column, ...] = (
     ("km", "way km", 1),
     ("t_rel % over 100 m in the first km", "t_rel % first km", 3),
     ("in the last km", "t_rel % last km", 3),
@@ -71,16 +87,16 @@ def head(titles: Sequence[str]) -> list[str]:
 
 def accuracy_table(summaries: Sequence[Summary]) -> list[str]:
     """One row for each recording, truth and system."""
-    lines = head(["recording", "truth", "system", "tracked", *(title for title, _, _ in ACCURACY)])
+    lines = head(["recording", "truth", "system", "seeds", "tracked", *(title for title, _, _ in ACCURACY)])
     for summary in summaries:
         tracked = f"{summary.median['tracked']:.0f} of {summary.median['frames']:.0f}"
         for truth in truths(summary) or ["–"]:
             numbers = (cell(summary, f"{name} ({truth})", digits) for _, name, digits in ACCURACY)
-            lines.append(row([summary.recording, truth, summary.variant, tracked, *numbers]))
+            lines.append(row([summary.recording, truth, summary.variant, str(summary.runs), tracked, *numbers]))
     return lines
 
 
-def plain_table(summaries: Sequence[Summary], columns: Sequence[tuple[str, str, int]]) -> list[str]:
+def plain_table(summaries: Sequence[Summary], columns: Sequence[Column]) -> list[str]:
     """One row for each summary, these columns."""
     lines = head(["recording", "system", *(title for title, _, _ in columns)])
     return lines + [row([s.recording, s.variant, *(cell(s, name, digits) for _, name, digits in columns)]) for s in summaries]
@@ -93,28 +109,49 @@ def parts_table(summaries: Sequence[Summary]) -> list[str]:
     return lines + [row([s.recording, *(cell(s, name, 2) for name in parts)]) for s in summaries]
 
 
-def ablation_table(summaries: Sequence[Summary]) -> list[str]:
-    """ATE and t_rel of each variant on each recording, by the last truth of each; lost frames are said."""
-    recordings = list(dict.fromkeys(s.recording for s in summaries))
-    lines = head(["variant", *(f"{name}: ATE m; t_rel %" for name in recordings)])
+def ablation_table(summaries: Sequence[Summary], columns: Sequence[Column]) -> list[str]:
+    """These numbers of each variant on each recording, of truths by the last one of each; lost frames are said."""
+    recordings = list(dict.fromkeys(s.recording for s in summaries if s.variant != DEFAULT))
+    titles = "; ".join(title for title, _, _ in columns)
+    lines = head(["variant", *(f"{name}: {titles}" for name in recordings)])
     for variant in dict.fromkeys(s.variant for s in summaries):
-        cells = {s.recording: _ablation_cell(s) for s in summaries if s.variant == variant}
+        cells = {s.recording: _ablation_cell(s, columns) for s in summaries if s.variant == variant}
         lines.append(row([variant, *(cells.get(name, "–") for name in recordings)]))
     return lines
 
 
-def _ablation_cell(summary: Summary) -> str:
+def _ablation_cell(summary: Summary, columns: Sequence[Column]) -> str:
     lost = summary.median["frames"] - summary.median["tracked"]
-    truth = truths(summary)[-1]
-    error = f"{cell(summary, f'ATE m ({truth})', 3)}; {cell(summary, f't_rel % ({truth})', 2)}"
-    return error + (f", {lost:.0f} lost" if lost else "")
+    last = f" ({truths(summary)[-1]})"
+    names = ((name + last if name + last in summary.median else name, digits) for _, name, digits in columns)
+    return "; ".join(cell(summary, name, digits) for name, digits in names) + (f", {lost:.0f} lost" if lost else "")
 
 
-def page(summaries: Sequence[Summary], seeds: int) -> str:
-    """The whole block: accuracy, effort, depth, ablations; parts of it that were not measured are left out."""
-    own = [s for s in summaries if s.variant == DEFAULT]
-    systems = [s for s in summaries if s.variant == DEFAULT or "cpu median ms" not in s.median]
+def with_share_of_prototype(summaries: Sequence[Summary]) -> list[Summary]:
+    """The summaries, each of the product's with CPU_SHARE: its mean CPU time over the prototype's on the same recording."""
+    other = {s.recording: s.median["cpu mean ms"] for s in summaries if s.variant.startswith(PROTOTYPE)}
+    shares = {s.recording: s.median["cpu mean ms"] / other[s.recording] for s in summaries if s.recording in other and _is_own(s)}
+    return [
+        replace(s, median={**s.median, CPU_SHARE: shares[s.recording]}, spread={**s.spread, CPU_SHARE: 0.0})
+        if _is_own(s) and s.recording in shares
+        else s
+        for s in summaries
+    ]
+
+
+def _is_own(summary: Summary) -> bool:
+    return summary.variant == DEFAULT
+
+
+def page(summaries: Sequence[Summary]) -> str:
+    """The whole page: accuracy, effort, depth, ablations; parts of it that were not measured are left out."""
+    own = [s for s in summaries if _is_own(s)]
+    systems = with_share_of_prototype([s for s in summaries if _is_own(s) or "cpu median ms" not in s.median])
     ablations = [s for s in summaries if "cpu median ms" in s.median]
+    ablated = {s.recording for s in ablations if not _is_own(s)}
+    ablations = [s for s in ablations if s.recording in ablated]
+    seeds = sorted({s.runs for s in ablations if not _is_own(s)})
+    deep = [s for s in ablations if "depth points" in s.median]
     blocks: list[tuple[bool, str, Callable[[], list[str]]]] = [
         (bool(systems), "Accuracy", lambda: accuracy_table(systems)),
         (bool(systems), "Effort and density", lambda: plain_table(systems, EFFORT)),
@@ -128,14 +165,16 @@ def page(summaries: Sequence[Summary], seeds: int) -> str:
             "Long drives",
             lambda: plain_table([s for s in own if "way km" in s.median], DRIFT),
         ),
-        (
-            len(ablations) > len(own),
-            f"Ablations ({min((s.runs for s in ablations), default=0)} seeds)",
-            lambda: ablation_table(ablations),
-        ),
+        (bool(ablated), "Ablations: accuracy", lambda: [_seeds(seeds), "", *ablation_table(ablations, ACCURACY[:2])]),
+        (bool(ablated), "Ablations: density", lambda: ablation_table(ablations, ABLATED_DENSITY)),
+        (bool(ablated) and bool(deep), "Ablations: depth", lambda: ablation_table(deep, DEPTH[1:3])),
     ]
-    text = [f"Median ± spread (largest minus smallest) over {seeds} seeds of the choice of points.", ""]
+    text = [INTRODUCTION]
     for wanted, title, lines in blocks:
         if wanted:
-            text += [f"**{title}**", "", *lines(), ""]
+            text += [f"## {title}", "", *lines(), ""]
     return "\n".join(text)
+
+
+def _seeds(runs: Sequence[int]) -> str:
+    return f"{' or '.join(map(str, runs))} seed{'' if list(runs) == [1] else 's'} each; the first row as in the tables above."

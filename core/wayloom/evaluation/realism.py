@@ -1,4 +1,4 @@
-"""How near simulated images come to real ones: the same numbers of both, from the images alone.
+"""Image statistics of real and simulated stereo pairs: power spectra, gradients, stereo residuals.
 
 Nothing here knows where an image comes from. The stereo matches are the odometry's own, after it has re-aligned the rows, so that
 a real rig's calibration errors do not count as a difference of brightness.
@@ -31,8 +31,8 @@ CANDIDATE_CELL_PX = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """What was measured of a set of stereo pairs.
+class ImageStatistics:
+    """Statistics of a set of stereo pairs.
 
     slope, high_slope   of log power over log frequency, over all frequencies and above HIGH_FROM cycles a pixel
     strong_gradients    share of pixels whose grey value changes by more than STRONG_GRADIENT a pixel
@@ -52,8 +52,8 @@ class Look:
         return asdict(self)
 
 
-def look_of(pairs: Iterable[Pair], rig: StereoRig, settings: OdometrySettings = OdometrySettings()) -> Look:
-    """Measure stereo pairs of (h, w) or (h, w, 3) RGB uint8 images of one rig. Raises ValueError without a pair.
+def image_statistics(pairs: Iterable[Pair], rig: StereoRig, settings: OdometrySettings = OdometrySettings()) -> ImageStatistics:
+    """Statistics of stereo pairs of (h, w) or (h, w, 3) RGB uint8 images of one rig. Raises ValueError without a pair.
 
     The rows of left and right are aligned from the matches of all pairs, as the odometry does it from a few.
     """
@@ -63,7 +63,7 @@ def look_of(pairs: Iterable[Pair], rig: StereoRig, settings: OdometrySettings = 
     aligned = align_rows(grey, rig)
     slope, high_slope = spectrum_slopes([left for left, _ in grey])
     found = [stereo_residuals(left, right, settings) for left, right in aligned]
-    return Look(
+    return ImageStatistics(
         len(grey),
         slope,
         high_slope,

@@ -1,4 +1,4 @@
-"""A recording tracked and geo-referenced, and measured against what is known of its way: one row of docs/results.md."""
+"""Accuracy of tracking and geo-referencing on one recording: a row of docs/results.md."""
 
 import time
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ SPARSE_FIXES = 20
 
 @dataclass(frozen=True, slots=True)
 class RecordingRow:
-    """What was measured of one recording.
+    """Measurements of one recording.
 
     frames, tracked, segments   how much of it was tracked in one piece
     cpu_ms_per_frame            processor time of all threads, image decoding included, compiled kernels loaded before
@@ -94,7 +94,7 @@ def measure(
 
 
 def placed_distance(log: DriveLog, odometry: OdometryResult, one_in: int) -> TrackDistance | None:
-    """Distance of the mapped antenna to all fixes of the log, placed with one in `one_in` of them; None without GNSS."""
+    """Distance of the mapped antenna to all fixes of the log, geo-referenced with one in `one_in` of them; None without GNSS."""
     gnss = log.gnss
     if gnss is None:
         return None
@@ -107,7 +107,7 @@ def placed_distance(log: DriveLog, odometry: OdometryResult, one_in: int) -> Tra
 
 
 def every(gnss: GnssTrack, step: int) -> GnssTrack:
-    """Each step-th fix, the first and the last among them."""
+    """Every step-th fix, with the first and the last."""
     rows = np.unique(np.append(np.arange(0, len(gnss), step), len(gnss) - 1))
     return replace(
         gnss,
@@ -130,7 +130,7 @@ def ins_truth(drive: Path, log: DriveLog) -> FloatArray:
 
 
 def from_frame(truth: FloatArray, first: int) -> FloatArray:
-    """The same truth, unknown (NaN) before frame `first`."""
+    """The same poses, unknown (NaN) before frame `first`."""
     later = truth.copy()
     later[:first] = np.nan
     return later

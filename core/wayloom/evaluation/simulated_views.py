@@ -1,4 +1,4 @@
-"""The simulator measured: its images beside real ones, how a network that has never seen it labels them, what it costs."""
+"""Simulator benchmark: image statistics beside photographs, segmentation of simulated views, rendering cost."""
 
 import os
 import re
@@ -26,7 +26,7 @@ from wayloom.simulation.recording.worlds import build_world
 from wayloom.simulation.rendering.light import LightSettings
 from wayloom.simulation.rendering.outlines import without_holes
 from wayloom.simulation.rendering.renderer import World
-from wayloom.simulation.sensors.camera import developed, wanted_gain
+from wayloom.simulation.sensors.camera import developed, metered_gain
 from wayloom.simulation.sensors.optics import through_lens, true_cameras, truth_of
 from wayloom.simulation.vehicle.rigs import camera_on_ground, given_rig
 from wayloom.simulation.vehicle.vehicle_settings import VehicleSettings
@@ -132,14 +132,14 @@ def cost_of(size: str, frames: int, seed: int = 7) -> Cost:
 
 
 def _draw_with_truth(world: World, size: str, T_world_left: NDArray[np.float64], t_s: float) -> None:
-    """Everything that a stereo pair costs but for writing it."""
+    """Render one stereo pair with its truth, without writing it."""
     vehicle = VehicleSettings()
     cameras, given = true_cameras(vehicle, size), given_rig(vehicle, size).camera
     scene = world.scene(given, T_world_left, t_s)
     for k, camera in enumerate(cameras):
         T_world_cam = T_world_left @ camera.T_left_cam
-        light = through_lens(scene.image(camera.drawn, T_world_cam), camera, vehicle.left.blur_px)
-        developed(light, wanted_gain(light), given, vehicle.left, np.random.default_rng(k))
+        light = through_lens(scene.image(camera.rendered, T_world_cam), camera, vehicle.left.blur_px)
+        developed(light, metered_gain(light), given, vehicle.left, np.random.default_rng(k))
         truth_of(scene, camera, T_world_cam)
 
 

@@ -1,4 +1,4 @@
-"""Errors of a trajectory against truth, as the field measures them.
+"""Trajectory error metrics: ATE, relative errors as in KITTI, length ratio.
 
 ATE            root mean square position error after the best rigid alignment, no scale (Sturm et al. 2012, eq. 4 and 5)
 t_rel, r_rel   mean translation and rotation error over stretches of given lengths (Geiger et al., KITTI odometry, 2012)
@@ -23,7 +23,7 @@ TINY_LENGTHS_M = (10.0, 20.0, 30.0, 40.0, 50.0)
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryErrors:
-    """How far an estimate is from truth.
+    """Errors of an estimate against truth.
 
     frames                 poses that were compared
     truth_m, estimate_m    path lengths, m
@@ -62,7 +62,7 @@ def ate_rmse(T_estimate: FloatArray, T_truth: FloatArray) -> float:
 
 
 def stretch_lengths(path_m: float) -> tuple[float, ...]:
-    """Lengths in m of the stretches that suit a path: KITTI's own from 300 m on, shorter ones for clips."""
+    """Lengths of the subsequences for relative errors, m: KITTI's own from 300 m on, shorter ones for clips."""
     if path_m >= 3 * KITTI_LENGTHS_M[0]:
         return tuple(length for length in KITTI_LENGTHS_M if length <= path_m)
     return SHORT_LENGTHS_M if path_m >= 125.0 else TINY_LENGTHS_M

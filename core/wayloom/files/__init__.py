@@ -1,1 +1,1 @@
-"""Files that every room writes: atomic replacement, text records, time stamps, trajectories, PLY."""
+"""Writers and readers that every room uses: atomic replacement, text records, time stamps, trajectories, PLY clouds."""

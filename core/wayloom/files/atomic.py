@@ -1,4 +1,4 @@
-"""Files that are either whole or not there."""
+"""Atomic file writes: a temporary file put in place by one rename, so that a file is whole or not there."""
 
 import errno
 import os

@@ -45,8 +45,16 @@ def write_vertices(file: Path, rows: NDArray[np.void], comments: tuple[str, ...]
     """Write a structured array (N,) of little-endian numbers as the vertices of a PLY."""
     assert rows.dtype.names is not None
     properties = [f"property {NAMES_OF_TYPES[rows.dtype[name].str[1:]]} {name}" for name in rows.dtype.names]
-    said = [f"comment {' '.join(comment.split())}" for comment in comments]
-    header = ["ply", "format binary_little_endian 1.0", *said, f"element vertex {len(rows)}", *properties, "end_header", ""]
+    comment_lines = [f"comment {' '.join(comment.split())}" for comment in comments]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        *comment_lines,
+        f"element vertex {len(rows)}",
+        *properties,
+        "end_header",
+        "",
+    ]
     write_atomically(file, ("\n".join(header).encode("utf-8"), rows.tobytes()))
 
 
@@ -59,7 +67,7 @@ def read_ply(file: Path) -> Cloud:
 
 
 def places(rows: NDArray[np.void]) -> NDArray[np.float64]:
-    """(N, 3) x, y, z of vertices."""
+    """(N, 3) x, y, z of vertices, float64."""
     return np.column_stack([rows[name] for name in "xyz"]).astype(np.float64)
 
 

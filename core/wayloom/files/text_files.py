@@ -1,4 +1,4 @@
-"""Reading the small text files of a drive log, so that whatever is wrong in one ends in a single clear line."""
+"""Text file parsing with errors that name file, line and remedy."""
 
 from pathlib import Path
 

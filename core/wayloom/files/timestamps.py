@@ -1,4 +1,4 @@
-"""Time stamps of logs: decimal seconds or wall clock in text, int64 nanoseconds inside, exact both ways."""
+"""Time stamp conversion: decimal seconds or wall clock in text, int64 nanoseconds inside, exact both ways."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -85,8 +85,8 @@ def times_of_numbers(t_ns: NDArray[np.int64], numbers: Sequence[int], *, file: P
         lines = list(numbers)
     else:
         last = max(len(numbers), max(numbers, default=0) + 1) if len(t_ns) > len(numbers) else len(numbers)
-        said = f"{len(t_ns)} time stamps for {last} {what}"
-        raise LogError(said, file=file, remedy=f"give one line for each of the {what}, or remove those without a time stamp")
+        message = f"{len(t_ns)} time stamps for {last} {what}"
+        raise LogError(message, file=file, remedy=f"give one line for each of the {what}, or remove those without a time stamp")
     chosen = t_ns[lines]
     check_increasing(chosen, file=file, lines=[line + 1 for line in lines])
     return chosen

@@ -1,10 +1,12 @@
-"""Trajectories in the two formats that evo and the KITTI devkit read.
+"""Trajectory files in TUM and KITTI format, as evo and the KITTI devkit read them.
 
-TUM: `t x y z qx qy qz qw`, t in seconds. KITTI: the first three rows of T, relative to the first frame.
+TUM: `t x y z qx qy qz qw`, t in seconds, guessed poses between comment lines.
+KITTI: the first three rows of T, relative to the first frame.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +18,21 @@ from wayloom.files.timestamps import ns_from_seconds, seconds_from_ns
 from wayloom.geometry import se3
 
 FloatArray = NDArray[np.float64]
+GUESSED: Final = "# guessed: not tracked, by constant motion or inertia"
+TRACKED_AGAIN: Final = "# tracked"
 
 
-def write_tum(file: Path, t_ns: NDArray[np.int64], T_world_cam: FloatArray) -> None:
-    """t_ns (N,) int64 and T_world_cam (N, 4, 4), one line each; time stamps are exact, numbers good to 1e-9."""
+def write_tum(file: Path, t_ns: NDArray[np.int64], T_world_cam: FloatArray, tracked: NDArray[np.bool_] | None = None) -> None:
+    """t_ns (N,) int64 and T_world_cam (N, 4, 4), one line each; time stamps are exact, numbers good to 1e-9.
+
+    tracked : (N,) whether a pose was measured; None for all. Before poses that were not, and before the next that was, stands a
+              comment line, which evo and `read_tum` pass over
+    """
     x, y, z = T_world_cam[:, :3, 3].T
     qw, qx, qy, qz = se3.quaternion_wxyz(T_world_cam).T
     rows = np.column_stack([x, y, z, qx, qy, qz, qw])
-    lines = (f"{seconds_from_ns(int(t))} {_row(row)}" for t, row in zip(t_ns, rows, strict=True))
-    write_atomically(file, _text(lines))
+    lines = [f"{seconds_from_ns(int(t))} {_row(row)}" for t, row in zip(t_ns, rows, strict=True)]
+    write_atomically(file, _text(lines if tracked is None else _with_guesses_marked(lines, tracked)))
 
 
 def read_tum(file: Path) -> tuple[NDArray[np.int64], FloatArray]:
@@ -60,6 +68,16 @@ def read_kitti(file: Path) -> FloatArray:
             raise LogError("is no rotation", file=file, record=record, remedy="a line is the first three rows of a 4x4 motion")
         poses.append(np.vstack([T, (0.0, 0.0, 0.0, 1.0)]))
     return np.array(poses).reshape(-1, 4, 4)
+
+
+def _with_guesses_marked(lines: Sequence[str], tracked: NDArray[np.bool_]) -> Iterator[str]:
+    """The lines, each stretch of frames that were not tracked between two comments."""
+    before = True
+    for line, is_tracked in zip(lines, tracked.tolist(), strict=True):
+        if is_tracked != before:
+            yield TRACKED_AGAIN if is_tracked else GUESSED
+        before = is_tracked
+        yield line
 
 
 def _row(values: FloatArray) -> str:

@@ -1,1 +1,1 @@
-"""Rigid motions, camera models and rectification: pure functions on arrays. Conventions: docs/conventions.md."""
+"""Rigid-body transforms, camera models and rectification: pure functions on arrays. Conventions: docs/conventions.md."""

@@ -1,4 +1,4 @@
-"""The pinhole camera and the rectified stereo rig.
+"""Pinhole camera model and rectified stereo rig.
 
 Camera axes: x right, y down, z forward. Pixel (0, 0) is the centre of the top-left pixel.
 """

@@ -1,4 +1,4 @@
-"""The relative lens of a stereo rig's right camera: how the real right camera differs from the ideal rectified one.
+"""Relative lens model of a stereo rig's right camera: its rotation, offset, focal length and distortion against the ideal one.
 
 The ideal right camera shares the left one's intrinsics and axes and stands at t_right_left. A point p in its frame (m) is in the
 real one's
@@ -139,7 +139,7 @@ def parameter_jacobian(
 
 
 def lens_field(lens: RightLens, camera: PinholeCamera, step: int = 1) -> Array:
-    """What the lens does to infinitely far points: (h, w, 2) px, du and dv = real - ideal, at every `step`-th pixel."""
+    """Displacement by the lens at infinite depth: (h, w, 2) px, du and dv = real - ideal, at every `step`-th pixel."""
     v, u = np.mgrid[0 : camera.height : step, 0 : camera.width : step].astype(np.float64)
     uv = np.column_stack([u.ravel(), v.ravel()])
     return np.asarray((lens.real_pixels(camera, 0.0, uv) - uv).reshape(*u.shape, 2))

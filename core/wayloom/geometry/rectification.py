@@ -1,4 +1,4 @@
-"""Lens distortion and rectification: where the pixels of an ideal, rectified camera lie in the distorted image."""
+"""Radial-tangential lens distortion (Brown 1966) and the sampling maps that rectify an image."""
 
 from dataclasses import dataclass
 
@@ -97,7 +97,7 @@ def project_distorted(rays: Array, lens: DistortedCamera) -> Array:
 def rectifying_maps(
     lens: DistortedCamera, R_rect_cam: Array, rectified: PinholeCamera
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Where each pixel of the rectified image lies in the distorted one: u and v, each (h, w) float32 pixels.
+    """Sampling maps of rectification: u and v, each (h, w) float32, of the distorted image for each rectified pixel.
 
     R_rect_cam (3, 3) turns the distorted camera's axes into the rectified ones (KITTI's R_rect).
     """

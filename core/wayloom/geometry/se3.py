@@ -1,4 +1,4 @@
-"""Rigid motions: T_to_from, 4x4 float64, p_to = T_to_from @ p_from. Twists are xi = (v, omega), v in m, omega in rad.
+"""Rigid motions in SE(3): T_to_from, 4x4 float64, p_to = T_to_from @ p_from. Twists are xi = (v, omega), v in m, omega in rad.
 
 Perturbation is on the left: T <- exp(xi) T. (gtsam perturbs on the right and orders (omega, v): convert at that border only.)
 All functions broadcast over leading axes unless they say otherwise.

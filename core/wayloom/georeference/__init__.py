@@ -1,1 +1,1 @@
-"""A drive into a geo-referenced frame: geodesy, GNSS alignment; the only import of pyproj."""
+"""A drive into a geo-referenced frame: GNSS alignment, with honest covariance."""

@@ -1,4 +1,4 @@
-"""A drive put on the Earth: GNSS fixes and odometry to T_enu_cam of every frame, with an honest covariance.
+"""GNSS alignment of a drive: fixes and odometry to T_enu_cam of every frame, with its covariance.
 
 The graph is built in the tangent plane of the drive's own place, where up is up; the result is moved to the map's frame as a whole.
 """
@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError
+from wayloom.geodesy import wgs84
+from wayloom.geodesy.map_frame import MapFrame, map_frame_for
 from wayloom.geometry import se3
-from wayloom.georeference import geodesy
 from wayloom.georeference.first_guess import guess_nodes
 from wayloom.georeference.fixes import UsableFixes, usable_fixes
-from wayloom.georeference.frames import map_frame_for
 from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
 from wayloom.georeference.rigid import horizontal_spread
 from wayloom.georeference.settings import GeoReferenceSettings
-from wayloom.georeference.types import GeoReference, MapFrame
+from wayloom.georeference.types import GeoReference
 from wayloom.georeference.uncertainty import heading_sigma_rad, moved_covariance, position_covariance
 from wayloom.logs.types import DriveLog, GnssTrack
 from wayloom.mapping.drive_graph import optimise_drive
@@ -68,7 +68,7 @@ def georeference(
         raise StageError(f"{what}; look at them with `wayloom inspect`, or process the drive without GNSS") from None
     progress(0.9, "placing every frame")
     target = frame or map_frame_for(local.lon_deg, local.lat_deg)
-    T_target_local = geodesy.T_enu_enu(target, local)
+    T_target_local = wgs84.T_enu_enu(target, local)
     T_local_cam = spread_poses(trajectory, nodes, solution.T_enu_node)
     covariance = spread_covariances(len(trajectory), nodes, solution.covariance)
     report = _report(log.gnss, usable, fixes, solution, T_local_cam, covariance, trajectory, settings)
@@ -126,7 +126,7 @@ def _antenna_fixes(
         p_node_gnss=T_node_cam[:, :3, :3] @ log.p_cam_gnss + T_node_cam[:, :3, 3],
         v_node_gnss=(T_node_cam[:, :3, :3] @ v_cam_gnss[:, :, None])[:, :, 0],
         R_node_cam=T_node_cam[:, :3, :3],
-        position_enu=geodesy.enu_from_lonlatheight(gnss.lon_lat_height[usable.rows], local),
+        position_enu=wgs84.enu_from_lonlatheight(gnss.lon_lat_height[usable.rows], local),
         covariance=gnss.covariance_enu[usable.rows] + variance[:, None, None] * np.eye(3),
         kind=gnss.fix_type[usable.rows],
         white_share=np.full(len(usable.rows), settings.gnss_white_share),

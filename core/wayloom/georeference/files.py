@@ -1,4 +1,4 @@
-"""`georeference.npz`: one file with the poses, covariances, frame and report. Equal results give equal bytes."""
+"""Geo-reference file `georeference.npz`: poses, covariances, frame and report. Equal results give equal bytes."""
 
 import io
 import json
@@ -9,14 +9,16 @@ import numpy as np
 
 from wayloom.errors import InputError
 from wayloom.files.atomic import write_atomically
-from wayloom.georeference.types import GeoReference, MapFrame
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.georeference.types import GeoReference
 
+GEOREFERENCE_FILE = "georeference.npz"
 FORMAT = "wayloom-georeference"
 VERSION = 1
 
 
 def save_georeference(geo: GeoReference, path: Path) -> None:
-    """The file is whole or not there. (A zip of NumPy carries no time, so equal results are equal bytes.)"""
+    """Write atomically. (A zip of NumPy carries no time, so equal results are equal bytes.)"""
     frame = None if geo.frame is None else [geo.frame.lon_deg, geo.frame.lat_deg, geo.frame.height_m]
     header = {"format": FORMAT, "version": VERSION, "frame": frame, "report": geo.report}
     buffer = io.BytesIO()
@@ -26,7 +28,7 @@ def save_georeference(geo: GeoReference, path: Path) -> None:
 
 
 def load_georeference(path: Path) -> GeoReference:
-    """Raises InputError that names the file when it is missing, damaged or of another version."""
+    """Read a geo-reference. Raises InputError that names the file when it is missing, damaged or of another version."""
     remedy = "run the geo-reference stage again"
     try:
         with np.load(path, allow_pickle=False) as file:

@@ -1,4 +1,4 @@
-"""Where a drive lies at first sight: every segment aligned with its fixes, robustly."""
+"""Initial GNSS alignment of each track segment, robust against outliers."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Which GNSS fixes can be used, and how each is seen from the drive."""
+"""Selection of usable GNSS fixes, and their association with odometry poses."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""From the frames of a drive to the nodes of its graph, and back."""
+"""Node selection for a drive's graph, and interpolation of its solution back to all frames."""
 
 import numpy as np
 from numpy.typing import NDArray

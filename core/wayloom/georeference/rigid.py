@@ -1,4 +1,4 @@
-"""Rigid alignment of point pairs without scale, least-squares and robust: the first guess of where a drive lies."""
+"""Rigid point-set alignment without scale, least-squares and robust."""
 
 from collections.abc import Callable
 

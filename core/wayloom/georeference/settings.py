@@ -1,4 +1,4 @@
-"""Settings of the geo-reference. What the noise numbers mean, and what they were measured on, stands in `wayloom.mapping`."""
+"""Settings of the geo-reference. The noise model is explained in `wayloom.mapping`."""
 
 from pydantic import Field
 
@@ -6,7 +6,7 @@ from wayloom.config.settings import Settings
 
 
 class GeoReferenceSettings(Settings):
-    """How far odometry, GNSS and gravity are trusted."""
+    """Noise models of odometry, GNSS and gravity, and outlier gates."""
 
     position_noise_m: float = Field(
         0.005, gt=0.0, le=5.0, description="odometry: sigma of position after one metre at true scale, m; grows with the root"

@@ -1,4 +1,4 @@
-"""What the geo-reference leaves of a drive."""
+"""Map frame and geo-referenced drive."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -6,19 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.geodesy.map_frame import MapFrame
+
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class MapFrame:
-    """The local tangent plane of a map: east, north, up in metres at a fixed origin. Set for each map, never by its first drive.
-
-    lon_deg, lat_deg  WGS84 degrees; height_m ellipsoidal
-    """
-
-    lon_deg: float
-    lat_deg: float
-    height_m: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Readings of a pose's 6x6 covariance, which is of the left perturbation (v, omega): T <- exp(xi) T."""
+"""Pose covariance conversions; covariances are of the left perturbation (v, omega): T <- exp(xi) T."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""The labels of a drive's points as one npz file whose bytes depend on the labels alone."""
+"""File format of point labels: one npz file whose bytes depend on the labels alone."""
 
 import io
 import zipfile
@@ -14,6 +14,7 @@ from wayloom.errors import StageError
 from wayloom.files.atomic import write_atomically
 from wayloom.labelling.types import PointLabels
 
+LABELS_FILE: Final = "labels.npz"
 FORMAT_VERSION: Final = 1
 _EPOCH: Final = (1980, 1, 1, 0, 0, 0)
 

@@ -1,4 +1,4 @@
-"""What voters bring: the label images of keyframes, their scores, and the small images, the last few of them in memory."""
+"""Cache of the voters' images: labels, class scores, small grey images and distance transforms."""
 
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 
 from wayloom.errors import StageError
 from wayloom.geometry.camera import StereoRig
+from wayloom.labelling.settings import LabellingSettings
 from wayloom.segmentation.scores import Scores, rest_steps
 
 Image = NDArray[np.uint8]
 
 
 class LabelImages(Protocol):
-    """Label images by voter, (h, w) uint8 train ids: `wayloom.segmentation.stage.KeyframeLabels` is one.
+    """Label images by voter, (h, w) uint8 train ids: `wayloom.segmentation.keyframe_labels.KeyframeLabels` is one.
 
-    may_be_void : whether a pixel of theirs may be void
+    may_be_void : whether any pixel can be void
     is_balanced : whether the network's training weighed rare classes more
     """
 
@@ -35,10 +36,10 @@ class LabelImages(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Voter:
-    """What one voter brings, each for left and right.
+class VoterImages:
+    """The images of one voter, each for left and right.
 
-    labels       (h, w) uint8; the right one None where its scores say all that is asked of it
+    labels       (h, w) uint8; the right one None where its scores suffice
     scores       where they are wanted and there; rest (gh, gw) goes with them (`rest_steps`)
     small        the grey image at half size, where it is wanted
     to_boundary  (h, w) float32 px: distance of every pixel to the nearest label boundary, where it is wanted
@@ -50,32 +51,34 @@ class Voter:
     to_boundary: tuple[NDArray[np.float32], NDArray[np.float32]] | None
 
 
-class Voters:
-    """Voters by their row, opened when asked for; the last `held` stay in memory."""
+class VoterImageCache:
+    """Images of the voters by row, read when asked for; the least recently used beyond `capacity` are dropped."""
 
-    def __init__(self, images: LabelImages, rig: StereoRig, held: int, looks: bool, soft: bool, boundaries: bool) -> None:
-        """looks, soft, boundaries: whether small images, scores and distances to boundaries are wanted."""
+    def __init__(self, images: LabelImages, rig: StereoRig, capacity: int, settings: LabellingSettings) -> None:
         self._images = images
         self._size = (rig.camera.height, rig.camera.width)
-        self._held, self._looks, self._soft, self._boundaries = held, looks, soft, boundaries
-        self._cache: OrderedDict[int, Voter] = OrderedDict()
+        self._capacity = capacity
+        self._with_small = settings.ncc_power > 0
+        self._with_scores = settings.votes == "soft"
+        self._with_boundaries = settings.boundary_px > 0
+        self._cache: OrderedDict[int, VoterImages] = OrderedDict()
 
-    def __getitem__(self, row: int) -> Voter:
+    def __getitem__(self, row: int) -> VoterImages:
         if row not in self._cache:
-            self._cache[row] = self._opened(row)
-            if len(self._cache) > self._held:
+            self._cache[row] = self._read(row)
+            if len(self._cache) > self._capacity:
                 self._cache.popitem(last=False)
         self._cache.move_to_end(row)
         return self._cache[row]
 
-    def _opened(self, row: int) -> Voter:
+    def _read(self, row: int) -> VoterImages:
         scores = (self._scores("left", row), self._scores("right", row))
         left = self._label_image("left", row)
-        said = scores[1] is not None and not (self._images.may_be_void or self._boundaries)
-        right = None if said else self._label_image("right", row)
-        to_boundary = (_to_boundary(left), _to_boundary(right)) if self._boundaries and right is not None else None
-        small = (self._images.small("left", row), self._images.small("right", row)) if self._looks else None
-        return Voter((left, right), scores, small, to_boundary)
+        scores_suffice = scores[1] is not None and not (self._images.may_be_void or self._with_boundaries)
+        right = None if scores_suffice else self._label_image("right", row)
+        to_boundary = (_to_boundary(left), _to_boundary(right)) if self._with_boundaries and right is not None else None
+        small = (self._images.small("left", row), self._images.small("right", row)) if self._with_small else None
+        return VoterImages((left, right), scores, small, to_boundary)
 
     def _label_image(self, side: str, row: int) -> Image:
         image = self._images.left(row) if side == "left" else self._images.right(row)
@@ -84,7 +87,7 @@ class Voters:
         return image
 
     def _scores(self, side: str, row: int) -> tuple[Scores, NDArray[np.float32]] | None:
-        scores = self._images.scores(side, row) if self._soft else None
+        scores = self._images.scores(side, row) if self._with_scores else None
         return None if scores is None else (scores, rest_steps(scores))
 
 

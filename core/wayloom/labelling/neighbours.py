@@ -1,7 +1,7 @@
-"""Points that lie beside each other share their votes: in space, where what stands before a facade is not beside it.
+"""Gaussian smoothing of votes over each point's nearest neighbours in space.
 
-Not in the paper. An image knows where a label ends only to within a few pixels, and most of the odometry's points lie at edges; in
-the image a point at an object's edge has as much background as object around it, in space only the object.
+Not in the paper. Label boundaries in an image are uncertain by a few pixels, and most of the odometry's points lie at edges. In the
+image a point at an object's edge has as much background as object around it; its neighbours in space are the object's alone.
 """
 
 from dataclasses import dataclass
@@ -11,54 +11,54 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT
-from wayloom.labelling.kernels.nearest import LEAF, grow_tree, nearest_within
-from wayloom.labelling.kernels.neighbours import votes_around, weigh_nearest
-from wayloom.labelling.kernels.voting import sparse_votes, winners
+from wayloom.labelling.kernels.kd_tree import LEAF, build_kd_tree, nearest_within_radius
+from wayloom.labelling.kernels.neighbours import gaussian_weights, smoothed_votes
+from wayloom.labelling.kernels.voting import argmax_classes, sparse_votes
 from wayloom.labelling.types import SparseVotes
 from wayloom.odometry.types import OdometryResult
 
 FloatArray = NDArray[np.float64]
-NEAREST: Final = 8
-"""How many neighbours a point has at most."""
-FURTHEST: Final = 3.0
-"""… and how many sigmas away."""
-OWN: Final = 4.0
-"""How often a point's own votes count among theirs."""
+MAX_NEIGHBOURS: Final = 8
+"""Neighbours of a point at most."""
+MAX_SIGMAS: Final = 3.0
+"""Radius of the search, in sigmas of the Gaussian."""
+OWN_WEIGHT: Final = 4.0
+"""Weight of a point's own votes, where a neighbour at its place has 1."""
 _BLOCK: Final = 65_536
-"""Points whose votes lie side by side in memory, a number for every class."""
+"""Points whose dense vote vectors are in memory at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class Neighbours:
-    """rows (P, K) int32 of each point's neighbours, itself among them; closeness (P, K) float32, its own OWN, 0: is none."""
+    """rows (P, K) int32 of each point's neighbours, itself among them; weights (P, K) float32, its own OWN_WEIGHT, 0: none."""
 
     rows: NDArray[np.int32]
-    closeness: NDArray[np.float32]
+    weights: NDArray[np.float32]
 
 
 def neighbours(odometry: OdometryResult, spread: float) -> Neighbours:
-    """Each point's nearest ones of its segment: closeness exp(-r^2 / 2 s^2), where s is this share of its depth in its host.
+    """Nearest neighbours of each point in its segment, weighted exp(-r^2 / 2 s^2), s = spread times the depth in its host.
 
     A point without a depth has no neighbour but itself.
     """
     points = odometry.points
-    rows = np.repeat(np.arange(len(points), dtype=np.int32)[:, None], NEAREST + 1, axis=1)
-    closeness = np.zeros((len(points), NEAREST + 1), np.float32)
-    closeness[:, 0] = 1.0
+    rows = np.repeat(np.arange(len(points), dtype=np.int32)[:, None], MAX_NEIGHBOURS + 1, axis=1)
+    weights = np.zeros((len(points), MAX_NEIGHBOURS + 1), np.float32)
+    weights[:, 0] = 1.0
     with np.errstate(invalid="ignore"):
-        placed = np.isfinite(points.inverse_depth) & (points.inverse_depth > 0)
+        has_depth = np.isfinite(points.inverse_depth) & (points.inverse_depth > 0)
     segment = odometry.keyframes.segment[points.host]
-    everywhere = odometry.points_world()
-    for one in np.unique(segment[placed]):
-        members = np.flatnonzero(placed & (segment == one))
+    points_world = odometry.points_world()
+    for number in np.unique(segment[has_depth]):
+        members = np.flatnonzero(has_depth & (segment == number))
         sigma = spread / points.inverse_depth[members].astype(np.float64)
-        near, r2 = nearest(everywhere[members], FURTHEST * sigma, NEAREST + 1)
-        weigh_nearest(members, near, r2, sigma, OWN, rows, closeness)
-    return Neighbours(rows, closeness)
+        near, r2 = nearest(points_world[members], MAX_SIGMAS * sigma, MAX_NEIGHBOURS + 1)
+        gaussian_weights(members, near, r2, sigma, OWN_WEIGHT, rows, weights)
+    return Neighbours(rows, weights)
 
 
-def alone(count: int) -> Neighbours:
-    """Points that share with no other."""
+def no_neighbours(count: int) -> Neighbours:
+    """Each point with itself alone: `smoothed` leaves its votes as they are."""
     return Neighbours(np.arange(count, dtype=np.int32)[:, None], np.ones((count, 1), np.float32))
 
 
@@ -69,24 +69,24 @@ def nearest(places: FloatArray, radius: FloatArray, count: int) -> tuple[NDArray
     sorted_places, order = np.array(places, np.float64, order="C"), np.arange(len(places), dtype=np.int32)
     axes, splits = np.zeros((1 << levels) - 1, np.int8), np.zeros((1 << levels) - 1)
     rows, distance2 = np.empty((len(places), count), np.int32), np.empty((len(places), count))
-    grow_tree(sorted_places, order, axes, splits, levels)
-    nearest_within(sorted_places, order, axes, splits, levels, radius, rows, distance2)
+    build_kd_tree(sorted_places, order, axes, splits, levels)
+    nearest_within_radius(sorted_places, order, axes, splits, levels, radius, rows, distance2)
     return rows, distance2
 
 
-def shared(
-    votes: SparseVotes, near: Neighbours, baseline: NDArray[np.uint8], least_share: float
+def smoothed(
+    votes: SparseVotes, near: Neighbours, baseline: NDArray[np.uint8], min_share: float
 ) -> tuple[NDArray[np.uint8], SparseVotes]:
-    """Labels (P,) and votes when every point's votes are the mean of its neighbours'; the sum of its weights stays.
+    """Labels (P,) and votes when every point's votes are the weighted mean of its neighbours'; the sum of its own votes stays.
 
-    baseline : (P,) the labels of points without votes; least_share : classes with less of a point's votes are not kept
+    baseline : (P,) the labels of points without votes; min_share : classes with less of a point's votes are not kept
     """
     labels, parts = baseline.copy(), []
     for first in range(0, len(baseline), _BLOCK):
         stop = min(first + _BLOCK, len(baseline))
-        block = votes_around(votes.start, votes.classes, votes.weights, near.rows, near.closeness, first, stop, CLASS_COUNT)
-        labels[first:stop] = winners(block, baseline[first:stop])
-        parts.append(sparse_votes(block, least_share))
+        block = smoothed_votes(votes.start, votes.classes, votes.weights, near.rows, near.weights, first, stop, CLASS_COUNT)
+        labels[first:stop] = argmax_classes(block, baseline[first:stop])
+        parts.append(sparse_votes(block, min_share))
     if not parts:
         return labels, votes
     kinds, classes, weights = (np.concatenate(column) for column in zip(*parts, strict=True))

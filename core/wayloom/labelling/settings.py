@@ -1,4 +1,4 @@
-"""Settings of the labelling. The paper's own form is `PAPER`; the default is what does best on the benchmark."""
+"""Settings of temporally consistent labelling: the default form, and the paper's own (`PAPER`)."""
 
 from typing import Final, Literal
 
@@ -19,16 +19,18 @@ class LabellingSettings(Settings):
         12,
         ge=0,
         le=200,
-        description="keyframes before and after the host that vote as well if the point looks alike there; 0: obs(p)",
+        description="keyframes before and after the host that vote as well where the patches correlate; 0: obs(p)",
     )
-    likeness_power: float = Field(
+    ncc_power: float = Field(
         4.0,
         ge=0,
         le=16,
-        description="weight: correlation of the point's looks in host and observer to this power; 0: not looked at",
+        description="weight: normalised cross-correlation of the point's patches in host and observer to this power; 0: off",
     )
-    nearness_power: float = Field(1.0, ge=0, le=4, description="weight: inverse depth in the observer to this power (eq. 3: 1)")
-    occlusion_check: bool = Field(False, description="no vote where points that are seen there stand before the projection")
+    inverse_depth_power: float = Field(
+        1.0, ge=0, le=4, description="weight: inverse depth in the observer to this power (eq. 3: 1)"
+    )
+    occlusion_check: bool = Field(False, description="depth test: no vote where points that are seen there occlude the projection")
     boundary_px: float = Field(
         0.0, ge=0, le=100, description="votes nearer than this to a label boundary count by their distance, px"
     )
@@ -44,15 +46,15 @@ class LabellingSettings(Settings):
         le=0.2,
         description="points share their votes with those beside them, nearer in space than about this share of the depth; 0: none",
     )
-    rarity: float = Field(
+    class_prior_power: float = Field(
         0.1,
         ge=0,
         le=1,
-        description="a class's votes are divided by its share of the drive's votes to this power, where the network's training did "
-        "not weigh rare classes more; 0: not",
+        description="class prior correction: a class's votes are divided by its share of the drive's votes to this power, where "
+        "the network's training did not weight rare classes; 0: off",
     )
     between_keyframes: bool = Field(False, description="the frames between keyframes are labelled and vote as well")
 
 
-PAPER: Final = LabellingSettings(votes="hard", reach=0, likeness_power=0.0, spread=0.0, rarity=0.0)
+PAPER: Final = LabellingSettings(votes="hard", reach=0, ncc_power=0.0, spread=0.0, class_prior_power=0.0)
 """Equations 2 and 3 as they stand in the paper."""

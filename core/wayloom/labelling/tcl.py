@@ -1,4 +1,4 @@
-"""Temporally consistent labelling: every image in which a point was really seen votes for its class.
+"""Temporally consistent labelling (TCL): weighted majority vote of the images in which a point is visible.
 
 "Vision-based Large-scale 3D Semantic Mapping for Autonomous Driving Applications" (Cheng, Zeller, Cremers; 2022), sec. III-C:
 
@@ -6,13 +6,13 @@
     w_j  = d_j  where  d_j < 1 / dist_min,  else 0                  (eq. 3)
 
 Q holds the point in its host's left image, its projections into the left image of every keyframe j of obs(p), and the projections
-of those into the right images; d_j is its inverse depth in j: the nearer an observer, the more it knows, unless it is so near
-that the projection is worth nothing. Only right images with which the odometry found the point consistent vote.
+of those into the right images; d_j is its inverse depth in j. Only right images with which the odometry found the point consistent
+vote.
 
-Beyond the paper, each by a setting: the images themselves say in which further keyframes the point is seen, and how surely (the
-odometry's obs(p) ends with its window); a vote is shared by the network's probabilities; hidden projections do not vote; votes near
-label boundaries or with uncertain projections count less; frames between keyframes vote as well;
-points beside each other share their votes; rare classes' votes weigh more.
+Beyond the paper, each by a setting: visibility in further keyframes by the normalised cross-correlation of patches (the odometry's
+obs(p) ends with its window); soft votes by the network's probabilities; a depth test against occlusion; less weight near label
+boundaries and for uncertain projections; votes of the frames between keyframes; smoothing over neighbours in space; class prior
+correction.
 
 Points are taken host by host, so what is in memory is bounded by the keyframes within reach; time is linear in points x observers.
 """
@@ -28,42 +28,40 @@ from numpy.typing import NDArray
 from wayloom.config.classes import CLASS_COUNT, VOID
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry import se3
-from wayloom.labelling.casting import CELL_PX, HostedPoints, Projections, cast, looks_of
-from wayloom.labelling.images import LabelImages, Voters
-from wayloom.labelling.kernels.visibility import nearest_seen
-from wayloom.labelling.kernels.voting import in_order, sparse_votes, winners
-from wayloom.labelling.neighbours import alone, neighbours, shared
-from wayloom.labelling.rarity import favour, rarity_factors
+from wayloom.labelling.class_prior import class_prior_correction, class_prior_factors
+from wayloom.labelling.images import LabelImages, VoterImageCache
+from wayloom.labelling.kernels.visibility import occlusion_buffer
+from wayloom.labelling.kernels.voting import argmax_classes, sorted_by_point, sparse_votes
+from wayloom.labelling.neighbours import neighbours, no_neighbours, smoothed
+from wayloom.labelling.projection import CELL_PX, HostedPoints, Projections, add_votes, host_descriptors
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.labelling.types import PointLabels, SparseVotes
+from wayloom.labelling.voting_frames import voting_frames
 from wayloom.odometry.types import OdometryResult
 
-LEAST_SHARE = 0.01
+MIN_VOTE_SHARE = 0.01
 """Of soft votes, a class that got less than this share of its point's votes is not kept with the point."""
-MOST_HELD = 256
+MAX_CACHED_VOTERS = 256
 """Voters in memory at most, whatever the reach."""
-_Kept = tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.float32]]
-"""What `sparse_votes` gives of one host's points."""
+_HostVotes = tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.float32]]
+"""`sparse_votes` of one host's points."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Electorate:
-    """Who may vote. frame (V,) the log's frame of each voter, increasing; T_world_cam and T_cam_world (V, 4, 4); segment (V,);
-    of_keyframe (K,) the voter that each keyframe is."""
+class Voters:
+    """The frames whose images vote.
+
+    frame                     (V,) the log's frame of each voter, increasing
+    T_world_cam, T_cam_world  (V, 4, 4)
+    segment                   (V,)
+    of_keyframe               (K,) row of the voter that each keyframe is
+    """
 
     frame: NDArray[np.int32]
     T_world_cam: NDArray[np.float64]
     T_cam_world: NDArray[np.float64]
     segment: NDArray[np.int32]
     of_keyframe: NDArray[np.int64]
-
-
-def voting_frames(odometry: OdometryResult, settings: LabellingSettings) -> NDArray[np.int32]:
-    """The frames of the log whose images vote, increasing: the keyframes, or every tracked frame."""
-    if not settings.between_keyframes:
-        return odometry.keyframes.frame
-    frames = np.union1d(np.flatnonzero(odometry.trajectory.tracked), odometry.keyframes.frame)
-    return frames.astype(np.int32)
 
 
 def label_points(
@@ -80,93 +78,91 @@ def label_points(
     Raises StageError where an image is missing or has not the size of the rig's camera.
     """
     points, count = odometry.points, len(odometry.keyframes)
-    electorate = _electorate(odometry, settings)
-    held = _held(odometry, electorate, settings)
-    looks = settings.likeness_power > 0
-    voters = Voters(images, odometry.rig, held, looks, settings.votes == "soft", settings.boundary_px > 0)
-    seen = _SeenPoints(odometry) if settings.occlusion_check else None
+    voters = _voters(odometry, settings)
+    cache = VoterImageCache(images, odometry.rig, _cache_capacity(odometry, voters, settings), settings)
+    buffers = _OcclusionBuffers(odometry) if settings.occlusion_check else None
     labels = np.full((3, len(points)), VOID, np.uint8)
-    least_share = LEAST_SHARE if settings.votes == "soft" or settings.spread > 0 else 0.0
-    kept: tuple[list[_Kept], list[_Kept]] = ([], [])
+    min_share = MIN_VOTE_SHARE if settings.votes == "soft" or settings.spread > 0 else 0.0
+    by_host: tuple[list[_HostVotes], list[_HostVotes]] = ([], [])
     hosted = np.argsort(points.host, kind="stable")
     bounds = np.searchsorted(points.host[hosted], np.arange(count + 1))
     for k in range(count):
         progress(k / count, f"votes on the points of keyframe {k + 1} of {count}")
         rows = hosted[bounds[k] : bounds[k + 1]]
-        baseline, votes = _votes_on(odometry, k, rows, electorate, voters, seen, settings)
+        baseline, votes = _votes_on(odometry, k, rows, voters, cache, buffers, settings)
         both = votes.sum(axis=0)
-        labels[:, rows] = baseline, winners(votes[0], baseline), winners(both, baseline)
-        for part, counted in zip(kept, (votes[0], both), strict=True):
-            part.append(sparse_votes(counted, least_share))
-    mono, votes_kept = (_by_point(hosted, part) for part in kept)
-    rarity = 0.0 if images.is_balanced else settings.rarity
-    if rarity > 0:
-        factors = rarity_factors(votes_kept, rarity)
-        mono, votes_kept = favour(mono, factors), favour(votes_kept, factors)
-    if (settings.spread > 0 or rarity > 0) and len(points):
-        near = neighbours(odometry, settings.spread) if settings.spread > 0 else alone(len(points))
-        labels[1], _ = shared(mono, near, labels[0], least_share)
-        labels[2], votes_kept = shared(votes_kept, near, labels[0], least_share)
+        labels[:, rows] = baseline, argmax_classes(votes[0], baseline), argmax_classes(both, baseline)
+        for part, counted in zip(by_host, (votes[0], both), strict=True):
+            part.append(sparse_votes(counted, min_share))
+    mono, stereo = (_by_point(hosted, part) for part in by_host)
+    prior_power = 0.0 if images.is_balanced else settings.class_prior_power
+    if prior_power > 0:
+        factors = class_prior_factors(stereo, prior_power)
+        mono, stereo = class_prior_correction(mono, factors), class_prior_correction(stereo, factors)
+    if (settings.spread > 0 or prior_power > 0) and len(points):
+        near = neighbours(odometry, settings.spread) if settings.spread > 0 else no_neighbours(len(points))
+        labels[1], _ = smoothed(mono, near, labels[0], min_share)
+        labels[2], stereo = smoothed(stereo, near, labels[0], min_share)
     progress(1.0, f"votes on the points of {count} keyframes counted")
-    return PointLabels(labels[0], labels[1], labels[2], votes_kept.start, votes_kept.classes, votes_kept.weights)
+    return PointLabels(labels[0], labels[1], labels[2], stereo.start, stereo.classes, stereo.weights)
 
 
-def _electorate(odometry: OdometryResult, settings: LabellingSettings) -> _Electorate:
+def _voters(odometry: OdometryResult, settings: LabellingSettings) -> Voters:
     keyframes, trajectory = odometry.keyframes, odometry.trajectory
     frame = voting_frames(odometry, settings)
     of_keyframe = np.searchsorted(frame, keyframes.frame)
     T_world_cam, segment = trajectory.T_world_cam[frame].copy(), trajectory.segment[frame].copy()
     T_world_cam[of_keyframe], segment[of_keyframe] = keyframes.T_world_cam, keyframes.segment
-    return _Electorate(frame, T_world_cam, se3.inverse(T_world_cam), segment, of_keyframe)
+    return Voters(frame, T_world_cam, se3.inverse(T_world_cam), segment, of_keyframe)
 
 
-def _held(odometry: OdometryResult, electorate: _Electorate, settings: LabellingSettings) -> int:
+def _cache_capacity(odometry: OdometryResult, voters: Voters, settings: LabellingSettings) -> int:
     """How many voters must be in memory so that none is opened twice."""
-    points, of_keyframe = odometry.points, electorate.of_keyframe
+    points, of_keyframe = odometry.points, voters.of_keyframe
     host = np.repeat(points.host, np.diff(points.obs_start))
     furthest = int(np.abs(of_keyframe[points.obs_keyframe] - of_keyframe[host]).max(initial=0))
     gap = int(np.diff(of_keyframe).max(initial=1))
-    return min(MOST_HELD, 2 * max(furthest, settings.reach * gap) + 2)
+    return min(MAX_CACHED_VOTERS, 2 * max(furthest, settings.reach * gap) + 2)
 
 
 def _votes_on(
     odometry: OdometryResult,
     k: int,
     rows: NDArray[np.int64],
-    electorate: _Electorate,
     voters: Voters,
-    seen: "_SeenPoints | None",
+    cache: VoterImageCache,
+    buffers: "_OcclusionBuffers | None",
     settings: LabellingSettings,
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """Baseline (N,) and votes (2, N, C), left images and right ones, on the N points of keyframe k that lie in these rows."""
-    points, host = odometry.points, int(electorate.of_keyframe[k])
+    points, host = odometry.points, int(voters.of_keyframe[k])
     uv = points.uv_host[rows].astype(np.float64)
     if not len(rows):
         return np.zeros(0, np.uint8), np.zeros((2, 0, CLASS_COUNT))
-    small = voters[host].small
+    small = cache[host].small
     hosted = HostedPoints(
         uv, odometry.rig.camera.rays(uv), points.inverse_depth[rows].astype(np.float64),
         np.sqrt(np.maximum(points.variance[rows].astype(np.float64), 0.0)),
-        None if small is None else looks_of(small[0], uv),
+        None if small is None else host_descriptors(small[0], uv),
     )  # fmt: skip
     votes = np.zeros((2, len(rows), CLASS_COUNT))
     baseline = np.full(len(rows), VOID, np.uint8)
-    for voter, left, right in _ballots(odometry, k, rows, electorate, settings):
-        T_voter_host = electorate.T_cam_world[voter] @ electorate.T_world_cam[host]
+    for voter, left, right in _voters_of(odometry, k, rows, voters, settings):
+        T_voter_host = voters.T_cam_world[voter] @ voters.T_world_cam[host]
         is_host = voter == host
-        ballot = Projections(is_host, left, right, seen.nearest(electorate, voter) if seen else None)
-        labels = cast(votes, hosted, np.eye(4) if is_host else T_voter_host, voters[voter], ballot, odometry, settings)
+        projections = Projections(is_host, left, right, buffers.of(voters, voter) if buffers else None)
+        labels = add_votes(votes, hosted, np.eye(4) if is_host else T_voter_host, cache[voter], projections, odometry, settings)
         if is_host:
             baseline = labels
     return baseline, votes
 
 
-def _ballots(
-    odometry: OdometryResult, k: int, rows: NDArray[np.int64], electorate: _Electorate, settings: LabellingSettings
+def _voters_of(
+    odometry: OdometryResult, k: int, rows: NDArray[np.int64], voters: Voters, settings: LabellingSettings
 ) -> Iterator[tuple[int, NDArray[np.bool_], NDArray[np.bool_]]]:
-    """Each voter on the points of keyframe k in these rows, in time order: who it is, and which points it may judge by its left and
-    by its right image: those that the odometry saw there, or all if it is within reach."""
-    points, of_keyframe = odometry.points, electorate.of_keyframe
+    """The voters of the points of keyframe k in these rows, in time order: row of the voter, and (N,) which points are projected
+    into its left and into its right image: those that the odometry observed there, or all if it is within reach."""
+    points, of_keyframe = odometry.points, voters.of_keyframe
     start, length = points.obs_start[rows], np.diff(points.obs_start)[rows]
     first = np.concatenate([[0], np.cumsum(length)])
     taken = np.repeat(start - first[:-1], length) + np.arange(first[-1])
@@ -175,17 +171,17 @@ def _ballots(
     host = int(of_keyframe[k])
     reach = (of_keyframe[max(0, k - settings.reach)], of_keyframe[min(len(of_keyframe) - 1, k + settings.reach)])
     near = np.arange(reach[0], reach[1] + 1) if settings.reach else np.array([host])
-    near = near[electorate.segment[near] == electorate.segment[host]]
+    near = near[voters.segment[near] == voters.segment[host]]
     reached = set(near.tolist()) if settings.reach else set()
     beyond = np.flatnonzero((observer < reach[0]) | (observer > reach[1])) if reached else np.arange(len(observer))
     taken, of_point, observer = taken[beyond], of_point[beyond], observer[beyond]
     by_observer = np.argsort(observer, kind="stable")
-    voters = np.unique(np.concatenate([observer, near, [host]]))
-    bounds = np.searchsorted(observer[by_observer], np.append(voters, voters[-1] + 1)).tolist()
-    everyone = np.ones(len(rows), bool)
-    for i, voter in enumerate(voters.tolist()):
+    chosen = np.unique(np.concatenate([observer, near, [host]]))
+    bounds = np.searchsorted(observer[by_observer], np.append(chosen, chosen[-1] + 1)).tolist()
+    all_points = np.ones(len(rows), bool)
+    for i, voter in enumerate(chosen.tolist()):
         if voter in reached:
-            yield voter, everyone, everyone
+            yield voter, all_points, all_points
             continue
         left, right = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
         here = by_observer[bounds[i] : bounds[i + 1]]
@@ -195,8 +191,8 @@ def _ballots(
         yield voter, left, right
 
 
-class _SeenPoints:
-    """The points that the odometry saw in each keyframe, for the occlusion check; the last few grids stay in memory."""
+class _OcclusionBuffers:
+    """Occlusion buffer of each keyframe, of the points that the odometry observed there; the last few stay in memory."""
 
     def __init__(self, odometry: OdometryResult) -> None:
         points = odometry.points
@@ -205,27 +201,27 @@ class _SeenPoints:
         self._point = np.concatenate([np.arange(len(points)), np.repeat(np.arange(len(points)), np.diff(points.obs_start))])
         self._point = self._point[np.argsort(self._keyframe, kind="stable")]
         self._bounds = np.searchsorted(np.sort(self._keyframe), np.arange(len(odometry.keyframes) + 1))
-        self._grids: OrderedDict[int, NDArray[np.float32]] = OrderedDict()
+        self._buffers: OrderedDict[int, NDArray[np.float32]] = OrderedDict()
 
-    def nearest(self, electorate: _Electorate, voter: int) -> NDArray[np.float32] | None:
-        """`nearest_seen` in the voter's left image; None for a frame between keyframes."""
-        k = int(np.searchsorted(electorate.of_keyframe, voter))
-        if k >= len(electorate.of_keyframe) or electorate.of_keyframe[k] != voter:
+    def of(self, voters: Voters, voter: int) -> NDArray[np.float32] | None:
+        """`occlusion_buffer` of the voter's left image; None for a frame between keyframes."""
+        k = int(np.searchsorted(voters.of_keyframe, voter))
+        if k >= len(voters.of_keyframe) or voters.of_keyframe[k] != voter:
             return None
-        if k not in self._grids:
-            T = electorate.T_cam_world[voter]
+        if k not in self._buffers:
+            T = voters.T_cam_world[voter]
             p = self._world[self._point[self._bounds[k] : self._bounds[k + 1]]] @ T[:3, :3].T + T[:3, 3]
             p = p[p[:, 2] > 0]
             size = (math.ceil(self._camera.height / CELL_PX), math.ceil(self._camera.width / CELL_PX))
-            self._grids[k] = nearest_seen(self._camera.project(p), 1.0 / p[:, 2], CELL_PX, *size)
-            if len(self._grids) > MOST_HELD:
-                self._grids.popitem(last=False)
-        return self._grids[k]
+            self._buffers[k] = occlusion_buffer(self._camera.project(p), 1.0 / p[:, 2], CELL_PX, *size)
+            if len(self._buffers) > MAX_CACHED_VOTERS:
+                self._buffers.popitem(last=False)
+        return self._buffers[k]
 
 
-def _by_point(hosted: NDArray[np.int64], kept: list[_Kept]) -> SparseVotes:
+def _by_point(hosted: NDArray[np.int64], by_host: list[_HostVotes]) -> SparseVotes:
     """The sparse votes of all hosts' points, which come in the order `hosted`, in the order of the points."""
-    kinds = np.concatenate([np.zeros(0, np.int64), *(part[0] for part in kept)])
-    ids = np.concatenate([np.zeros(0, np.uint8), *(part[1] for part in kept)])
-    sums = np.concatenate([np.zeros(0, np.float32), *(part[2] for part in kept)])
-    return SparseVotes(*in_order(hosted, kinds, ids, sums))
+    kinds = np.concatenate([np.zeros(0, np.int64), *(part[0] for part in by_host)])
+    ids = np.concatenate([np.zeros(0, np.uint8), *(part[1] for part in by_host)])
+    sums = np.concatenate([np.zeros(0, np.float32), *(part[2] for part in by_host)])
+    return SparseVotes(*sorted_by_point(hosted, kinds, ids, sums))

@@ -1,4 +1,4 @@
-"""What the labelling leaves of a drive."""
+"""Results of the labelling: point labels and sparse vote vectors."""
 
 from dataclasses import dataclass
 

@@ -1,1 +1,1 @@
-"""Drive logs: what a vehicle recorded, whatever the format. Start at `wayloom.logs.registry.open_log`."""
+"""Drive logs: the recordings of vehicles, one reader a format. Start at `wayloom.logs.registry.open_log`."""

@@ -1,8 +1,9 @@
-"""What all writers of drives share: a folder that appears only when the drive is whole, and that can be continued until then."""
+"""Base class of the drive writers: atomic, resumable writing of images, time stamps, calibration and sensor records."""
 
 import shutil
 import tempfile
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
@@ -27,19 +28,42 @@ FloatArray = NDArray[np.float64]
 SIDES: Final = ("left", "right")
 
 
+@dataclass(frozen=True, slots=True)
+class SensorExtrinsics:
+    """Mounting of the sensors beside the cameras, each None where unknown or absent.
+
+    p_cam_gnss   (3,) m, the antenna in the left camera's frame
+    T_cam_imu    (4, 4), the IMU's frame into the left camera's
+    T_cam_lidar  (4, 4), the LiDAR's frame into the left camera's
+    """
+
+    p_cam_gnss: FloatArray | None = None
+    T_cam_imu: FloatArray | None = None
+    T_cam_lidar: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ImageEncoding:
+    """Format of a drive's images.
+
+    colour        whether frames are RGB
+    jpeg_quality  write JPEG of this quality (1 to 100) instead of PNG
+    distortion    k1 k2 p1 p2 k3 of both images, which are then as the lens made them, with K of the rig
+    """
+
+    colour: bool = True
+    jpeg_quality: int | None = None
+    distortion: Coefficients | None = None
+
+
 class DriveWriter(ABC):
-    """Streams a drive into a folder. Use it as a context manager: the drive takes its place at the end, or not at all.
+    """Streaming writer of a drive. Use it as a context manager: the drive appears at `path` at the end, or not at all.
 
     path         where the drive will be; must not exist, or be an empty folder
     folder       where to write while the drive is not whole; anything put there moves with it
     spool        a folder of the writer's own beside it, which goes when the drive is whole
     resume       keep what was written when it is interrupted, and continue what an interrupted writer of this path left: frames
                  that are whole are then passed to `count` instead of `add`. Else nothing is left behind
-    colour       whether frames are RGB
-    jpeg_quality write JPEG of this quality (1 to 100) instead of PNG
-    distortion   k1 k2 p1 p2 k3 of both images, which are then as the lens made them, with K of the rig
-    p_cam_gnss   (3,) m, T_cam_imu (4, 4): as in `DriveLog`, where known
-    T_cam_lidar  (4, 4): the LiDAR's frame into the left camera's, where there is one
     """
 
     name_digits: int
@@ -55,24 +79,22 @@ class DriveWriter(ABC):
         path: Path,
         rig: StereoRig,
         *,
-        colour: bool = True,
         rig_id: str | None = None,
         vehicle_id: str | None = None,
-        p_cam_gnss: FloatArray | None = None,
-        T_cam_imu: FloatArray | None = None,
-        T_cam_lidar: FloatArray | None = None,
-        jpeg_quality: int | None = None,
-        distortion: Coefficients | None = None,
+        extrinsics: SensorExtrinsics = SensorExtrinsics(),
+        encoding: ImageEncoding = ImageEncoding(),
         resume: bool = False,
     ) -> None:
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise LogError("exists and is no empty folder", file=path, remedy="remove it or give another path")
-        self.path, self.rig, self.colour, self.T_cam_imu, self.T_cam_lidar = path, rig, colour, T_cam_imu, T_cam_lidar
-        if distortion is not None and not self.holds_raw_images:
+        p_cam_gnss, T_cam_imu = extrinsics.p_cam_gnss, extrinsics.T_cam_imu
+        self.path, self.rig, self.T_cam_imu, self.T_cam_lidar = path, rig, T_cam_imu, extrinsics.T_cam_lidar
+        if encoding.distortion is not None and not self.holds_raw_images:
             raise LogError(
                 "this layout holds rectified images only", file=path, remedy="rectify the images, or take another layout"
             )
-        self.jpeg_quality, self.distortion, self.resume = jpeg_quality, distortion, resume
+        self.colour, self.jpeg_quality, self.distortion = encoding.colour, encoding.jpeg_quality, encoding.distortion
+        self.resume = resume
         self.times_ns: list[int] = []
         self.truth: list[FloatArray] = []
         self.gnss: GnssTrack | None = None
@@ -97,11 +119,11 @@ class DriveWriter(ABC):
 
     @abstractmethod
     def image_folders(self) -> tuple[Path, Path]:
-        """Left and right."""
+        """The folders of the left and the right images."""
 
     @abstractmethod
     def write_calibration(self) -> None:
-        """Write what the reader needs to know of the cameras."""
+        """Write the calibration files."""
 
     @abstractmethod
     def write_times(self) -> None:
@@ -109,15 +131,15 @@ class DriveWriter(ABC):
 
     @abstractmethod
     def lidar_file(self, index: int) -> Path:
-        """Where the scan of a frame lies: float32 x, y, z, reflectance."""
+        """Path of the scan of a frame: float32 x, y, z, reflectance."""
 
     @classmethod
     def folder_name(cls, name: str, distorted: bool) -> str:
-        """What the folder of a drive of that name is called."""
+        """The name of a drive's folder in this layout."""
         return name
 
     def image_files(self, index: int) -> tuple[Path, Path]:
-        """Where the left and the right image of a frame lie."""
+        """Paths of the left and the right image of a frame."""
         name = f"{index:0{self.name_digits}d}.{'png' if self.jpeg_quality is None else 'jpg'}"
         left, right = self.image_folders()
         return left / name, right / name
@@ -157,8 +179,8 @@ class DriveWriter(ABC):
             if file.is_file():
                 link_or_copy(file, copy)
 
-    def write_labels(self, index: int, side: int, class_id: NDArray[np.uint8], things: NDArray[np.integer]) -> None:
-        """Labels (h, w) of an image, for layouts that have a place for them."""
+    def write_labels(self, index: int, side: int, class_id: NDArray[np.uint8], instances: NDArray[np.integer]) -> None:
+        """Write class_id (h, w) train ids and instances (h, w) of an image, for layouts that hold labels."""
         return
 
     def write_lidar(
@@ -166,7 +188,7 @@ class DriveWriter(ABC):
         index: int,
         points: NDArray[np.float32],
         class_id: NDArray[np.uint8] | None = None,
-        things: NDArray[np.integer] | None = None,
+        instances: NDArray[np.integer] | None = None,
         moving: NDArray[np.bool_] | None = None,
     ) -> None:
         """points (N, 4) x, y, z m in the LiDAR's frame, reflectance 0 to 1: the scan of a frame; and, for layouts that have a
@@ -178,27 +200,27 @@ class DriveWriter(ABC):
         self.packets.append(packet)
 
     def set_gnss(self, track: GnssTrack) -> None:
-        """The fixes of a receiver with their whole covariance."""
+        """Set the fixes of a receiver, with their whole covariance."""
         self.gnss = track
 
     def set_imu(self, track: ImuTrack) -> None:
-        """The samples of an IMU whose frame is T_cam_imu's."""
+        """Set the samples of an IMU whose frame is that of T_cam_imu."""
         self.imu = track
 
     def set_exposures(self, exposure_s: FloatArray) -> None:
-        """(N, 2) s of all frames, left and right."""
+        """Set (N, 2) s, exposure times of all frames, left and right."""
         self.exposure_s = exposure_s
 
     def oxts_folder(self) -> Path:
-        """Where the packets lie."""
+        """The folder of the GNSS/INS packets."""
         return self.folder / "oxts"
 
-    def notes_folder(self) -> Path:
-        """Where wayloom.json, gnss.csv and imu.csv lie."""
+    def sidecar_folder(self) -> Path:
+        """The folder of wayloom.json, gnss.csv, imu.csv and exposure.csv."""
         return self.folder
 
     def write_positioning(self) -> None:
-        """Write the packets, gnss.csv, imu.csv and exposure.csv, as far as there are any."""
+        """Write GNSS/INS packets, gnss.csv, imu.csv and exposure.csv, as far as there are any."""
         if self.packets:
             shutil.rmtree(self.oxts_folder(), ignore_errors=True)
             oxts = OxtsWriter(self.oxts_folder())
@@ -206,11 +228,11 @@ class DriveWriter(ABC):
                 oxts.add(packet)
             oxts.finish()
         if self.gnss is not None:
-            write_gnss_csv(self.notes_folder() / GNSS_NAME, self.gnss)
+            write_gnss_csv(self.sidecar_folder() / GNSS_NAME, self.gnss)
         if self.imu is not None:
-            write_imu_csv(self.notes_folder() / IMU_NAME, self.imu)
+            write_imu_csv(self.sidecar_folder() / IMU_NAME, self.imu)
         if self.exposure_s is not None:
-            write_exposure_csv(self.notes_folder() / EXPOSURE_NAME, self.exposure_s)
+            write_exposure_csv(self.sidecar_folder() / EXPOSURE_NAME, self.exposure_s)
 
     def write_truth(self) -> None:
         """Write the true poses."""
@@ -219,7 +241,7 @@ class DriveWriter(ABC):
     def write_sidecar(self) -> None:
         """Write wayloom.json."""
         write_atomically(
-            self.notes_folder() / SIDECAR_NAME, (self.sidecar.model_dump_json(indent=2, exclude_none=True) + "\n").encode()
+            self.sidecar_folder() / SIDECAR_NAME, (self.sidecar.model_dump_json(indent=2, exclude_none=True) + "\n").encode()
         )
 
     def finish(self) -> Path:
@@ -237,7 +259,7 @@ class DriveWriter(ABC):
         return self.path
 
     def discard(self) -> None:
-        """Leave nothing behind but the whole drive."""
+        """Remove everything but the finished drive."""
         shutil.rmtree(self._base, ignore_errors=True)
 
     def __enter__(self) -> Self:
@@ -257,7 +279,7 @@ class DriveWriter(ABC):
 
 
 def unfinished_folder(path: Path) -> Path:
-    """Where a drive that can be continued lies until it is whole: hidden, beside its place."""
+    """The hidden folder, beside a drive's own, in which a drive is written until it is whole."""
     return path.with_name(f".{path.name}.unfinished")
 
 

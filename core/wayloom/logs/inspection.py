@@ -1,4 +1,4 @@
-"""What is in a drive log and what is wrong with it."""
+"""Inspection report of a drive log: rates, gaps, calibration, GNSS quality, damaged images."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,8 @@ from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
 from wayloom.files.text_files import utf8_text
 from wayloom.files.timestamps import NS, wall_clock_from_ns
-from wayloom.geometry.wgs84 import enu_from_lonlatheight
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.logs.types import DriveLog, FixType, GnssTrack, StoredLog
 
 FloatArray = NDArray[np.float64]
@@ -74,7 +75,7 @@ class DamagedImage(BaseModel):
 
 
 class LogReport(BaseModel):
-    """What `inspect_log` found. `usable` is False where an image is damaged."""
+    """Result of `inspect_log`. `usable` is False where an image is damaged."""
 
     path: str
     name: str
@@ -126,7 +127,7 @@ def inspect_log(log: DriveLog, *, decode: bool = True, progress: Progress = sile
 
 
 def imu_place(T_cam_imu: FloatArray) -> tuple[float, float, float]:
-    """The IMU in the left camera's frame, m."""
+    """(3,) m, the IMU's position in the left camera's frame."""
     x, y, z = (float(value) for value in T_cam_imu[:3, 3])
     return x, y, z
 
@@ -134,7 +135,7 @@ def imu_place(T_cam_imu: FloatArray) -> tuple[float, float, float]:
 def damaged_images(log: DriveLog, decode: bool, progress: Progress) -> Sequence[LogError]:
     """The errors of all images that cannot be used."""
     if isinstance(log, StoredLog):
-        return log.damaged(decode=decode, progress=lambda share: progress(share, "looking at images"))
+        return log.damaged(decode=decode, progress=progress)
     found = []
     for i in range(len(log)):
         try:
@@ -155,7 +156,7 @@ def rate_report(t_ns: NDArray[np.int64]) -> RateReport:
 
 
 def camera_report(log: DriveLog) -> CameraReport:
-    """The calibration in short."""
+    """Report of the rig's calibration."""
     camera = log.rig.camera
     files = log if isinstance(log, StoredLog) else None
     stored = files.stored_sizes[0] if files else (camera.width, camera.height)
@@ -176,7 +177,7 @@ def camera_report(log: DriveLog) -> CameraReport:
 
 
 def gnss_report(gnss: GnssTrack, p_cam_gnss: FloatArray, t_ns: NDArray[np.int64]) -> GnssReport:
-    """The fixes in short; t_ns (N,) are the frames' time stamps."""
+    """Report of the fixes; t_ns (N,) are the frames' time stamps."""
     sigma = horizontal_sigma_m(gnss)
     inside = (t_ns >= gnss.t_ns[0]) & (t_ns <= gnss.t_ns[-1])
     lon, lat, height = (float(value) for value in gnss.lon_lat_height[0])
@@ -198,7 +199,7 @@ def horizontal_sigma_m(gnss: GnssTrack) -> FloatArray:
 
 
 def distance(log: DriveLog) -> tuple[float | None, str | None]:
-    """The way driven in m and what it is from: truth, else GNSS, else (None, None).
+    """Length of the path, m, and its source: truth, else GNSS, else (None, None).
 
     GNSS noise would add up while the car stands, so a fix counts once it is STEP_M and STEP_SIGMAS sigmas from the last that did.
     """
@@ -206,7 +207,7 @@ def distance(log: DriveLog) -> tuple[float | None, str | None]:
         return float(np.linalg.norm(np.diff(log.truth[:, :3, 3], axis=0), axis=1).sum()), "truth"
     if log.gnss is None:
         return None, None
-    enu = enu_from_lonlatheight(log.gnss.lon_lat_height, log.gnss.lon_lat_height[0])
+    enu = enu_from_lonlatheight(log.gnss.lon_lat_height, MapFrame(*log.gnss.lon_lat_height[0].tolist()))
     least = np.maximum(STEP_M, STEP_SIGMAS * horizontal_sigma_m(log.gnss))
     total, last = 0.0, enu[0]
     for place, step in zip(enu[1:], least[1:], strict=True):

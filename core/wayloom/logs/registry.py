@@ -1,4 +1,4 @@
-"""The drive log formats that wayloom reads, and how one is recognised: by looking at the folder."""
+"""Registry of the drive log formats (`LOG_FORMATS`), and recognition of a log's format from its files."""
 
 import os
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from wayloom.logs.types import DriveLog, StoredLog
 
 @dataclass(frozen=True, slots=True)
 class LogFormat:
-    """A format: what is looked for (in words), whether a folder looks like it, and how it is opened (with a GNSS path or none)."""
+    """A log format: its characteristic files (in words), the test that recognises a folder, and the function that opens it."""
 
     looks_for: str
     recognise: Callable[[Path], bool]
@@ -51,7 +51,7 @@ def open_log_unchecked(path: Path, *, gnss: Path | None = None) -> StoredLog:
 
 
 def absolute(path: Path) -> Path:
-    """The path from the root, without `..`; links stay, because what lies beside a link counts."""
+    """The absolute path without `..`; symbolic links stay, because calibration may lie beside the link."""
     return Path(os.path.abspath(path))
 
 
@@ -89,7 +89,7 @@ def find_log(path: Path) -> Path:
 
 
 def known() -> str:
-    """The known formats and what is looked for, in words."""
+    """The known formats and the files by which each is recognised, as part of an error message."""
     return "known are " + "; ".join(f"{key} ({log_format.looks_for})" for key, log_format in LOG_FORMATS.items())
 
 

@@ -1,4 +1,4 @@
-"""The truth that the simulator writes beside a drive, below `truth` in the drive's folder.
+"""Ground truth of a simulated drive, below `truth` in the drive's folder.
 
 poses_enu.txt                   T_enu_cam of the left camera, first three rows a line, in the city's tangent plane
 depth_{left,right}/%06d.png     16 bit, 1/256 m along the true camera's z; 0 for sky and beyond 256 m
@@ -107,7 +107,7 @@ class TrueScan:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedTruth:
-    """The truth of one drive. `folder` holds the files, T_enu_cam (N, 4, 4) are the left camera's poses."""
+    """The ground truth of one drive. `folder` holds the files, T_enu_cam (N, 4, 4) are the left camera's poses."""
 
     folder: Path
     T_enu_cam: FloatArray
@@ -124,7 +124,7 @@ class SimulatedTruth:
         return read_image(self.folder, "class", camera, index).astype(np.uint8)
 
     def instance(self, index: int, camera: str = "left") -> NDArray[np.uint16]:
-        """(h, w) numbers of things, 0 for none. Raises LogError."""
+        """(h, w) instance ids, 0 for none. Raises LogError."""
         return read_image(self.folder, "instance", camera, index).astype(np.uint16)
 
     def scan_labels(self, index: int) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
@@ -149,19 +149,19 @@ class SimulatedTruth:
         return TrueScan(se3.transform(np.array(self.vehicle()["T_cam_lidar"]), points), labels, instances)
 
     def surface(self) -> Surface:
-        """What the left camera saw of all that stands still. Raises LogError."""
+        """The static surface points that the left camera saw. Raises LogError."""
         rows = read_vertices(self.folder / SURFACE_NAME)
         return Surface(places(rows), rows["label"].copy(), rows["instance"].copy())
 
     def objects(self) -> list[ObjectTruth]:
-        """Poles, signs and lights around the way. Raises LogError."""
+        """Poles, signs and lights around the trajectory. Raises LogError."""
         return [
             ObjectTruth(p["class_id"], p["class"], p["instance"], np.array(p["foot_enu_m"]), p["bottom_m"], p["height_m"])
             for p in _properties(self.folder / OBJECTS_NAME)
         ]
 
     def areas(self) -> list[AreaTruth]:
-        """Roads and sidewalks around the way. Raises LogError."""
+        """Roads and sidewalks around the trajectory. Raises LogError."""
         out = []
         for p in _properties(self.folder / AREAS_NAME):
             ring, *holes = (np.array(ring) for ring in p["rings_enu_m"])
@@ -169,11 +169,11 @@ class SimulatedTruth:
         return out
 
     def vehicle(self) -> dict[str, Any]:
-        """The rig as given and as it is, and all settings of the vehicle. Raises LogError."""
+        """The rig as calibrated and as it is, and all settings of the vehicle. Raises LogError."""
         return dict(_json(self.folder / VEHICLE_NAME))
 
     def frames(self) -> FrameTruth:
-        """What changes from frame to frame. Raises LogError."""
+        """Values of each frame: exposure, gain, IMU biases. Raises LogError."""
         rows = list(csv.DictReader(io.StringIO(read_text(self.folder / FRAMES_NAME, remedy=REMEDY))))
 
         def columns(*names: str) -> FloatArray:
@@ -206,17 +206,17 @@ def has_truth(drive: Path) -> bool:
 
 
 def image_file(folder: Path, kind: str, camera: str, index: int) -> Path:
-    """Where a truth image lies."""
+    """Path of a ground-truth image."""
     return folder / f"{kind}_{camera}" / f"{index:06d}.png"
 
 
 def scan_label_file(folder: Path, index: int) -> Path:
-    """Where the labels of a scan lie."""
+    """Path of the labels of a scan."""
     return folder / "lidar" / f"{index:06d}.label"
 
 
 def scan_file(drive: Path, index: int) -> Path:
-    """Where the scan of a frame lies in the layouts that have a file for each; it need not be there."""
+    """Path of the scan of a frame in layouts with one file a scan; it need not exist."""
     if is_root(drive):
         return find_sequence(drive).scan(index)
     raw = drive / "velodyne_points" / "data" / f"{index:010d}.bin"
@@ -224,13 +224,13 @@ def scan_file(drive: Path, index: int) -> Path:
 
 
 def frame_files(folder: Path, index: int) -> Iterator[Path]:
-    """All files of one frame, whether they are there or not."""
+    """Paths of all files of one frame, whether they exist or not."""
     yield from (image_file(folder, kind, camera, index) for kind in IMAGE_KINDS for camera in CAMERAS)
     yield scan_label_file(folder, index)
 
 
 def read_image(folder: Path, kind: str, camera: str, index: int) -> NDArray[np.integer]:
-    """(h, w) a truth image as it is stored. Raises LogError."""
+    """(h, w) a ground-truth image as it is stored. Raises LogError."""
     file = image_file(folder, kind, camera, index)
     data = read_bytes(file, remedy=REMEDY)
     try:

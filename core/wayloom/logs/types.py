@@ -1,6 +1,6 @@
-"""What a drive log gives, whatever its format."""
+"""Drive log protocol, stereo frames, GNSS and IMU tracks."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.config.progress import Progress
 from wayloom.errors import LogError
 from wayloom.geometry.camera import StereoRig
 
@@ -131,6 +132,6 @@ class StoredLog(DriveLog, Protocol):
         """Look at every image without decoding it. Raises LogError at the first that is empty, truncated or of another size."""
         ...
 
-    def damaged(self, *, decode: bool, progress: Callable[[float], None] = ...) -> list[LogError]:
-        """What is wrong with each image that cannot be used, by looking at it or by decoding it."""
+    def damaged(self, *, decode: bool, progress: Progress = ...) -> list[LogError]:
+        """The errors of all images that cannot be used, by checking or by decoding them."""
         ...

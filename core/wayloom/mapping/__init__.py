@@ -1,1 +1,1 @@
-"""Pose graphs: the only import of gtsam."""
+"""Pose graph optimisation of drives; the only import of gtsam."""

@@ -1,4 +1,4 @@
-"""One drive as a factor graph: odometry, GNSS and gravity, in the tangent plane of the drive's own place.
+"""Factor graph of one drive: odometry, GNSS and gravity, in the tangent plane of the drive's own place.
 
 Unknowns: the pose T_enu_node of every node, the scale s of every stretch of odometry, the receiver's time offset and lever arm, and for
 every fix that is kept the true place g of the antenna at that time.

@@ -1,4 +1,4 @@
-"""What the graph of a drive is given, and what it returns."""
+"""Inputs, noise model and solution of the drive's factor graph."""
 
 from dataclasses import dataclass, fields
 
@@ -92,7 +92,7 @@ class DriveNoise:
 
 @dataclass(frozen=True, slots=True)
 class DriveSolution:
-    """What the fixes, the odometry and gravity say together.
+    """Solution of a drive's factor graph.
 
     T_enu_node    (K, 4, 4)
     covariance    (K, 6, 6) of its left perturbation (v, omega)

@@ -1,21 +1,12 @@
-"""What odometry says of a drive: links between neighbouring nodes, and the scale of its metres as a slowly varying unknown.
+"""Odometry factors between neighbouring nodes, with the scale as a slowly varying unknown (an Ornstein-Uhlenbeck process).
 
-Odometry errs in two ways. A graph that takes both for white noise must choose: wide enough for the systematic part, it lets every
-step stretch by centimetres, and fixes saw the path to and fro; narrow as the white part, it claims millimetres where it has metres.
+Odometry errs in two ways (docs/decisions/0008 says how both were measured):
 
 - White: between nodes L metres of road apart each axis errs by sigma_position^2 = standing^2 + position_noise^2 L, and
   sigma_rotation^2 = standing^2 + rotation_noise^2 L.
-- Systematic: stereo measures length by disparity, and a disparity off by a tenth of a pixel is a scale off by a per cent, more or
-  less as the scene is far or near. Every stretch of STRETCH_M of road has an unknown s, metres of road per metre of odometry less
-  one, an Ornstein-Uhlenbeck process over the road (sigma `scale_sigma`, length `scale_length_m`).
-
-How the defaults were measured: the odometry's motion from frame to frame against the true one, E_k = step_true^-1 step_odometry.
-White is the scatter of E_k about its running mean over 11 frames, divided by the root of the step: on four made drives of 80 m
-2 to 7 mm and 0.005 to 0.010 degrees a root metre and axis; on a real street (KITTI 00, frames 16 on, truth itself jittering) 2 to
-11 mm and 0.01 to 0.03 degrees. Errors over 1 to 64 frames of the made drives grow no faster than the root of the road. Scale,
-over 10 to 20 m of road: within 0.2 % on made drives; on real streets between -1.3 and +1.6 % (KITTI 00) and from -3.5 to +3 %
-(2011_09_26_drive_0005, against INS velocities), other after some 30 to 100 m. A slowly varying direction of travel was tried as
-two more unknowns: it brought the path no nearer to truth anywhere.
+- Systematic: stereo measures length by disparity, and an error of the disparity is an error of the scale, larger where the scene is
+  far. Every stretch of STRETCH_M of road has an unknown s, metres of road per metre of odometry less one, an Ornstein-Uhlenbeck
+  process over the road (sigma `scale_sigma`, length `scale_length_m`).
 
 A link from node i to j, of which odometry says rotation R_ij and translation t_ij, has the error
     e_R = Log(R_ij^T R_i^T R_j),   e_p = R_i^T (p_j - p_i) - (1 + s) t_ij
@@ -59,7 +50,7 @@ class OdometryLinks:
 
     @property
     def stretches(self) -> int:
-        """How many scale unknowns there are."""
+        """Number of scale unknowns."""
         return len(self.scale_rho) - 1
 
 
@@ -115,7 +106,7 @@ def link_errors(links: OdometryLinks, T_enu_node: FloatArray, scale: FloatArray)
 
 
 def link_jacobians(links: OdometryLinks, T_enu_node: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """By node i (L, 6, 6), by node j (L, 6, 6) and by s (L, 6, 1) of the errors (L, 6) at T_enu_node (K, 4, 4)."""
+    """Jacobians of the errors (L, 6) by node i (L, 6, 6), by node j (L, 6, 6) and by s (L, 6, 1), at T_enu_node (K, 4, 4)."""
     T_i_j = se3.inverse(T_enu_node[links.first]) @ T_enu_node[links.first + 1]
     R_i_j, inverse_Jr = T_i_j[:, :3, :3], inverse_right_jacobian(errors[:, :3])
     by_i, by_j = np.zeros((2, len(errors), 6, 6))

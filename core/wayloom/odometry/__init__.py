@@ -1,1 +1,1 @@
-"""Stereo direct sparse odometry. Start at `wayloom.odometry.odometry`; what it leaves is in `wayloom.odometry.types`."""
+"""Stereo direct sparse odometry. Start at `wayloom.odometry.odometry`; its result is in `wayloom.odometry.types`."""

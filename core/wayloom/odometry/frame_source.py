@@ -1,4 +1,4 @@
-"""How pairs come from a log to the odometry: checked, decoded ahead where threads allow, and a few of them for the rows' fit."""
+"""Source of stereo frames for the odometry: grey pairs of a log, checked, and decoded ahead where threads allow."""
 
 import functools
 from collections.abc import Callable, Iterator
@@ -15,10 +15,11 @@ from wayloom.logs.types import DriveLog
 from wayloom.odometry.rig import rows
 from wayloom.odometry.stopwatch import Stopwatch
 from wayloom.odometry.tracking import pyramid
+from wayloom.odometry.tracking.frame import GreyPair
 
 Image = NDArray[np.uint8]
 SMALLEST_SIDE = 64
-EXCHANGED_LEAST, EXCHANGED_FACTOR = 200, 5  # over four pairs, right drives: 1000 to 5000 in order, 40 to 170 exchanged
+EXCHANGED_LEAST, EXCHANGED_FACTOR = 200, 5
 
 
 @contextmanager
@@ -32,33 +33,6 @@ def one_opencv_thread() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-class GreyPair:
-    """A pair as the odometry takes it: grey, the right image read when it is first asked for (at keyframes), where the log can
-    give one side alone.
-
-    index, t_ns, exposure_s  as of StereoFrame
-    left    (h, w) uint8
-    images  the left one's pyramid, once it is built
-    """
-
-    __slots__ = ("_read_right", "_right", "exposure_s", "images", "index", "left", "t_ns")
-
-    def __init__(
-        self, index: int, t_ns: int, left: Image, read_right: Callable[[], Image], exposure_s: tuple[float, float] | None
-    ) -> None:
-        self.index, self.t_ns, self.left, self.exposure_s = index, t_ns, left, exposure_s
-        self.images: pyramid.Pyramid | None = None
-        self._read_right = read_right
-        self._right: Image | None = None
-
-    @property
-    def right(self) -> Image:
-        """(h, w) uint8. Raises LogError as the log."""
-        if self._right is None:
-            self._right = self._read_right()
-        return self._right
-
-
 def grey_pair(log: DriveLog, index: int) -> GreyPair:
     """Pair `index` of the log; raises LogError where an image cannot be read or does not have the rig's size, for the right image
     when it is asked for."""
@@ -67,9 +41,9 @@ def grey_pair(log: DriveLog, index: int) -> GreyPair:
     if read_side is None:
         frame = log.frame(index)
         left, right = (_checked(log, index, right, pyramid.grey(image)) for right, image in enumerate((frame.left, frame.right)))
-        return GreyPair(index, t_ns, left, lambda: right, frame.exposure_s)
+        return GreyPair(index, t_ns, left, lambda: right)
     right_of_log = functools.partial(_read_side, log, read_side, index, True)
-    return GreyPair(index, t_ns, _read_side(log, read_side, index, False), right_of_log, log.exposure_of(index))  # type: ignore[attr-defined]
+    return GreyPair(index, t_ns, _read_side(log, read_side, index, False), right_of_log)
 
 
 def _read_side(log: DriveLog, read_side: Callable[..., Image], index: int, right: bool) -> Image:

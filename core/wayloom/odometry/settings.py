@@ -1,4 +1,4 @@
-"""The odometry's settings. docs/odometry.md says why the defaults are what they are."""
+"""Settings of the odometry. docs/odometry.md says which matter, docs/results.md on what the defaults were chosen."""
 
 from pydantic import Field
 
@@ -34,7 +34,6 @@ class OdometrySettings(Settings):
 
     window: int = Field(6, ge=3, le=12, description="keyframes in the window")
     points: int = Field(400, ge=50, le=5000, description="points wanted in view of a keyframe")
-    new_points: int = Field(400, ge=20, le=5000, description="at most activated at a keyframe")
     min_new_points: int = Field(150, ge=10, le=5000, description="activated even where enough are in view")
     traced_share: float = Field(0.3, ge=0, le=1, description="of the new live points, those that were traced in several keyframes")
     matched_points: int = Field(
@@ -68,7 +67,9 @@ class OdometrySettings(Settings):
     uniqueness: float = Field(0.7, gt=0, le=1, description="best cost over second best")
     max_cost: float = Field(12.0, gt=0, description="of the capped slope, a pixel")
     slope_cap: int = Field(60, ge=10, le=255)
-    own_lens: bool = Field(True, description="learn the right camera's lens from pieces of the drive where no rig's file gives it")
+    self_calibration: bool = Field(
+        True, description="learn the right camera's lens from pieces of the drive where no rig's file gives it"
+    )
     row_frames: tuple[int, ...] = Field((0, 3, 6, 9), description="frames whose stereo matches fit the rows' misalignment")
     min_visible: float = Field(0.25, ge=0, le=1, description="share of the reference in view, below which a frame is lost")
     max_saturated: float = Field(

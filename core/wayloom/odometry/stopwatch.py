@@ -1,4 +1,4 @@
-"""Named times of an algorithm's parts."""
+"""Stopwatch for the named parts of an algorithm."""
 
 import time
 from collections import defaultdict

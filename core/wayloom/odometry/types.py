@@ -1,4 +1,4 @@
-"""What the odometry leaves of a drive."""
+"""Result of the odometry: trajectory, keyframes and points of a drive."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -55,7 +55,7 @@ class Points:
     variance       (P,) float32, of inverse_depth, 1/m^2
     grey           (P,) uint8
     obs_start      (P + 1,) int64: point p was seen in keyframes obs_keyframe[obs_start[p]:obs_start[p + 1]], host left out
-    obs_keyframe   (M,) int32, row in Keyframes, in which the point was an inlier in the left image, by energy and looks
+    obs_keyframe   (M,) int32, row in Keyframes, in which the point was an inlier in the left image, by energy and by NCC of patches
     obs_right      (M,) bool, whether the same holds for the right image of that keyframe
     host_right     (P,) bool, whether it was consistent with the right image of its host
     """

@@ -1,1 +1,1 @@
-"""One drive on one page: track, segment, label, geo-reference, submaps."""
+"""The pipeline of one drive: stages, their keys, and the embedded run of all of them."""

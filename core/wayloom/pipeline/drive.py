@@ -1,54 +1,40 @@
-"""One drive on one page: check the log → track → segment → label → geo-reference → submaps → what people read."""
+"""Embedded run of one drive on one page: check the log → its stages, in the catalogue's order → exports and report."""
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
+from wayloom.config.progress import NamedProgress, silent_for_each
+from wayloom.config.stages import drive_stages
 from wayloom.files.atomic import write_atomically
-from wayloom.georeference.files import load_georeference
+from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.georeference.types import GeoReference
-from wayloom.labelling.files import load_labels
+from wayloom.labelling.files import LABELS_FILE, load_labels
 from wayloom.labelling.types import PointLabels
-from wayloom.logs.registry import check_outside, open_log
+from wayloom.logs.registry import check_outside
 from wayloom.logs.types import DriveLog
-from wayloom.odometry.frame_source import first_matches
-from wayloom.odometry.result.odometry_file import load_odometry
+from wayloom.odometry.frame_source import first_matches, one_opencv_thread
+from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.exports import write_exports
 from wayloom.pipeline.folders import discard, new_folders, put_in_place, sole_writer, sweep, whole_folder, writing_to
-from wayloom.pipeline.ingest import read_log_file
-from wayloom.pipeline.keys import is_undamaged, read_stage_file
+from wayloom.pipeline.log_parts import read_log_file
+from wayloom.pipeline.log_source import LogSource
+from wayloom.pipeline.running import run_stage, stage_key
 from wayloom.pipeline.settings import ProcessSettings
-from wayloom.pipeline.stages import (
-    GEOREFERENCE_FILE,
-    LABELS_FILE,
-    ODOMETRY_FILE,
-    STAGES,
-    finished_key,
-    lens_of,
-    run_stage,
-    stage_key,
-)
+from wayloom.pipeline.stage_context import StageContext
+from wayloom.pipeline.stage_files import finished_key, is_undamaged, read_stage_file
+from wayloom.pipeline.stages.odometry import key_parts as lens_of_rig_file
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model
+from wayloom.segmentation.keyframe_labels import MODEL_FILE, KeyframeLabels
 from wayloom.segmentation.network import Network
-from wayloom.segmentation.stage import KeyframeLabels
 from wayloom.submaps.files import load_submaps
 from wayloom.submaps.submap import PlacedSubmap
 
 STAGES_DIR: Final = "stages"
 PRODUCTS_FILE: Final = "products.json"
-
-
-class DriveProgress(Protocol):
-    """Called with the stage, the share of it that is done, 0 to 1, and a few words. May raise to stop the work."""
-
-    def __call__(self, stage: str, share: float, what: str, /) -> None: ...
-
-
-def quiet(stage: str, share: float, what: str, /) -> None:
-    """A `DriveProgress` for callers that do not want to know."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,36 +71,43 @@ def process_drive(
     out_dir: Path,
     settings: ProcessSettings = ProcessSettings(),
     gnss_path: Path | None = None,
-    progress: DriveProgress = quiet,
+    progress: NamedProgress = silent_for_each,
     write_more: Callable[[DriveResult, Path], None] = lambda result, folder: None,
 ) -> DriveResult:
     """Map one drive. Stages that an earlier run finished, with the same inputs, settings and code, are not run again.
 
     out_dir gets `stages/`, and, each by one rename and only when all are written, what `write_exports` and write_more leave.
+    progress : of each stage by its name, and of "exports"
     write_more : called with the result and the folder in which the finished files are gathered (reports use it)
     Raises InputError for a bad log, network or setting, and for an out_dir that cannot be written; a bad log leaves no trace.
     """
     stages_dir = out_dir / STAGES_DIR
-    log = open_log(log_path, gnss=gnss_path)
-    check_outside(log, out_dir)
-    Network(
-        find_model(settings.model or DEFAULT_MODEL), device=settings.device
-    )  # one that cannot be used is told now, not after the odometry
-    progress("ingest", 0.0, "looking at the first pairs")
-    lens_of(settings, log)  # a rig file that cannot be used, too
-    first_matches(log, settings.odometry.row_frames)  # a rig that cannot be tracked with is told before anything is made
+    context = StageContext(LogSource(log_path, gnss_path), stages_dir, settings)
+    check_outside(context.log, out_dir)
+    context = _checked(context, progress)
     with writing_to(out_dir), new_folders(stages_dir), sole_writer(stages_dir):
         sweep(stages_dir)
-        times = {name: _stage(name, stages_dir, log_path, gnss_path, settings, progress) for name in STAGES}
-        result = _load(log_path, gnss_path, stages_dir, times)
-        progress("exports", 0.0, "writing trajectory, cloud and pictures")
+        times = {name: _stage(name, context, progress) for name in drive_stages()}
+        result = _load(context, times)
+        progress("exports")(0.0, "writing trajectory, cloud and pictures")
         with whole_folder(stages_dir / "exports") as folder:
             write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder)
-            progress("exports", 0.6, "writing the report")
+            progress("exports")(0.6, "writing the report")
             write_more(result, folder)
         _publish(stages_dir / "exports", out_dir)
-        progress("exports", 1.0, f"written to {out_dir}")
+        progress("exports")(1.0, f"written to {out_dir}")
     return result
+
+
+def _checked(context: StageContext, progress: NamedProgress) -> StageContext:
+    """The context with the first pairs' matches: a network, a rig file or a rig that cannot be used is told before anything is
+    made."""
+    settings = context.settings
+    Network(find_model(settings.segmentation.model or DEFAULT_MODEL), device=settings.segmentation.device)
+    progress("ingest")(0.0, "looking at the first pairs")
+    lens_of_rig_file(context)
+    with one_opencv_thread():
+        return replace(context, first_matches=first_matches(context.log, settings.odometry.row_frames))
 
 
 def _publish(gathered: Path, out_dir: Path) -> None:
@@ -131,35 +124,27 @@ def _publish(gathered: Path, out_dir: Path) -> None:
     write_atomically(listing, json.dumps(names).encode())
 
 
-def _stage(
-    name: str, stages_dir: Path, log_path: Path, gnss_path: Path | None, settings: ProcessSettings, progress: DriveProgress
-) -> StageTime:
+def _stage(name: str, context: StageContext, progress: NamedProgress) -> StageTime:
     """Run a stage, or find that its result is there."""
-    key = stage_key(name, log_path=log_path, gnss_path=gnss_path, inputs_dir=stages_dir, settings=settings)
-    reused = finished_key(stages_dir / name) == key and is_undamaged(stages_dir / name)
-    progress(name, 0.0, "starting")
+    key = stage_key(name, context)
+    home = context.inputs_dir / name
+    reused = finished_key(home) == key.hex and is_undamaged(home)
+    progress(name)(0.0, "starting")
     if not reused:
-        with whole_folder(stages_dir / name) as folder:
-            run_stage(
-                name,
-                log_path=log_path,
-                gnss_path=gnss_path,
-                inputs_dir=stages_dir,
-                out_dir=folder,
-                settings=settings,
-                progress=lambda share, what: progress(name, share, what),
-            )
-    said = read_stage_file(stages_dir / name) or {}
-    progress(name, 1.0, "done before" if reused else "done")
-    return StageTime(float(said.get("seconds", 0.0)), reused)
+        with whole_folder(home) as folder:
+            run_stage(name, context, folder, progress(name), key)
+    metadata = read_stage_file(home) or {}
+    progress(name)(1.0, "done before" if reused else "done")
+    return StageTime(float(metadata.get("seconds", 0.0)), reused)
 
 
-def _load(log_path: Path, gnss_path: Path | None, stages_dir: Path, times: dict[str, StageTime]) -> DriveResult:
+def _load(context: StageContext, times: dict[str, StageTime]) -> DriveResult:
+    stages_dir = context.inputs_dir
     odometry = load_odometry(stages_dir / "odometry" / ODOMETRY_FILE)
     return DriveResult(
-        log=open_log(log_path, gnss=gnss_path),
+        log=context.log,
         log_facts=read_log_file(stages_dir / "ingest"),
-        model=json.loads((stages_dir / "segmentation" / "model.json").read_text()),
+        model=json.loads((stages_dir / "segmentation" / MODEL_FILE).read_text()),
         odometry=odometry,
         images=KeyframeLabels(stages_dir / "segmentation", odometry.keyframes.frame),
         labels=load_labels(stages_dir / "labelling" / LABELS_FILE),

@@ -1,12 +1,13 @@
-"""The plane in which people look at a drive: up is up at the drive's own place, the first camera is at (0, 0, 0)."""
+"""Tangent plane in which people look at a drive: up is up at the drive's own place, the first camera is at (0, 0, 0)."""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.geodesy.wgs84 import T_enu_enu, lonlatheight_from_enu
 from wayloom.geometry import se3
-from wayloom.georeference.geodesy import T_enu_enu, lonlatheight_from_enu
 from wayloom.georeference.rigid import R_ENU_LEVELCAM
-from wayloom.georeference.types import GeoReference, MapFrame
+from wayloom.georeference.types import GeoReference
 
 FloatArray = NDArray[np.float64]
 

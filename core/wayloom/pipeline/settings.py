@@ -1,16 +1,21 @@
-"""Settings of a whole drive: those of its stages, the network, and where the map's origin lies."""
+"""The nested settings: `ProcessSettings` of one drive's stages, `WayloomSettings` of everything that a settings file may say."""
 
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 
+from wayloom.config.service import ServiceSettings
 from wayloom.config.settings import Settings
+from wayloom.config.sources import Loaded, Option, load
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.settings import GeoReferenceSettings
-from wayloom.georeference.types import MapFrame
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.odometry.settings import OdometrySettings
-from wayloom.segmentation.providers import Device
+from wayloom.segmentation.settings import SegmentationSettings
+from wayloom.stitching.settings import MergeSettings
 from wayloom.submaps.settings import SubmapSettings
+from wayloom.tiles.settings import TileSettings
 
 Longitude = Annotated[float, Field(ge=-180.0, le=180.0)]
 Latitude = Annotated[float, Field(ge=-90.0, le=90.0)]
@@ -18,22 +23,40 @@ Height = Annotated[float, Field(ge=-1000.0, le=20000.0)]
 
 
 class ProcessSettings(Settings):
-    """What `process_drive` and the workers' stages are told."""
+    """Settings that `process_drive` and the workers hand to every stage: one table a stage, and what several stages share."""
 
+    threads: int = Field(1, ge=1, le=64, description="threads of one stage; results do not depend on it")
+    rig: Path | None = Field(None, description="what is known of rigs: a RIG.toml, or a folder with one named <rig_id>.toml a rig")
+    map_origin: tuple[Longitude, Latitude, Height] | None = Field(
+        None,
+        description="LON,LAT,HEIGHT of the map frame's origin: degrees, degrees, ellipsoidal metres; default the place's own cell",
+    )
     odometry: OdometrySettings = OdometrySettings()
+    segmentation: SegmentationSettings = SegmentationSettings()
     labelling: LabellingSettings = LabellingSettings()
     georeference: GeoReferenceSettings = GeoReferenceSettings()
     submaps: SubmapSettings = SubmapSettings()
-    model: str | None = Field(None, description="network: a name of the catalogue or an ONNX file; default the built-in one")
-    device: Device = Field(
-        "auto", description="on what the network runs; auto: the first of CUDA, CoreML, OpenVINO, CPU that is there"
-    )
-    map_origin: tuple[Longitude, Latitude, Height] | None = Field(
-        None, description="origin of the map frame: lon, lat in degrees, ellipsoidal height in m; default the place's own cell"
-    )
-    rig: str | None = Field(None, description="what is known of rigs: a RIG.toml, or a folder with one named <rig_id>.toml a rig")
-    threads: int = Field(1, ge=1, le=64, description="threads of one stage; results do not depend on it")
 
     def map_frame(self) -> MapFrame | None:
         """The map frame that was asked for, None for the place's own."""
         return None if self.map_origin is None else MapFrame(*self.map_origin)
+
+
+class WayloomSettings(ServiceSettings, ProcessSettings):
+    """All settings: those of a drive's stages, of the map's, and of the service."""
+
+    merge: MergeSettings = MergeSettings()
+    tiles: TileSettings = TileSettings()
+
+    def of_drives(self) -> ProcessSettings:
+        """The part that a drive's stages are told: no address, no key."""
+        return ProcessSettings(**{name: getattr(self, name) for name in ProcessSettings.model_fields})
+
+
+def load_settings(config: Path | None = None, *options: Option, **defaults: object) -> Loaded[WayloomSettings]:
+    """The settings in force: defaults, settings file, environment, options. Raises ConfigError that names where a bad value stands.
+
+    config   : TOML file; None takes the one that WAYLOOM_CONFIG names, if any
+    defaults : of a command, where they differ from the model's
+    """
+    return load(WayloomSettings, config, options, defaults)

@@ -1,1 +1,1 @@
-"""Pictures and HTML pages for people."""
+"""Drive reports and map pictures for people: HTML, SVG and raster images."""

@@ -1,4 +1,4 @@
-"""The report of one drive: report.json for machines and report.html, one page that needs nothing else, for people."""
+"""Drive report: report.json for machines, and report.html, one self-contained page for people."""
 
 import base64
 import json
@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_NAMES, PALETTE
 from wayloom.files.atomic import write_atomically
+from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
-from wayloom.georeference.geodesy import enu_from_lonlatheight
 from wayloom.georeference.uncertainty import position_covariance
 from wayloom.pipeline.drive import DriveResult
-from wayloom.pipeline.exports import MAP_FILE, OVERLAYS_DIR, read_image
+from wayloom.pipeline.drive_map import read_image
+from wayloom.pipeline.exports import MAP_FILE, OVERLAYS_DIR
 from wayloom.pipeline.plane import T_plane_enu, axis_labels
 from wayloom.reports import plots, views
 from wayloom.reports.facts import concatenated, drive_facts
@@ -39,18 +40,20 @@ class Picture:
 
 def write_report(result: DriveResult, folder: Path) -> None:
     """Write report.html, with the pictures that `write_exports` left in the folder, and report.json."""
-    said = drive_facts(result)
-    write_atomically(folder / HTML_FILE, render(said, pictures(result, folder)).encode())
-    write_atomically(folder / JSON_FILE, (json.dumps(said, indent=1, allow_nan=False) + "\n").encode())
+    facts = drive_facts(result)
+    write_atomically(folder / HTML_FILE, render(facts, pictures(result, folder)).encode())
+    write_atomically(folder / JSON_FILE, (json.dumps(facts, indent=1, allow_nan=False) + "\n").encode())
 
 
-def render(said: dict[str, Any], shown: dict[str, Any]) -> str:
-    """The page. said : report.json's content; shown : what `pictures` returns."""
+def render(facts: dict[str, Any], shown: dict[str, Any]) -> str:
+    """The HTML page. facts : report.json's content; shown : what `pictures` returns."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("wayloom.reports"), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
     )
     environment.filters |= {"number": number, "thousands": thousands}
-    return environment.get_template("drive.html.j2").render(said=said, shown=shown, bars=class_bars(said), stages=stage_bars(said))
+    return environment.get_template("drive.html.j2").render(
+        facts=facts, shown=shown, bars=class_bars(facts), stages=stage_bars(facts)
+    )
 
 
 def pictures(result: DriveResult, folder: Path) -> dict[str, Any]:
@@ -91,7 +94,7 @@ def track_picture(result: DriveResult, track: FloatArray, T: FloatArray) -> plot
 
 
 def sigma_drawing(result: DriveResult) -> Markup | None:
-    """Uncertainty over time; None without GNSS."""
+    """Plot of the position's uncertainty over time; None without GNSS."""
     if result.geo.frame is None:
         return None
     covariance = position_covariance(result.geo.T_enu_cam, result.geo.covariance)
@@ -101,7 +104,7 @@ def sigma_drawing(result: DriveResult) -> Markup | None:
 
 
 def overlays(result: DriveResult, folder: Path) -> list[tuple[Picture, Picture]]:
-    """Left and right of each keyframe that was drawn."""
+    """Left and right label overlays of each keyframe that was drawn."""
     t_ns, shown = result.odometry.trajectory.t_ns, []
     for left in sorted((folder / OVERLAYS_DIR).glob("*_left.jpg")):
         frame = int(left.name.removesuffix("_left.jpg"))
@@ -112,12 +115,12 @@ def overlays(result: DriveResult, folder: Path) -> list[tuple[Picture, Picture]]
     return shown
 
 
-def class_bars(said: dict[str, Any]) -> list[dict[str, Any]]:
+def class_bars(facts: dict[str, Any]) -> list[dict[str, Any]]:
     """For each class that has a point: name, colour, counts, and the length of its bar in percent of the longest."""
-    most = max((counts["tcl_stereo"] for counts in said["classes"].values()), default=0) or 1
+    most = max((counts["tcl_stereo"] for counts in facts["classes"].values()), default=0) or 1
     colours = {name: "#" + PALETTE[i].tobytes().hex() for i, name in enumerate(CLASS_NAMES)}
     rows = []
-    for name, counts in said["classes"].items():
+    for name, counts in facts["classes"].items():
         if any(counts.values()):
             change = counts["tcl_stereo"] - counts["baseline"]
             width = 100.0 * counts["tcl_stereo"] / most
@@ -125,10 +128,10 @@ def class_bars(said: dict[str, Any]) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: (row["name"] == "void", -row["tcl_stereo"], row["name"]))
 
 
-def stage_bars(said: dict[str, Any]) -> list[dict[str, Any]]:
+def stage_bars(facts: dict[str, Any]) -> list[dict[str, Any]]:
     """For each stage: name, seconds, whether reused, and the length of its bar in percent of the longest."""
-    longest = max((stage["seconds"] for stage in said["stages"].values()), default=0.0) or 1.0
-    return [{"name": name, "width": 100.0 * stage["seconds"] / longest, **stage} for name, stage in said["stages"].items()]
+    longest = max((stage["seconds"] for stage in facts["stages"].values()), default=0.0) or 1.0
+    return [{"name": name, "width": 100.0 * stage["seconds"] / longest, **stage} for name, stage in facts["stages"].items()]
 
 
 def data_uri(data: bytes, kind: str) -> str:

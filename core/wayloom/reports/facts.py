@@ -1,4 +1,4 @@
-"""What a report says of a drive, as JSON-able numbers and words."""
+"""Content of a drive's report.json: JSON-able numbers and warnings."""
 
 import math
 from collections.abc import Iterable
@@ -23,7 +23,7 @@ UNNEEDED: Final = ("IMU", "GNSS", "truth poses")
 
 def drive_facts(result: DriveResult) -> dict[str, Any]:
     """The content of report.json. Numbers that are not finite are None."""
-    said: dict[str, Any] = {
+    facts: dict[str, Any] = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
         "wayloom": wayloom.__version__,
@@ -38,12 +38,12 @@ def drive_facts(result: DriveResult) -> dict[str, Any]:
     }
     errors = truth_errors(result)
     if errors is not None:
-        said["truth"] = errors
-    return {name: finite(value) for name, value in said.items()}
+        facts["truth"] = errors
+    return {name: finite(value) for name, value in facts.items()}
 
 
 def odometry_facts(result: DriveResult) -> dict[str, Any]:
-    """How the drive was tracked."""
+    """Tracking: frames, segments, keyframes, points, lengths, calibration found on the way, times."""
     odometry = result.odometry
     trajectory = odometry.trajectory
     seconds = result.times["odometry"].seconds
@@ -74,14 +74,14 @@ def row_offset_in_corner(odometry: OdometryResult) -> float:
 
 
 def georeference_facts(result: DriveResult) -> dict[str, Any]:
-    """Where the drive lies on Earth, and how well that is known."""
+    """Map frame of the drive and the accuracy of its pose in it."""
     frame = result.geo.frame
     origin = None if frame is None else {"lon_deg": frame.lon_deg, "lat_deg": frame.lat_deg, "height_m": frame.height_m}
     return {"origin": origin, **result.geo.report}
 
 
 def cloud_facts(result: DriveResult) -> dict[str, Any]:
-    """The points that went into the map, and why others did not."""
+    """Points in the submaps, and the numbers of points left out by reason."""
     left_out: dict[str, int] = {}
     for placed in result.submaps:
         for reason, count in placed.submap.points_left_out.items():
@@ -124,44 +124,44 @@ def truth_errors(result: DriveResult) -> dict[str, Any] | None:
 
 
 def warnings(result: DriveResult) -> list[str]:
-    """What a reader must know before trusting the map, worst first."""
+    """Warnings about the result, the most serious first."""
     trajectory, log = result.odometry.trajectory, result.log_facts["log"]
-    said = []
+    found = []
     if not trajectory.tracked.all():
-        said.append(loss_warning(result.odometry))
+        found.append(loss_warning(result.odometry))
     if not any(len(placed.submap) for placed in result.submaps):
-        said.append("no point was good enough for the cloud")
-    said += [str(message) for message in result.geo.report.get("messages", ())]
+        found.append("no point was good enough for the cloud")
+    found += [str(message) for message in result.geo.report.get("messages", ())]
     lacking = [thing for thing in log["missing"] if thing not in UNNEEDED]
     if lacking:
-        said.append(f"not in the log: {'; '.join(lacking)}")
+        found.append(f"not in the log: {'; '.join(lacking)}")
     gaps = log["frames"]["gaps"]
     if gaps:
         worst = max(gap["seconds"] for gap in gaps)
-        said.append(f"{len(gaps)} gaps in the frames' time stamps, the longest {worst:.2f} s")
+        found.append(f"{len(gaps)} gaps in the frames' time stamps, the longest {worst:.2f} s")
     if result.model.get("grey_images_to_a_colour_network"):
-        said.append(
+        found.append(
             f"the images are grey and the network {result.model['name']} was trained on colour: its labels are less certain"
         )
     if result.model.get("photographs_to_a_network_of_simulated_streets"):
-        said.append(
+        found.append(
             f"the network {result.model['name']} knows simulated streets only: its labels of real ones are mostly wrong; give "
             "another by --model (`wayloom models` lists those that are known)"
         )
     scale = result.geo.report.get("scale")
     if scale is not None and abs(scale["mean"] - 1.0) > DOUBTFUL_SCALE:
-        said.append(
+        found.append(
             f"odometry and GNSS disagree on the length of the drive by {100.0 * (scale['mean'] - 1.0):+.1f} %: the rig's "
             "calibration or the fixes are wrong; the map follows the fixes"
         )
     void = int((result.labels.stereo == VOID).sum())
     if len(result.labels) and void > 0.2 * len(result.labels):
-        said.append(f"{100.0 * void / len(result.labels):.0f} % of the points have no label")
-    return said
+        found.append(f"{100.0 * void / len(result.labels):.0f} % of the points have no label")
+    return found
 
 
 def loss_warning(odometry: OdometryResult) -> str:
-    """How many frames were lost, why the first was, and what became of the track."""
+    """Warning about lost frames: their number, the reason of the first loss, and whether the track was continued."""
     trajectory = odometry.trajectory
     lost, segments = int((~trajectory.tracked).sum()), len(np.unique(trajectory.segment))
     first = next(iter(odometry.report.get("losses", ())), None)

@@ -1,4 +1,4 @@
-"""The map as its tiles show it, put together into one picture with the drives' tracks, a legend and a scale bar."""
+"""Mosaic of map tiles in one picture, with the drives' tracks, a legend and a scale bar."""
 
 from collections.abc import Callable, Sequence
 

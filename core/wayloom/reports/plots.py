@@ -1,4 +1,4 @@
-"""Drawings of a report as SVG text, the same bytes for the same numbers."""
+"""Plots of a drive report as SVG text, deterministic for equal numbers."""
 
 import io
 from collections.abc import Mapping
@@ -41,7 +41,7 @@ STYLE: Final[Any] = {
 
 @dataclass(frozen=True, slots=True)
 class TrackPicture:
-    """What the trajectory plot shows, in a plane: across and along are (N, 2) m with the first mapped position at (0, 0).
+    """Data of the trajectory plot, in a plane: across and along are (N, 2) m with the first mapped position at (0, 0).
 
     track     mapped camera positions
     tracked   (N,) bool

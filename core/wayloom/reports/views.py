@@ -1,4 +1,4 @@
-"""The labelled cloud seen from the side, as a picture."""
+"""Orthographic side view of the labelled cloud."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ BACKGROUND = 255
 
 @dataclass(frozen=True, slots=True)
 class SideView:
-    """image (h, w, 3) RGB; metres_per_pixel; width_m and height_m of what it shows."""
+    """Side view of a cloud: image (h, w, 3) RGB; metres_per_pixel; width_m and height_m of its extent."""
 
     image: Image
     metres_per_pixel: float

@@ -1,4 +1,4 @@
-"""Image to class: the catalogue of networks and the only import of onnxruntime."""
+"""Semantic segmentation of images: the catalogue of networks, inference, class scores; the only import of onnxruntime."""
 
 import os
 

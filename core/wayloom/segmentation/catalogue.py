@@ -1,4 +1,4 @@
-"""The networks that wayloom knows, and how any other is found.
+"""Catalogue of segmentation networks, and the search for their files.
 
 A network is an ONNX file beside a TOML file that describes it; the catalogue's own are described in `networks/`, in the same
 format that users write. A file is looked for beside its TOML, then in the folders that WAYLOOM_MODELS names.

@@ -1,4 +1,4 @@
-"""What must be known of a network before it may run: its file, its licence, what goes in, what comes out."""
+"""Description of a network: its file, licence, input and output, as a TOML file gives them."""
 
 import tomllib
 from pathlib import Path
@@ -15,7 +15,7 @@ TrainId = Annotated[int, Field(ge=0, le=255)]
 
 
 class ModelDescription(Settings):
-    """One network, as its TOML file describes it. What a user's own network leaves out takes these values.
+    """One network, as its TOML file describes it. A value that the file leaves out is the default here.
 
     The network's input is `(RGB * scale - mean) / std` where its dtype is float32, and plain RGB where it is uint8.
     """
@@ -55,7 +55,9 @@ class ModelDescription(Settings):
     )
     colour: bool = Field(True, description="whether it needs colour to be judged fairly")
     balanced: bool = Field(
-        False, description="whether its training weighed rare classes more; else their votes are (`LabellingSettings.rarity`)"
+        False,
+        description="whether its training weighted rare classes; else votes get a class prior correction "
+        "(`LabellingSettings.class_prior_power`)",
     )
     simulated: bool = Field(False, description="whether it was trained on simulated streets alone and knows no photographs")
     folder: Path | None = Field(None, exclude=True, description="of the TOML file: set by the reader, not written in it")

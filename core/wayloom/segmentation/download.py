@@ -1,4 +1,4 @@
-"""Fetches a network of the catalogue: nothing unchecked, nothing half-written."""
+"""Download of a network of the catalogue, checked by its SHA-256 and written atomically."""
 
 import hashlib
 import tempfile
@@ -11,7 +11,7 @@ from typing import Final
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import ModelError
 from wayloom.files.atomic import write_atomically
-from wayloom.segmentation.conversion.convert import convert
+from wayloom.segmentation.conversion.convert import builder_of, convert
 from wayloom.segmentation.description import ModelDescription
 
 MAX_BYTES: Final = 4 * 2**30
@@ -29,6 +29,8 @@ def fetch(description: ModelDescription, folder: Path, progress: Progress = sile
         raise ModelError(
             f"network {description.name} names no place to fetch it from", remedy=description.source or "see its source"
         )
+    if description.conversion is not None:
+        builder_of(description.conversion)  # what cannot be converted is told before it is fetched
     path = folder / description.file
     path.parent.mkdir(parents=True, exist_ok=True)
     if description.conversion is None:

@@ -1,4 +1,4 @@
-"""Runs one network on images. Here and in `providers` alone onnxruntime is imported."""
+"""Inference of one network on images by ONNX Runtime, imported here and in `providers` alone."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +27,7 @@ _FIT: Final = "correct `layout`, `size`, `multiple` or `tile_px` of its descript
 
 @dataclass(frozen=True, slots=True)
 class Labelled:
-    """What a network says of one image: labels (h, w) uint8 train ids, 255 = void; scores, None from a network without any."""
+    """Segmentation of one image: labels (h, w) uint8 train ids, 255 = void; scores, None from a network without any."""
 
     labels: Labels
     scores: Scores | None

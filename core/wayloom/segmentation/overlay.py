@@ -1,4 +1,4 @@
-"""Labels drawn over their image, in Cityscapes' colours."""
+"""Overlay of labels on their image in the Cityscapes colours."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,12 +1,11 @@
-"""On what a network runs."""
+"""ONNX Runtime execution providers by device name."""
 
-from typing import Final, Literal, get_args
+from typing import Final, get_args
 
 import onnxruntime
 
 from wayloom.errors import ModelError
-
-Device = Literal["auto", "cpu", "cuda", "tensorrt", "openvino", "coreml"]
+from wayloom.segmentation.settings import Device
 
 _PROVIDERS: Final = {
     "cuda": "CUDAExecutionProvider",

@@ -1,4 +1,4 @@
-"""The few likeliest classes of every cell of a network's grid, in a byte each: what is kept of a softmax."""
+"""Class scores of an image: the k likeliest classes of each cell of the network's grid and their quantised -ln p."""
 
 import math
 import struct
@@ -37,11 +37,6 @@ class Scores:
     steps: Bytes
     covered: tuple[int, int]
 
-    @property
-    def probabilities(self) -> NDArray[np.float32]:
-        """(gh, gw, k) probabilities of `classes`."""
-        return _PROBABILITY[self.steps]
-
 
 def rest_steps(scores: Scores) -> NDArray[np.float32]:
     """(gh, gw) -ln p, in steps, of each class that is not among a cell's k best: they share evenly what the best leave over."""
@@ -63,7 +58,7 @@ def scores_from_logits(logits: NDArray[np.float32], train_ids: Bytes, covered: t
 
 
 def encode_scores(scores: Scores) -> bytes:
-    """A header, the classes and the steps, a byte each. Not compressed: to unpack it would cost more than the votes themselves."""
+    """A header, the classes and the steps, a byte each, not compressed (docs/labelling.md says why)."""
     gh, gw, k = scores.classes.shape
     return _HEADER.pack(_LETTERS, k, gh, gw, *scores.covered) + scores.classes.tobytes() + scores.steps.tobytes()
 

@@ -1,6 +1,6 @@
-"""How a wide frame is cut for a network that takes only squares.
+"""Tiling of a wide frame into overlapping near-square tiles for a network with a square input.
 
-Squeezing a whole 3:1 frame into a square ruins such a network; cut into near-square tiles that overlap, it keeps what it learnt.
+Resizing a whole 3:1 frame to a square distorts shapes that the network was trained on; near-square tiles keep them.
 """
 
 from dataclasses import dataclass

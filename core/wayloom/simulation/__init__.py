@@ -1,1 +1,1 @@
-"""The synthetic city and its fleet, with exact truth for everything that a drive records."""
+"""Synthetic city and vehicle fleet, with exact ground truth for everything that a drive records."""

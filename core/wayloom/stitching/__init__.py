@@ -1,1 +1,1 @@
-"""Many submaps into one map: registration, joint optimisation, merge."""
+"""Fusion of submaps from all drives into one voxel map."""

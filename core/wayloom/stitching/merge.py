@@ -1,4 +1,4 @@
-"""Submaps merged into voxels: the same bits whatever the order of arrival, and whatever was merged and removed before.
+"""Order-independent voxel fusion of submaps: the same bits in any order of arrival, after any earlier merges and removals.
 
 Everything that is summed is a whole number (fixed point), and sums of whole numbers know no order:
 - the place of a point within its voxel in 1/4096 of the edge, weighted by its inverse variance in units of 1/16 m^-2,
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT, MOVING_CLASSES, SKY, VOID
 from wayloom.errors import StageError
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.stitching.kernels.accumulate import add_points, add_voxels
 from wayloom.stitching.settings import MergeSettings
 from wayloom.stitching.voxel_map import VoxelMap
@@ -24,7 +24,6 @@ from wayloom.submaps.submap import PlacedSubmap
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-Bounds = tuple[float, float, float, float]
 
 OFFSET_STEPS = 4096
 WEIGHT_STEPS, MAX_WEIGHT = 16.0, 160_000  # of 1/m^2: a sigma of 1 cm
@@ -61,12 +60,10 @@ class _Sums:
         )
 
 
-def merge(placed: Iterable[PlacedSubmap], settings: MergeSettings = MergeSettings(), bounds: Bounds | None = None) -> VoxelMap:
+def merge(placed: Iterable[PlacedSubmap], settings: MergeSettings = MergeSettings()) -> VoxelMap:
     """The static layer of all submaps.
 
     placed : each submap of each drive; one that comes twice counts once
-    bounds : (west, south, east, north) m of a region, in the map's frame: only voxels whose centre lies in it, west and south edges
-             included, so that regions side by side make the whole map; None for everything
     Raises StageError when the submaps are of different frames, or lie more than 2^20 voxels from the frame's origin.
     """
     frame: MapFrame | None = None
@@ -82,7 +79,7 @@ def merge(placed: Iterable[PlacedSubmap], settings: MergeSettings = MergeSetting
         if name in met:
             continue
         met.add(name)
-        sums.append(_sum_submap(item, settings.voxel_m, bounds, left_out))
+        sums.append(_sum_submap(item, settings.voxel_m, left_out))
         keys_of_drive.setdefault(item.drive_id, []).append(sums[-1].key)
         if len(sums) == ADD_AFTER:
             sums = [_add(sums)]
@@ -111,7 +108,7 @@ def unpack(packed: IntArray) -> IntArray:
     return np.column_stack([packed >> (2 * KEY_BITS), (packed >> KEY_BITS) & mask, packed & mask]) - KEY_LIMIT
 
 
-def _sum_submap(item: PlacedSubmap, voxel_m: float, bounds: Bounds | None, left_out: dict[str, int]) -> _Sums:
+def _sum_submap(item: PlacedSubmap, voxel_m: float, left_out: dict[str, int]) -> _Sums:
     submap = item.submap
     in_voxels = item.points_enu() / voxel_m
     keys = np.floor(in_voxels).astype(np.int64)
@@ -120,8 +117,7 @@ def _sum_submap(item: PlacedSubmap, voxel_m: float, bounds: Bounds | None, left_
         raise StageError(
             f"submap {submap.digest[:12]} lies {far_km:.0f} km from its frame's origin: use the map frame of its own place"
         )
-    inside = _inside(keys, voxel_m, bounds)
-    rows = np.flatnonzero(inside & _static(submap.label, inside, left_out))
+    rows = np.flatnonzero(_static(submap.label, left_out))
     packed = pack(keys[rows])
     key, voxel = np.unique(packed, return_inverse=True)
     sums = _Sums.zeros(key)
@@ -145,19 +141,11 @@ def _sum_submap(item: PlacedSubmap, voxel_m: float, bounds: Bounds | None, left_
     return sums
 
 
-def _inside(keys: IntArray, voxel_m: float, bounds: Bounds | None) -> NDArray[np.bool_]:
-    if bounds is None:
-        return np.ones(len(keys), bool)
-    centre = (keys[:, :2] + 0.5) * voxel_m
-    west, south, east, north = bounds
-    return np.asarray((centre[:, 0] >= west) & (centre[:, 1] >= south) & (centre[:, 0] < east) & (centre[:, 1] < north))
-
-
-def _static(label: NDArray[np.uint8], inside: NDArray[np.bool_], left_out: dict[str, int]) -> NDArray[np.bool_]:
-    """(P,) points of things that stand still; the others, where inside, are counted."""
+def _static(label: NDArray[np.uint8], left_out: dict[str, int]) -> NDArray[np.bool_]:
+    """(P,) points of things that stand still; the others are counted."""
     moving, sky, void = np.isin(label, MOVING_CLASSES), label == SKY, label == VOID
     for name, members in (("moving", moving), ("sky", sky), ("void", void)):
-        left_out[name] += int((members & inside).sum())
+        left_out[name] += int(members.sum())
     return np.asarray(~(moving | sky | void))
 
 

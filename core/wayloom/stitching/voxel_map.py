@@ -1,4 +1,4 @@
-"""The static layer of the map: voxels of a grid in the map's frame."""
+"""Voxel map: the static layer of the map on a regular grid in the map's frame."""
 
 from dataclasses import dataclass, field
 
@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT
-from wayloom.errors import StageError
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy.map_frame import MapFrame
 
 FloatArray = NDArray[np.float64]
 
@@ -65,33 +64,3 @@ class VoxelMap:
             self.last_seen_ns[rows],
             self.left_out,
         )
-
-
-def join_regions(regions: list[VoxelMap]) -> VoxelMap:
-    """The map of regions that share no voxel, equal to the one merged at once. Raises StageError on overlap."""
-    if not regions:
-        raise StageError("there is no region to join: merge at least one")
-    first = regions[0]
-    if any(region.frame != first.frame or region.voxel_m != first.voxel_m for region in regions):
-        raise StageError("regions of different frames or grids cannot be joined: merge them with one frame and one voxel_m")
-    keys = np.concatenate([region.keys for region in regions])
-    order = np.lexsort((keys[:, 2], keys[:, 1], keys[:, 0]))
-    if (np.diff(keys[order], axis=0) == 0).all(axis=1).any():
-        raise StageError("regions overlap: their bounds must share no voxel")
-    left_out: dict[str, int] = {}
-    for region in regions:
-        for reason, count in region.left_out.items():
-            left_out[reason] = left_out.get(reason, 0) + count
-
-    return VoxelMap(
-        first.frame,
-        first.voxel_m,
-        keys[order],
-        np.concatenate([region.points_enu for region in regions])[order],
-        np.concatenate([region.votes for region in regions])[order],
-        np.concatenate([region.label for region in regions])[order],
-        np.concatenate([region.count for region in regions])[order],
-        np.concatenate([region.drives for region in regions])[order],
-        np.concatenate([region.last_seen_ns for region in regions])[order],
-        dict(sorted(left_out.items())),
-    )

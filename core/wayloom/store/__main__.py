@@ -1,8 +1,9 @@
-"""`python -m wayloom.store`: bring the database that the settings name to the newest tables."""
+"""`python -m wayloom.store`: migration of the database that the settings name."""
 
 import sys
 
-from wayloom.config.service import load_service_settings
+from wayloom.config.service import ServiceSettings
+from wayloom.config.sources import load
 from wayloom.errors import InputError
 from wayloom.store.database import Database
 from wayloom.store.migrate import upgrade
@@ -11,7 +12,7 @@ from wayloom.store.migrate import upgrade
 def main() -> int:
     """Migrate and end."""
     try:
-        upgrade(Database(load_service_settings().database))
+        upgrade(Database(load(ServiceSettings, part=True).settings.database))
     except InputError as error:
         sys.stderr.write(f"wayloom: {error}\n")
         return 2

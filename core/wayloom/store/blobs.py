@@ -1,4 +1,4 @@
-"""Immutable bytes under the name of their own hash, in a local folder or any object store that obstore speaks."""
+"""Content-addressed blob store: immutable bytes by their own hash, in a local folder or any object store that obstore speaks."""
 
 import contextlib
 import hashlib

@@ -1,4 +1,4 @@
-"""Numbers for the operator."""
+"""Counts of jobs, drives and map versions for the operator's metrics."""
 
 from collections.abc import Sequence
 

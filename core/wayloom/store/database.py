@@ -1,4 +1,4 @@
-"""One door to the database, whichever it is: short read and write transactions, and the database's own clock."""
+"""Database access, SQLite or PostgreSQL: short read and write transactions, and the database's own clock."""
 
 import time
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Drives and their files."""
+"""Repository of drives and their files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,10 +8,9 @@ from sqlalchemy.orm import Session
 
 from wayloom.errors import ConflictError, NotFoundError
 from wayloom.store.database import now_s
-from wayloom.store.jobs import JobMessage, create_drive_jobs, create_remove_job
+from wayloom.store.jobs import JobMessage, create_drive_jobs, create_removal_job
 from wayloom.store.manifest import Manifest
 from wayloom.store.maps import ensure_map
-from wayloom.store.queues import REMOVE
 from wayloom.store.tables import Drive, DriveFile, Job, Vehicle
 
 
@@ -87,7 +86,7 @@ def received(session: Session, drives: Sequence[Drive]) -> dict[str, Received]:
 
 
 def mark_complete(session: Session, drive_id: str, path: str) -> JobMessage | None:
-    """A file has arrived and is verified. When it was the last one the drive is queued, and the job to wake is returned."""
+    """A file has arrived and is verified. When it was the last one the drive is queued, and the first job's message is returned."""
     drive = session.get(Drive, drive_id, with_for_update=True)
     if drive is None:
         raise NotFoundError(f"drive {drive_id[:12]} was removed while it was uploaded")
@@ -116,7 +115,7 @@ def request_removal(session: Session, drive_id: str) -> JobMessage:
         raise ConflictError(f"drive {drive_id[:12]} is being removed already")
     session.execute(delete(Job).where(Job.drive_id == drive_id))
     drive.state, drive.error = "removing", None
-    return create_remove_job(session, drive_id, REMOVE)
+    return create_removal_job(session, drive_id)
 
 
 def delete_rows(session: Session, drive_id: str) -> None:

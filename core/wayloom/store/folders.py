@@ -1,4 +1,4 @@
-"""Where everything lies under the data folder."""
+"""Layout of the data folder."""
 
 from dataclasses import dataclass
 from pathlib import Path

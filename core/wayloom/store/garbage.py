@@ -1,4 +1,4 @@
-"""Blobs that nothing names any more: tiles of forgotten versions, submaps and pictures of removed drives.
+"""Garbage collection of blobs that nothing names any more: tiles of forgotten versions, submaps and pictures of removed drives.
 
 A blob is named by rows or, between stitching and publishing, by a map's list of tiles. A running job may have stored a blob, or
 found it stored, that it has not named yet. So blobs are looked through only while no job that stores any is running, and deleted

@@ -12,9 +12,9 @@ from typing import Any
 from sqlalchemy import CursorResult, select, update
 from sqlalchemy.orm import Session
 
+from wayloom.config.stages import REMOVAL, drive_stages, find_stage, map_stages
 from wayloom.errors import ConflictError, LeaseLostError
 from wayloom.store.database import Database, now_s
-from wayloom.store.queues import DRIVE_STAGES, MAP_STAGES, QUEUE_OF
 from wayloom.store.tables import Drive, Job, Map
 
 ERROR_LENGTH = 4000
@@ -35,7 +35,7 @@ class Claim:
 
 @dataclass(frozen=True, slots=True)
 class JobMessage:
-    """A job that a worker should be told of."""
+    """The message that a job waits in a queue."""
 
     job_id: int
     queue: str
@@ -44,7 +44,7 @@ class JobMessage:
 def create_drive_jobs(session: Session, drive_id: str) -> JobMessage:
     """One row for every stage of the drive; the first is queued, the others wait for the one before."""
     now = now_s(session)
-    jobs = [_job(stage, now, drive_id=drive_id, position=i, state="waiting") for i, stage in enumerate(DRIVE_STAGES)]
+    jobs = [_job(stage, now, drive_id=drive_id, position=i, state="waiting") for i, stage in enumerate(drive_stages())]
     jobs[0].state = "queued"
     session.add_all(jobs)
     session.flush()
@@ -55,7 +55,7 @@ def create_map_job(
     session: Session, stage: str, map_id: str, payload: dict[str, Any] | None = None, parent_id: int | None = None
 ) -> Job:
     """A queued job of a map."""
-    job = _job(stage, now_s(session), map_id=map_id, payload=payload or {}, parent_id=parent_id, position=MAP_STAGES.index(stage))
+    job = _job(stage, now_s(session), map_id=map_id, payload=payload or {}, parent_id=parent_id, position=map_stages().index(stage))
     session.add(job)
     session.flush()
     return job
@@ -68,9 +68,9 @@ def request_stitch(session: Session, map_id: str) -> Job:
     return session.scalars(waiting.order_by(Job.id)).first() or create_map_job(session, "stitch", map_id)
 
 
-def create_remove_job(session: Session, drive_id: str, stage: str) -> JobMessage:
+def create_removal_job(session: Session, drive_id: str) -> JobMessage:
     """A queued job that removes a drive; its rows go with the drive."""
-    job = _job(stage, now_s(session), drive_id=drive_id, position=0)
+    job = _job(REMOVAL.name, now_s(session), drive_id=drive_id, position=0)
     session.add(job)
     session.flush()
     return JobMessage(job.id, job.queue)
@@ -91,7 +91,7 @@ def claim(database: Database, job_id: int, worker: str, lease_s: float) -> Claim
         )  # fmt: skip
         if not taken:
             return None
-        if job.drive_id is not None and job.stage in DRIVE_STAGES:
+        if job.drive_id is not None and job.stage in drive_stages():
             _update(session, update(Drive).where(Drive.id == job.drive_id, Drive.state == "queued"), state="running")
         return Claim(job.id, job.token + 1, job.stage, job.attempt + 1, job.drive_id, job.map_id, dict(job.payload))
 
@@ -139,13 +139,13 @@ def release(session: Session, held: Claim) -> None:
 
 
 def input_keys(session: Session, drive_id: str, stage: str) -> dict[str, str]:
-    """For each stage before `stage`, in order, the key of its output. Raises ConflictError where one is not done."""
-    before = DRIVE_STAGES[: DRIVE_STAGES.index(stage)]
-    rows = session.scalars(select(Job).where(Job.drive_id == drive_id, Job.stage.in_(before), Job.state == "done")).all()
+    """For each stage whose result `stage` reads, the key of its output. Raises ConflictError where one is not done."""
+    read = find_stage(stage).results_read
+    rows = session.scalars(select(Job).where(Job.drive_id == drive_id, Job.stage.in_(read), Job.state == "done")).all()
     keys = {job.stage: str(job.payload["key"]) for job in rows}
-    if len(keys) < len(before):
-        raise ConflictError(f"{stage} was started before {', '.join(name for name in before if name not in keys)}")
-    return {name: keys[name] for name in before}
+    if len(keys) < len(read):
+        raise ConflictError(f"{stage} was started before {', '.join(name for name in read if name not in keys)}")
+    return {name: keys[name] for name in read}
 
 
 def retry(session: Session, drive_id: str) -> list[JobMessage]:
@@ -165,9 +165,9 @@ def retry(session: Session, drive_id: str) -> list[JobMessage]:
     return [JobMessage(job.id, job.queue) for job in jobs]
 
 
-def mark_sent(database: Database, woken: Iterable[JobMessage]) -> None:
+def mark_sent(database: Database, messages: Iterable[JobMessage]) -> None:
     """Remember that the jobs' messages went out."""
-    ids = [wake.job_id for wake in woken]
+    ids = [message.job_id for message in messages]
     if ids:
         with database.write() as session:
             _update(session, update(Job).where(Job.id.in_(ids)), sent_at=now_s(session))
@@ -179,7 +179,7 @@ def _text(error: str) -> str:
 
 
 def _job(stage: str, now: float, *, state: str = "queued", **values: Any) -> Job:
-    return Job(stage=stage, queue=QUEUE_OF[stage], state=state, created_at=now, **values)
+    return Job(stage=stage, queue=find_stage(stage).queue, state=state, created_at=now, **values)
 
 
 def _held(held: Claim) -> Any:

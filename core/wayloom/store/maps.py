@@ -1,4 +1,4 @@
-"""Maps: the places of submaps, the versions, and which blob is which tile."""
+"""Repository of maps: the places of submaps, the versions, and which blob is which tile."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -106,6 +106,12 @@ def place_submaps(session: Session, drive_id: str, rows: Sequence[SubmapRow]) ->
     """Put a drive's submaps in the place of those that it had."""
     session.execute(delete(SubmapRow).where(SubmapRow.drive_id == drive_id))
     session.add_all(rows)
+
+
+def has_submaps(session: Session, drive_id: str) -> bool:
+    """Whether the drive has a place in its map."""
+    session.flush()
+    return session.scalars(select(SubmapRow.position).where(SubmapRow.drive_id == drive_id).limit(1)).first() is not None
 
 
 def submaps(session: Session, map_id: str, box: Box | None = None) -> Sequence[SubmapRow]:

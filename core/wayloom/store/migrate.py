@@ -1,4 +1,4 @@
-"""Bring a database to the newest tables, or say what is missing."""
+"""Migration of a database to the newest tables, and the check whether it is needed."""
 
 import argparse
 import sys

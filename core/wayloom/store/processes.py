@@ -1,4 +1,4 @@
-"""Who runs a job, said so that another process of the same machine can see that it has died."""
+"""Identity of a worker process, by which another process of the same machine can see that it has died."""
 
 import os
 import socket

@@ -1,4 +1,4 @@
-"""Which stage waits in which queue, and the settings that every Celery application of wayloom shares.
+"""Settings that every Celery application of wayloom shares. The catalogue of stages says which stage waits in which queue.
 
 Jobs are recovered from their rows by the sweeper, never by the broker: messages are acknowledged early, none is prefetched, there
 is no result backend, and nothing waits in a worker's memory. So the broker may lose everything and only seconds are lost.
@@ -6,22 +6,8 @@ is no result backend, and nothing waits in a worker's memory. So the broker may 
 
 from typing import Any, Final
 
-DRIVE_STAGES: Final = ("ingest", "odometry", "segmentation", "labelling", "georeference", "submaps")
-MAP_STAGES: Final = ("stitch", "publish")
-REMOVE: Final = "remove"
+from wayloom.config.stages import REMOVAL
 
-QUEUE_OF: Final = {
-    "ingest": "ingest",
-    "odometry": "odometry",
-    "segmentation": "segmentation",
-    "labelling": "odometry",
-    "georeference": "odometry",
-    "submaps": "odometry",
-    "stitch": "stitch",
-    "publish": "publish",
-    REMOVE: "maintenance",
-}
-QUEUES: Final = tuple(dict.fromkeys(QUEUE_OF.values()))
 TASK_NAME: Final = "wayloom.run_job"
 
 
@@ -46,7 +32,7 @@ def celery_settings(broker_url: str) -> dict[str, Any]:
             "socket_connect_timeout": 5,
             "max_retries": 3,
         },
-        "task_default_queue": "maintenance",
+        "task_default_queue": REMOVAL.queue,
         "task_publish_retry_policy": {"max_retries": 2, "interval_start": 0.1, "interval_step": 0.2, "interval_max": 0.5},
         "worker_hijack_root_logger": False,
     }

@@ -1,4 +1,4 @@
-"""Find jobs whose worker has died and jobs of which no worker knows. Any number of sweepers may run at once."""
+"""Recovery of jobs whose worker has died, and of those of which no worker knows. Any number of sweepers may run at once."""
 
 from sqlalchemy import or_, select
 from sqlalchemy.orm import Session

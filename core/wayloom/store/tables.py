@@ -1,4 +1,4 @@
-"""The tables. Times are seconds since 1970 as float; digests are 64 hexadecimal characters of SHA-256."""
+"""Tables of the database. Times are seconds since 1970 as float; digests are 64 hexadecimal characters of SHA-256."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""tus uploads: the row (which file of which drive, until when) and the stored bytes, whose number is the offset."""
+"""Repository of tus uploads: the row (which file of which drive, until when) and the stored bytes, whose number is the offset."""
 
 import hashlib
 import os

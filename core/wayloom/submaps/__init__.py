@@ -1,1 +1,1 @@
-"""The submap: 50 to 100 m of one labelled drive, immutable and content-addressed."""
+"""Submaps: 50 to 100 m of one labelled drive, immutable and content-addressed."""

@@ -1,4 +1,4 @@
-"""A folder of submaps: `index.json` says where each lies, `<digest>.submap` holds what it is."""
+"""Submap folder: `index.json` with the pose of each submap, `<digest>.submap` with its content."""
 
 import hashlib
 import json
@@ -10,7 +10,7 @@ import numpy as np
 
 from wayloom.errors import InputError
 from wayloom.files.atomic import write_atomically
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.submaps.submap import PlacedSubmap, decode_submap
 
 FORMAT = "wayloom-submaps"
@@ -20,7 +20,7 @@ REMEDY = "make the submaps again"
 
 
 def save_submaps(placed: Iterable[PlacedSubmap], folder: Path) -> None:
-    """Write the blobs, then the index: a folder with an index is whole."""
+    """Write the submaps, then the index: a folder with an index is whole."""
     folder.mkdir(parents=True, exist_ok=True)
     entries = []
     for item in placed:

@@ -6,7 +6,7 @@ from wayloom.config.settings import Settings
 
 
 class SubmapSettings(Settings):
-    """How a drive is cut, and which points are good enough for a map."""
+    """Length of the submaps, and the limits of depth and uncertainty of their points."""
 
     length_m: float = Field(75.0, gt=0.0, description="wanted length of road of a submap, m")
     max_length_m: float = Field(100.0, gt=0.0, description="no submap is longer, m")

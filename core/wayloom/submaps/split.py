@@ -1,4 +1,4 @@
-"""A drive cut into submaps."""
+"""Submap extraction: a labelled drive cut into submaps, with point selection by depth uncertainty."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ def make_submaps(
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """keyframes (K,) rows, in order; anchor the row in the middle of the road; length_m of road."""
+    """Section of road of one submap: keyframes (K,) rows, in order; anchor the row in the middle of the road; length_m of road."""
 
     keyframes: IntArray
     anchor: int
@@ -55,7 +55,7 @@ class Stretch:
 
 
 def split_road(odometry: OdometryResult, settings: SubmapSettings) -> list[Stretch]:
-    """Every segment of the track is cut into equal lengths of road, as near to the wanted length as whole numbers allow."""
+    """Cut every segment of the track into sections of equal length, as near to the wanted length as whole numbers allow."""
     road = travelled(odometry.trajectory)[odometry.keyframes.frame]
     stretches = []
     for segment in np.unique(odometry.keyframes.segment):
@@ -76,7 +76,7 @@ KEPT, NO_DEPTH, TOO_FAR, UNCERTAIN, IS_SKY = range(5)
 
 
 def _judge_points(odometry: OdometryResult, labels: PointLabels, settings: SubmapSettings) -> NDArray[np.int8]:
-    """(P,) which of NAMES each point is."""
+    """(P,) the reason, an index into NAMES, for which each point is kept or left out."""
     d = odometry.points.inverse_depth.astype(np.float64)
     variance = odometry.points.variance.astype(np.float64)
     has_depth = np.isfinite(d) & (d > 0.0) & np.isfinite(variance) & (variance >= 0.0)
@@ -148,7 +148,7 @@ def _take_ragged(start: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _place(submap: Submap, odometry: OdometryResult, geo: GeoReference, stretch: Stretch, drive_id: str) -> PlacedSubmap:
-    """The mean, at the submap's origin, of where each of its keyframes would put it; the anchor's covariance.
+    """Pose of a submap: the mean of the poses that its keyframes give its origin; the anchor's covariance.
 
     (Rigidly joined frames share their left perturbation, so the anchor's is the submap's.)
     """

@@ -1,4 +1,4 @@
-"""A submap: the labelled points of 50 to 100 m of one drive, in its own frame, immutable and addressed by its content.
+"""Submap: the labelled points of 50 to 100 m of one drive, in its own frame, immutable and addressed by its content.
 
 Its frame is the left camera of its anchor, the keyframe in its middle. Its points come from the odometry alone, so nothing that is
 optimised later changes them: where a submap lies (`PlacedSubmap`) is kept beside it.
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import InputError
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.submaps.blob import decode_blob, encode_blob
 
 FloatArray = NDArray[np.float64]
@@ -85,7 +85,7 @@ def decode_submap(data: bytes, name: str = "submap") -> Submap:
 
 @dataclass(frozen=True, slots=True)
 class PlacedSubmap:
-    """Where a submap lies.
+    """A submap with its pose in the map.
 
     T_enu_submap  (4, 4) in the map's frame; in the drive's own where frame is None
     covariance    (6, 6) of its left perturbation (v, omega), m^2, rad^2; NaN without frame

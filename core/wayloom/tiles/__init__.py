@@ -1,1 +1,1 @@
-"""The grid, levels of detail, one encoder a format in TILE_FORMATS, and exports."""
+"""Map tiles: grid, levels of detail, one encoder a format in TILE_FORMATS, and exports."""

@@ -1,4 +1,4 @@
-"""The map for other programs: PLY, LAZ, GeoJSON, a picture, a folder of tiles."""
+"""Map exports: PLY, LAZ, GeoJSON, a picture, a folder of tiles."""
 
 import io
 import json
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from wayloom.config.classes import CLASS_ID, CLASS_NAMES, PALETTE_WITH_VOID
 from wayloom.files.atomic import write_atomically
 from wayloom.files.ply import write_ply
-from wayloom.georeference import geodesy
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy import wgs84
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.stitching.voxel_map import VoxelMap
 from wayloom.tiles.preview import top_down
 from wayloom.tiles.pyramid import TILE_FORMATS, Track, build_tiles
@@ -37,12 +37,12 @@ LAZ_SCALE_M: Final = 0.001
 
 def export_ply(path: Path, points: FloatArray, labels: NDArray[np.uint8], frame: MapFrame | None = None) -> None:
     """points (N, 3) m in the map's frame (or a drive's own without frame), coloured by their labels (N,)."""
-    said = (
+    comment = (
         "frame: the drive's own world"
         if frame is None
         else f"frame: ENU at {frame.lon_deg} {frame.lat_deg} {frame.height_m} (WGS84)"
     )
-    write_ply(path, points, PALETTE_WITH_VOID[labels], labels, (said,))
+    write_ply(path, points, PALETTE_WITH_VOID[labels], labels, (comment,))
 
 
 def export_laz(path: Path, points: FloatArray, labels: NDArray[np.uint8], frame: MapFrame | None = None) -> None:
@@ -55,11 +55,11 @@ def export_laz(path: Path, points: FloatArray, labels: NDArray[np.uint8], frame:
     header.generating_software = "wayloom"
     coordinates = np.asarray(points, np.float64).reshape(-1, 3)
     if frame is not None and len(coordinates):
-        lon_lat_height = geodesy.lonlatheight_from_enu(coordinates, frame)
+        lon_lat_height = wgs84.lonlatheight_from_enu(coordinates, frame)
         lon, lat = np.median(lon_lat_height[:, :2], axis=0).tolist()
-        epsg = geodesy.utm_epsg(lon, lat)
-        header.add_crs(geodesy.utm_crs(epsg))
-        coordinates = geodesy.utm_from_lonlatheight(lon_lat_height, epsg)
+        epsg = wgs84.utm_epsg(lon, lat)
+        header.add_crs(wgs84.utm_crs(epsg))
+        coordinates = wgs84.utm_from_lonlatheight(lon_lat_height, epsg)
     header.scales = np.full(3, LAZ_SCALE_M)
     header.offsets = np.floor(coordinates.min(axis=0)) if len(coordinates) else np.zeros(3)
     header.global_encoding.wkt = True
@@ -75,7 +75,7 @@ def export_laz(path: Path, points: FloatArray, labels: NDArray[np.uint8], frame:
 
 def export_geojson_track(path: Path, T_enu_cam: FloatArray, frame: MapFrame, name: str = "") -> None:
     """The camera's track (N, 4, 4) as one WGS84 LineString with heights, longitude first (RFC 7946)."""
-    lon_lat_height = geodesy.lonlatheight_from_enu(T_enu_cam[:, :3, 3], frame)
+    lon_lat_height = wgs84.lonlatheight_from_enu(T_enu_cam[:, :3, 3], frame)
     line = [[round(lon, 9), round(lat, 9), round(height, 3)] for lon, lat, height in lon_lat_height.tolist()]
     feature = {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "LineString", "coordinates": line}}
     write_atomically(path, json.dumps({"type": "FeatureCollection", "features": [feature]}).encode())

@@ -1,4 +1,4 @@
-"""Web-mercator XYZ tiles: the world is a unit square, x to the east from the antimeridian, y to the south from 85.05 degrees north.
+"""Web-mercator XYZ tile grid: a unit square, x to the east from the antimeridian, y to the south from 85.05 degrees north.
 
 x = (lon + 180) / 360,   y = 1/2 - asinh(tan lat) / 2 pi;   tile = floor(2^z (x, y)),   pixel = floor(256 2^z (x, y))
 """
@@ -64,12 +64,6 @@ def pixel_from_lonlat(lon_lat: FloatArray, zoom: int) -> IntArray:
     return np.floor(unit_from_lonlat(lon_lat) * (TILE_PX << zoom)).astype(np.int64)
 
 
-def tile_from_lonlat(lon_deg: float, lat_deg: float, zoom: int) -> TileAddress:
-    """The tile that shows a place."""
-    column, row = (pixel_from_lonlat(np.array([[lon_deg, lat_deg]]), zoom)[0] // TILE_PX).tolist()
-    return check_tile(zoom, column, row)
-
-
 def tile_bounds(tile: TileAddress) -> tuple[float, float, float, float]:
     """West, south, east, north in degrees."""
     corners = np.array([[tile.x, tile.y + 1], [tile.x + 1, tile.y]], np.float64) / (1 << tile.z)
@@ -82,19 +76,6 @@ def tile_centre(tile: TileAddress) -> tuple[float, float]:
     centre = np.array([[tile.x + 0.5, tile.y + 0.5]]) / (1 << tile.z)
     lon, lat = lonlat_from_unit(centre)[0].tolist()
     return lon, lat
-
-
-def parent(tile: TileAddress) -> TileAddress:
-    """The tile one zoom lower that holds this one. Raises InputError at zoom 0."""
-    if tile.z == 0:
-        raise InputError("tile 0/0/0 has no parent", remedy="stop at zoom 0")
-    return TileAddress(tile.z - 1, tile.x >> 1, tile.y >> 1)
-
-
-def children(tile: TileAddress) -> tuple[TileAddress, ...]:
-    """The four tiles one zoom higher."""
-    z, x, y = tile.z + 1, 2 * tile.x, 2 * tile.y
-    return tuple(check_tile(z, x + i, y + j) for j in (0, 1) for i in (0, 1))
 
 
 def metres_per_pixel(zoom: int, lat_deg: float) -> float:

@@ -1,4 +1,4 @@
-"""How many voxels of each class lie in each pixel of a zoom; coarser pixels are sums of four, so nothing is ever lost."""
+"""Levels of detail: voxel counts by class for each pixel of a zoom; coarser pixels are sums of four, so no count is lost."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ OCCUPIED = 31
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """A sparse picture of counts, sorted by row, column, code.
+    """Sparse image of voxel counts at one zoom, sorted by row, column, code.
 
     zoom    the zoom whose pixels these are (256 a tile edge)
     cell    (R,) row, column and class (or OCCUPIED) in one whole number
@@ -88,8 +88,8 @@ def coarser(level: Level) -> Level:
     return _summed(level.zoom - 1, _packed(level.row >> 1, level.column >> 1, level.code), level.count)
 
 
-def widened(level: Level) -> Level:
-    """For drawing only: every count again, fainter, in the eight pixels around its own: a voxel is three wide."""
+def dilated(level: Level) -> Level:
+    """For display only: every count again, fainter, in the eight pixels around its own, so that a voxel is three pixels wide."""
     edge = (TILE_PX << level.zoom) - 1
     cells, counts = [level.cell], [level.count * 16]
     for dy in (-1, 0, 1):

@@ -1,4 +1,4 @@
-"""The map as vector tiles (Mapbox Vector Tile 2.1): cells with their counts for each class, and the tracks of the drives."""
+"""Vector tiles (Mapbox Vector Tile 2.1): cells with their counts by class, and the tracks of the drives."""
 
 import itertools
 from collections.abc import Iterator, Sequence

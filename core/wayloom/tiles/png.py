@@ -1,4 +1,4 @@
-"""The semantic layer as pictures, from above."""
+"""Raster tiles of the semantic layer (PNG), seen from above."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""The compact 3D point tile: the voxels of one tile in its own tangent plane (`docs/formats.md`, "Point tile")."""
+"""Compact 3D point tile: the voxels of one tile in its own tangent plane (`docs/formats.md`, "Point tile")."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT
 from wayloom.errors import InputError
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.submaps.blob import decode_blob, encode_blob
 from wayloom.tiles.grid import TileAddress, check_tile, tile_bounds, tile_centre
 
@@ -82,8 +82,8 @@ def decode_points(data: bytes, name: str = "point tile") -> PointTile:
         raise InputError(f"is no point tile or is damaged ({error})", file=name, remedy="fetch the tile again") from error
 
 
-def thinned(points: PointTile, limit: int, voxel_m: float) -> PointTile:
-    """At most `limit` points: voxels joined in twos, fours, … along each axis, their counts added for each class apart.
+def voxel_downsampled(points: PointTile, limit: int, voxel_m: float) -> PointTile:
+    """At most `limit` points: voxels merged in twos, fours, … along each axis, their counts added for each class apart.
 
     So a class keeps its count exactly, and a point tile says the same of a class as every other tile over the same ground. Where
     classes alone are more than the limit, joining stops at one point for each class.

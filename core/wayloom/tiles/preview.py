@@ -1,4 +1,4 @@
-"""The map from above as one picture, with a scale bar and north."""
+"""Top-down preview picture of the map, with a scale bar and a north arrow."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""All tiles of a map: pictures, vector tiles and point tiles, the coarse ones summed from the fine ones."""
+"""Tile pyramid of a map: raster, vector and point tiles, the coarse ones summed from the fine ones."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import StageError
-from wayloom.georeference import geodesy
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy import wgs84
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.stitching.voxel_map import VoxelMap
 from wayloom.submaps.submap import PlacedSubmap
 from wayloom.tiles.grid import TILE_PX, TileAddress, pixel_from_lonlat
-from wayloom.tiles.levels import Level, coarser, finest_level, widened
+from wayloom.tiles.levels import Level, coarser, dilated, finest_level
 from wayloom.tiles.mvt import LonLatTrack, encode_mvt, tiles_of_track
 from wayloom.tiles.png import encode_png
-from wayloom.tiles.points import PointTile, encode_points, origin_of, thinned
+from wayloom.tiles.points import PointTile, encode_points, origin_of, voxel_downsampled
 from wayloom.tiles.settings import TileSettings
 
 FloatArray = NDArray[np.float64]
@@ -27,7 +27,7 @@ COARSEST = 3  # the vector tiles of the lowest zoom need the pixels two zooms be
 
 @dataclass(frozen=True, slots=True)
 class TileFormat:
-    """layer: the name under which such tiles are addressed; media_type for HTTP; suffix for files."""
+    """A tile format. layer: the name under which such tiles are addressed; media_type for HTTP; suffix for files."""
 
     layer: str
     media_type: str
@@ -62,7 +62,7 @@ class Track:
 
 
 def tracks_of(placed: Iterable[PlacedSubmap]) -> list[Track]:
-    """The tracks of submaps, sorted, whatever order they come in. Pieces of one drive that nearly touch are one track."""
+    """The tracks of submaps, sorted independently of their order. Pieces of one drive that nearly touch are one track."""
     pieces = {(item.drive_id, int(item.submap.keyframe_t_ns[0]), item.submap.digest): item for item in placed}
     tracks: list[Track] = []
     for key in sorted(pieces):
@@ -87,10 +87,8 @@ def build_tiles(
         raise StageError(
             f"a map in the frame {voxel_map.frame} cannot be cut into tiles of {frame}: geo-reference the drives first"
         )
-    lon_lat_height = geodesy.lonlatheight_from_enu(voxel_map.points_enu, frame)
-    lines = [
-        LonLatTrack(t.drive_id, geodesy.lonlatheight_from_enu(t.points_enu, frame)[:, :2]) for t in tracks if len(t.points_enu)
-    ]
+    lon_lat_height = wgs84.lonlatheight_from_enu(voxel_map.points_enu, frame)
+    lines = [LonLatTrack(t.drive_id, wgs84.lonlatheight_from_enu(t.points_enu, frame)[:, :2]) for t in tracks if len(t.points_enu)]
     yield from _point_tiles(voxel_map, lon_lat_height, settings)
     level = finest_level(lon_lat_height[:, :2], voxel_map.label, settings.max_zoom)
     for zoom in range(settings.max_zoom, settings.min_zoom - COARSEST, -1):
@@ -108,7 +106,7 @@ def _tile(name: str, address: TileAddress, data: bytes) -> Tile:
 
 
 def _picture_tiles(level: Level, settings: TileSettings) -> Iterator[Tile]:
-    drawn = widened(level) if level.zoom >= settings.dot_from_zoom else level
+    drawn = dilated(level) if level.zoom >= settings.dot_from_zoom else level
     for address, part in drawn.tiles():
         yield _tile("png", address, encode_png(part, settings.max_zoom))
 
@@ -147,7 +145,7 @@ def _point_tiles(voxel_map: VoxelMap, lon_lat_height: FloatArray, settings: Tile
     for rows in np.split(order, edges) if len(order) else []:
         address = TileAddress(settings.points_zoom, *places[rows[0]].tolist())
         points = point_tile(voxel_map.take(rows), lon_lat_height[rows], address)
-        yield _tile("points", address, encode_points(thinned(points, settings.points_per_tile, voxel_map.voxel_m)))
+        yield _tile("points", address, encode_points(voxel_downsampled(points, settings.points_per_tile, voxel_map.voxel_m)))
 
 
 def point_tile(voxels: VoxelMap, lon_lat_height: FloatArray, address: TileAddress) -> PointTile:
@@ -157,7 +155,7 @@ def point_tile(voxels: VoxelMap, lon_lat_height: FloatArray, address: TileAddres
     return PointTile(
         address,
         origin,
-        geodesy.enu_from_lonlatheight(lon_lat_height, origin),
+        wgs84.enu_from_lonlatheight(lon_lat_height, origin),
         np.ones(len(voxels), np.uint32),
         voxels.label,
         np.rint(255.0 * voxels.confidence).astype(np.uint8),

@@ -8,7 +8,7 @@ from wayloom.config.settings import Settings
 
 
 class TileSettings(Settings):
-    """Which zooms are built, and how fine."""
+    """Zoom levels and resolution of the tiles."""
 
     min_zoom: int = Field(12, ge=3, le=20, description="coarsest zoom of pictures and vector tiles")
     max_zoom: int = Field(

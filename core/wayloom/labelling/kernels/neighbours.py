@@ -1,4 +1,4 @@
-"""Votes of points that lie beside each other, brought together."""
+"""Class priors of sparse votes, their correction, and the Gaussian smoothing of votes over neighbours in space."""
 
 import numpy as np
 from numba import njit
@@ -8,8 +8,8 @@ _Index = np.uint64
 
 
 @njit(cache=True, error_model="numpy")
-def shares_of_classes(start, classes, weights, class_count):  # type: ignore[no-untyped-def]
-    """(class_count,) the mean share that each class has of a point's votes, over the points that have any.
+def class_priors(start, classes, weights, class_count):  # type: ignore[no-untyped-def]
+    """(class_count,) the prior of each class: its mean share of a point's votes, over the points that have any.
 
     start (P + 1,) int64, classes (M,) uint8, weights (M,) float32 > 0: the sparse votes of all P points
     """
@@ -25,7 +25,7 @@ def shares_of_classes(start, classes, weights, class_count):  # type: ignore[no-
 
 
 @njit(cache=True, error_model="numpy")
-def favoured(start, classes, weights, factors):  # type: ignore[no-untyped-def]
+def scaled_by_class(start, classes, weights, factors):  # type: ignore[no-untyped-def]
     """Weights (M,) float32 of sparse votes times their classes' factors (C,), the sum of each point's as it was."""
     out = np.empty_like(weights)
     for p in range(len(start) - 1):
@@ -39,9 +39,9 @@ def favoured(start, classes, weights, factors):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def weigh_nearest(members, near, distance2, sigma, own, rows, closeness):  # type: ignore[no-untyped-def]
-    """Fill rows (P, K) and closeness (P, K) of points members (N,): exp(-r^2 / 2 s^2), for a point itself times `own`; the point
-    and 0 where there are no more.
+def gaussian_weights(members, near, distance2, sigma, own_weight, rows, gaussian):  # type: ignore[no-untyped-def]
+    """Fill rows (P, K) and gaussian (P, K) of points members (N,): exp(-r^2 / 2 s^2), for a point itself times `own_weight`; the
+    point and 0 where there are no more.
 
     near (N, K) places among members of each one's nearest, -1: no more, distance2 (N, K) m^2, sigma (N,) m. A point that is not
     among its nearest, as many stand at its place, takes the last one's place.
@@ -52,17 +52,17 @@ def weigh_nearest(members, near, distance2, sigma, own, rows, closeness):  # typ
             q = near[n, i]
             is_there = is_there or q == n
             rows[p, i] = members[q] if q >= 0 else p
-            closeness[p, i] = np.exp(scale * distance2[n, i]) * (own if q == n else 1.0) if q >= 0 else 0.0
+            gaussian[p, i] = np.exp(scale * distance2[n, i]) * (own_weight if q == n else 1.0) if q >= 0 else 0.0
         if not is_there:
-            rows[p, near.shape[1] - 1], closeness[p, near.shape[1] - 1] = p, own
+            rows[p, near.shape[1] - 1], gaussian[p, near.shape[1] - 1] = p, own_weight
 
 
 @njit(cache=True, error_model="numpy")
-def votes_around(start, classes, weights, neighbour, closeness, first, stop, class_count):  # type: ignore[no-untyped-def]
-    """Votes of points first to stop: the mean of the neighbours' (as shares of 1), weighed by closeness, times the point's own sum.
+def smoothed_votes(start, classes, weights, neighbour, gaussian, first, stop, class_count):  # type: ignore[no-untyped-def]
+    """Votes of points first to stop: the Gaussian-weighted mean of the neighbours' (as shares of 1), times the point's own sum.
 
     start      (P + 1,) int64, classes (M,) uint8, weights (M,) float32 > 0: the sparse votes of all P points
-    neighbour  (P, K) rows of points, closeness (P, K) float32, 0: not a neighbour; the point itself is among its neighbours
+    neighbour  (P, K) rows of points, itself among them; gaussian (P, K) float32 their weights, 0: not a neighbour
     returns    (stop - first, class_count) float64; zeros for a point without votes of its own
     """
     votes = np.zeros((stop - first, class_count))
@@ -79,10 +79,10 @@ def votes_around(start, classes, weights, neighbour, closeness, first, stop, cla
         mean[:] = 0.0
         for i in range(neighbour.shape[1]):
             q = neighbour[p, i]
-            if not (closeness[p, i] > 0.0 and total[q] > 0.0):
+            if not (gaussian[p, i] > 0.0 and total[q] > 0.0):
                 continue
-            of_all += np.float64(closeness[p, i])
-            share = np.float64(closeness[p, i]) / total[q]
+            of_all += np.float64(gaussian[p, i])
+            share = np.float64(gaussian[p, i]) / total[q]
             for m in range(_Index(start[q]), _Index(start[q + 1])):
                 mean[classes[m]] += share * np.float64(weights[m])
         scale = total[p] / of_all

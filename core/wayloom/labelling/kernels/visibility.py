@@ -1,126 +1,130 @@
-"""Whether a point is really seen where it projects to: its looks, and what stands before it."""
+"""Visibility of a point in an observer: patch descriptors, their normalised cross-correlation, and an occlusion buffer."""
 
 import numpy as np
 from numba import njit
 
-SIDE = 3
-"""A point's looks are SIDE x SIDE grey values around it."""
+PATCH_SIDE = 3
+"""A patch is PATCH_SIDE x PATCH_SIDE samples."""
 _Index = np.uint64
 """Pixels are addressed by unsigned numbers: a signed index is tested for being negative each time."""
 _ONE = _Index(1)
-_FLAT = 1.0
-"""Sum of squared grey values about their mean under which a patch has no looks."""
+_MIN_SQUARED_NORM = 1.0
+"""Squared norm of a zero-mean patch, in grey values, up to which it counts as flat."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _look_at(image, u, v, scale, look, across, columns):  # type: ignore[no-untyped-def]
-    """Fill look (SIDE * SIDE,) float32: see `patches`. Bilinear; beyond the border its own value. u and v must be finite.
+def _sample_descriptor(image, u, v, scale, descriptor, across, columns):  # type: ignore[no-untyped-def]
+    """Fill descriptor (PATCH_SIDE * PATCH_SIDE,) float32: see `patch_descriptors`. u and v must be finite.
 
-    across (SIDE,) float32 and columns (SIDE,) uint64 are working space.
+    Bilinear interpolation; the border's value is repeated beyond it.
+    across (PATCH_SIDE,) float32 and columns (PATCH_SIDE,) uint64 are working space.
     """
     height, width = image.shape
-    for i in range(SIDE):
-        x = min(max(u + (i - (SIDE - 1) // 2) * scale, np.float32(0.0)), np.float32(width - 1))
+    for i in range(PATCH_SIDE):
+        x = min(max(u + (i - (PATCH_SIDE - 1) // 2) * scale, np.float32(0.0)), np.float32(width - 1))
         column = min(int(x), width - 2)
         across[i], columns[i] = x - np.float32(column), _Index(column)
     mean = np.float32(0.0)
-    for j in range(SIDE):
-        y = min(max(v + (j - (SIDE - 1) // 2) * scale, np.float32(0.0)), np.float32(height - 1))
+    for j in range(PATCH_SIDE):
+        y = min(max(v + (j - (PATCH_SIDE - 1) // 2) * scale, np.float32(0.0)), np.float32(height - 1))
         above = min(int(y), height - 2)
         down, row = y - np.float32(above), _Index(above)
-        for i in range(SIDE):
+        for i in range(PATCH_SIDE):
             beside, column = across[i], columns[i]
-            one, other = np.float32(image[row, column]), np.float32(image[row + _ONE, column])
-            one += beside * (np.float32(image[row, column + _ONE]) - one)
-            other += beside * (np.float32(image[row + _ONE, column + _ONE]) - other)
-            look[SIDE * j + i] = one + down * (other - one)
-            mean += look[SIDE * j + i]
-    mean /= np.float32(SIDE * SIDE)
+            top, bottom = np.float32(image[row, column]), np.float32(image[row + _ONE, column])
+            top += beside * (np.float32(image[row, column + _ONE]) - top)
+            bottom += beside * (np.float32(image[row + _ONE, column + _ONE]) - bottom)
+            descriptor[PATCH_SIDE * j + i] = top + down * (bottom - top)
+            mean += descriptor[PATCH_SIDE * j + i]
+    mean /= np.float32(PATCH_SIDE * PATCH_SIDE)
     square = np.float32(0.0)
-    for i in range(SIDE * SIDE):
-        look[i] -= mean
-        square += look[i] * look[i]
-    norm = np.float32(1.0) / np.sqrt(square) if square > _FLAT else np.float32(0.0)
-    for i in range(SIDE * SIDE):
-        look[i] *= norm
+    for i in range(PATCH_SIDE * PATCH_SIDE):
+        descriptor[i] -= mean
+        square += descriptor[i] * descriptor[i]
+    norm = np.float32(1.0) / np.sqrt(square) if square > _MIN_SQUARED_NORM else np.float32(0.0)
+    for i in range(PATCH_SIDE * PATCH_SIDE):
+        descriptor[i] *= norm
 
 
 @njit(cache=True, error_model="numpy")
-def patches(image, uv, scale):  # type: ignore[no-untyped-def]
-    """The looks of N points: SIDE x SIDE grey values around each, their mean taken off, of length 1.
+def patch_descriptors(image, uv, scale):  # type: ignore[no-untyped-def]
+    """Descriptors of N points: the PATCH_SIDE x PATCH_SIDE grey values around each, zero-mean and of unit norm.
 
     image    (h, w) uint8, at least 2 x 2
-    uv       (N, 2) pixels; NaN gives no looks
+    uv       (N, 2) pixels; NaN gives zeros
     scale    (N,) distance of the samples in pixels
-    returns  (N, SIDE * SIDE) float32; zeros for a point without looks: one on a flat patch
+    returns  (N, PATCH_SIDE * PATCH_SIDE) float32; zeros for a flat patch
     """
-    looks = np.zeros((len(uv), SIDE * SIDE), np.float32)
-    across, columns = np.empty(SIDE, np.float32), np.empty(SIDE, np.uint64)
+    descriptors = np.zeros((len(uv), PATCH_SIDE * PATCH_SIDE), np.float32)
+    across, columns = np.empty(PATCH_SIDE, np.float32), np.empty(PATCH_SIDE, np.uint64)
     for n in range(len(uv)):
         if np.isfinite(uv[n, 0]) and np.isfinite(uv[n, 1]):
-            _look_at(image, np.float32(uv[n, 0]), np.float32(uv[n, 1]), np.float32(scale[n]), looks[n], across, columns)
-    return looks
+            _sample_descriptor(
+                image, np.float32(uv[n, 0]), np.float32(uv[n, 1]), np.float32(scale[n]), descriptors[n], across, columns
+            )
+    return descriptors
 
 
 @njit(cache=True, error_model="numpy")
-def likeness(looks, small, times_smaller, size, uv, nearness, inverse_depth, may, least, power):  # type: ignore[no-untyped-def]
-    """How much N points look in an observer's image as in their host's: the correlation of both looks, 0 to 1, to a power.
+def ncc_weights(descriptors, small, scale_down, size, uv, d_observer, d_host, candidate, min_ncc, power):  # type: ignore[no-untyped-def]
+    """Normalised cross-correlation (NCC) of N points' patches in host and observer, to a power.
 
-    looks          (N, SIDE * SIDE) float32 from `patches`, in the host
-    small          (h / times_smaller, w / times_smaller) uint8, the observer's
+    descriptors    (N, PATCH_SIDE * PATCH_SIDE) float32 from `patch_descriptors`, in the host
+    small          (h / scale_down, w / scale_down) uint8, the observer's
     size           (h, w) of the observer's whole image
     uv             (N, 2) pixels of that
-    nearness       (N,) float32 1/m in the observer, inverse_depth (N,) 1/m in the host: looks grow as one over the other
-    may            (N,) bool: the others are not looked at
-    least          a correlation under this counts as 0
-    returns        (N,) float32; 0 outside the image and where the nearness is 0
+    d_observer     (N,) float32 inverse depth in the observer, 1/m; d_host (N,) in the host: a patch scales as one over the other
+    candidate      (N,) bool: the others get 0
+    min_ncc        a correlation below this counts as 0
+    returns        (N,) float32, 0 to 1; 0 outside the image and where the inverse depth is 0
     """
-    found = np.zeros(len(uv), np.float32)
-    look, across, columns = np.empty(SIDE * SIDE, np.float32), np.empty(SIDE, np.float32), np.empty(SIDE, np.uint64)
-    shrink = np.float32(1.0 / times_smaller)
+    weights = np.zeros(len(uv), np.float32)
+    descriptor, across = np.empty(PATCH_SIDE * PATCH_SIDE, np.float32), np.empty(PATCH_SIDE, np.float32)
+    columns = np.empty(PATCH_SIDE, np.uint64)
+    shrink = np.float32(1.0 / scale_down)
     half = np.float32(0.5)
     for n in range(len(uv)):
         u, v = uv[n, 0], uv[n, 1]
         inside = u >= -0.5 and v >= -0.5 and u < size[1] - 0.5 and v < size[0] - 0.5
-        if not (inside and may[n] and nearness[n] > 0.0):
+        if not (inside and candidate[n] and d_observer[n] > 0.0):
             continue
-        scale = nearness[n] / np.float32(inverse_depth[n])
+        scale = d_observer[n] / np.float32(d_host[n])
         x, y = (np.float32(u) + half) * shrink - half, (np.float32(v) + half) * shrink - half
-        _look_at(small, x, y, scale, look, across, columns)
-        alike = np.float32(0.0)
-        for i in range(SIDE * SIDE):
-            alike += looks[n, i] * look[i]
-        if alike >= least:
-            alike = min(alike, np.float32(1.0))
-            found[n] = (alike * alike) * (alike * alike) if power == 4.0 else alike**power
-    return found
+        _sample_descriptor(small, x, y, scale, descriptor, across, columns)
+        ncc = np.float32(0.0)
+        for i in range(PATCH_SIDE * PATCH_SIDE):
+            ncc += descriptors[n, i] * descriptor[i]
+        if ncc >= min_ncc:
+            ncc = min(ncc, np.float32(1.0))
+            weights[n] = (ncc * ncc) * (ncc * ncc) if power == 4.0 else ncc**power
+    return weights
 
 
 @njit(cache=True, error_model="numpy")
-def nearest_seen(uv, inverse_depth, cell_px, rows, columns):  # type: ignore[no-untyped-def]
-    """The inverse depth of the nearest of the points that are seen in each cell of an image, 0 where none is.
+def occlusion_buffer(uv, inverse_depth, cell_px, rows, columns):  # type: ignore[no-untyped-def]
+    """A coarse depth buffer: the largest inverse depth of the given points in each cell of an image, 0 where there is none.
 
     uv (N, 2) pixels, those outside are left out; inverse_depth (N,) 1/m; returns (rows, columns) float32
     """
-    found = np.zeros((rows, columns), np.float32)
+    buffer = np.zeros((rows, columns), np.float32)
     for n in range(len(uv)):
         u, v = (uv[n, 0] + 0.5) / cell_px, (uv[n, 1] + 0.5) / cell_px
         if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
-            found[int(v), int(u)] = max(found[int(v), int(u)], inverse_depth[n])
-    return found
+            buffer[int(v), int(u)] = max(buffer[int(v), int(u)], inverse_depth[n])
+    return buffer
 
 
 @njit(cache=True, error_model="numpy")
-def hidden(uv, inverse_depth, seen, cell_px, margin):  # type: ignore[no-untyped-def]
-    """Whether what is seen around a projection stands before it: the nearest point seen in its cell is nearer by the margin.
+def occluded(uv, inverse_depth, buffer, cell_px, margin):  # type: ignore[no-untyped-def]
+    """Depth test against an `occlusion_buffer`: whether the nearest point in a projection's cell is nearer by the margin.
 
-    uv (N, 2) pixels; inverse_depth (N,) 1/m in this image; seen (rows, columns) of `nearest_seen`; margin: share of the depth
+    uv (N, 2) pixels; inverse_depth (N,) 1/m in this image; buffer (rows, columns); margin: share of the depth
     returns (N,) bool
     """
-    rows, columns = seen.shape
-    found = np.zeros(len(uv), np.bool_)
+    rows, columns = buffer.shape
+    hidden = np.zeros(len(uv), np.bool_)
     for n in range(len(uv)):
         u, v = (uv[n, 0] + 0.5) / cell_px, (uv[n, 1] + 0.5) / cell_px
         if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
-            found[n] = seen[int(v), int(u)] * (1.0 - margin) > inverse_depth[n]
-    return found
+            hidden[n] = buffer[int(v), int(u)] * (1.0 - margin) > inverse_depth[n]
+    return hidden

@@ -1,7 +1,7 @@
-"""Where points lie in an observer's images, what is written there, and the count of the votes.
+"""Projection of points into an observer's images, label look-up, and weighted majority voting (eqs. 2 and 3).
 
-Every kernel is linear in its points and knows the images of one keyframe only. Votes are float32 and their sums float64, which hold
-sums of a few hundred such numbers exactly: the order in which observers are met does not matter, to the bit.
+Every kernel is linear in its points and reads the images of one keyframe only. Votes are float32 and their sums float64, which hold
+sums of a few hundred such numbers exactly: the order in which observers are visited does not matter, to the bit.
 """
 
 import numpy as np
@@ -9,12 +9,12 @@ from numba import njit
 
 _VOID = 255
 _MAX_CLASSES = 32
-_LEAST_NATS = np.float32(-6.0)
+_MIN_LOG_SHARE = np.float32(-6.0)
 
 
 @njit(cache=True, error_model="numpy")
 def project(rays, inverse_depth, T_observer_host, t_right_left, K, bias_px, rows, max_inverse_depth):  # type: ignore[no-untyped-def]
-    """N points of one host in both images of an observer, and how near they are.
+    """Projection of N points of one host into both images of an observer, and their inverse depths there.
 
     In units of the point's own depth: q = R ray + t d, so that z = q_z / d and d_j = d / q_z; d = 0 is no special case.
 
@@ -29,7 +29,7 @@ def project(rays, inverse_depth, T_observer_host, t_right_left, K, bias_px, rows
     """
     count = len(inverse_depth)
     uv = np.zeros((2, count, 2), np.float64)
-    nearness = np.zeros((2, count), np.float32)
+    d_observer = np.zeros((2, count), np.float32)
     T = T_observer_host
     for n in range(count):
         d = inverse_depth[n]
@@ -43,7 +43,7 @@ def project(rays, inverse_depth, T_observer_host, t_right_left, K, bias_px, rows
         uv[0, n, 0] = K[0] * x / z + K[2]
         uv[0, n, 1] = K[1] * y / z + K[3]
         if d / z < max_inverse_depth:
-            nearness[0, n] = d / z
+            d_observer[0, n] = d / z
         x += t_right_left[0] * d
         y += t_right_left[1] * d
         z += t_right_left[2] * d
@@ -54,8 +54,8 @@ def project(rays, inverse_depth, T_observer_host, t_right_left, K, bias_px, rows
             uv[1, n, 0] = K[0] * x + K[2] - bias_px
             uv[1, n, 1] = K[1] * y + K[3] + dv
             if d / z < max_inverse_depth:
-                nearness[1, n] = d / z
-    return uv, nearness
+                d_observer[1, n] = d / z
+    return uv, d_observer
 
 
 @njit(cache=True, error_model="numpy")
@@ -83,12 +83,12 @@ def add_hard_votes(votes, label, weight):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _share(nats):  # type: ignore[no-untyped-def]
-    return np.exp(nats) if nats > _LEAST_NATS else np.float32(0.0)
+    return np.exp(nats) if nats > _MIN_LOG_SHARE else np.float32(0.0)
 
 
 @njit(cache=True, error_model="numpy")
 def add_soft_votes(votes, classes, steps, rest, steps_per_nat, covered, size, uv, label, weight):  # type: ignore[no-untyped-def]
-    """The vote shared among the classes by their probability at the pixel.
+    """Eq. 2 with soft votes: a vote shared among the classes by their probability at the pixel.
 
     ln p is taken bilinearly between the centres of the four cells around the pixel, as the network's own labels are from its
     logits, and brought to a sum of 1. Shares under e^-6 of the best class's are left out.
@@ -103,9 +103,9 @@ def add_soft_votes(votes, classes, steps, rest, steps_per_nat, covered, size, uv
     class_count = votes.shape[1]
     per_row, per_column = grid_height / covered[0], grid_width / covered[1]
     to_nats = np.float32(1.0 / steps_per_nat)
-    likelier = np.empty(_MAX_CLASSES, np.float32)  # steps by which a class is likelier than those in no corner among the best
-    is_named = np.zeros(_MAX_CLASSES, np.bool_)
-    named = np.empty(_MAX_CLASSES, np.uint8)
+    gain = np.empty(_MAX_CLASSES, np.float32)  # steps by which a class is likelier than those among the best of no corner
+    is_listed = np.zeros(_MAX_CLASSES, np.bool_)
+    listed = np.empty(_MAX_CLASSES, np.uint8)
     for n in range(len(label)):
         u, v = uv[n, 0], uv[n, 1]
         inside = u >= -0.5 and v >= -0.5 and u < size[1] - 0.5 and v < size[0] - 0.5
@@ -123,34 +123,34 @@ def add_soft_votes(votes, classes, steps, rest, steps_per_nat, covered, size, uv
             rest_here = rest[row, column]
             for i in range(k):
                 c = classes[row, column, i]
-                if not is_named[c]:
-                    is_named[c] = True
-                    likelier[c] = 0.0
-                    named[count] = c
+                if not is_listed[c]:
+                    is_listed[c] = True
+                    gain[c] = 0.0
+                    listed[count] = c
                     count += 1
-                likelier[c] += share * (rest_here - np.float32(steps[row, column, i]))
-        most = np.float32(0.0)
+                gain[c] += share * (rest_here - np.float32(steps[row, column, i]))
+        largest = np.float32(0.0)
         for i in range(count):
-            most = max(most, likelier[named[i]])
-        of_others = _share(-most * to_nats)
+            largest = max(largest, gain[listed[i]])
+        of_others = _share(-largest * to_nats)
         total = np.float32(class_count - count) * of_others
         for i in range(count):
-            c = named[i]
-            likelier[c] = _share((likelier[c] - most) * to_nats)
-            total += likelier[c]
+            c = listed[i]
+            gain[c] = _share((gain[c] - largest) * to_nats)
+            total += gain[c]
         scale = weight[n] / total
         if of_others > 0.0:
             for c in range(class_count):
-                if not is_named[c]:
+                if not is_listed[c]:
                     votes[n, c] += np.float64(scale * of_others)
         for i in range(count):
-            c = named[i]
-            votes[n, c] += np.float64(scale * likelier[c])
-            is_named[c] = False
+            c = listed[i]
+            votes[n, c] += np.float64(scale * gain[c])
+            is_listed[c] = False
 
 
 @njit(cache=True, error_model="numpy")
-def winners(votes, baseline):  # type: ignore[no-untyped-def]
+def argmax_classes(votes, baseline):  # type: ignore[no-untyped-def]
     """Eq. 2: the class with most votes; of equals the baseline's, else the lowest; the baseline where there is no vote.
 
     votes (N, C) float64; baseline (N,) uint8; returns (N,) uint8
@@ -167,8 +167,8 @@ def winners(votes, baseline):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def sparse_votes(votes, least_share):  # type: ignore[no-untyped-def]
-    """The classes that got votes, without those that got less than `least_share` of all of their point's.
+def sparse_votes(votes, min_share):  # type: ignore[no-untyped-def]
+    """The classes that got votes, without those that got less than `min_share` of all of their point's.
 
     votes    (N, C) float64
     returns  how many classes of each point (N,) int64, their ids (V,) uint8, increasing within a point, their sums (V,) float32
@@ -183,7 +183,7 @@ def sparse_votes(votes, least_share):  # type: ignore[no-untyped-def]
         for c in range(class_count):
             total += votes[n, c]
         for c in range(class_count):
-            if votes[n, c] > least_share * total:
+            if votes[n, c] > min_share * total:
                 ids[at] = c
                 sums[at] = votes[n, c]
                 at += 1
@@ -192,7 +192,7 @@ def sparse_votes(votes, least_share):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def in_order(point, kinds, ids, sums):  # type: ignore[no-untyped-def]
+def sorted_by_point(point, kinds, ids, sums):  # type: ignore[no-untyped-def]
     """Sparse votes brought into the order of the points.
 
     point    (P,) int64: the point whose votes come n-th, each once; kinds (P,) int64 how many it has; ids (V,), sums (V,) of all

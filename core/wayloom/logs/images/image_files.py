@@ -1,4 +1,4 @@
-"""Images of a drive log: listing and pairing files, looking at headers and ends without decoding, decoding with checks.
+"""Image files of a drive log: listing and pairing, header checks without decoding, decoding with integrity checks.
 
 OpenCV decodes a truncated PNG or JPEG into a picture that is grey from some row on and says nothing, so wholeness is checked here.
 """
@@ -159,7 +159,7 @@ def read_image(file: Path, *, colour: bool) -> Image:
 
 
 def read_grey(file: Path) -> Image:
-    """As read_image without colour, by compiled code of our own where that is faster: for those who read image after image."""
+    """As read_image without colour, by compiled code where that is faster; for readers of many images."""
     data = read_bytes(file, remedy=COPY_AGAIN)
     if data.startswith(PNG_SIGNATURE):
         from wayloom.logs.images import grey_png  # numba takes half a second to import, which most readers do without

@@ -1,9 +1,12 @@
-"""The row filters of PNG (ISO/IEC 15948, 9.2) undone, for one byte a pixel."""
+"""Inverse PNG row filters (ISO/IEC 15948, 9.2) for one byte a pixel."""
+
+from typing import Any, Final
 
 import numpy as np
+from numba import njit
 
-from wayloom.logs.kernels.inflate import bare
-
+OPTIONS: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy", "nogil": True, "_nrt": False}
+bare = njit(**OPTIONS)
 u8 = np.uint8
 
 

@@ -1,4 +1,4 @@
-"""Labelled clouds accumulated from scans, in windows along the way, as KITTI-360 publishes them."""
+"""Accumulated labelled LiDAR clouds in windows along the trajectory, as KITTI-360 publishes them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -49,13 +49,13 @@ def accumulate(sequence: Sequence, T_world_cam: FloatArray, scan: Callable[[int]
 def window_rows(
     T_world_cam: FloatArray, first: int, last: int, scan: Callable[[int], Scan | None]
 ) -> tuple[NDArray[np.void], NDArray[np.void]]:
-    """What stands still, thinned, and what moves, of the scans from frame `first` to `last`: rows of `world_rows`.
+    """Static points, voxel-filtered, and moving points of the scans from frame `first` to `last`: rows of `world_rows`.
 
     T_world_cam : (N, 4, 4) of the whole drive
     """
     reach = float(np.abs(T_world_cam[:, :3, 3]).max())
     none = np.empty(0, row_type(reach))
-    still, moving, known = [none], [none], Thinner()
+    still, moving, known = [none], [none], VoxelFilter()
     for frame in range(first, last + 1):
         seen = scan(frame)
         if seen is None:
@@ -93,13 +93,13 @@ def world_rows(scan: Scan, T_world_cam: FloatArray, frame: int, reach_m: float) 
 
 
 def row_type(reach_m: float) -> np.dtype[np.void]:
-    """Of the rows of a cloud whose world reaches so far."""
+    """The dtype of the rows of a cloud whose coordinates reach up to reach_m from the origin."""
     real = "<f4" if reach_m < FLOAT_REACH_M else "<f8"
     return np.dtype([("x", real), ("y", real), ("z", real), *LABELS, ("timestamp", "<i4")])
 
 
 def without_frame(rows: NDArray[np.void]) -> NDArray[np.void]:
-    """The same points without the frame in which they were seen, which static clouds do not tell."""
+    """The same points without the frame in which they were seen, which static clouds do not hold."""
     names = [name for name in rows.dtype.names or () if name != "timestamp"]
     out = np.empty(len(rows), [(name, rows.dtype[name]) for name in names])
     for name in names:
@@ -107,8 +107,8 @@ def without_frame(rows: NDArray[np.void]) -> NDArray[np.void]:
     return out
 
 
-class Thinner:
-    """Tells which points come first in their voxel."""
+class VoxelFilter:
+    """Voxel filter over a stream of points: the first point in each voxel is kept."""
 
     def __init__(self, voxel_m: float = VOXEL_M) -> None:
         self._voxel_m = voxel_m

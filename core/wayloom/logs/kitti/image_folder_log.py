@@ -1,6 +1,6 @@
-"""The drive log that both KITTI layouts become: two lists of image files, their times, and what belongs to them."""
+"""Drive log of two image folders: the common `DriveLog` of KITTI odometry, KITTI raw and KITTI-360."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
 from wayloom.files.text_files import utf8_text
 from wayloom.geometry.camera import StereoRig
@@ -69,7 +70,8 @@ class ImageFolderLog:
         left, right = (self._read(files[index], size, self.colour) for files, size in self._sides())
         if self.rectifier is not None:
             left, right = self.rectifier(left, right)
-        return StereoFrame(index, int(self.t_ns[index]), left, right, self.exposure_of(index))
+        exposed = None if self.exposure_s is None else (float(self.exposure_s[index, 0]), float(self.exposure_s[index, 1]))
+        return StereoFrame(index, int(self.t_ns[index]), left, right, exposed)
 
     def grey_side(self, index: int, right: bool) -> Image:
         """Decode one image of a pair to grey (h, w), for those who need no colour or not both. Raises LogError as `frame`."""
@@ -80,10 +82,6 @@ class ImageFolderLog:
             return image
         maps = self.rectifier.right if right else self.rectifier.left
         return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), np.uint8)
-
-    def exposure_of(self, index: int) -> tuple[float, float] | None:
-        """Exposure times in seconds of a pair, left and right, where the log has them."""
-        return None if self.exposure_s is None else (float(self.exposure_s[index, 0]), float(self.exposure_s[index, 1]))
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[StereoFrame]:
         """The pairs from start to stop in order, one in memory at a time."""
@@ -101,8 +99,8 @@ class ImageFolderLog:
             for file, size in ((left, self.stored_sizes[0]), (right, self.stored_sizes[1])):
                 check_size(read_header(file), size, file)
 
-    def damaged(self, *, decode: bool, progress: Callable[[float], None] = lambda share: None) -> list[LogError]:
-        """What is wrong with each image that cannot be used, by looking at headers and ends or by decoding every file."""
+    def damaged(self, *, decode: bool, progress: Progress = silent) -> list[LogError]:
+        """The errors of all images that cannot be used, by checking headers and ends or by decoding every file."""
         found = []
         for i in range(len(self)):
             for files, size in self._sides():
@@ -112,7 +110,7 @@ class ImageFolderLog:
                         self._read(files[i], size, self.colour)
                 except LogError as problem:
                     found.append(problem)
-            progress((i + 1) / len(self))
+            progress((i + 1) / len(self), "looking at images")
         return found
 
     def _sides(self) -> tuple[tuple[tuple[Path, ...], tuple[int, int]], ...]:
@@ -131,39 +129,64 @@ def check_size(header: ImageHeader, size: tuple[int, int], file: Path, record: s
         raise LogError(what, file=file, record=record, remedy="all images of a log must have one size: export it again")
 
 
+@dataclass(frozen=True, slots=True)
+class StereoSequence:
+    """The stereo frames of a log.
+
+    rig           the rectified rig of the frames as they are read
+    t_ns          (N,) int64 time stamps
+    pairs         image files
+    header        of the first left image
+    stored_sizes  (width, height) of left and right images as they lie on disk
+    rectifier     None where images are stored rectified
+    """
+
+    rig: StereoRig
+    t_ns: NDArray[np.int64]
+    pairs: ImagePairs
+    header: ImageHeader
+    stored_sizes: tuple[tuple[int, int], tuple[int, int]]
+    rectifier: Rectifier | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LogFiles:
+    """Files of a log.
+
+    path      the folder that was opened
+    root      the folder that `DriveLog.files` are relative to; files outside of it are left out there
+    files     calibration, time stamps, truth
+    sidecars  the folder in which wayloom.json and exposure.csv may lie
+    """
+
+    path: Path
+    root: Path
+    files: list[Path]
+    sidecars: Path
+
+
 def assemble(
-    path: Path,
     log_format: str,
-    *,
-    rig: StereoRig,
-    t_ns: NDArray[np.int64],
-    pairs: ImagePairs,
-    header: ImageHeader,
-    stored_sizes: tuple[tuple[int, int], tuple[int, int]],
-    rectifier: Rectifier | None,
+    location: LogFiles,
+    sequence: StereoSequence,
     positioning: Positioning,
     sidecar: Sidecar,
     truth: FloatArray | None,
     missing: tuple[str, ...],
-    root: Path,
-    files: list[Path],
-    notes: Path,
 ) -> ImageFolderLog:
-    """Put a log together from its parts; `files` outside `root` are left out of `log.files`.
-
-    notes : the folder in which wayloom.json and exposure.csv may lie
-    """
-    exposures = notes / EXPOSURE_NAME
+    """Put a log together from its parts. truth : (N, 4, 4) T_world_cam, NaN where unknown; missing : in words."""
+    root, pairs = location.root, sequence.pairs
+    exposures = location.sidecars / EXPOSURE_NAME
     has_exposures = exposures.is_file()
-    files = [*files, *(file for file in (notes / SIDECAR_NAME, exposures) if file.is_file())]
+    files = [*location.files, *(file for file in (location.sidecars / SIDECAR_NAME, exposures) if file.is_file())]
     inside = {file for file in (*files, *pairs.left, *pairs.right, *positioning.files) if file.is_relative_to(root)}
     return ImageFolderLog(
-        path=path,
+        path=location.path,
         format=log_format,
-        name=utf8_text(path.name),
-        rig=rig,
-        t_ns=t_ns,
-        colour=header.colour,
+        name=utf8_text(location.path.name),
+        rig=sequence.rig,
+        t_ns=sequence.t_ns,
+        colour=sequence.header.colour,
         gnss=positioning.gnss,
         imu=positioning.imu,
         p_cam_gnss=positioning.p_cam_gnss,
@@ -175,7 +198,7 @@ def assemble(
         root=root,
         files=tuple(sorted(file.relative_to(root).as_posix() for file in inside)),
         pairs=pairs,
-        stored_sizes=stored_sizes,
-        rectifier=rectifier,
-        exposure_s=read_exposure_csv(exposures, len(t_ns)) if has_exposures else None,
+        stored_sizes=sequence.stored_sizes,
+        rectifier=sequence.rectifier,
+        exposure_s=read_exposure_csv(exposures, len(sequence.t_ns)) if has_exposures else None,
     )

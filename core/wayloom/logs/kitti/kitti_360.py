@@ -1,4 +1,4 @@
-"""KITTI-360 layout: the rectified perspective pair of one sequence, with its poses and its GNSS/INS unit.
+"""KITTI-360 reader: the rectified perspective pair of one sequence, with its poses and its GNSS/INS unit.
 
 Opened by the folder of a sequence (`data_2d_raw/<sequence>`) or by a root that holds one. Poses lie in a world of their own, at
 coordinates of kilometres; frames without a pose (the vehicle stood) have NaN.
@@ -15,7 +15,7 @@ from wayloom.files.text_files import parse_numbers, quoted, read_lines
 from wayloom.files.timestamps import ns_from_wall_clock, read_times, times_of_numbers
 from wayloom.geometry import se3
 from wayloom.logs.images.image_files import ImageHeader, pair_images, read_header
-from wayloom.logs.kitti.image_folder_log import ImageFolderLog, assemble
+from wayloom.logs.kitti.image_folder_log import ImageFolderLog, LogFiles, StereoSequence, assemble
 from wayloom.logs.kitti.kitti_360_clouds import CAM_TO_POSE, PERSPECTIVE, T_cam_pose
 from wayloom.logs.kitti.kitti_360_layout import CAMERAS, Sequence, find_sequence, is_root, is_sequence
 from wayloom.logs.kitti.kitti_calibration import CalibrationFile, image_size, read_calibration, rig_from_projections
@@ -53,28 +53,11 @@ def open_kitti_360(path: Path, gnss: Path | None = None) -> ImageFolderLog:
     positioning = find_positioning(sequence.poses, gnss, clock, calibration.numbers("P_rect_00", 3, 4), sidecar, unit)
     truth, truth_file = read_truth(sequence, pairs.numbers, calibration)
     lacking = [f"{camera}/timestamps.txt" for camera in CAMERAS if not (sequence.images / camera / "timestamps.txt").is_file()]
-    return assemble(
-        sequence.images,
-        FORMAT,
-        rig=rig,
-        t_ns=t_ns,
-        pairs=pairs,
-        header=header,
-        stored_sizes=(size, size),
-        rectifier=None,
-        positioning=positioning,
-        sidecar=sidecar,
-        truth=truth,
-        missing=(*lacking, *said_of(truth)),
-        root=sequence.root,
-        files=[
-            calibration.file,
-            *stamps,
-            *([sequence.calibration(CAM_TO_POSE)] if has_unit else []),
-            *([truth_file] if truth_file else []),
-        ],
-        notes=sequence.poses,
-    )
+    files = [calibration.file, *stamps]
+    files += [file for file in (sequence.calibration(CAM_TO_POSE) if has_unit else None, truth_file) if file is not None]
+    location = LogFiles(sequence.images, sequence.root, files, sidecars=sequence.poses)
+    frames = StereoSequence(rig, t_ns, pairs, header, (size, size))
+    return assemble(FORMAT, location, frames, positioning, sidecar, truth, (*lacking, *missing_poses(truth)))
 
 
 def check_size(calibration: CalibrationFile, header: ImageHeader) -> None:
@@ -132,8 +115,8 @@ def read_numbered_poses(file: Path, count: int) -> dict[int, FloatArray]:
     return poses
 
 
-def said_of(truth: FloatArray | None) -> tuple[str, ...]:
-    """What is missing of the poses, in words."""
+def missing_poses(truth: FloatArray | None) -> tuple[str, ...]:
+    """Entries of `DriveLog.missing` about the poses."""
     if truth is None:
         return ("truth poses",)
     without = int((~np.isfinite(truth).all(axis=(1, 2))).sum())

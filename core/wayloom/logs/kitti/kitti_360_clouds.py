@@ -1,4 +1,4 @@
-"""The LiDAR of KITTI-360: single scans, and the labelled clouds that were accumulated from them."""
+"""KITTI-360 LiDAR reader: single scans and accumulated labelled clouds."""
 
 import re
 from dataclasses import dataclass
@@ -71,7 +71,7 @@ def read_cloud(file: Path) -> AccumulatedCloud:
 
 
 def cloud_of(rows: NDArray[np.void]) -> AccumulatedCloud:
-    """The cloud of labelled vertices."""
+    """The cloud of a file's vertices."""
     names = set(rows.dtype.names or ())
     semantic = rows["semantic"].astype(np.int32)
     visible = next((rows[name] != 0 for name in VISIBLE_NAMES if name in names), np.ones(len(rows), bool))
@@ -95,7 +95,7 @@ def read_scan(file: Path) -> NDArray[np.float32]:
 
 
 def R_rect(calibration: CalibrationFile, camera: int = 0) -> FloatArray:
-    """(4, 4): the camera as it is into the rectified one; identity where the file does not say."""
+    """(4, 4) rectifying rotation of a camera: from its own frame to the rectified one; identity where the file has none."""
     key = f"R_rect_{camera:02d}"
     R = calibration.rotation(key) if key in calibration else np.eye(3)
     return se3.from_rotation_translation(R, np.zeros(3))

@@ -1,7 +1,7 @@
-"""The labels of KITTI-360: its published ids, and its label images.
+"""KITTI-360 label ids: their mapping to Cityscapes train ids, and the label images.
 
-Cityscapes' ids and some of KITTI-360's own. What the published table gives no train id is void: trailers, caravans, lamps, bins, …
-An instance number is 1000 times the id plus a number within the class, 0 for what has no instances.
+The ids are those of Cityscapes and some of KITTI-360's own. What the published table gives no train id is void: trailers, caravans,
+lamps, bins, … An instance number is 1000 times the id plus a number within the class, 0 for what has no instances.
 """
 
 from pathlib import Path
@@ -45,22 +45,22 @@ TRAIN_ID_OF_ID: Final = _train_ids()
 
 
 def train_ids(ids: NDArray[np.integer]) -> NDArray[np.uint8]:
-    """Ids of any shape to train ids; whatever is no id (negative, over 255) is void."""
+    """KITTI-360's label ids of any shape to train ids; what is no label id (negative, over 255) is void."""
     known = (ids >= 0) & (ids <= 255)
     return np.where(known, TRAIN_ID_OF_ID[np.where(known, ids, 0)], VOID).astype(np.uint8)
 
 
 def label_ids(train: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Train ids of any shape to ids; void becomes 0, unlabeled."""
+    """Train ids of any shape to KITTI-360's label ids; void becomes 0, unlabeled."""
     table = np.zeros(256, np.uint8)
     table[: len(ID_OF_TRAIN_ID)] = ID_OF_TRAIN_ID
     return np.asarray(table[train])
 
 
-def instance_numbers(ids: NDArray[np.uint8], things: NDArray[np.integer]) -> NDArray[np.int32]:
-    """KITTI-360's instance numbers of things numbered from 1 on, 0 for none. A class has 999, used over again."""
-    has = np.isin(ids, list(WITH_INSTANCES)) & (things > 0)
-    within = np.where(has, 1 + (things.astype(np.int64) - 1) % (THINGS_PER_CLASS - 1), 0)
+def instance_numbers(ids: NDArray[np.uint8], instances: NDArray[np.integer]) -> NDArray[np.int32]:
+    """KITTI-360's instance numbers of instances numbered from 1 on, 0 for none. A class has 999, which repeat beyond."""
+    has = np.isin(ids, list(WITH_INSTANCES)) & (instances > 0)
+    within = np.where(has, 1 + (instances.astype(np.int64) - 1) % (THINGS_PER_CLASS - 1), 0)
     return (ids.astype(np.int64) * THINGS_PER_CLASS + within).astype(np.int32)
 
 
@@ -72,11 +72,6 @@ def has_labels(sequence: Sequence, frame: int, camera: int = 0) -> bool:
 def read_semantic(sequence: Sequence, frame: int, camera: int = 0) -> NDArray[np.uint8]:
     """(h, w) train ids of a frame's image, 255 void; camera 0 is left, 1 right. Raises LogError."""
     return train_ids(_read(sequence.label_image("semantic", frame, camera), np.uint8))
-
-
-def read_instance(sequence: Sequence, frame: int, camera: int = 0) -> NDArray[np.uint16]:
-    """(h, w) instance numbers of a frame's image. Raises LogError."""
-    return _read(sequence.label_image("instance", frame, camera), np.uint16).astype(np.uint16)
 
 
 def _read(file: Path, kind: type[np.uint8] | type[np.uint16]) -> NDArray[np.integer]:

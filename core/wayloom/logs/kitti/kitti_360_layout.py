@@ -1,4 +1,4 @@
-"""Where KITTI-360 keeps what: one root with a folder for each kind of data, and in most of these one folder for each sequence."""
+"""KITTI-360 folder layout: one root with a folder for each kind of data, most with one folder for each sequence."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Writing a drive in KITTI-360's layout, labels and LiDAR included: what `wayloom.logs.kitti.kitti_360*` reads."""
+"""KITTI-360 writer: images, poses, GNSS/INS packets, label images and LiDAR in the layout that `kitti_360*` reads."""
 
 from pathlib import Path
 from typing import Final
@@ -36,11 +36,11 @@ class Kitti360Writer(DriveWriter):
 
     @property
     def sequence(self) -> Sequence:
-        """Where things lie while the drive is not whole."""
+        """The sequence below the folder in which the drive is written."""
         return Sequence(self.folder, f"{self.path.name}_sync")
 
     def image_folders(self) -> tuple[Path, Path]:
-        """Left and right."""
+        """The folders of the left and the right images."""
         left, right = (self.sequence.images / camera / "data_rect" for camera in CAMERAS)
         return left, right
 
@@ -49,21 +49,21 @@ class Kitti360Writer(DriveWriter):
         return self.sequence.scan(index)
 
     def oxts_folder(self) -> Path:
-        """Beside the poses."""
+        """The folder of the packets, beside the poses."""
         return self.sequence.poses / "oxts"
 
-    def notes_folder(self) -> Path:
-        """Beside the poses."""
+    def sidecar_folder(self) -> Path:
+        """The folder of the sidecars, beside the poses."""
         return self.sequence.poses
 
-    def write_labels(self, index: int, side: int, class_id: NDArray[np.uint8], things: NDArray[np.integer]) -> None:
-        """class_id (h, w) train ids and things (h, w), numbered from 1 on, 0 for none, of the left (0) or right (1) image."""
+    def write_labels(self, index: int, side: int, class_id: NDArray[np.uint8], instances: NDArray[np.integer]) -> None:
+        """Write class_id (h, w) train ids and instances (h, w), from 1 on, 0 for none, of the left (0) or right (1) image."""
         ids = label_ids(class_id)
-        for kind, image in (("semantic", ids), ("instance", instance_numbers(ids, things).astype(np.uint16))):
+        for kind, image in (("semantic", ids), ("instance", instance_numbers(ids, instances).astype(np.uint16))):
             write_atomically(self.sequence.label_image(kind, index, side), encoded_map(image))
 
     def repeat(self, index: int, source: int) -> None:
-        """The labels too."""
+        """As in `DriveWriter`, with the label images and scan labels."""
         super().repeat(index, source)
         for kind in LABEL_KINDS:
             for side in (0, 1):
@@ -76,13 +76,13 @@ class Kitti360Writer(DriveWriter):
         index: int,
         points: NDArray[np.float32],
         class_id: NDArray[np.uint8] | None = None,
-        things: NDArray[np.integer] | None = None,
+        instances: NDArray[np.integer] | None = None,
         moving: NDArray[np.bool_] | None = None,
     ) -> None:
-        """The labels wait in the spool until the clouds are made."""
+        """As in `DriveWriter`; labels are kept in the spool until the clouds are accumulated."""
         super().write_lidar(index, points)
-        if class_id is not None and things is not None and moving is not None:
-            labels = np.column_stack([class_id, things, moving]).astype("<u4")
+        if class_id is not None and instances is not None and moving is not None:
+            labels = np.column_stack([class_id, instances, moving]).astype("<u4")
             write_atomically(self._labels_of_scan(index), labels.tobytes())
 
     def write_calibration(self) -> None:
@@ -108,7 +108,7 @@ class Kitti360Writer(DriveWriter):
         return np.asarray(se3.inverse(T_cam_pose))
 
     def write_times(self) -> None:
-        """Of both cameras, and of the scans, as wall clock since 1970."""
+        """Write the time stamps of both cameras, and of the scans, as wall clock since 1970."""
         text = "".join(wall_clock_from_ns(t) + "\n" for t in self.times_ns).encode()
         for camera in CAMERAS:
             write_atomically(self.sequence.images / camera / "timestamps.txt", text)

@@ -1,4 +1,4 @@
-"""KITTI's calibration files: `key: numbers` lines, projection matrices, and the way from the GNSS/IMU unit to a camera."""
+"""KITTI calibration files: `key: numbers` lines, projection matrices, and the chain from the GNSS/IMU unit to a camera."""
 
 from dataclasses import dataclass
 from pathlib import Path

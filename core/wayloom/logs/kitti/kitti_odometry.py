@@ -1,4 +1,4 @@
-"""KITTI odometry layout: `image_0/image_1` (grey) or `image_2/image_3` (colour), `calib.txt`, `times.txt`.
+"""KITTI odometry reader: `image_0/image_1` (grey) or `image_2/image_3` (colour), `calib.txt`, `times.txt`.
 
 Where both pairs are complete the colour pair is read: the segmentation wants colour, and the odometry makes its grey from it.
 """
@@ -13,7 +13,7 @@ from wayloom.files.timestamps import ns_from_seconds, read_times, times_of_numbe
 from wayloom.files.trajectory_files import read_kitti
 from wayloom.geometry import se3
 from wayloom.logs.images.image_files import has_files, pair_images, read_header
-from wayloom.logs.kitti.image_folder_log import ImageFolderLog, assemble
+from wayloom.logs.kitti.image_folder_log import ImageFolderLog, LogFiles, StereoSequence, assemble
 from wayloom.logs.kitti.kitti_calibration import read_calibration, rig_from_projections, t_cam_reference
 from wayloom.logs.kitti.positioning import FrameClock, find_positioning
 from wayloom.logs.sidecars.sidecar import read_sidecar
@@ -56,23 +56,9 @@ def open_kitti_odometry(path: Path, gnss: Path | None = None) -> ImageFolderLog:
     positioning = find_positioning(path, gnss, FrameClock(pairs.numbers, t_ns), P_left, sidecar)
     truth_file = find_truth(path)
     truth = None if truth_file is None else read_truth(truth_file, pairs.numbers, P_left)
-    return assemble(
-        path,
-        FORMAT,
-        rig=rig,
-        t_ns=t_ns,
-        pairs=pairs,
-        header=header,
-        stored_sizes=(size, size),
-        rectifier=None,
-        positioning=positioning,
-        sidecar=sidecar,
-        truth=truth,
-        missing=() if truth is not None else ("truth poses",),
-        root=path,
-        files=[calibration.file, times, *([truth_file] if truth_file else [])],
-        notes=path,
-    )
+    location = LogFiles(path, path, [calibration.file, times, *([truth_file] if truth_file else [])], sidecars=path)
+    sequence = StereoSequence(rig, t_ns, pairs, header, (size, size))
+    return assemble(FORMAT, location, sequence, positioning, sidecar, truth, () if truth is not None else ("truth poses",))
 
 
 def find_truth(path: Path) -> Path | None:

@@ -1,4 +1,4 @@
-"""Writing a drive in the KITTI odometry layout: what `wayloom.logs.kitti.kitti_odometry` reads."""
+"""KITTI odometry writer, in the layout that `wayloom.logs.kitti.kitti_odometry` reads."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ class KittiOdometryWriter(DriveWriter):
     name_digits = 6
 
     def image_folders(self) -> tuple[Path, Path]:
-        """Left and right."""
+        """The folders of the left and the right images."""
         left, right = ("image_2", "image_3") if self.colour else ("image_0", "image_1")
         return self.folder / left, self.folder / right
 
@@ -25,7 +25,7 @@ class KittiOdometryWriter(DriveWriter):
         return self.folder / "velodyne" / f"{index:06d}.bin"
 
     def write_calibration(self) -> None:
-        """All four projection matrices: cameras 0 and 2 are the left one, 1 and 3 the right; and Tr, LiDAR to camera 0."""
+        """Write all four projection matrices (cameras 0 and 2 are the left one, 1 and 3 the right) and Tr, LiDAR to camera 0."""
         left, right = projection_texts(self.rig)
         text = "".join(f"P{camera}: {P}\n" for camera, P in enumerate((left, right, left, right)))
         if self.T_cam_lidar is not None:
@@ -33,5 +33,5 @@ class KittiOdometryWriter(DriveWriter):
         write_atomically(self.folder / "calib.txt", text.encode())
 
     def write_times(self) -> None:
-        """Seconds with nine decimals, exact."""
+        """Write seconds with nine decimals, exact."""
         write_atomically(self.folder / "times.txt", "".join(seconds_from_ns(t) + "\n" for t in self.times_ns).encode())

@@ -1,7 +1,7 @@
-"""KITTI raw layout: a `…_sync` (rectified) or `…_extract` (distorted) folder with `image_00` … `image_03`, each with data and
-timestamps.txt, `oxts`, and the calibration files inside it or beside it.
+"""KITTI raw reader: rectified (`…_sync`) and distorted (`…_extract`) drives.
 
-Where both pairs are complete the colour pair (02, 03) is read. Distorted images are rectified on load.
+A drive's folder holds `image_00` … `image_03`, each with data and timestamps.txt, and `oxts`; the calibration files lie in it or
+beside it. Where both pairs are complete the colour pair (02, 03) is read. Distorted images are rectified on load.
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ from wayloom.files.timestamps import ns_from_wall_clock, read_times, times_of_nu
 from wayloom.geometry.camera import PinholeCamera
 from wayloom.geometry.rectification import rectifying_maps
 from wayloom.logs.images.image_files import ImageHeader, ImagePairs, has_files, pair_images, read_header
-from wayloom.logs.kitti.image_folder_log import ImageFolderLog, Rectifier, assemble
+from wayloom.logs.kitti.image_folder_log import ImageFolderLog, LogFiles, Rectifier, StereoSequence, assemble
 from wayloom.logs.kitti.kitti_calibration import (
     CAM_TO_CAM,
     CalibrationFile,
@@ -68,23 +68,15 @@ def open_kitti_raw(path: Path, gnss: Path | None = None) -> ImageFolderLog:
     lacking = [f"image_{c}/timestamps.txt" for c in (left, right) if not (path / f"image_{c}" / "timestamps.txt").is_file()]
     inside = calibration.file.parent == path
     truth_file = find_truth(path)
-    return assemble(
+    location = LogFiles(
         path,
-        FORMAT,
-        rig=rig,
-        t_ns=t_ns,
-        pairs=pairs,
-        header=header,
-        stored_sizes=((header.width, header.height), right_size),
-        rectifier=rectifier,
-        positioning=positioning,
-        sidecar=sidecar,
-        truth=None if truth_file is None else read_truth(truth_file, pairs.numbers, P_left),
-        missing=tuple(lacking),
         root=path if inside else calibration.file.parent,
         files=[calibration.file, *stamps, *([truth_file] if truth_file else [])],
-        notes=path,
+        sidecars=path,
     )
+    sequence = StereoSequence(rig, t_ns, pairs, header, ((header.width, header.height), right_size), rectifier)
+    truth = None if truth_file is None else read_truth(truth_file, pairs.numbers, P_left)
+    return assemble(FORMAT, location, sequence, positioning, sidecar, truth, tuple(lacking))
 
 
 def find_calibration(path: Path) -> Path:

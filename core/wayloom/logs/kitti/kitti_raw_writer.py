@@ -1,4 +1,4 @@
-"""Writing a drive in the KITTI raw layout (`…_sync`): what `wayloom.logs.kitti.kitti_raw` reads."""
+"""KITTI raw writer (`…_sync`), in the layout that `wayloom.logs.kitti.kitti_raw` reads."""
 
 from pathlib import Path
 
@@ -26,11 +26,11 @@ class KittiRawWriter(DriveWriter):
 
     @classmethod
     def folder_name(cls, name: str, distorted: bool) -> str:
-        """By its ending the reader tells distorted images from rectified ones of the same size."""
+        """The name with an ending by which the reader tells distorted images from rectified ones of the same size."""
         return name + DISTORTED_ENDING if distorted else name
 
     def image_folders(self) -> tuple[Path, Path]:
-        """Left and right."""
+        """The folders of the left and the right images."""
         left, right = ("image_02", "image_03") if self.colour else ("image_00", "image_01")
         return self.folder / left / "data", self.folder / right / "data"
 
@@ -57,7 +57,7 @@ class KittiRawWriter(DriveWriter):
             self._write(IMU_TO_VELO, rigid_text(se3.inverse(T_cam_velo) @ self.T_cam_imu))
 
     def write_times(self) -> None:
-        """The time stamps of both cameras, and of the scans, as wall clock since 1970."""
+        """Write the time stamps of both cameras, and of the scans, as wall clock since 1970."""
         text = "".join(wall_clock_from_ns(t) + "\n" for t in self.times_ns)
         folders = [folder.parent for folder in self.image_folders()]
         for folder in (*folders, *([self.folder / "velodyne_points"] if self.T_cam_lidar is not None else [])):

@@ -1,4 +1,4 @@
-"""Where a log's GNSS comes from, which fix belongs to which frame, and where the antenna sits."""
+"""GNSS and IMU of a KITTI log: their source, the association of fixes with frames, and the lever arm."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,8 +92,8 @@ def find_positioning(
             None,
             (*missing, f"T_cam_imu: without it the samples of {own_imu.name if own_imu.is_file() else 'oxts'} are left out"),
         )
-    p_cam_gnss, said = lever_arm(sidecar, T_cam_imu if source is not None and source.suffix != ".csv" else None)
-    missing += ("lever arm",) if track is not None and not said else ()
+    p_cam_gnss, is_known = lever_arm(sidecar, T_cam_imu if source is not None and source.suffix != ".csv" else None)
+    missing += ("lever arm",) if track is not None and not is_known else ()
     return Positioning(track, imu, p_cam_gnss, T_cam_imu, missing, files)
 
 

@@ -1,4 +1,4 @@
-"""CDR, the encoding of ROS 2 messages (OMG DDS-XTypes, XCDR1): values in order, each aligned to its own size.
+"""CDR, the serialisation of ROS 2 messages (OMG DDS-XTypes, XCDR1): values in order, each aligned to its own size.
 
 Only what the messages of `ros_messages` need. Offsets count from after the encapsulation's four bytes.
 """

@@ -1,7 +1,7 @@
-"""Which messages an MCAP file holds and where: read through its chunk index, so that no drive is ever in memory.
+"""Message index of an MCAP file, read through its chunk index, so that no recording is ever in memory.
 
-The file's summary is read by the `mcap` library; chunks are walked here (https://mcap.dev/spec): all of a chunk's bytes are read
-only where they are compressed, otherwise each record's first bytes are enough.
+The file's summary is read by the `mcap` library; the chunks' records are parsed here (https://mcap.dev/spec): all of a chunk's
+bytes are read only where they are compressed, otherwise each record's first bytes are enough.
 """
 
 import os
@@ -94,7 +94,7 @@ class McapFile:
         return sorted((topic for topic in self._topic_of.values() if topic.count), key=lambda topic: topic.name)
 
     def messages(self, names: set[str], headers: bool = True) -> dict[str, Messages]:
-        """Where the messages of these topics are, from one pass over the chunks that hold any."""
+        """Index of the messages of these topics, from one pass over the chunks that hold any."""
         wanted = {number: topic.name for number, topic in self._topic_of.items() if topic.name in names}
         rows: dict[str, list[tuple[int, int, int, int]]] = {name: [] for name in names}
         for k, chunk in enumerate(self._chunks):
@@ -205,7 +205,7 @@ class McapFile:
         return self._decompressed[k]
 
     def _place(self, k: int) -> tuple[int, int, str, int]:
-        """Where a chunk's records begin in the file, how many bytes they are there, their compression, and their check sum."""
+        """Offset and length of a chunk's records in the file, their compression, and their check sum."""
         if k not in self._places:
             offset = self._chunks[k].chunk_start_offset
             head = self._pread(offset, RECORD_HEAD + CHUNK_HEAD + 4)

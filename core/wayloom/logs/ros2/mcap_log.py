@@ -1,10 +1,10 @@
-"""ROS 2 recordings in MCAP: a stereo pair of image topics with CameraInfo, and what else there is of GNSS, IMU and truth.
+"""MCAP reader for ROS 2 recordings: a stereo pair of image topics with CameraInfo, and GNSS, IMU and ground truth where present.
 
 The pair is found by its calibration: two cameras of one kind of image topic whose projection matrices differ by a baseline. Where
 several fit, or none, `left_topic` and `right_topic` of wayloom.json beside the file name them.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
 from wayloom.files.text_files import utf8_text
 from wayloom.files.timestamps import NS
@@ -89,8 +90,8 @@ class McapLog:
         """Nothing: opening has read the head of every message, and its check sum where it is compressed."""
         return
 
-    def damaged(self, *, decode: bool, progress: Callable[[float], None] = lambda share: None) -> list[LogError]:
-        """What is wrong with each image that cannot be used, by decoding every one; and with the file's check sums."""
+    def damaged(self, *, decode: bool, progress: Progress = silent) -> list[LogError]:
+        """The errors of all images that cannot be used, by decoding every one; and of the file's check sums."""
         found: list[LogError] = []
         for index in range(len(self)) if decode else ():
             for side in (0, 1):
@@ -98,7 +99,7 @@ class McapLog:
                     self._read(side, index)
                 except LogError as problem:
                     found.append(problem)
-            progress((index + 1) / len(self))
+            progress((index + 1) / len(self), "looking at images")
         try:
             if decode:
                 self.file.check()
@@ -142,8 +143,8 @@ def open_mcap(path: Path, gnss: Path | None = None) -> McapLog:
         missing = tuple(what for what in missing if what != "IMU")
     else:
         track, place, missing = read_fixes(file, messages, sidecar, places)
-        p_cam_gnss, said = lever_arm(sidecar, place)
-        missing += ("lever arm",) if track is not None and not said else ()
+        p_cam_gnss, is_known = lever_arm(sidecar, place)
+        missing += ("lever arm",) if track is not None and not is_known else ()
     imu, T_cam_imu, without = read_imu(file, messages, sidecar, places)
     truth = read_truth(file, messages, t_ns, found)
     note = path.parent / SIDECAR_NAME
@@ -174,7 +175,7 @@ def open_mcap(path: Path, gnss: Path | None = None) -> McapLog:
 
 
 def ros_kinds() -> tuple[str, ...]:
-    """The types of messages that are looked at besides images."""
+    """The message types that are read besides images."""
     return ros.NAV_SAT_FIX, ros.IMU, ros.POSE, ros.EXPOSURE
 
 
@@ -207,7 +208,7 @@ def paired(file: McapFile, found: McapRig, messages: dict[str, Messages]) -> tup
 
 
 def chosen(messages: Messages, rows: NDArray[np.int64]) -> Messages:
-    """Some of the messages."""
+    """The messages of these rows."""
     return Messages(messages.t_ns[rows], messages.chunk[rows], messages.start[rows], messages.length[rows])
 
 
@@ -229,7 +230,7 @@ def read_image(
 
 
 def in_colour(image: Image, colour: bool | None) -> Image:
-    """(h, w) or (h, w, 3) as it is asked for: grey by BT.601, as OpenCV's reader does."""
+    """The image (h, w) or (h, w, 3) converted to grey (BT.601, as OpenCV's reader does) or RGB."""
     if colour is None or colour == (image.ndim == 3):
         return image
     if colour:

@@ -1,4 +1,4 @@
-"""Which two topics of a recording are the stereo pair, and the rig that their CameraInfo describes."""
+"""Stereo pair and rig of a ROS 2 recording, found from the CameraInfo of its image topics."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ SHOWN = 6
 
 @dataclass(frozen=True, slots=True)
 class McapRig:
-    """topics and infos of left and right; rectified: whether the images are so already."""
+    """The stereo pair of a recording: image topics and CameraInfo of left and right."""
 
     topics: tuple[Topic, Topic]
     infos: tuple[CameraInfo, CameraInfo]
@@ -38,21 +38,21 @@ class McapRig:
 
     @property
     def frame_id(self) -> str:
-        """Frame of the left camera as it is."""
+        """The tf frame of the left camera, before rectification."""
         return self.infos[0].header.frame_id
 
     @property
     def is_rectified(self) -> bool:
-        """By the topics' names, or because there is nothing to rectify."""
-        return all("rect" in kind_of(topic.name) for topic in self.topics) or not any(bends(info) for info in self.infos)
+        """Whether images are rectified already: by the topics' names, or because the calibration has nothing to rectify."""
+        return all("rect" in kind_of(topic.name) for topic in self.topics) or not any(has_distortion(info) for info in self.infos)
 
     @property
     def R_rect(self) -> FloatArray:
-        """(3, 3): the left camera as it is into the rectified one."""
+        """(3, 3) rectifying rotation of the left camera: from its own frame to the rectified one."""
         return self.infos[0].r if self.infos[0].r.any() else np.eye(3)
 
     def rectified(self, sizes: tuple[tuple[int, int], tuple[int, int]]) -> tuple[StereoRig, Rectifier | None]:
-        """The rectified rig of images of these (width, height), and how they are brought there. Raises CalibrationError."""
+        """The rectified rig of images of these (width, height), and the rectifier that they need. Raises CalibrationError."""
         left, right = self.infos
         for info, size, topic in zip(self.infos, sizes, self.topics, strict=True):
             if (info.width, info.height) != size:
@@ -80,21 +80,23 @@ def find_rig(file: McapFile, sidecar: Sidecar) -> McapRig:
         named = [topics.get(name) for name in (sidecar.left_topic, sidecar.right_topic)]
         for topic, name in zip(named, (sidecar.left_topic, sidecar.right_topic), strict=True):
             if topic is None:
-                what = f"holds no images {quoted(name)}; {said_of(file)}"
+                what = f"holds no images {quoted(name)}; {described_images(file)}"
                 raise LogError(what, file=file.path, remedy=f"correct {SIDECAR_NAME} beside the file")
         pair = (named[0], named[1])
         infos = {topic.name: info_of(file, topic) for topic in pair if topic is not None}
         assert pair[0] is not None
         assert pair[1] is not None
-        return checked(McapRig((pair[0], pair[1]), (infos[pair[0].name], infos[pair[1].name]), file))
+        return check_rig(McapRig((pair[0], pair[1]), (infos[pair[0].name], infos[pair[1].name]), file))
     if len(topics) < 2:
         raise LogError(
-            f"needs the images of two cameras; {said_of(file)}", file=file.path, remedy="record both cameras of the stereo pair"
+            f"needs the images of two cameras; {described_images(file)}",
+            file=file.path,
+            remedy="record both cameras of the stereo pair",
         )
     infos = {name: info for name, topic in topics.items() if (info := find_info(file, topic)) is not None}
     fitting = [(a, b) for a, b in permutations(infos, 2) if kind_of(a) == kind_of(b) and is_pair(infos[a], infos[b])]
     if not fitting:
-        what = f"no two image topics whose camera_info differ by a baseline; {said_of(file)}"
+        what = f"no two image topics whose camera_info differ by a baseline; {described_images(file)}"
         remedy = f"record camera_info with the matrix P of a stereo calibration, or {NAME_THEM}"
         raise LogError(what, file=file.path, remedy=remedy)
     best = min(rank(a) for a, _ in fitting)
@@ -103,11 +105,11 @@ def find_rig(file: McapFile, sidecar: Sidecar) -> McapRig:
         names = "; ".join(f"{a}, {b}" for a, b in pairs[:SHOWN])
         raise LogError(f"{len(pairs)} stereo pairs ({names})", file=file.path, remedy=NAME_THEM)
     a, b = pairs[0]
-    return checked(McapRig((topics[a], topics[b]), (infos[a], infos[b]), file))
+    return check_rig(McapRig((topics[a], topics[b]), (infos[a], infos[b]), file))
 
 
-def checked(rig: McapRig) -> McapRig:
-    """Raises CalibrationError where the pair's calibration is impossible."""
+def check_rig(rig: McapRig) -> McapRig:
+    """The same rig. Raises CalibrationError where the pair's calibration is impossible."""
     for info, topic in zip(rig.infos, rig.topics, strict=True):
         check_projection(info.p, rig.file.path, f"P of {topic.name}")
     left, right = rig.infos
@@ -122,12 +124,12 @@ def checked(rig: McapRig) -> McapRig:
 
 
 def kind_of(topic: str) -> str:
-    """The end of an image topic's name that tells how the image was treated: image_rect_color, image_raw, …"""
+    """The processing stage in an image topic's name: image_rect_color, image_raw, …"""
     return base_of(topic)[1]
 
 
 def base_of(topic: str) -> tuple[str, str]:
-    """The camera's namespace and the image's kind, without the transport that may follow it."""
+    """Namespace of the camera and processing stage of an image topic, without the transport suffix."""
     parts = topic.rstrip("/").split("/")
     if parts[-1] in ("compressed", "compressed_image", "ffmpeg", "theora") and len(parts) > 2:
         parts = parts[:-1]
@@ -135,7 +137,7 @@ def base_of(topic: str) -> tuple[str, str]:
 
 
 def rank(topic: str) -> int:
-    """Rectified colour before rectified grey before raw."""
+    """Preference of an image topic, lower first: rectified colour before rectified grey before raw."""
     kind = kind_of(topic)
     return next((k for k, name in enumerate(PREFERRED) if kind.startswith(name)), len(PREFERRED))
 
@@ -161,7 +163,7 @@ def find_info(file: McapFile, topic: Topic) -> CameraInfo | None:
 
 
 def info_of(file: McapFile, topic: Topic) -> CameraInfo:
-    """`find_info`. Raises CalibrationError where there is none."""
+    """As `find_info`. Raises CalibrationError where there is none."""
     info = find_info(file, topic)
     if info is None:
         name = f"{base_of(topic.name)[0]}/camera_info"
@@ -169,8 +171,8 @@ def info_of(file: McapFile, topic: Topic) -> CameraInfo:
     return info
 
 
-def said_of(file: McapFile) -> str:
-    """What images the file holds, in words."""
+def described_images(file: McapFile) -> str:
+    """The images that the file holds, as part of an error message."""
     shown = [topic for topic in file.topics if "image" in topic.kind.lower() or "Image" in topic.kind]
     if not shown:
         names: Iterable[str] = (topic.name for topic in file.topics[:SHOWN])
@@ -178,14 +180,14 @@ def said_of(file: McapFile) -> str:
     return "it holds " + ", ".join(f"{topic.name} ({topic.kind}, {topic.encoding or 'no encoding'})" for topic in shown[:SHOWN])
 
 
-def bends(info: CameraInfo) -> bool:
+def has_distortion(info: CameraInfo) -> bool:
     """Whether an unrectified image of this camera differs from the rectified one."""
     turned = info.r.any() and not np.allclose(info.r, np.eye(3), atol=1e-9)
     return bool(np.abs(info.d).max(initial=0.0) > 0 or turned or not np.allclose(info.k, info.p[:, :3], atol=1e-6))
 
 
 def lens_of(info: CameraInfo, file: McapFile) -> DistortedCamera:
-    """K and D. Raises CalibrationError for lenses that are not radial-tangential."""
+    """The distorted camera of a CameraInfo's K and D. Raises CalibrationError for lenses that are not radial-tangential."""
     record = f"camera_info of {info.header.frame_id}"
     if info.model not in PLAIN_LENSES or np.abs(info.d[5:]).max(initial=0.0) > 0:
         what = f"a lens {quoted(info.model)} with {len(info.d)} coefficients; known is plumb_bob"
@@ -206,7 +208,7 @@ def lens_of(info: CameraInfo, file: McapFile) -> DistortedCamera:
 
 
 def rotation_of(info: CameraInfo, file: McapFile) -> FloatArray:
-    """R, identity where it was left out. Raises CalibrationError where it is no rotation."""
+    """The rectifying rotation R of a CameraInfo, identity where it was left out. Raises CalibrationError for others."""
     R = info.r if info.r.any() else np.eye(3)
     if not (np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0):
         raise CalibrationError("R is no rotation", file=file.path, record=info.header.frame_id, remedy="calibrate the pair again")

@@ -1,4 +1,4 @@
-"""GNSS, IMU, places of the sensors, exposures and truth of a recording."""
+"""GNSS, IMU, static transforms, exposures and ground truth of a ROS 2 recording."""
 
 from collections.abc import Callable
 from typing import Final, TypeVar
@@ -16,7 +16,7 @@ from wayloom.logs.ros2.mcap_index import RECOVER, McapFile, Messages, Topic
 from wayloom.logs.ros2.mcap_rig import McapRig, base_of
 from wayloom.logs.ros2.ros_messages import Fix
 from wayloom.logs.sidecars.gnss_csv import check_places
-from wayloom.logs.sidecars.oxts import SIGMA_WHERE_UNSAID_M, UP_FACTOR
+from wayloom.logs.sidecars.oxts import ASSUMED_SIGMA_M, UP_FACTOR
 from wayloom.logs.sidecars.sidecar import Sidecar
 from wayloom.logs.types import FixType, GnssTrack, ImuTrack
 
@@ -40,7 +40,7 @@ def decoded(file: McapFile, topic: str, messages: Messages, read: Callable[[byte
 
 
 def read_places(file: McapFile, camera_frame: str, R_rect: FloatArray) -> dict[str, FloatArray]:
-    """T_cam_frame (4, 4) of every frame that /tf_static joins to the left camera's; of the rectified camera."""
+    """T_cam_frame (4, 4) of every tf frame that /tf_static connects to the left camera's, for the rectified left camera."""
     topic = next((t for t in file.topics if t.name == STATIC_TOPIC and t.kind == ros.TRANSFORMS and t.encoding == "cdr"), None)
     if topic is None:
         return {}
@@ -80,10 +80,10 @@ def read_fixes(
     if topic is None:
         return None, None, ("GNSS",)
     fixes = decoded(file, topic.name, messages[topic.name], ros.read_fix)
-    said = [fix for fix in fixes if np.isfinite(fix.lon_lat_height).all()]
-    t_ns = np.array([fix.header.t_ns for fix in said], np.int64)
+    valid = [fix for fix in fixes if np.isfinite(fix.lon_lat_height).all()]
+    t_ns = np.array([fix.header.t_ns for fix in valid], np.int64)
     fresh = np.flatnonzero(np.diff(t_ns, prepend=np.iinfo(np.int64).min // 2) > 0)
-    kept = [said[index] for index in fresh]
+    kept = [valid[index] for index in fresh]
     if not kept:
         return None, None, ("GNSS: no message holds a place",)
     lon_lat_height = np.array([fix.lon_lat_height for fix in kept])
@@ -104,7 +104,7 @@ def fix_of(fix: Fix) -> tuple[FixType, FloatArray]:
         sigma2 = 0.5 * (covariance[0, 0] + covariance[1, 1]) if known else np.inf
         kind = FixType.FIXED if sigma2 <= FIXED_WITHIN_M**2 else FixType.FLOAT
     if not known:
-        covariance = SIGMA_WHERE_UNSAID_M[kind] ** 2 * np.diag((1.0, 1.0, UP_FACTOR**2))
+        covariance = ASSUMED_SIGMA_M[kind] ** 2 * np.diag((1.0, 1.0, UP_FACTOR**2))
     return kind, covariance
 
 

@@ -1,4 +1,4 @@
-"""Writing a drive as a ROS 2 recording in MCAP: what `wayloom.logs.ros2.mcap_log` reads, and what robots record.
+"""MCAP writer: a drive as a ROS 2 recording, with the topics and message types that robots record.
 
 /camera/{left,right}/image_rect_color/compressed   sensor_msgs/CompressedImage (image_raw/compressed where images are distorted,
                                                    image_rect where they are grey)
@@ -47,33 +47,33 @@ Message = tuple[int, int, str, str, bytes]
 
 
 class McapWriter(DriveWriter):
-    """A folder with `<name>.mcap` and wayloom.json. Images wait in the spool until all messages are put in the order of time."""
+    """A folder with `<name>.mcap` and wayloom.json. Images stay in the spool until all messages are written in order of time."""
 
     name_digits = 10
     holds_raw_images = True
 
     def image_folders(self) -> tuple[Path, Path]:
-        """Left and right, in the spool."""
+        """The folders of the left and the right images, in the spool."""
         return self.spool / "left", self.spool / "right"
 
     def lidar_file(self, index: int) -> Path:
-        """In the spool."""
+        """Path of the scan of a frame, in the spool."""
         return self.spool / "lidar" / f"{index:010d}.bin"
 
     def write_calibration(self) -> None:
-        """It is in the messages."""
+        """Nothing: calibration is in the messages."""
         return
 
     def write_times(self) -> None:
-        """They are in the messages."""
+        """Nothing: time stamps are in the messages."""
         return
 
     def write_truth(self) -> None:
-        """It is in the messages."""
+        """Nothing: true poses are in the messages."""
         return
 
     def write_positioning(self) -> None:
-        """Write the recording; all that it needs has come."""
+        """Write the recording, whose messages are complete by now."""
         file = self.folder / f"{self.path.name}{ENDING}"
         unfinished = file.with_name(UNFINISHED + file.name)
         try:
@@ -150,7 +150,7 @@ class McapWriter(DriveWriter):
 
 
 def track_of(packets: list[OxtsPacket]) -> GnssTrack | None:
-    """The fixes of packets; None where there are none."""
+    """The fixes of GNSS/INS packets; None where there are none."""
     if not packets:
         return None
     covariances = [packet.sigma_m**2 * np.diag((1.0, 1.0, UP_FACTOR**2)) for packet in packets]

@@ -1,4 +1,4 @@
-"""The ROS 2 messages that drives are made of, to and from CDR: images, calibration, GNSS, IMU, places of sensors, poses."""
+"""ROS 2 messages to and from CDR: images, calibration, GNSS, IMU, transforms, poses."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -22,7 +22,7 @@ DIAGONAL_KNOWN, KNOWN = 2, 3
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """When, int64 ns, and in which frame."""
+    """Time stamp, int64 ns, and tf frame of a message."""
 
     t_ns: int
     frame_id: str
@@ -179,7 +179,7 @@ def compressed_image(header: Header, kind: str, file: bytes) -> bytes:
 
 
 def camera_info(info: CameraInfo) -> bytes:
-    """Without binning or region of interest."""
+    """A CameraInfo message, without binning or region of interest."""
     out = header_of(info.header.t_ns, info.header.frame_id).number("I", info.height).number("I", info.width).text(info.model)
     out.sequence(info.d).numbers(info.k.ravel()).numbers(info.r.ravel()).numbers(info.p.ravel())
     for _ in range(6):

@@ -1,4 +1,4 @@
-"""`exposure.csv` beside a log: how long each frame was exposed, left and right."""
+"""Exposure times of the frames in `exposure.csv` beside a log, left and right."""
 
 from pathlib import Path
 from typing import Final

@@ -1,4 +1,4 @@
-"""`gnss.csv`: GNSS fixes of any receiver, one a line, under a header that names the columns."""
+"""GNSS fixes of any receiver in `gnss.csv`, one a line, under a header that names the columns."""
 
 import csv
 import io

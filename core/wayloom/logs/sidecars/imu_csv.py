@@ -1,4 +1,4 @@
-"""`imu.csv`: samples of an IMU, one a line, under a header that names the columns."""
+"""IMU samples in `imu.csv`, one a line, under a header that names the columns."""
 
 from pathlib import Path
 from typing import Final
@@ -66,5 +66,5 @@ def _check_ranges(values: np.ndarray, file: Path) -> None:
     for (what, most, unit), part in zip(RANGES, (values[:, :3], values[:, 3:]), strict=True):
         bad = np.flatnonzero(np.abs(part).max(axis=1) > most)
         if len(bad):
-            said = f"{what} of {np.abs(part[bad[0]]).max():g} {unit} is impossible"
-            raise LogError(said, file=file, record=f"line {bad[0] + 2}", remedy="the columns are in m/s^2 and rad/s")
+            message = f"{what} of {np.abs(part[bad[0]]).max():g} {unit} is impossible"
+            raise LogError(message, file=file, record=f"line {bad[0] + 2}", remedy="the columns are in m/s^2 and rad/s")

@@ -1,4 +1,4 @@
-"""KITTI's `oxts` folder: one text file of 30 numbers a packet of the GNSS/INS unit, and their time stamps.
+"""GNSS/INS packets of KITTI's `oxts` folder: one text file of 30 numbers a packet, and their time stamps.
 
 Position: the packet's latitude, longitude and altitude, which is taken as ellipsoidal. It is the unit's place, not the antenna's.
 Covariance: pos_accuracy is the sigma of east and of north; the sigma of up is UP_FACTOR times that, as satellites below the horizon
@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from wayloom.errors import LogError
 from wayloom.files.text_files import parse_numbers, read_text
 from wayloom.files.timestamps import NS, ns_from_wall_clock, read_times, times_of_numbers
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
-from wayloom.geometry.wgs84 import enu_from_lonlatheight
 from wayloom.logs.types import FixType, GnssTrack, ImuTrack
 
 FloatArray = NDArray[np.float64]
@@ -27,7 +28,7 @@ UP_FACTOR: Final = 2.0
 SMALLEST_SIGMA_M: Final = 0.005
 LOCKED: Final = 4
 WORST_BRIDGED_SIGMA_M: Final = 10.0
-SIGMA_WHERE_UNSAID_M: Final = {FixType.NONE: 50.0, FixType.SINGLE: 3.0, FixType.FLOAT: 0.5, FixType.FIXED: 0.05}
+ASSUMED_SIGMA_M: Final = {FixType.NONE: 50.0, FixType.SINGLE: 3.0, FixType.FLOAT: 0.5, FixType.FIXED: 0.05}
 RESTORE = "copy the packet again, or leave it out"
 
 # OxTS NCOM position modes, as KITTI's gps_mode_to_string has them: what the receiver had, not what the INS made of it.
@@ -75,7 +76,7 @@ class OxtsPackets:
 
 @dataclass(frozen=True, slots=True)
 class InsTrajectory:
-    """What the GNSS/INS unit says of its own way.
+    """Trajectory of the GNSS/INS unit by its own packets.
 
     t_ns              (M,) int64
     T_enu_imu         (M, 4, 4): positions as said, in the tangent plane of the first packet; x forward, y left, z up
@@ -147,9 +148,9 @@ def fix_types(values: FloatArray) -> NDArray[np.uint8]:
 def gnss_track(values: FloatArray, t_ns: NDArray[np.int64]) -> GnssTrack:
     """Packets (M, 30) at t_ns (M,) as GNSS fixes."""
     fix = fix_types(values)
-    said = values[:, Field.POS_ACCURACY]
-    unsaid = np.array([SIGMA_WHERE_UNSAID_M[FixType(f)] for f in fix])
-    sigma = np.where(said > 0, np.maximum(said, SMALLEST_SIGMA_M), unsaid)
+    stated = values[:, Field.POS_ACCURACY]
+    assumed = np.array([ASSUMED_SIGMA_M[FixType(f)] for f in fix])
+    sigma = np.where(stated > 0, np.maximum(stated, SMALLEST_SIGMA_M), assumed)
     covariance = np.zeros((len(values), 3, 3))
     covariance[:, 0, 0] = covariance[:, 1, 1] = sigma**2
     covariance[:, 2, 2] = (UP_FACTOR * sigma) ** 2
@@ -192,7 +193,7 @@ def ins_trajectory(folder: Path, first: int = 0, count: int | None = None) -> In
     lon_lat_height = values[:, [Field.LON, Field.LAT, Field.ALT]].copy()
     T = se3.from_rotation_translation(
         R_enu_imu(values[:, Field.ROLL], values[:, Field.PITCH], values[:, Field.YAW]),
-        enu_from_lonlatheight(lon_lat_height, lon_lat_height[0]) if len(values) else np.zeros((0, 3)),
+        enu_from_lonlatheight(lon_lat_height, MapFrame(*lon_lat_height[0].tolist())) if len(values) else np.zeros((0, 3)),
     )
     v = velocity_enu(values)
     steps = 0.5 * (v[1:] + v[:-1]) * (np.diff(packets.t_ns) / NS)[:, None]

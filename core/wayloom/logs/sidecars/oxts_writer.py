@@ -1,4 +1,4 @@
-"""Writing KITTI's `oxts` folder: what `wayloom.logs.sidecars.oxts` reads."""
+"""Writer of KITTI's `oxts` folder, in the layout that `wayloom.logs.sidecars.oxts` reads."""
 
 from dataclasses import dataclass
 from pathlib import Path

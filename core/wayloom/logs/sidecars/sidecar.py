@@ -1,4 +1,4 @@
-"""`wayloom.json` beside a log: what the KITTI layouts have no place for."""
+"""Sidecar metadata `wayloom.json`: rig and vehicle ids, lever arm, IMU extrinsics and topics that a layout has no place for."""
 
 from pathlib import Path
 from typing import Annotated, Literal

@@ -1,4 +1,4 @@
-"""Parts of the window's prior taken away, to measure what each is worth. Nothing here runs with the default settings."""
+"""Ablations of the marginalisation prior, to measure what its parts are worth. Nothing here runs with the default settings."""
 
 import numpy as np
 
@@ -19,6 +19,6 @@ def weaken_prior(window: Window, ablation: Ablation, bias_information: float) ->
         window.frames.has_first[:] = 0
     if not (ablation.bias_in_prior and ablation.marginalisation_prior):
         window.prior_H[0, :], window.prior_H[:, 0] = 0.0, 0.0
-        window.prior_H[0, 0], window.prior_g[0] = bias_information, bias_information * window.delta[0]
+        window.prior_H[0, 0], window.prior_g[0] = bias_information, bias_information * window.disparity_bias[0]
     if not ablation.first_estimates:
         window.frames.has_first[:] = np.where(window.frames.has_first > 0, CURRENT_JACOBIANS, 0)

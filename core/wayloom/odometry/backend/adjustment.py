@@ -1,4 +1,4 @@
-"""Windowed photometric bundle adjustment, and what its outliers lose."""
+"""Photometric bundle adjustment over the window, and removal of its outliers."""
 
 import math
 
@@ -14,9 +14,9 @@ MIN_INVERSE_DEPTH = 1e-4
 def adjust(window: Window, rig: Rig, robust: Robust, affine_prior: tuple[float, float], iterations: int) -> float:
     """Minimise the window's energy over poses, brightness, inverse depths and bias, in place; returns the energy reached."""
     inlier, own, energy = adjust_window(
-        window.images, rig, window.frames, window.points, window.inertial, window.delta, window.prior_H, window.prior_g,
-        np.array(affine_prior), 0.0 if window.has_prior else 1.0, int(window.hold_delta), window.wish, robust, iterations,
-        MIN_INVERSE_DEPTH,
+        window.images, rig, window.frames, window.points, window.inertial, window.disparity_bias, window.prior_H, window.prior_g,
+        np.array(affine_prior), 0.0 if window.has_prior else 1.0, int(window.hold_disparity_bias), window.held_bias_step, robust,
+        iterations, MIN_INVERSE_DEPTH,
     )  # fmt: skip
     window.inlier, window.information = inlier, own[:, 0].copy()
     return float(energy)
@@ -34,5 +34,5 @@ def cull(window: Window) -> None:
 def bias_is_significant(window: Window, grey_sigma: float, sigmas: float) -> bool:
     """Whether the disparity bias, held so far, wants to move by more than `sigmas` of its standard deviation, that of residuals of
     grey_sigma (grey levels) that are independent of each other."""
-    step, variance = window.wish
+    step, variance = window.held_bias_step
     return bool(abs(step) > sigmas * grey_sigma * math.sqrt(variance))

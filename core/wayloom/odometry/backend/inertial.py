@@ -1,4 +1,4 @@
-"""The IMU in the window: its samples between two keyframes, where its state starts from, and the motion that it foretells."""
+"""Inertial factors of the window: preintegration between keyframes, initialisation, and prediction of poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,8 +16,7 @@ from wayloom.odometry.settings import ImuSettings
 
 FloatArray = NDArray[np.float64]
 GREY_SIGMA = 1.0
-"""grey levels of a pixel that count as much as one sigma of the IMU. Pixels fit to eight or so, but weighed by that an IMU
-remembers the speed, and with it the scale that the first metres got wrong, longer than the images would."""
+"""grey levels of a pixel that count as much as one sigma of the IMU; docs/odometry.md says why it is less than pixels fit to."""
 OWN = 9
 """Inertial unknowns of a keyframe: velocity, gyroscope bias, accelerometer bias."""
 DISCRETISATION = np.array([1e-6, 1e-5, 1e-5])

@@ -1,4 +1,4 @@
-"""Which keyframe leaves the window, and the prior that it leaves behind (Engel et al. 2018, sec. 2.3 and 3.1)."""
+"""Marginalisation of keyframes and points into the window's prior (Engel et al. 2018, sec. 2.3 and 3.1)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +59,7 @@ def fold_points(window: Window, fold: BoolArray, rig: Rig, robust: Robust) -> No
     first_prior = not window.has_prior
     fix_first_estimates(window.frames, window.inertial)
     points = chosen(window.points, fold)
-    H, g = reduced_equations(window.images, rig, window.frames, points, window.delta[0], robust)
+    H, g = reduced_equations(window.images, rig, window.frames, points, window.disparity_bias[0], robust)
     if first_prior:
         H[1:7, 1:7] += GAUGE * np.eye(6)  # the drive's first pose is the origin
     add_to_prior(window, H, g)
@@ -78,7 +78,7 @@ def fold_links(window: Window, j: int) -> None:
 def add_to_prior(window: Window, H: FloatArray, g: FloatArray) -> None:
     """Add normal equations of the present state, of all unknowns or of the first ones, to the prior."""
     n, z = len(g), np.zeros(len(window.prior_g))
-    deviation(window.frames, window.delta[0], window.inertial, z)
+    deviation(window.frames, window.disparity_bias[0], window.inertial, z)
     window.prior_H, window.prior_g = window.prior_H.copy(), window.prior_g.copy()
     window.prior_H[:n, :n] += H
     window.prior_g[:n] = window.prior_g[:n] + g + np.einsum("ij,j->i", H, z[:n])

@@ -1,4 +1,7 @@
-"""What the odometry does with a log's IMU: starts it, links new keyframes, foretells poses; docs/odometry.md has the equations."""
+"""Visual-inertial fusion in the window: start from gravity, preintegrated links of new keyframes, predicted poses.
+
+docs/odometry-design.md has the equations.
+"""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -27,7 +30,7 @@ class VisualInertial:
         self.bias = np.zeros(6)
         self._started_ns: list[int] = []
 
-    def expected_pose(self, T_world_cam: tuple[FloatArray, FloatArray], t_ns: tuple[int, int, int]) -> FloatArray | None:
+    def predicted_pose(self, T_world_cam: tuple[FloatArray, FloatArray], t_ns: tuple[int, int, int]) -> FloatArray | None:
         """T_world_cam (4, 4) at the last of three moments from the poses at the first two; None while gravity is unknown."""
         if self.gravity is None:
             return None

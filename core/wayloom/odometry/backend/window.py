@@ -1,4 +1,4 @@
-"""The window: the keyframes, their images, the live points and the prior that marginalisation left."""
+"""Window of keyframes: their images, the live and immature points, and the marginalisation prior."""
 
 from dataclasses import dataclass, field
 
@@ -32,7 +32,7 @@ def _no_points(capacity: int) -> PointColumns:
 
 @dataclass(slots=True)
 class ImmaturePoints:
-    """Points of the window's keyframes that take no part in its adjustment: their poses are given, only their depth is sought.
+    """Points of the window's keyframes that take no part in its adjustment: their poses are given, only their depth is estimated.
 
     points       as the live ones; closed is not used; rho 0 where nothing is known yet
     id           (N,) number of each point, counted through the drive with the live ones
@@ -63,9 +63,10 @@ class Window:
     images, frames, points  as the kernels take them (kernels/arrays.py)
     keyframe     (F,) row of each frame in the result's keyframes
     point_id     (N,) number of each live point, counted through the drive
-    delta        (1,) px, the disparity bias
-    hold_delta   whether adjustments leave it as it is; wish: (2,) the step, px, that it would take if it were free, and that step's
-                 variance in the energy's units, of the last adjustment in which it was held
+    disparity_bias  (1,) px, δ of u_right = u_left - bf rho - δ
+    hold_disparity_bias  whether adjustments leave it as it is
+    held_bias_step  (2,) the step, px, that the bias would take if it were free, and that step's variance in the energy's units, of
+                 the last adjustment in which it was held
     prior_H, prior_g  (1 + 8F, with an IMU 1 + 17F + 2): energy z^T H z - 2 g^T z of the state's deviation z from the first
                       estimates
     inlier, information  (N, F + 1) and (N,), of the last adjustment
@@ -78,18 +79,22 @@ class Window:
     points: PointColumns
     keyframe: IntArray
     point_id: IntArray
-    delta: FloatArray
+    disparity_bias: FloatArray
     prior_H: FloatArray
     prior_g: FloatArray
     immature: ImmaturePoints
     inlier: IntArray = field(default_factory=lambda: np.zeros((0, 1), np.int64))
     information: FloatArray = field(default_factory=lambda: np.zeros(0))
     inertial: Inertial = NO_IMU
-    hold_delta: bool = False
-    wish: FloatArray = field(default_factory=lambda: np.full(2, np.nan))
+    hold_disparity_bias: bool = False
+    held_bias_step: FloatArray = field(default_factory=lambda: np.full(2, np.nan))
 
     def __len__(self) -> int:
         return len(self.keyframe)
+
+    def index_of(self, keyframe: int) -> int:
+        """Place in the window of a keyframe by its row in the result."""
+        return int(np.flatnonzero(self.keyframe == keyframe)[0])
 
     @property
     def has_prior(self) -> bool:
@@ -97,12 +102,13 @@ class Window:
         return bool(self.frames.has_first.any())
 
 
-def empty_window(shape: tuple[int, ...], capacity: int, delta: float, bias_information: float) -> Window:
-    """A window for images (h, w) and at most `capacity` keyframes, its bias held to delta (px) with the given information."""
+def empty_window(shape: tuple[int, ...], capacity: int, disparity_bias: float, bias_information: float) -> Window:
+    """A window for images (h, w) and at most `capacity` keyframes, the disparity bias (px) held there by the given
+    information."""
     return Window(
         Images(np.zeros((capacity, *shape), np.uint8), np.zeros((capacity, *shape), np.uint8)),
-        _no_frames(), _no_points(capacity), np.zeros(0, np.int64), np.zeros(0, np.int64), np.array([delta]),
-        np.array([[bias_information]]), np.array([bias_information * delta]), no_immature_points(capacity),
+        _no_frames(), _no_points(capacity), np.zeros(0, np.int64), np.zeros(0, np.int64), np.array([disparity_bias]),
+        np.array([[bias_information]]), np.array([bias_information * disparity_bias]), no_immature_points(capacity),
     )  # fmt: skip
 
 

@@ -1,8 +1,8 @@
-"""Pictures of the odometry's inside: depths and residuals on a keyframe, the window from above, the drive over time."""
+"""Debug pictures of the odometry: depths and residuals on a keyframe, the window from above, the drive over time."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from wayloom.files.atomic import write_atomically
 from wayloom.geometry import se3
-from wayloom.geometry.camera import StereoRig
-from wayloom.odometry.backend.window import project_into
+from wayloom.geometry.camera import PinholeCamera, StereoRig
+from wayloom.odometry.backend.window import Window, project_into
+from wayloom.odometry.mapper import Mapper
 from wayloom.odometry.tracking.alignment import Reference
-
-if TYPE_CHECKING:
-    from wayloom.odometry.odometry import Odometry
+from wayloom.odometry.tracking.recovery import TrackingResult
 
 Image = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
@@ -26,12 +25,15 @@ TITLE_PX = 18
 INK = (40, 30, 20)
 
 
-def keyframe_picture(odometry: "Odometry", left: Image, reference: Reference | None) -> Image:
-    """(h', w', 3) BGR: left the depths of the live points and the residuals of the alignment, right the window from above."""
-    depths = depth_overlay(odometry, left)
-    residuals = residual_map(odometry, left, reference)
-    column = np.vstack([depths, residuals])
-    view = cv2.resize(window_from_above(odometry), (len(column), len(column)), interpolation=cv2.INTER_AREA)
+def keyframe_picture(
+    mapper: Mapper, left: Image, alignment: TrackingResult | None, reference: Reference | None, camera: FloatArray
+) -> Image:
+    """(h', w', 3) BGR of the newest keyframe, left image (h, w): the depths of the live points, under them the residuals of its
+    alignment with the reference, beside them the window from above; camera (4,) px."""
+    column = np.vstack([depth_overlay(mapper, left), residual_map(left, alignment, reference, camera)])
+    view = cv2.resize(
+        window_from_above(mapper.window, mapper.stereo_rig.camera), (len(column), len(column)), interpolation=cv2.INTER_AREA
+    )
     return np.hstack([column, np.asarray(view, np.uint8)])
 
 
@@ -59,25 +61,26 @@ def titled(canvas: Image, text: str) -> Image:
     return canvas
 
 
-def depth_overlay(odometry: "Odometry", left: Image) -> Image:
+def depth_overlay(mapper: Mapper, left: Image) -> Image:
     """The live points in the newest keyframe, near red, far blue."""
-    window, canvas = odometry.window, dimmed(left)
-    projected = project_into(window, window.points, len(window) - 1, odometry.rig, odometry.settings.border)
+    window, canvas = mapper.window, dimmed(left)
+    projected = project_into(window, window.points, len(window) - 1, mapper.rig, mapper.settings.border)
     seen = projected[~np.isnan(projected[:, 0])]
     dots(canvas, seen[:, :2], coloured(seen[:, 2] * NEAR_M, cv2.COLORMAP_TURBO))
-    frame = odometry.harvest.keyframes[-1].frame
-    return titled(canvas, f"frame {frame}: {len(seen)} points, red at {NEAR_M:g} m, bias {window.delta[0]:+.2f} px")
+    frame = mapper.builder.keyframes[-1].frame
+    return titled(canvas, f"frame {frame}: {len(seen)} points, red at {NEAR_M:g} m, bias {window.disparity_bias[0]:+.2f} px")
 
 
-def residual_map(odometry: "Odometry", left: Image, reference: Reference | None) -> Image:
+def residual_map(left: Image, alignment: TrackingResult | None, reference: Reference | None, camera: FloatArray) -> Image:
     """The reference points where the alignment put them, blue too dark, red too bright; nothing at the start of a segment."""
-    canvas, found = dimmed(left), odometry.found
-    if found is None or reference is None:
+    canvas = dimmed(left)
+    if alignment is None or reference is None:
         return titled(canvas, "start of a segment")
-    uv, residual = residuals(left, reference, found.fit.T_frame_keyframe, found.fit.brightness, odometry.cameras[0])
+    fit = alignment.fit
+    uv, residual = residuals(left, reference, fit.T_frame_keyframe, fit.brightness, camera)
     dots(canvas, uv, coloured(0.5 + 0.5 * residual / RESIDUAL_GREY, cv2.COLORMAP_JET))
-    text = f"against keyframe {found.keyframe}: rms {found.fit.rms:.1f} grey, {100 * found.fit.saturated:.0f} % beyond, red +20"
-    return titled(canvas, f"{text}, {found.tried} motions tried")
+    text = f"against keyframe {alignment.keyframe}: rms {fit.rms:.1f} grey, {100 * fit.saturated:.0f} % beyond, red +20"
+    return titled(canvas, f"{text}, {alignment.tried} motions tried")
 
 
 def residuals(
@@ -94,14 +97,14 @@ def residuals(
     return np.column_stack([u, v]), value.astype(np.float64) - (brightness[0] * grey + brightness[1])
 
 
-def window_from_above(odometry: "Odometry") -> Image:
+def window_from_above(window: Window, camera: PinholeCamera) -> Image:
     """The window's keyframes (numbered) and points from above, in the newest keyframe's frame, z up."""
-    window, scale = odometry.window, VIEW_PX / (VIEW_AHEAD_M + VIEW_BEHIND_M)
+    scale = VIEW_PX / (VIEW_AHEAD_M + VIEW_BEHIND_M)
     canvas = np.full((VIEW_PX, VIEW_PX, 3), 250, np.uint8)
     T_newest_world = window.frames.T_cam_world[-1]
     T_newest_cam = np.array([T_newest_world @ se3.inverse(T) for T in window.frames.T_cam_world])
     p = window.points
-    p_host = odometry.stereo_rig.camera.rays(p.uv) / np.maximum(p.rho, 1e-4)[:, None]
+    p_host = camera.rays(p.uv) / np.maximum(p.rho, 1e-4)[:, None]
     points = np.einsum("nij,nj->ni", T_newest_cam[p.host][:, :3, :3], p_host) + T_newest_cam[p.host][:, :3, 3]
 
     def place(xyz: FloatArray) -> FloatArray:

@@ -1,11 +1,14 @@
-"""Levenberg-Marquardt over a window, whole in one kernel: poses, brightness, inverse depths, disparity bias, and the prior."""
+"""Levenberg-Marquardt over a window: poses, brightness, inverse depths, disparity bias, and the prior.
+
+The loop is Python: as one kernel it would hold the code of all others once more, and take as long to compile as they do together.
+"""
 
 import math
 
 import numpy as np
 
 from wayloom.odometry.kernels.arrays import LEAST_ALIKE, LEFT_ALIKE, LOCAL, PATCH, RIGHT, RIGHT_ALIKE, Terms
-from wayloom.odometry.kernels.compiler import jit
+from wayloom.odometry.kernels.compiler import kernel
 from wayloom.odometry.kernels.equations import (
     add_pairs_to_state,
     eliminate_points,
@@ -17,7 +20,7 @@ from wayloom.odometry.kernels.equations import (
     steps_of_pairs,
 )
 from wayloom.odometry.kernels.inertial import add_links, links_energy
-from wayloom.odometry.kernels.linear import exp_se3, log_se3, multiply, orthonormalise, relative, solve_spd
+from wayloom.odometry.kernels.linear import fill_exp_se3, fill_log_se3, fill_product, fill_relative, orthonormalise, solve_spd
 from wayloom.odometry.kernels.patch import gain_between, looks_alike, make_scratch, patch_residual
 
 GAUGE = 1e12
@@ -26,7 +29,6 @@ UNLINKED = 1e-4
 """Information that holds each step of a velocity, bias or gravity that nothing speaks of, in their own units."""
 
 
-@jit
 def make_terms(N, F):  # type: ignore[no-untyped-def]
     """Empty Terms for N points and F frames."""
     return Terms(
@@ -35,29 +37,33 @@ def make_terms(N, F):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@jit
 def deviation(frames, delta, inertial, z):  # type: ignore[no-untyped-def]
     """Fills z (1 + 8F): delta, then each keyframe's left perturbation and a, b since its first estimate; 0 where it has none.
     With an IMU (1 + 17F + 2): then each keyframe's velocity and biases since their first estimate, and gamma."""
     z[:] = 0.0
     z[0] = delta
-    for f in range(frames.slot.shape[0]):
-        if frames.has_first[f]:
-            z[1 + 8 * f : 7 + 8 * f] = log_se3(relative(frames.T_cam_world[f], frames.T_first[f]))
-            z[7 + 8 * f] = frames.affine[f, 0] - frames.affine_first[f, 0]
-            z[8 + 8 * f] = frames.affine[f, 1] - frames.affine_first[f, 1]
-    F = inertial.velocity.shape[0]
-    for f in range(F):
-        if frames.has_first[f]:
-            for k in range(3):
-                z[1 + 8 * F + 9 * f + k] = inertial.velocity[f, k] - inertial.velocity_first[f, k]
-            for k in range(6):
-                z[4 + 8 * F + 9 * f + k] = inertial.bias[f, k] - inertial.bias_first[f, k]
+    deviation_of_poses(*frames[1:6], np.empty((4, 4)), z)
+    F = len(inertial.velocity)
     if F:
-        z[1 + 17 * F], z[2 + 17 * F] = inertial.gamma[0], inertial.gamma[1]
+        own, known = z[1 + 8 * F : 1 + 17 * F].reshape(F, 9), frames.has_first > 0
+        own[known, :3] = (inertial.velocity - inertial.velocity_first)[known]
+        own[known, 3:] = (inertial.bias - inertial.bias_first)[known]
+        z[1 + 17 * F :] = inertial.gamma
 
 
-@jit
+@kernel
+def deviation_of_poses(T_cam_world, T_first, has_first, affine, affine_first, since_first, z):  # type: ignore[no-untyped-def]
+    """Keyframes' left perturbations and a, b since their first estimates (arrays.Frames) into z from 1 on; since_first (4, 4) is
+    working space."""
+    for f in range(has_first.shape[0]):
+        if has_first[f]:
+            fill_relative(T_cam_world[f], T_first[f], since_first)
+            fill_log_se3(since_first, z[1 + 8 * f :])
+            z[7 + 8 * f] = affine[f, 0] - affine_first[f, 0]
+            z[8 + 8 * f] = affine[f, 1] - affine_first[f, 1]
+
+
+@kernel
 def prior_energy(z, prior_H, prior_g, affine, affine_prior):  # type: ignore[no-untyped-def]
     """z^T H z - 2 g^T z of the marginalisation prior, plus the weak pull of a and b (F, 2) towards zero."""
     total = 0.0
@@ -71,7 +77,7 @@ def prior_energy(z, prior_H, prior_g, affine, affine_prior):  # type: ignore[no-
     return total
 
 
-@jit
+@kernel
 def add_prior(z, prior_H, prior_g, affine, affine_prior, H, g):  # type: ignore[no-untyped-def]
     """Add the prior's and the affine prior's normal equations at the deviation z to H and g."""
     for i in range(z.shape[0]):
@@ -85,44 +91,60 @@ def add_prior(z, prior_H, prior_g, affine, affine_prior, H, g):  # type: ignore[
             g[7 + 8 * f + k] -= affine_prior[k] * affine[f, k]
 
 
-@jit
 def normal_equations(terms, A, points, damping, H, g, inverse):  # type: ignore[no-untyped-def]
     """H (1 + 8F, 1 + 8F) and g of delta and keyframes, all points eliminated; A is host_maps; inverse (N,) serves the step back to
     the points."""
     H[:] = 0.0
     g[:] = 0.0
-    add_pairs_to_state(terms, A, H, g)
-    eliminate_points(terms, A, points, damping, H, g, inverse)
+    add_pairs_to_state(terms.H_pair, terms.g_pair, A, H, g, np.empty((LOCAL, LOCAL)), np.empty((LOCAL, 8)))
+    eliminate_points(
+        points.host, terms.own, terms.coupling, terms.inlier, A, damping, H, g, inverse, np.empty(len(g)),
+        np.empty(len(A), np.bool_),
+    )  # fmt: skip
     mirror(H)
 
 
-@jit
 def take_step(frames, points, inertial, terms, A, inverse, x, min_rho):  # type: ignore[no-untyped-def]
     """Apply the state's step x (1 + 8F, or 1 + 17F + 2) but delta, and the inverse depths' own that follows from it, limited."""
-    F = inertial.velocity.shape[0]
-    for f in range(F):
-        inertial.velocity[f] += x[1 + 8 * F + 9 * f : 4 + 8 * F + 9 * f]
-        inertial.bias[f] += x[4 + 8 * F + 9 * f : 10 + 8 * F + 9 * f]
+    F = len(inertial.velocity)
     if F:
-        inertial.gamma[0] += x[1 + 17 * F]
-        inertial.gamma[1] += x[2 + 17 * F]
+        own = x[1 + 8 * F : 1 + 17 * F].reshape(F, 9)
+        inertial.velocity[:] += own[:, :3]
+        inertial.bias[:] += own[:, 3:]
+        inertial.gamma[:] += x[1 + 17 * F :]
     local = steps_of_pairs(A, x)
-    for i in range(points.host.shape[0]):
-        h, s = points.host[i], terms.own[i, 1]
-        for t in range(A.shape[0]):
-            if t == h or terms.inlier[i, t]:
+    step_points(points.host, points.rho, terms.own, terms.coupling, terms.inlier, local, inverse, min_rho)
+    step_frames(frames.T_cam_world, frames.affine, x, np.empty((4, 4)), np.empty((4, 4)))
+
+
+@kernel
+def step_points(host, rho, own, coupling, inlier, local, inverse, min_rho):  # type: ignore[no-untyped-def]
+    """The points' part of take_step: host, rho (N,), own, coupling, inlier (arrays.Terms), local (F, F, 9) of steps_of_pairs."""
+    for i in range(host.shape[0]):
+        h, s = host[i], own[i, 1]
+        for t in range(local.shape[0]):
+            if t == h or inlier[i, t]:
                 for k in range(LOCAL):
-                    s -= terms.coupling[i, t, k] * local[h, t, k]
-        limit = 0.3 * points.rho[i] + 0.01
-        points.rho[i] = max(points.rho[i] + max(-limit, min(limit, inverse[i] * s)), min_rho)
-    for f in range(frames.slot.shape[0]):
-        frames.T_cam_world[f] = multiply(exp_se3(x[1 + 8 * f : 7 + 8 * f]), frames.T_cam_world[f])
-        orthonormalise(frames.T_cam_world[f])
-        frames.affine[f, 0] += x[7 + 8 * f]
-        frames.affine[f, 1] += x[8 + 8 * f]
+                    s -= coupling[i, t, k] * local[h, t, k]
+        limit = 0.3 * rho[i] + 0.01
+        rho[i] = max(rho[i] + max(-limit, min(limit, inverse[i] * s)), min_rho)
 
 
-@jit
+@kernel
+def step_frames(T_cam_world, affine, x, step, moved):  # type: ignore[no-untyped-def]
+    """The keyframes' part of take_step: T_cam_world (F, 4, 4), affine (F, 2); step and moved (4, 4) are working space."""
+    for f in range(affine.shape[0]):
+        fill_exp_se3(x[1 + 8 * f :], step)
+        fill_product(step, T_cam_world[f], moved)
+        for i in range(4):
+            for j in range(4):
+                T_cam_world[f, i, j] = moved[i, j]
+        orthonormalise(T_cam_world[f])
+        affine[f, 0] += x[7 + 8 * f]
+        affine[f, 1] += x[8 + 8 * f]
+
+
+@kernel
 def largest_step(x, F):  # type: ignore[no-untyped-def]
     """Largest translation (m) and rotation (rad) component of the F keyframes in a step x."""
     way, turn = 0.0, 0.0
@@ -133,18 +155,16 @@ def largest_step(x, F):  # type: ignore[no-untyped-def]
     return way, turn
 
 
-@jit
 def first_alone(H, g, unit, x, out):  # type: ignore[no-untyped-def]
     """Fills out (2,) with the first unknown's step in the solution of H x = g and its variance, the others eliminated; NaN where H
     is not positive definite. unit, x (n,) scratch."""
     unit[:] = 0.0
     unit[0] = 1.0
-    out[0], out[1] = math.nan, math.nan
+    out[:] = math.nan
     if solve_spd(H, unit, x):
         out[0], out[1] = np.dot(x, g), x[0]
 
 
-@jit
 def adjust_window(  # type: ignore[no-untyped-def]
     images, rig, frames, points, inertial, delta, prior_H, prior_g, affine_prior, hold_first, hold_delta, wish, robust, iterations,
     min_rho,
@@ -162,8 +182,9 @@ def adjust_window(  # type: ignore[no-untyped-def]
     current, new = make_terms(N, F), make_terms(N, F)
     inverse, H_seen, g_seen = np.zeros(N), np.zeros((seen, seen)), np.zeros(seen)
     H, g, x, z, unit = np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    diagonal = np.einsum("ii->i", H)
     deviation(frames, delta[0], inertial, z)
-    best = linearise(images, rig, frames, points, delta[0], robust, current) + links_energy(frames, inertial)
+    best = linearise(images, rig, frames, points, delta[0], robust, current) + energy_of_links(frames, inertial)
     best += prior_energy(z, prior_H, prior_g, frames.affine, affine_prior)
     damping = FIRST_DAMPING
     for _ in range(iterations):
@@ -173,14 +194,11 @@ def adjust_window(  # type: ignore[no-untyped-def]
         H[:seen, :seen], g[:seen] = H_seen, g_seen
         if n > seen:
             add_links(frames, inertial, H, g)
-            for k in range(seen, n):
-                H[k, k] += UNLINKED * inertial.weight
+            diagonal[seen:] += UNLINKED * inertial.weight
         deviation(frames, delta[0], inertial, z)
         add_prior(z, prior_H, prior_g, frames.affine, affine_prior, H, g)
-        for k in range(1, n):  # delta is not damped: it is known by all points together
-            H[k, k] *= 1.0 + damping
-        for k in range(1, 7):
-            H[k, k] += GAUGE * hold_first
+        diagonal[1:] *= 1.0 + damping  # delta is not damped: it is known by all points together
+        diagonal[1:7] += GAUGE * hold_first
         if hold_delta:
             if damping <= FIRST_DAMPING:  # more would keep the others from following
                 first_alone(H, g, unit, x, wish)
@@ -195,7 +213,7 @@ def adjust_window(  # type: ignore[no-untyped-def]
         delta[0] += x[0]
         take_step(frames, points, inertial, current, A, inverse, x, min_rho)
         deviation(frames, delta[0], inertial, z)
-        energy = linearise(images, rig, frames, points, delta[0], robust, new) + links_energy(frames, inertial)
+        energy = linearise(images, rig, frames, points, delta[0], robust, new) + energy_of_links(frames, inertial)
         energy += prior_energy(z, prior_H, prior_g, frames.affine, affine_prior)
         way, turn = largest_step(x, F)
         small = way < 2e-4 and turn < 2e-5
@@ -213,7 +231,6 @@ def adjust_window(  # type: ignore[no-untyped-def]
     return current.inlier, current.own, best
 
 
-@jit
 def reduced_equations(images, rig, frames, points, delta, robust):  # type: ignore[no-untyped-def]
     """H, g (1 + 8F) of delta and keyframes from the given points alone, eliminated without damping: what marginalisation
     adds to the prior."""
@@ -225,7 +242,11 @@ def reduced_equations(images, rig, frames, points, delta, robust):  # type: igno
     return H, g
 
 
-@jit
+def energy_of_links(frames, inertial):  # type: ignore[no-untyped-def]
+    """The energy of the IMU's links, 0 where there is none: its kernels are then never compiled."""
+    return links_energy(frames, inertial) if len(inertial.velocity) else 0.0
+
+
 def observations(images, rig, frames, points, inlier, mask, targets, delta, robust, out):  # type: ignore[no-untyped-def]
     """Where the points in mask (N,) were inliers, by inlier (N, F + 1), in the left images of the frames targets (T,).
 
@@ -233,7 +254,16 @@ def observations(images, rig, frames, points, inlier, mask, targets, delta, robu
     rows and bias corrected, LEFT_ALIKE and RIGHT_ALIKE where it looks like its host as well; by frame, then point. Returns how
     many.
     """
-    T, scratch, n = relative_poses(frames, 0), make_scratch(), 0
+    T = relative_poses(frames, 0)
+    return observe(images, rig, frames, points, inlier, mask, targets, T, right_of(T, rig), delta, robust, make_scratch(), out)
+
+
+@kernel
+def observe(  # type: ignore[no-untyped-def]
+    images, rig, frames, points, inlier, mask, targets, T, T_right, delta, robust, scratch, out
+):
+    """observations with T and T_right (F, F, 4, 4) T_target_host to the left and the right camera, and working space."""
+    n = 0
     for t in targets:
         for i in range(points.host.shape[0]):
             if not (mask[i] and inlier[i, t] > 0):
@@ -248,7 +278,7 @@ def observations(images, rig, frames, points, inlier, mask, targets, delta, robu
             )  # fmt: skip
             left = inside and looks_alike(scratch.columns, LEAST_ALIKE)
             energy, inside = patch_residual(
-                images.right[frames.slot[t]], right_of(T[h, t], rig), x, y, points.rho[i], rig, delta, points.colour[i],
+                images.right[frames.slot[t]], T_right[h, t], x, y, points.rho[i], rig, delta, points.colour[i],
                 points.weight[i], gain * gain_right, gain_right * offset + frames.gain_right[t, 1], robust, scratch,
             )  # fmt: skip
             good = inside and energy <= robust.max_energy * PATCH

@@ -1,4 +1,4 @@
-"""The bundles of arrays that kernels pass to each other. Frames of the window count from 0 to F-1, oldest first; N live points."""
+"""Data types of the kernels: named tuples of arrays. Frames of the window count from 0 to F-1, oldest first; N live points."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""The normal equations of a window: every residual linearised, gathered a pair, mapped to the state, the points eliminated.
+"""Normal equations of the window: every residual linearised, gathered a pair, mapped to the state, the points eliminated.
 
 State: z = (delta, then for each keyframe its left perturbation (v, omega), a, b), 1 + 8F unknowns.
 """
@@ -6,8 +6,8 @@ State: z = (delta, then for each keyframe its left perturbation (v, omega), a, b
 import numpy as np
 
 from wayloom.odometry.kernels.arrays import LOCAL, PATCH
-from wayloom.odometry.kernels.compiler import bare, inlined, jit
-from wayloom.odometry.kernels.linear import local_from_host, relative
+from wayloom.odometry.kernels.compiler import inlined, kernel, part
+from wayloom.odometry.kernels.linear import fill_relative, local_from_host
 from wayloom.odometry.kernels.patch import gain_between, make_scratch, patch_residual, projection_jacobian
 
 OFFSET_INFORMATION = 0.2
@@ -83,13 +83,10 @@ def remove_patch_offset(M, e):  # type: ignore[no-untyped-def]
     return explained
 
 
-@jit
 def right_of(T, rig):  # type: ignore[no-untyped-def]
-    """T_right_host (4, 4) of T_left_host (4, 4): the same rotation, the translation moved by t_right_left."""
+    """T_right_host (…, 4, 4) of T_left_host (…, 4, 4): the same rotation, the translation moved by t_right_left."""
     out = T.copy()
-    out[0, 3] += rig.tx
-    out[1, 3] += rig.ty
-    out[2, 3] += rig.tz
+    out[..., :3, 3] += (rig.tx, rig.ty, rig.tz)
     return out
 
 
@@ -155,55 +152,49 @@ def add_temporal(  # type: ignore[no-untyped-def]
     return scale * min(energy, limit), good
 
 
-@jit
 def relative_poses(frames, first):  # type: ignore[no-untyped-def]
     """T_target_host (F, F, 4, 4) by [host, target]: current (first = 0), or at the first estimates of frames that have one (1)."""
-    F = frames.slot.shape[0]
-    out = np.empty((F, F, 4, 4))
-    for h in range(F):
-        T_host = frames.T_first[h] if first and frames.has_first[h] == 1 else frames.T_cam_world[h]
-        for t in range(F):
-            T_target = frames.T_first[t] if first and frames.has_first[t] == 1 else frames.T_cam_world[t]
-            out[h, t] = relative(T_target, T_host)
+    T = frames.T_cam_world
+    if first:
+        T = np.where(frames.has_first[:, None, None] == 1, frames.T_first, T)
+    out = np.empty((len(T), len(T), 4, 4))
+    fill_relative_poses(T, out)
     return out
 
 
-@jit
+@kernel
+def fill_relative_poses(T_cam_world, out):  # type: ignore[no-untyped-def]
+    """relative_poses of T_cam_world (F, 4, 4) into out (F, F, 4, 4)."""
+    for h in range(T_cam_world.shape[0]):
+        for t in range(T_cam_world.shape[0]):
+            fill_relative(T_cam_world[t], T_cam_world[h], out[h, t])
+
+
 def linearise(images, rig, frames, points, delta, robust, terms):  # type: ignore[no-untyped-def]
     """All residuals of the window at its current state into terms; returns the energy, a patch's at most max_energy a pixel.
 
     Image gradients are taken at the current state, the geometry at the first estimates (first-estimate Jacobians, Engel et al.
     2018, sec. 2.3), so that frames of the prior keep its null space.
     """
-    N = points.host.shape[0]
-    scratch, rays, still = make_scratch(), np.empty((N, 2)), np.eye(4)
-    T, S, T_right, still_right = (
-        relative_poses(frames, 0),
-        relative_poses(frames, 1),
-        relative_poses(frames, 0),
-        right_of(still, rig),
-    )
-    gains = np.empty(T.shape[:2])
-    for h in range(T.shape[0]):
-        for t in range(T.shape[0]):
-            T_right[h, t] = right_of(T[h, t], rig)
-            gains[h, t] = gain_between(frames.affine[h], frames.affine[t])
-    for i in range(N):
-        rays[i, 0], rays[i, 1] = (points.uv[i, 0] - rig.cx) / rig.fx, (points.uv[i, 1] - rig.cy) / rig.fy
-    clear(terms)
-    total = add_hosts(images, rig, frames, points, delta, robust, rays, still, still_right, scratch, terms)
-    return total + add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, gains, scratch, terms)
+    scratch, still, T = make_scratch(), np.eye(4), relative_poses(frames, 0)
+    rays = (points.uv - (rig.cx, rig.cy)) / (rig.fx, rig.fy)
+    for array in terms:
+        array.fill(0)
+    total = add_hosts(images.right, rig, frames, points, delta, robust, rays, still, right_of(still, rig), scratch, terms)
+    S, gains = relative_poses(frames, 1), np.empty(len(T))
+    return total + add_observers(images, rig, frames, points, delta, robust, rays, T, S, right_of(T, rig), gains, scratch, terms)
 
 
-@bare
-def add_hosts(images, rig, frames, points, delta, robust, rays, still, still_right, scratch, terms):  # type: ignore[no-untyped-def]
-    """Every point in its host's right image; returns the energy."""
+@kernel
+def add_hosts(right, rig, frames, points, delta, robust, rays, still, still_right, scratch, terms):  # type: ignore[no-untyped-def]
+    """Every point in its host's right image; right (slots, h, w); still (4, 4) the identity, still_right (4, 4) T_right_left.
+    Returns the energy."""
     F, total = frames.slot.shape[0], 0.0
     for i in range(points.host.shape[0]):
         h = points.host[i]
         if points.has_static[i]:
             energy, good = add_static(
-                images.right[frames.slot[h]], still, still_right, rays[i], points.rho[i], rig, delta, points.colour[i],
+                right[frames.slot[h]], still, still_right, rays[i], points.rho[i], rig, delta, points.colour[i],
                 points.weight[i], frames.gain_right[h, 0], frames.gain_right[h, 1], robust, scratch, terms.own[i],
                 terms.coupling[i, h], terms.H_pair[h, h], terms.g_pair[h, h],
             )  # fmt: skip
@@ -212,18 +203,21 @@ def add_hosts(images, rig, frames, points, delta, robust, rays, still, still_rig
     return total
 
 
-@bare
+@kernel
 def add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_right, gains, scratch, terms):  # type: ignore[no-untyped-def]
-    """Every point in the left images of the other keyframes, and in the right image of those that it fits; returns the energy."""
+    """Every point in the left images of the other keyframes, and in the right image of those that it fits; returns the energy.
+    T, S, T_right (F, F, 4, 4) T_target_host now, at the first estimates, and to the right camera; gains (F,) working space."""
     total = 0.0
     for t in range(frames.slot.shape[0]):  # one image at a time, points of one host together: that keeps the caches warm
         left, right, b = images.left[frames.slot[t]], images.right[frames.slot[t]], frames.affine[t, 1]
         gain_right, offset_right = frames.gain_right[t, 0], frames.gain_right[t, 1]
+        for h in range(gains.shape[0]):
+            gains[h] = gain_between(frames.affine[h], frames.affine[t])
         for i in range(points.host.shape[0]):
             h = points.host[i]
             if t == h or points.closed[i, t]:
                 continue
-            gain, b_host = gains[h, t], frames.affine[h, 1]
+            gain, b_host = gains[h], frames.affine[h, 1]
             offset = b - gain * b_host
             energy, good = add_temporal(
                 left, T[h, t], S[h, t], rays[i], points.rho[i], rig, 0.0, 0.0, points.colour[i], points.weight[i], gain, 1.0,
@@ -240,40 +234,35 @@ def add_observers(images, rig, frames, points, delta, robust, rays, T, S, T_righ
     return total
 
 
-@bare
-def clear(terms):  # type: ignore[no-untyped-def]
-    """Set all of terms to zero."""
-    terms.H_pair[:] = 0.0
-    terms.g_pair[:] = 0.0
-    terms.coupling[:] = 0.0
-    terms.own[:] = 0.0
-    terms.inlier[:] = 0
-
-
-@jit
 def host_maps(frames):  # type: ignore[no-untyped-def]
     """(F, F, 8, 8) local_from_host by [host, target], at the first estimates."""
-    F = frames.slot.shape[0]
-    S, A = relative_poses(frames, 1), np.zeros((F, F, 8, 8))
-    for h in range(F):
-        for t in range(F):
-            if t != h:
-                local_from_host(S[h, t], gain_between(frames.affine[h], frames.affine[t]), A[h, t])
+    S = relative_poses(frames, 1)
+    A = np.zeros((*S.shape[:2], 8, 8))
+    fill_host_maps(S, frames.affine, A)
     return A
 
 
-@jit
-def add_pairs_to_state(terms, A, H, g):  # type: ignore[no-untyped-def]
-    """Map every pair's 9x9 block to the state: local = x_target + A x_host, delta as it is. Adds to H, g (1 + 8F), H lower only."""
+@kernel
+def fill_host_maps(S, affine, A):  # type: ignore[no-untyped-def]
+    """host_maps of S (F, F, 4, 4) T_target_host and affine (F, 2) into A (F, F, 8, 8), of zeros."""
+    for h in range(A.shape[0]):
+        for t in range(A.shape[0]):
+            if t != h:
+                local_from_host(S[h, t], gain_between(affine[h], affine[t]), A[h, t])
+
+
+@kernel
+def add_pairs_to_state(H_pair, g_pair, A, H, g, B, BA):  # type: ignore[no-untyped-def]
+    """Map every pair's 9x9 block to the state: local = x_target + A x_host, delta as it is. Adds to H, g (1 + 8F), H lower only.
+    B (9, 9) and BA (9, 8) are working space."""
     F = A.shape[0]
-    B, BA = np.empty((LOCAL, LOCAL)), np.empty((LOCAL, 8))
     for h in range(F):
         for t in range(F):
             for k in range(LOCAL):
                 for m in range(k + 1):
-                    B[k, m] = B[m, k] = terms.H_pair[h, t, k, m]
+                    B[k, m] = B[m, k] = H_pair[h, t, k, m]
             H[0, 0] += B[8, 8]
-            g[0] += terms.g_pair[h, t, 8]
+            g[0] += g_pair[h, t, 8]
             if t == h:
                 continue
             for k in range(LOCAL):
@@ -286,7 +275,7 @@ def add_pairs_to_state(terms, A, H, g):  # type: ignore[no-untyped-def]
             for k in range(8):
                 H[ot + k, 0] += B[8, k]
                 H[oh + k, 0] += BA[8, k]
-                g[ot + k] += terms.g_pair[h, t, k]
+                g[ot + k] += g_pair[h, t, k]
                 for m in range(8):
                     s = 0.0
                     for n in range(8):
@@ -297,10 +286,10 @@ def add_pairs_to_state(terms, A, H, g):  # type: ignore[no-untyped-def]
                         H[ot + k, oh + m] += BA[k, m]
                     else:
                         H[oh + m, ot + k] += BA[k, m]
-                    g[oh + k] += A[h, t, m, k] * terms.g_pair[h, t, m]
+                    g[oh + k] += A[h, t, m, k] * g_pair[h, t, m]
 
 
-@bare
+@part
 def coupling_of_state(coupling, inlier, h, A, row):  # type: ignore[no-untyped-def]
     """Fills row (1 + 8F): the coupling to the state of a point of host h, whose couplings (F, 9) to its pairs are given."""
     row[:] = 0.0
@@ -318,7 +307,7 @@ def coupling_of_state(coupling, inlier, h, A, row):  # type: ignore[no-untyped-d
                 host[k] += of_host[k] * factor
 
 
-@bare
+@part
 def subtract(row, used, inverse, gradient, H, g):  # type: ignore[no-untyped-def]
     """Subtract v v^T inverse and v inverse gradient of a point's coupling v = row (1 + 8F) from H (lower) and g.
 
@@ -336,28 +325,34 @@ def subtract(row, used, inverse, gradient, H, g):  # type: ignore[no-untyped-def
                 target[m] -= c * row[m]
 
 
-@jit
-def eliminate_points(terms, A, points, damping, H, g, inverse):  # type: ignore[no-untyped-def]
-    """Schur complement: subtracts v v^T / h and v (own gradient) / h of every point from H (lower) and g; inverse (N,) = 1/h."""
+@kernel
+def eliminate_points(host, own, coupling, inlier, A, damping, H, g, inverse, row, used):  # type: ignore[no-untyped-def]
+    """Schur complement: subtracts v v^T / h and v (own gradient) / h of every point from H (lower) and g; inverse (N,) = 1/h.
+    host (N,), own, coupling and inlier of the points (arrays.Terms); row (1 + 8F) and used (F,) bool are working space."""
     F = A.shape[0]
-    row, used = np.empty(1 + 8 * F), np.empty(F, np.bool_)
-    for i in range(points.host.shape[0]):
-        information, h = terms.own[i, 0], points.host[i]
+    for i in range(host.shape[0]):
+        information, h = own[i, 0], host[i]
         inverse[i] = 0.0
         if information < 1e-9:
             continue
         inverse[i] = 1.0 / (information * (1.0 + damping) + 1e-3)
-        coupling_of_state(terms.coupling[i], terms.inlier[i], h, A, row)
+        coupling_of_state(coupling[i], inlier[i], h, A, row)
         for t in range(F):
-            used[t] = t == h or terms.inlier[i, t]
-        subtract(row, used, inverse[i], terms.own[i, 1], H, g)
+            used[t] = t == h or inlier[i, t]
+        subtract(row, used, inverse[i], own[i, 1], H, g)
 
 
-@jit
 def steps_of_pairs(A, x):  # type: ignore[no-untyped-def]
     """(F, F, 9) by [host, target]: what a step x (1 + 8F) of the state is in the pairs' local unknowns."""
+    out = np.zeros((*A.shape[:2], LOCAL))
+    fill_steps_of_pairs(A, x, out)
+    return out
+
+
+@kernel
+def fill_steps_of_pairs(A, x, out):  # type: ignore[no-untyped-def]
+    """steps_of_pairs into out (F, F, 9), of zeros."""
     F = A.shape[0]
-    out = np.zeros((F, F, LOCAL))
     for h in range(F):
         for t in range(F):
             out[h, t, 8] = x[0]
@@ -368,10 +363,9 @@ def steps_of_pairs(A, x):  # type: ignore[no-untyped-def]
                 for k in range(8):
                     s += A[h, t, n, k] * x[1 + 8 * h + k]
                 out[h, t, n] = s
-    return out
 
 
-@bare
+@kernel
 def mirror(H):  # type: ignore[no-untyped-def]
     """Copy the lower triangle of H to the upper."""
     for i in range(H.shape[0]):

@@ -4,17 +4,23 @@ import math
 
 import numpy as np
 
-from wayloom.odometry.kernels.compiler import jit
+from wayloom.odometry.kernels.compiler import kernel
 
 f32 = np.float32
 HISTOGRAM = 100
 
 
-@jit
 def with_gradient(image):  # type: ignore[no-untyped-def]
     """(h, w) float32 to (h, w, 3) float32: intensity, d/du, d/dv by central differences, one-sided halves at the border."""
+    out = np.empty((*image.shape, 3), np.float32)
+    fill_with_gradient(image, out)
+    return out
+
+
+@kernel
+def fill_with_gradient(image, out):  # type: ignore[no-untyped-def]
+    """with_gradient into out (h, w, 3)."""
     h, w = image.shape
-    out = np.empty((h, w, 3), np.float32)
     for y in range(h):
         above, here, below, row = image[max(y - 1, 0)], image[y], image[min(y + 1, h - 1)], out[y]
         for x in range(1, w - 1):
@@ -25,29 +31,39 @@ def with_gradient(image):  # type: ignore[no-untyped-def]
             row[x, 0] = here[x]
             row[x, 1] = f32(0.5) * (here[min(x + 1, w - 1)] - here[max(x - 1, 0)])
             row[x, 2] = f32(0.5) * (below[x] - above[x])
+
+
+def gradient_size(image):  # type: ignore[no-untyped-def]
+    """(h, w) uint8 to (h, w) float32: length of the central-difference gradient, 0 in the outermost pixels."""
+    out = np.zeros(image.shape, np.float32)
+    fill_gradient_size(image, out)
     return out
 
 
-@jit
-def gradient_size(image):  # type: ignore[no-untyped-def]
-    """(h, w) uint8 to (h, w) float32: length of the central-difference gradient, 0 in the outermost pixels."""
+@kernel
+def fill_gradient_size(image, out):  # type: ignore[no-untyped-def]
+    """gradient_size into out (h, w), of zeros."""
     h, w = image.shape
-    out = np.zeros((h, w), np.float32)
     for y in range(1, h - 1):
         for x in range(1, w - 1):
             gx = np.int32(image[y, x + 1]) - np.int32(image[y, x - 1])  # uint8 differences would wrap
             gy = np.int32(image[y + 1, x]) - np.int32(image[y - 1, x])
             out[y, x] = f32(0.5) * math.sqrt(f32(gx * gx + gy * gy))
-    return out
 
 
-@jit
 def block_medians(size, block):  # type: ignore[no-untyped-def]
     """Median of the gradient (whole grey levels under 100) over every second pixel of each block of `block` px:
     (ceil(h / block), ceil(w / block)) float32."""
     h, w = size.shape
-    out = np.zeros(((h + block - 1) // block, (w + block - 1) // block), np.float32)
-    histogram = np.zeros(HISTOGRAM, np.int64)
+    out = np.empty(((h + block - 1) // block, (w + block - 1) // block), np.float32)
+    fill_block_medians(size, block, np.empty(HISTOGRAM, np.int64), out)
+    return out
+
+
+@kernel
+def fill_block_medians(size, block, histogram, out):  # type: ignore[no-untyped-def]
+    """block_medians into out, with working space histogram (100,)."""
+    h, w = size.shape
     for r in range(out.shape[0]):
         for c in range(out.shape[1]):
             histogram[:] = 0
@@ -61,4 +77,3 @@ def block_medians(size, block):  # type: ignore[no-untyped-def]
                 k += 1
                 below += histogram[k]
             out[r, c] = k
-    return out

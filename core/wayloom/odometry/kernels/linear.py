@@ -4,14 +4,21 @@ import math
 
 import numpy as np
 
-from wayloom.odometry.kernels.compiler import jit
+from wayloom.odometry.kernels.compiler import kernel, part
 
 SMALL_ANGLE = 1e-6
 
 
-@jit
 def exp_se3(xi):  # type: ignore[no-untyped-def]
     """xi (6,) = (v, omega) to T (4, 4): R = I + A W + B W^2, t = (I + B W + C W^2) v (Rodrigues), W^2 = w w^T - |w|^2 I."""
+    T = np.empty((4, 4))
+    fill_exp_se3(xi, T)
+    return T
+
+
+@kernel
+def fill_exp_se3(xi, T):  # type: ignore[no-untyped-def]
+    """exp_se3 into T (4, 4)."""
     w0, w1, w2 = xi[3], xi[4], xi[5]
     angle2 = w0 * w0 + w1 * w1 + w2 * w2
     angle, a, b, c = math.sqrt(angle2), 1.0, 0.5, 1.0 / 6.0
@@ -19,22 +26,34 @@ def exp_se3(xi):  # type: ignore[no-untyped-def]
         a = math.sin(angle) / angle
         b = (1.0 - math.cos(angle)) / angle2
         c = (1.0 - a) / angle2
-    W = np.zeros((3, 3))
-    W[0, 1], W[0, 2], W[1, 0], W[1, 2], W[2, 0], W[2, 1] = -w2, w1, w2, -w0, -w1, w0
-    T = np.eye(4)
+    fill_identity(T)
+    T[0, 1], T[0, 2], T[1, 0], T[1, 2], T[2, 0], T[2, 1] = -w2, w1, w2, -w0, -w1, w0
     for i in range(3):
         for j in range(3):
-            identity = 1.0 if i == j else 0.0
+            identity, W = (1.0, 0.0) if i == j else (0.0, T[i, j])
             W2 = xi[3 + i] * xi[3 + j] - angle2 * identity
-            T[i, j] += a * W[i, j] + b * W2
-            T[i, 3] += (identity + b * W[i, j] + c * W2) * xi[j]
-    return T
+            T[i, j] = identity + (a * W + b * W2)
+            T[i, 3] += (identity + b * W + c * W2) * xi[j]
 
 
-@jit
+@part
+def fill_identity(T):  # type: ignore[no-untyped-def]
+    """Make T (4, 4) the identity."""
+    for i in range(4):
+        for j in range(4):
+            T[i, j] = 1.0 if i == j else 0.0
+
+
 def log_se3(T):  # type: ignore[no-untyped-def]
     """T (4, 4) to xi (6,), the inverse of exp_se3 for rotations under about 3 rad."""
     xi = np.empty(6)
+    fill_log_se3(T, xi)
+    return xi
+
+
+@kernel
+def fill_log_se3(T, xi):  # type: ignore[no-untyped-def]
+    """log_se3 into xi (6,)."""
     v0, v1, v2 = 0.5 * (T[2, 1] - T[1, 2]), 0.5 * (T[0, 2] - T[2, 0]), 0.5 * (T[1, 0] - T[0, 1])
     sine = math.sqrt(v0 * v0 + v1 * v1 + v2 * v2)
     angle = math.atan2(sine, 0.5 * (T[0, 0] + T[1, 1] + T[2, 2] - 1.0))
@@ -50,20 +69,18 @@ def log_se3(T):  # type: ignore[no-untyped-def]
     xi[1] = t1 - 0.5 * (w2 * t0 - w0 * t2) + c * (w1 * dot - norm2 * t1)
     xi[2] = t2 - 0.5 * (w0 * t1 - w1 * t0) + c * (w2 * dot - norm2 * t2)
     xi[3], xi[4], xi[5] = w0, w1, w2
-    return xi
 
 
-@jit
-def multiply(A, B):  # type: ignore[no-untyped-def]
-    """A (4, 4) times B (4, 4), both rigid."""
-    out = np.eye(4)
+@part
+def fill_product(A, B, out):  # type: ignore[no-untyped-def]
+    """A (4, 4) times B (4, 4), both rigid, into out (4, 4), another array than A and B."""
+    fill_identity(out)
     for i in range(3):
         for j in range(4):
             out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j] + A[i, 3] * B[3, j]
-    return out
 
 
-@jit
+@kernel
 def orthonormalise(T):  # type: ignore[no-untyped-def]
     """Make the rotation of T (4, 4) orthonormal again, in place, by Gram-Schmidt on its rows.
 
@@ -80,10 +97,17 @@ def orthonormalise(T):  # type: ignore[no-untyped-def]
             T[i, k] /= length
 
 
-@jit
 def relative(T_target_world, T_host_world):  # type: ignore[no-untyped-def]
     """T_target_host (4, 4) of two rigid T_cam_world (4, 4)."""
-    out = np.eye(4)
+    out = np.empty((4, 4))
+    fill_relative(T_target_world, T_host_world, out)
+    return out
+
+
+@kernel
+def fill_relative(T_target_world, T_host_world, out):  # type: ignore[no-untyped-def]
+    """relative into out (4, 4)."""
+    fill_identity(out)
     for i in range(3):
         for j in range(3):
             out[i, j] = (
@@ -94,14 +118,18 @@ def relative(T_target_world, T_host_world):  # type: ignore[no-untyped-def]
         out[i, 3] = T_target_world[i, 3]
     for i in range(3):
         out[i, 3] -= out[i, 0] * T_host_world[0, 3] + out[i, 1] * T_host_world[1, 3] + out[i, 2] * T_host_world[2, 3]
-    return out
 
 
-@jit
 def solve_spd(A, b, x):  # type: ignore[no-untyped-def]
     """Cholesky solution of A x = b into x, A (n, n) scaled to a unit diagonal first; False where A is not positive definite."""
+    n = len(b)
+    return cholesky_solve(A, b, x, np.empty(n), np.empty((n, n)))
+
+
+@kernel
+def cholesky_solve(A, b, x, scale, L):  # type: ignore[no-untyped-def]
+    """solve_spd with working space scale (n,) and L (n, n)."""
     n = b.shape[0]
-    scale, L = np.empty(n), np.zeros((n, n))
     for i in range(n):
         if not A[i, i] > 0.0:
             return False
@@ -132,7 +160,7 @@ def solve_spd(A, b, x):  # type: ignore[no-untyped-def]
     return True
 
 
-@jit
+@part
 def local_from_host(T_target_host, gain, A):  # type: ignore[no-untyped-def]
     """Fills A (8, 8) = d(local unknowns of the pair) / d(unknowns of the host), gain = exp(a_target - a_host).
 

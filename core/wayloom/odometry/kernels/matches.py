@@ -1,11 +1,11 @@
-"""Patches of one image found in another by translation and affine warp, for calibration: to a few hundredths of a pixel."""
+"""Patch matching by translation and affine warp (Lucas-Kanade), for calibration: to a few hundredths of a pixel."""
 
 import math
 
 import numpy as np
 
-from wayloom.odometry.kernels.compiler import jit
-from wayloom.odometry.kernels.linear import solve_spd
+from wayloom.odometry.kernels.compiler import kernel, part
+from wayloom.odometry.kernels.linear import cholesky_solve
 
 HALF = 5
 SEARCH_HALF = 3
@@ -17,7 +17,7 @@ MAX_STRETCH = 0.5
 """Of the affine warp against its start: beyond it the patch has slipped off its surface."""
 
 
-@jit
+@part
 def bilinear(image, x, y):  # type: ignore[no-untyped-def]
     """The image (h, w) float32 at (x, y) px, inside."""
     ix, iy = int(x), int(y)
@@ -26,14 +26,14 @@ def bilinear(image, x, y):  # type: ignore[no-untyped-def]
     return (1.0 - b) * top + b * ((1.0 - a) * image[iy + 1, ix] + a * image[iy + 1, ix + 1])
 
 
-@jit
+@part
 def cubic_weights(a):  # type: ignore[no-untyped-def]
     """Four weights of the Catmull-Rom cubic (Keys 1981) at fraction a of a pixel, for the pixels -1, 0, 1, 2."""
     a2, a3 = a * a, a * a * a
     return 0.5 * (-a3 + 2 * a2 - a), 0.5 * (3 * a3 - 5 * a2 + 2), 0.5 * (-3 * a3 + 4 * a2 + a), 0.5 * (a3 - a2)
 
 
-@jit
+@part
 def cubic(image, x, y):  # type: ignore[no-untyped-def]
     """The image (h, w) float32 at (x, y) px by cubics, 2 px inside."""
     ix, iy = int(x), int(y)
@@ -46,7 +46,7 @@ def cubic(image, x, y):  # type: ignore[no-untyped-def]
     return value
 
 
-@jit
+@part
 def stays_inside(image, x, y, reach):  # type: ignore[no-untyped-def]
     """Whether a square of half size `reach` px around (x, y) can be sampled."""
     h, w = image.shape
@@ -54,17 +54,16 @@ def stays_inside(image, x, y, reach):  # type: ignore[no-untyped-def]
     return margin < x < w - 1 - margin and margin < y < h - 1 - margin
 
 
-@jit
-def template_equations(host, u, v, template, A):  # type: ignore[no-untyped-def]
+@part
+def template_equations(host, u, v, template, A, j):  # type: ignore[no-untyped-def]
     """The host's patch around (u, v) and the normal matrix of the warp's six steps (translation 2, linear part 4, row by row) and
     of the offset, from its gradients.
 
     Fills template (n, 3) with grey value and gradient (gx, gy) of each pixel, row by row, and A (7, 7) with the sums over the patch
     of j j^T, j = (gx, gy, gx dx, gx dy, gy dx, gy dy, 1). Returns the least eigenvalue of the structure tensor a pixel with the
-    offset eliminated.
+    offset eliminated; j (7,) is working space.
     """
-    n = (2 * HALF + 1) ** 2
-    j, i = np.empty(7), 0
+    n, i = (2 * HALF + 1) ** 2, 0
     A[:] = 0.0
     for dy in range(-HALF, HALF + 1):
         for dx in range(-HALF, HALF + 1):
@@ -83,7 +82,7 @@ def template_equations(host, u, v, template, A):  # type: ignore[no-untyped-def]
     return 0.5 * (xx + yy - math.sqrt((xx - yy) ** 2 + 4.0 * xy * xy)) / n
 
 
-@jit
+@part
 def right_side(template, target, x, y, W, sharp, e):  # type: ignore[no-untyped-def]
     """Fills e (7,) with the sums of j r, r = target(x + W d) - template; W (2, 2). Returns the mean of r^2 without its mean."""
     n, i = (2 * HALF + 1) ** 2, 0
@@ -107,7 +106,7 @@ def right_side(template, target, x, y, W, sharp, e):  # type: ignore[no-untyped-
     return (square - e6 * e6 / n) / n
 
 
-@jit
+@part
 def search(host, target, u, v, x, y, W, direction, reach):  # type: ignore[no-untyped-def]
     """The place within +-reach px of (x, y) along `direction` (2,) whose patch is most like the host's, in steps of 1 px; x is NaN
     where none of them is inside."""
@@ -130,20 +129,20 @@ def search(host, target, u, v, x, y, W, direction, reach):  # type: ignore[no-un
     return best_x, best_y
 
 
-@jit
-def refine_warp(template, target, x, y, W, A, scratch):  # type: ignore[no-untyped-def]
+@part
+def refine_warp(template, target, x, y, W, A, vectors, L):  # type: ignore[no-untyped-def]
     """Inverse compositional alignment (Baker, Matthews 2004) of the host's patch from (x, y) and the warp W (2, 2), which is
-    updated; template (n, 3) and A (7, 7) of `template_equations`, scratch (7,). Returns x, y and the rms residual, negative where
-    it fails."""
+    updated; template (n, 3) and A (7, 7) of `template_equations`, vectors (3, 7) and L (7, 7) working space. Returns x, y and the
+    rms residual, negative where it fails."""
     n, start00, start11 = (2 * HALF + 1) ** 2, W[0, 0], W[1, 1]
     x0, y0, variance, length, smooth, k = x, y, 0.0, 0.0, SMOOTH_STEPS, 0
-    step = np.empty(7)
+    step, e = vectors[0], vectors[1]
     while k < smooth + SHARP_STEPS:
         reach = HALF * (max(abs(W[0, 0]), abs(W[1, 1])) + max(abs(W[0, 1]), abs(W[1, 0])))
         if not stays_inside(target, x, y, reach):
             return x, y, -1.0
-        variance = right_side(template, target, x, y, W, k >= smooth, scratch)
-        if not solve_spd(A, scratch, step):
+        variance = right_side(template, target, x, y, W, k >= smooth, e)
+        if not cholesky_solve(A, e, step, vectors[2], L):
             return x, y, -1.0
         a, b, c, d = 1.0 + step[2], step[3], step[4], 1.0 + step[5]  # the template's warp: W <- W D^-1
         det = a * d - b * c
@@ -169,7 +168,6 @@ def refine_warp(template, target, x, y, W, A, scratch):  # type: ignore[no-untyp
     return x, y, math.sqrt(max(variance, 0.0) * n / (n - 7.0))
 
 
-@jit
 def match_patches(host, target, pixels, start, scale, directions, reach, min_eigenvalue, out):  # type: ignore[no-untyped-def]
     """Where patches around pixels (n, 2) int64 of `host` lie in `target`, both (h, w) float32.
 
@@ -177,14 +175,22 @@ def match_patches(host, target, pixels, start, scale, directions, reach, min_eig
     it is first looked for within +-reach (n,) px. Fills out (n, 3): u, v in the target and the rms residual, NaN where there is no
     match.
     """
-    A, scratch, W = np.empty((7, 7)), np.empty(7), np.empty((2, 2))
-    template = np.empty(((2 * HALF + 1) ** 2, 3))
+    working_space = np.empty(((2 * HALF + 1) ** 2, 3)), np.empty((2, 7, 7)), np.empty((3, 7)), np.empty((2, 2))
+    match_each(host, target, pixels, start, scale, directions, reach, min_eigenvalue, *working_space, out)
+
+
+@kernel
+def match_each(  # type: ignore[no-untyped-def]
+    host, target, pixels, start, scale, directions, reach, min_eigenvalue, template, matrices, vectors, W, out
+):
+    """match_patches with working space template (n, 3), matrices (2, 7, 7), vectors (3, 7), W (2, 2)."""
+    A, L = matrices[0], matrices[1]
     for i in range(pixels.shape[0]):
         out[i, 0] = out[i, 1] = out[i, 2] = np.nan
         u, v, x, y = pixels[i, 0], pixels[i, 1], start[i, 0], start[i, 1]
-        if not (math.isfinite(x) and math.isfinite(y)) or not stays_inside(host, float(u), float(v), HALF):
+        if not (math.isfinite(x) and math.isfinite(y)) or not stays_inside(host, float(u), float(v), float(HALF)):
             continue
-        if template_equations(host, u, v, template, A) < min_eigenvalue:
+        if template_equations(host, u, v, template, A, vectors[0]) < min_eigenvalue:
             continue
         W[0, 0] = W[1, 1] = scale[i]
         W[0, 1] = W[1, 0] = 0.0
@@ -192,6 +198,6 @@ def match_patches(host, target, pixels, start, scale, directions, reach, min_eig
             x, y = search(host, target, u, v, x, y, W, directions[i], reach[i])
             if not math.isfinite(x):
                 continue
-        x, y, rms = refine_warp(template, target, x, y, W, A, scratch)
+        x, y, rms = refine_warp(template, target, x, y, W, A, vectors, L)
         if rms >= 0.0:
             out[i, 0], out[i, 1], out[i, 2] = x, y, rms

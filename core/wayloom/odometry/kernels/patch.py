@@ -1,4 +1,4 @@
-"""One patch of a host in one image of a target: its residuals, their sums, and how they depend on pose, inverse depth and bias.
+"""Photometric residuals of a patch in one image of a target, their sums, and their Jacobians by pose, inverse depth and bias.
 
 With the host's ray (x, y, 1) and inverse depth rho the point, times rho, is P = R (x, y, 1) + t rho in the target's left camera and
 P + t_right_left rho in its right one. So a right image is a target with another translation, whose columns are shifted by the
@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from wayloom.odometry.kernels.arrays import PATCH, PATTERN, Scratch
-from wayloom.odometry.kernels.compiler import inlined, jit
+from wayloom.odometry.kernels.compiler import inlined
 
 f32, int32 = np.float32, np.int32
 index = np.uint64
@@ -23,8 +23,7 @@ MIN_DEPTH_RATIO = 1e-3
 BORDER = 2
 
 
-@jit
-def make_scratch():  # type: ignore[no-untyped-def]
+def make_scratch() -> Scratch:
     """Working space for patch_residual and projection_jacobian."""
     return Scratch(np.zeros((4, 4)), np.zeros(4), np.zeros((2, 8)), np.zeros(32, np.int32), np.zeros(72, np.float32))
 

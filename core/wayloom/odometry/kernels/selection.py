@@ -1,8 +1,8 @@
-"""Which pixels become points: those of high gradient, spread over the image, none where a point already is."""
+"""Point selection: pixels of high gradient, spread over the image, none where a point already is."""
 
 import numpy as np
 
-from wayloom.odometry.kernels.compiler import inlined, jit
+from wayloom.odometry.kernels.compiler import inlined, kernel
 
 TAKEN_CELL = 8
 """px, of the mask of places that already hold a point."""
@@ -56,7 +56,6 @@ def append(u, v, taken, points, n):  # type: ignore[no-untyped-def]
     return n
 
 
-@jit
 def select_pixels(size, thresholds, block, cell, border, taken, points):  # type: ignore[no-untyped-def]
     """The strongest pixel of each cell of `cell` px above its block's threshold; where a 2x2 group of cells has none, one at 3/4 of
     the threshold; where a 4x4 group has none, one at 1/2 (after Engel et al. 2018, sec. 3.2).
@@ -64,10 +63,17 @@ def select_pixels(size, thresholds, block, cell, border, taken, points):  # type
     size (h, w) float32 gradient; thresholds (h/block, w/block); taken (h/8 + 1, w/8 + 1) bool; fills points (capacity, 2) int64
     with (u, v) and returns their number.
     """
-    h, w = size.shape[0] - border, size.shape[1] - border
-    best, n, bits, peak_bits = np.zeros((3, 3)), 0, size.view(np.int32), np.zeros(1, np.int32)
-    blocks = np.arange(max(size.shape)) // block
-    peak = peak_bits.view(np.float32)
+    blocks, peak = np.arange(max(size.shape)) // block, np.zeros(1, np.float32)
+    best, bits, peak_bits = np.zeros((3, 3)), size.view(np.int32), peak.view(np.int32)
+    return scan_cells(size, bits, peak, peak_bits, thresholds, blocks, block, cell, border, taken, best, points)
+
+
+@kernel
+def scan_cells(  # type: ignore[no-untyped-def]
+    size, bits, peak, peak_bits, thresholds, blocks, block, cell, border, taken, best, points
+):
+    """select_pixels with what scan_cell asks for."""
+    h, w, n = size.shape[0] - border, size.shape[1] - border, 0
     for y4 in range(border, h, 4 * cell):
         for x4 in range(border, w, 4 * cell):
             best[2, 2], found4 = 0.0, False

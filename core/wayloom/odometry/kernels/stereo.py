@@ -1,10 +1,10 @@
-"""Static stereo: a pixel of the left image found in the same row of the right one, to a fraction of a pixel."""
+"""Static stereo matching: a pixel of the left image found in the same row of the right one, to a fraction of a pixel."""
 
 import math
 
 import numpy as np
 
-from wayloom.odometry.kernels.compiler import inlined, jit
+from wayloom.odometry.kernels.compiler import inlined, kernel, part
 
 f32, int16 = np.float32, np.int16
 NO_MATCH = 1e9
@@ -22,7 +22,7 @@ def distance(value, other):  # type: ignore[no-untyped-def]
     return max(d, int16(-d))
 
 
-@jit
+@kernel
 def sobel_rows(image, cap, out):  # type: ignore[no-untyped-def]
     """(h, w) uint8 to out (h, w) int16: horizontal Sobel capped to +-cap, a quarter of it, 0 in the outermost pixels."""
     h, w = image.shape
@@ -37,7 +37,7 @@ def sobel_rows(image, cap, out):  # type: ignore[no-untyped-def]
             row[x + 1] = int16(min(max(slope, low), high) >> int16(2))
 
 
-@jit
+@part
 def best_column(template, image, u, v, x_low, x_high, costs):  # type: ignore[no-untyped-def]
     """Sum of absolute differences of template's patch at (u, v) against image's at (x, v), x_low <= x <= x_high, both int16.
 
@@ -71,7 +71,7 @@ def best_column(template, image, u, v, x_low, x_high, costs):  # type: ignore[no
     return x_low + at, best / PATCH_PIXELS, second / PATCH_PIXELS
 
 
-@jit
+@part
 def refine_column(left, right, u, v, x_start):  # type: ignore[no-untyped-def]
     """Sub-pixel column of left's patch at (u, v) in right, both (h, w) uint8.
 
@@ -109,7 +109,6 @@ def refine_column(left, right, u, v, x_start):  # type: ignore[no-untyped-def]
     return x, math.sqrt(max(variance, 4.0) / information)
 
 
-@jit
 def match_rows(slope_left, slope_right, left, right, pixels, max_disparity, uniqueness, max_cost, out):  # type: ignore[no-untyped-def]
     """Disparity u_left - u_right of pixels (n, 2) int64 along rows.
 
@@ -117,8 +116,16 @@ def match_rows(slope_left, slope_right, left, right, pixels, max_disparity, uniq
     within 1 px, then sub-pixel on the images (h, w) uint8. Fills out (n, 2): disparity and its sigma, px; sigma is NO_MATCH for a
     pixel that fails a test.
     """
-    h, w = left.shape
     costs = np.empty(max(max_disparity, 80) + 8, np.int16)
+    search_rows(slope_left, slope_right, left, right, pixels, max_disparity, uniqueness, max_cost, costs, out)
+
+
+@kernel
+def search_rows(  # type: ignore[no-untyped-def]
+    slope_left, slope_right, left, right, pixels, max_disparity, uniqueness, max_cost, costs, out
+):
+    """match_rows with working space costs, int16, for each column that is searched."""
+    h, w = left.shape
     for i in range(pixels.shape[0]):
         u, v = pixels[i, 0], pixels[i, 1]
         out[i, 0], out[i, 1] = 0.0, NO_MATCH
@@ -135,13 +142,18 @@ def match_rows(slope_left, slope_right, left, right, pixels, max_disparity, uniq
         out[i, 0], out[i, 1] = u - x_fine, sigma
 
 
-@jit
 def refine_both_axes(left, right, pixels, disparity, half, min_eigenvalue, out):  # type: ignore[no-untyped-def]
     """2D Lucas-Kanade of (2 half + 1)^2 patches with the intensity offset eliminated, for the rows' misalignment.
 
     left, right (h, w) uint8, pixels (n, 2) int64, disparity (n,) px to start from; min_eigenvalue of the structure tensor, a pixel.
     Fills out (n, 3): disparity, row offset v_right - v_left, 1 if converged else 0.
     """
+    track_patches(left, right, pixels, disparity, half, min_eigenvalue, np.empty(8), out)
+
+
+@kernel
+def track_patches(left, right, pixels, disparity, half, min_eigenvalue, s, out):  # type: ignore[no-untyped-def]
+    """refine_both_axes with working space s (8,)."""
     h, w = left.shape
     n, border = (2 * half + 1) ** 2, half + 3
     for i in range(pixels.shape[0]):
@@ -154,7 +166,7 @@ def refine_both_axes(left, right, pixels, disparity, half, min_eigenvalue, out):
         for _ in range(10):
             if not (border < x < w - border - 1 and border < y < h - border - 1):
                 break
-            s = patch_sums(left, right, u, v, x, y, half)
+            patch_sums(left, right, u, v, x, y, half, s)
             a00, a01, a11 = s[0] - s[5] * s[5] / n, s[1] - s[5] * s[6] / n, s[2] - s[6] * s[6] / n
             b0, b1 = s[3] - s[5] * s[7] / n, s[4] - s[6] * s[7] / n
             det, trace = a00 * a11 - a01 * a01, a00 + a11
@@ -171,10 +183,11 @@ def refine_both_axes(left, right, pixels, disparity, half, min_eigenvalue, out):
                 break
 
 
-@jit
-def patch_sums(left, right, u, v, x, y, half):  # type: ignore[no-untyped-def]
-    """Sums over a patch of gx gx, gx gy, gy gy, gx r, gy r, gx, gy, r: left's gradient, r = right(x, y) - left(u, v)."""
-    s = np.zeros(8)
+@part
+def patch_sums(left, right, u, v, x, y, half, s):  # type: ignore[no-untyped-def]
+    """Fills s (8,) with the sums over a patch of gx gx, gx gy, gy gy, gx r, gy r, gx, gy, r: left's gradient,
+    r = right(x, y) - left(u, v)."""
+    s[:] = 0.0
     ix, iy = int(x), int(y)
     a, b = x - ix, y - iy
     for dy in range(-half, half + 1):
@@ -193,4 +206,3 @@ def patch_sums(left, right, u, v, x, y, half):  # type: ignore[no-untyped-def]
             s[5] += gx
             s[6] += gy
             s[7] += r
-    return s

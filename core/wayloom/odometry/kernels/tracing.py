@@ -1,4 +1,4 @@
-"""Depth of points whose poses are known: a search along the epipolar line, and an update by one more image.
+"""Epipolar search and depth update of points whose poses are known, by one more image.
 
 A host's ray (x, y, 1) with inverse depth rho lies at p(rho) = pi(R (x, y, 1) + rho t) in a target. While rho runs through the
 interval that a point is known to lie in, p runs along a straight line, the epipolar line.
@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from wayloom.odometry.kernels.arrays import LEAST_ALIKE, LEFT_ALIKE, PATCH, PATTERN, RIGHT, RIGHT_ALIKE, Robust
-from wayloom.odometry.kernels.compiler import bare, inlined, jit
+from wayloom.odometry.kernels.compiler import inlined, kernel, part
 from wayloom.odometry.kernels.equations import relative_poses, remove_patch_offset, right_of
 from wayloom.odometry.kernels.patch import gain_between, looks_alike, make_scratch, patch_residual, projection_jacobian
 
@@ -124,7 +124,7 @@ def line_information(image, u, v, du, dv):  # type: ignore[no-untyped-def]
     return along / total
 
 
-@bare
+@part
 def settle(image, T, x, y, rho, low, high, rig, colours, weights, gain, offset, robust, scratch):  # type: ignore[no-untyped-def]
     """Gauss-Newton on one patch's inverse depth within [low, high]. Returns it and its energy, -1 where it leaves the image."""
     energy = -1.0
@@ -146,7 +146,6 @@ def settle(image, T, x, y, rho, low, high, rig, colours, weights, gain, offset, 
     return rho, energy
 
 
-@jit
 def trace_points(images, rig, frames, points, rows, target, low, high, uniqueness, max_length, robust, state):  # type: ignore[no-untyped-def]
     """Search points `rows` (n,) of N in the left image of frame `target` along their epipolar lines; in view, unique and fitting
     ones get a new inverse depth points.rho and interval low, high (N,) 1/m.
@@ -160,7 +159,7 @@ def trace_points(images, rig, frames, points, rows, target, low, high, uniquenes
     )  # fmt: skip
 
 
-@bare
+@kernel
 def trace_rows(  # type: ignore[no-untyped-def]
     images, T_all, rig, frames, points, rows, target, low, high, uniqueness, max_length, robust, scratch, distances, state
 ):
@@ -224,7 +223,6 @@ def trace_rows(  # type: ignore[no-untyped-def]
         state[row] = TRACED
 
 
-@jit
 def update_depths(images, rig, frames, points, rows, target, delta, robust, information, state, agrees):  # type: ignore[no-untyped-def]
     """Take what frame `target` tells of the points `rows` (n,) of known depth into points.rho and information (N,), with poses and
     brightness fixed.
@@ -233,23 +231,21 @@ def update_depths(images, rig, frames, points, rows, target, delta, robust, info
     target is the host), then one step on the target's right image. Fills state (n,) with UNSEEN, MISFIT or TRACED and agrees (n,)
     with the sum of RIGHT where the right image fits too, LEFT_ALIKE and RIGHT_ALIKE; points that do not fit stay as they are.
     """
-    F, still = frames.slot.shape[0], np.eye(4)
-    T, T_right = np.ascontiguousarray(relative_poses(frames, 0)[:, target]), np.empty((F, 4, 4))
-    for h in range(F):
-        T_right[h] = right_of(T[h], rig)
+    T = np.ascontiguousarray(relative_poses(frames, 0)[:, target])
     take_depths(
-        images.left[frames.slot[target]], images.right[frames.slot[target]], T, T_right, still, rig, frames, points, rows, target,
-        delta, robust, information, make_scratch(), np.zeros(2), state, agrees,
+        images.left[frames.slot[target]], images.right[frames.slot[target]], T, right_of(T, rig), np.eye(4), rig, frames, points,
+        rows, target, delta, robust, information, make_scratch(), np.zeros(2), state, agrees,
     )  # fmt: skip
 
 
-@bare
+@kernel
 def take_depths(  # type: ignore[no-untyped-def]
     left, right, T, T_right, still, rig, frames, points, rows, target, delta, robust, information, scratch, sums, state, agrees
 ):
     """update_depths with the target's images (h, w) and T (F, 4, 4) T_target_host by host, T_right that of the right camera, still
     the identity, and working space."""
     gain_right, offset_right, limit = frames.gain_right[target, 0], frames.gain_right[target, 1], robust.max_energy * PATCH
+    many, once = np.int64(STEPS), np.int64(1)  # not constants: `approach` would be compiled for each of them
     loose = Robust(robust.huber, FAR * robust.max_energy, robust.static_weight, robust.observer_right_weight)
     for row in range(rows.shape[0]):
         i = rows[row]
@@ -259,20 +255,20 @@ def take_depths(  # type: ignore[no-untyped-def]
         if h == target:
             rho, base, inside, good = approach(
                 right, T_right[h], still, 1.0, delta, x, y, rho, base, rig, colour, weight, gain_right, offset_right,
-                robust.static_weight, limit, STEPS, loose, scratch, sums,
+                robust.static_weight, limit, many, loose, scratch, sums,
             )  # fmt: skip
         else:
             gain = gain_between(frames.affine[h], frames.affine[target])
             offset = frames.affine[target, 1] - gain * frames.affine[h, 1]
             rho, base, inside, good = approach(
-                left, T[h], T[h], 0.0, 0.0, x, y, rho, base, rig, colour, weight, gain, offset, 1.0, limit, STEPS, loose, scratch,
+                left, T[h], T[h], 0.0, 0.0, x, y, rho, base, rig, colour, weight, gain, offset, 1.0, limit, many, loose, scratch,
                 sums,
             )  # fmt: skip
             if good:
                 alike = LEFT_ALIKE * looks_alike(scratch.columns, LEAST_ALIKE)
                 rho, base, _, fits = approach(
                     right, T_right[h], T[h], 1.0, delta, x, y, rho, base, rig, colour, weight, gain * gain_right,
-                    gain_right * offset + offset_right, robust.observer_right_weight, limit, 1, loose, scratch, sums,
+                    gain_right * offset + offset_right, robust.observer_right_weight, limit, once, loose, scratch, sums,
                 )  # fmt: skip
                 if fits:
                     alike += RIGHT + RIGHT_ALIKE * looks_alike(scratch.columns, LEAST_ALIKE)
@@ -283,7 +279,7 @@ def take_depths(  # type: ignore[no-untyped-def]
             points.rho[i], information[i] = rho, base
 
 
-@bare
+@part
 def approach(  # type: ignore[no-untyped-def]
     image, T, S, right, shift, x, y, rho, base, rig, colour, weight, gain, offset, scale, limit, steps, robust, scratch, sums
 ):

@@ -1,30 +1,36 @@
-"""Alignment of a new image with a keyframe's reference points on one pyramid level, and the reference points themselves."""
+"""Direct image alignment with a keyframe's reference points on one pyramid level, and the reference points themselves."""
 
 import math
 
 import numpy as np
 
-from wayloom.odometry.kernels.compiler import jit
-from wayloom.odometry.kernels.linear import exp_se3, multiply, orthonormalise, solve_spd
+from wayloom.odometry.kernels.compiler import kernel, part
+from wayloom.odometry.kernels.linear import cholesky_solve, fill_exp_se3, fill_product, orthonormalise
 
 f32 = np.float32
 MIN_DEPTH_RATIO = 1e-3
 BORDER = 2
 
 
-@jit
 def splat(uv, rho, level, h, w):  # type: ignore[no-untyped-def]
     """Sums and counts (h, w) float32 of inverse depths rho (n,) on the pixels of a level; uv (n, 2) px of level 0."""
     total, count = np.zeros((h, w), np.float32), np.zeros((h, w), np.float32)
+    add_splats(uv, rho, level, total, count)
+    return total, count
+
+
+@kernel
+def add_splats(uv, rho, level, total, count):  # type: ignore[no-untyped-def]
+    """splat into total and count (h, w)."""
+    h, w = total.shape
     for i in range(rho.shape[0]):
         x, y = int(uv[i, 0] + 0.5) >> level, int(uv[i, 1] + 0.5) >> level
         if x < w and y < h:
             total[y, x] += f32(rho[i])
             count[y, x] += f32(1)
-    return total, count
 
 
-@jit
+@kernel
 def gather(image, total, count, spread, camera, out):  # type: ignore[no-untyped-def]
     """Reference points of a level: every pixel with an inverse depth, and with spread 1 also those with a neighbour that has one.
 
@@ -46,16 +52,16 @@ def gather(image, total, count, spread, camera, out):  # type: ignore[no-untyped
     return n
 
 
-@jit
-def tracking_equations(image, reference, T, gain, offset, camera, huber, cutoff, H, g):  # type: ignore[no-untyped-def]
+@part
+def tracking_equations(image, reference, T, gain, offset, camera, huber, cutoff, H, g, J):  # type: ignore[no-untyped-def]
     """Normal equations of r = I(project(T p)) - (gain I_ref + offset) with Huber weight, constant energy beyond cutoff.
 
     image (h, w, 3) float32; reference (n, 4) x, y, rho, grey; T (4, 4) T_frame_keyframe; camera (4,) px. Fills H (8, 8) = J^T W J
-    and g (8,) = -J^T W r for (v, omega, gain, offset); returns energy, points in view, points beyond cutoff.
+    and g (8,) = -J^T W r for (v, omega, gain, offset), J (8,) working space; returns energy, points in view, points beyond cutoff.
     """
     fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
     h, w = image.shape[0], image.shape[1]
-    energy, count, saturated, J = 0.0, 0, 0, np.empty(8)
+    energy, count, saturated = 0.0, 0, 0
     H[:] = 0.0
     g[:] = 0.0
     for i in range(reference.shape[0]):
@@ -109,31 +115,45 @@ def tracking_equations(image, reference, T, gain, offset, camera, huber, cutoff,
     return energy, count, saturated
 
 
-@jit
 def align_level(image, reference, T, brightness, camera, huber, cutoff, iterations, out):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt on one level; updates T (4, 4) T_frame_keyframe and brightness (2,) gain, offset in place.
 
     The cutoff is doubled while over 60 % of the points are beyond it. Fills out (3,) with energy, points in view, points beyond.
     """
-    H, g, H_new, g_new, x = np.zeros((8, 8)), np.zeros(8), np.zeros((8, 8)), np.zeros(8), np.zeros(8)
-    damping = 0.01
-    energy, count, beyond = tracking_equations(image, reference, T, brightness[0], brightness[1], camera, huber, cutoff, H, g)
+    working_space = np.empty((3, 8, 8)), np.empty((5, 8)), np.empty((2, 4, 4))
+    minimise_level(image, reference, T, brightness, camera, huber, cutoff, iterations, *working_space, out)
+
+
+@kernel
+def minimise_level(  # type: ignore[no-untyped-def]
+    image, reference, T, brightness, camera, huber, cutoff, iterations, matrices, vectors, poses, out
+):
+    """align_level with working space matrices (3, 8, 8), vectors (5, 8), poses (2, 4, 4)."""
+    H, H_new, L = matrices[0], matrices[1], matrices[2]
+    g, g_new, x, J, step, T_new, damping = vectors[0], vectors[1], vectors[2], vectors[3], poses[0], poses[1], 0.01
+    energy, count, beyond = tracking_equations(image, reference, T, brightness[0], brightness[1], camera, huber, cutoff, H, g, J)
     for _ in range(5):
         if beyond <= 0.6 * count:
             break
         cutoff *= 2.0
-        energy, count, beyond = tracking_equations(image, reference, T, brightness[0], brightness[1], camera, huber, cutoff, H, g)
+        energy, count, beyond = tracking_equations(
+            image, reference, T, brightness[0], brightness[1], camera, huber, cutoff, H, g, J
+        )
     for _ in range(iterations):
-        H_new[:] = H
         for k in range(8):
+            for m in range(8):
+                H_new[k, m] = H[k, m]
             H_new[k, k] *= 1.0 + damping
-        if not solve_spd(H_new, g, x):
+        if not cholesky_solve(H_new, g, x, vectors[4], L):
             break
-        T_new = multiply(exp_se3(x[:6]), T)
+        fill_exp_se3(x, step)
+        fill_product(step, T, T_new)
         gain, offset = brightness[0] + x[6], brightness[1] + x[7]
-        e, c, s = tracking_equations(image, reference, T_new, gain, offset, camera, huber, cutoff, H_new, g_new)
+        e, c, s = tracking_equations(image, reference, T_new, gain, offset, camera, huber, cutoff, H_new, g_new, J)
         if c > 0.5 * count and e / c < energy / count:
-            T[:] = T_new
+            for k in range(4):
+                for m in range(4):
+                    T[k, m] = T_new[k, m]
             H, H_new = H_new, H
             g, g_new = g_new, g
             brightness[0], brightness[1], energy, count, beyond, damping = gain, offset, e, c, s, damping * 0.3
@@ -148,7 +168,7 @@ def align_level(image, reference, T, brightness, camera, huber, cutoff, iteratio
     out[0], out[1], out[2] = energy, count, beyond
 
 
-@jit
+@kernel
 def mean_flow(reference, T, camera):  # type: ignore[no-untyped-def]
     """Root mean square flow in px of reference points (n, 4) under T (4, 4), and under T's translation alone."""
     full, shifted, n = 0.0, 0.0, 0
@@ -166,7 +186,7 @@ def mean_flow(reference, T, camera):  # type: ignore[no-untyped-def]
     return math.sqrt(full / max(n, 1)), math.sqrt(shifted / max(n, 1))
 
 
-@jit
+@kernel
 def project_points(host, uv, rho, T_target_host, rig, h, w, border, out):  # type: ignore[no-untyped-def]
     """Points (N) into a target: T_target_host (F, 4, 4) by host. Fills out (N, 3) with u, v px and inverse depth 1/m in the target,
     u = NaN where the point is behind it or less than border px inside (h, w)."""

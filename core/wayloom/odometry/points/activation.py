@@ -1,4 +1,4 @@
-"""Where a new keyframe gets its points from: immature ones that have become sure, static stereo, and candidates that must wait."""
+"""Activation of points at a new keyframe: immature points that have become sure, static stereo, and candidates that must wait."""
 
 from dataclasses import dataclass
 
@@ -15,12 +15,42 @@ from wayloom.odometry.stopwatch import Stopwatch
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
+class StereoCandidates:
+    """Candidate pixels (n, 2) of a left image, and the disparity of each with its sigma (n, 2) px by static stereo, 0 where it has
+    no sure match."""
+
+    pixels: IntArray
+    disparity: FloatArray
+
+    @property
+    def matched(self) -> BoolArray:
+        """(n,) those with a match."""
+        return np.asarray(self.disparity[:, 0] > 0)
+
+
+@dataclass(frozen=True, slots=True)
+class RectifiedPair:
+    """left, right (h, w) uint8 of a keyframe, the right one with its rows on the left's; candidates: those of the whole image,
+    where static stereo has been done already (no point is in view yet)."""
+
+    left: Image
+    right: Image
+    candidates: StereoCandidates | None = None
+
+    @property
+    def matches(self) -> int:
+        """Candidates with a static match so far."""
+        return 0 if self.candidates is None else int(self.candidates.matched.sum())
+
+
+@dataclass(frozen=True, slots=True)
 class ActivationResult:
-    """What giving points ends in: the next free number, the cell size px for the next keyframe, and the static matches, pixels
+    """What activating points ends in: the next free number, the cell size px for the next keyframe, and the static matches, pixels
     (n, 2) and disparities (n,) px."""
 
     next_id: int
@@ -31,19 +61,19 @@ class ActivationResult:
 
 def stereo_candidates(
     left: Image, right: Image, uv_taken: FloatArray, cell: float, settings: OdometrySettings, stopwatch: Stopwatch
-) -> tuple[IntArray, FloatArray]:
-    """Pixels (n, 2) of the left image away from uv_taken (N, 2), and their disparity with its sigma (n, 2) px, 0 where unknown."""
+) -> StereoCandidates:
+    """Candidates away from uv_taken (N, 2) px of a pair (h, w) with aligned rows, matched by static stereo."""
     s = settings
     with stopwatch("select"):
         pixels = selection.select_candidates(left, uv_taken, round(cell), s.block, s.gradient_margin, s.border)
     with stopwatch("stereo"):
         found = stereo.match(left, right, pixels, s.max_disparity, s.uniqueness, s.max_cost, s.slope_cap)
     found[~((found[:, 0] > s.min_disparity) & (found[:, 1] < s.max_sigma))] = 0.0
-    return pixels, found
+    return StereoCandidates(pixels, found)
 
 
 def activate_points(
-    now: Window, left: Image, right: Image, rig: Rig, robust: Robust, cell: float, next_id: int, settings: OdometrySettings,
+    now: Window, pair: RectifiedPair, rig: Rig, robust: Robust, cell: float, next_id: int, settings: OdometrySettings,
     stopwatch: Stopwatch,
 ) -> ActivationResult:  # fmt: skip
     """New live and immature points for the newest keyframe, as many as the view wants, and its right image's brightness.
@@ -52,20 +82,21 @@ def activate_points(
     """
     s, newest = settings, len(now) - 1
     uv_live, _ = seen(now, now.points, rig, s.border)
-    room = s.points if newest == 0 else max(min(s.new_points, s.points - len(uv_live)), s.min_new_points)
+    room = s.points if newest == 0 else max(s.points - len(uv_live), s.min_new_points)
     uv_waiting, waiting = seen(now, now.immature.points, rig, s.border)
     sure = immature.known(now.immature)[waiting]
     uv_waiting, waiting = uv_waiting[sure], waiting[sure]
-    pixels, found = stereo_candidates(left, right, np.concatenate([uv_live, uv_waiting]), cell, s, stopwatch)
-    matched = found[:, 0] > 0
-    now.frames.gain_right[newest] = stereo.right_gain(left, right, pixels[matched], found[matched, 0])
-    bf = -rig.fx * rig.tx
-    rho = np.where(matched, np.maximum(found[:, 0] - now.delta[0], 0.1) / bf, 0.0)
-    sought = np.flatnonzero(~matched)
-    sought = sought[selection.spread_sample(pixels[sought], s.sought_points, s.seed)]
-    rows = np.append(np.flatnonzero(matched), sought)
+    candidates = pair.candidates
+    if candidates is None:
+        uv_taken = np.concatenate([uv_live, uv_waiting])
+        candidates = stereo_candidates(pair.left, pair.right, uv_taken, cell, s, stopwatch)
+    pixels, matched, disparity = candidates.pixels, candidates.matched, candidates.disparity[:, 0]
+    now.frames.gain_right[newest] = stereo.right_gain(pair.left, pair.right, pixels[matched], disparity[matched])
+    rho = np.where(matched, np.maximum(disparity - now.disparity_bias[0], 0.1) / (-rig.fx * rig.tx), 0.0)
+    unmatched = np.flatnonzero(~matched)
+    rows = np.append(np.flatnonzero(matched), unmatched[selection.spread_sample(pixels[unmatched], s.sought_points, s.seed)])
     fresh = immature.of_pixels(now, pixels[rows], rho[rows], next_id, s.gradient_scale, rig, robust)
-    ripe = waiting[(now.immature.traced[waiting] > 0) & free(left.shape, uv_live, uv_waiting)]
+    ripe = waiting[(now.immature.traced[waiting] > 0) & free(pair.left.shape, uv_live, uv_waiting)]
     ripe = ripe[selection.spread_sample(now.immature.points.uv[ripe].astype(np.int64), int(s.traced_share * room), s.seed)]
     known = np.flatnonzero(immature.known(fresh))
     live = known[selection.spread_sample(fresh.points.uv[known].astype(np.int64), room - len(ripe), s.seed)]
@@ -76,7 +107,7 @@ def activate_points(
     immature.keep(now, np.isin(np.arange(len(now.immature.id)), ripe, invert=True))
     immature.add(now, immature.part(fresh, np.setdiff1d(np.arange(len(fresh.id)), live)))
     wanted = max(room, s.matched_points)
-    return ActivationResult(next_id + len(rows), selection.next_cell(cell, len(known), wanted), pixels[matched], found[matched, 0])
+    return ActivationResult(next_id + len(rows), selection.next_cell(cell, len(known), wanted), pixels[matched], disparity[matched])
 
 
 def seen(now: Window, points: PointColumns, rig: Rig, border: float) -> tuple[FloatArray, IntArray]:
@@ -86,7 +117,7 @@ def seen(now: Window, points: PointColumns, rig: Rig, border: float) -> tuple[Fl
     return projected[rows, :2], rows
 
 
-def free(shape: tuple[int, ...], uv_taken: FloatArray, uv: FloatArray) -> NDArray[np.bool_]:
+def free(shape: tuple[int, ...], uv_taken: FloatArray, uv: FloatArray) -> BoolArray:
     """(n,) which of the places uv (n, 2) px of an image (h, w) are not where one of uv_taken (N, 2) is."""
     taken = selection.taken_places(shape, uv_taken)
     column, row = (uv / TAKEN_CELL).astype(int).T

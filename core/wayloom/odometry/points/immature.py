@@ -1,9 +1,9 @@
-"""Immature points: candidates that wait beside the window until their depth is known, and points of the map that never join it.
+"""Immature points: depth by epipolar search and depth filtering beside the window, with the poses fixed.
 
-What static stereo finds but the window has no room for waits with a known depth. What it does not find (horizontal edges, repeated
-texture) is searched along its epipolar line in every later keyframe (Engel et al. 2018, sec. 3.1 and 3.2), until its depth is sure
-enough to make it live. Each further keyframe improves a known depth, with the poses fixed. When their host leaves the window, those
-whose depth is known become points of the map like the others.
+What static stereo finds but the window has no room for waits with a known depth; much of it never joins the window. What stereo
+does not find (horizontal edges, repeated texture) is searched along its epipolar line in every later keyframe (Engel et al. 2018,
+sec. 3.1 and 3.2), until its depth is sure enough to make it live. Each further keyframe improves a known depth, with the poses
+fixed. When their host leaves the window, those whose depth is known become points of the map like the others.
 """
 
 import numpy as np
@@ -22,9 +22,9 @@ UNIQUENESS = 3.0
 """Least ratio of the second best squared distance to the best (Engel et al. 2018: 3)."""
 MAX_LENGTH_PX = 80.0
 LOOK_BACK = 2
-"""Keyframes before its own in which a point is sought."""
+"""Keyframes before its own in which a point is searched for."""
 START_INFORMATION = 1e-3
-"""Of a depth that has just been found; what the images tell is a thousand times that and more."""
+"""Of a depth that has just been found, at least; what the images tell is a thousand times that and more."""
 MAX_FAILURES = 2
 SURE = 0.25
 """Half an interval over the inverse depth, below which a depth is known."""
@@ -46,9 +46,10 @@ def of_pixels(
         points, np.arange(first_id, first_id + n), np.zeros(n), np.full(n, 1.0 / NEAREST_M), np.zeros(n), np.zeros(n, np.int64),
         np.zeros(n, np.int64),
     )  # fmt: skip
-    _update(window, fresh, np.flatnonzero(rho > 0), len(window) - 1, rig, robust)
-    points.has_static[:] = fresh.information > 0
-    return part(fresh, (points.rho == 0) | (fresh.information > 0))
+    fits = np.isin(fresh.id, _update(window, fresh, np.flatnonzero(rho > 0), len(window) - 1, rig, robust)[:, 0])
+    fresh.information[fits] = np.maximum(fresh.information[fits], START_INFORMATION)  # their depth is known, whatever it weighs
+    points.has_static[:] = fits
+    return part(fresh, (points.rho == 0) | fits)
 
 
 def part(points: ImmaturePoints, rows: IntArray | BoolArray) -> ImmaturePoints:
@@ -77,7 +78,8 @@ def _update(window: Window, waiting: ImmaturePoints, rows: IntArray, target: int
     number, row of the keyframe, what is noted of it (`arrays.RIGHT` …)."""
     state, agrees = np.zeros((2, len(rows)), np.int64)
     update_depths(
-        window.images, rig, window.frames, waiting.points, rows, target, window.delta[0], robust, waiting.information, state, agrees
+        window.images, rig, window.frames, waiting.points, rows, target, window.disparity_bias[0], robust, waiting.information,
+        state, agrees,
     )  # fmt: skip
     seen = state == TRACED
     return np.column_stack([waiting.id[rows][seen], np.full(int(seen.sum()), window.keyframe[target]), agrees[seen]])
@@ -97,14 +99,14 @@ def trace(window: Window, rig: Rig, robust: Robust) -> IntArray:
 def _look(window: Window, rows: IntArray, target: int, rig: Rig, robust: Robust) -> IntArray:
     """Search those of the points `rows` (n,) of unknown depth in keyframe `target`, and take what it tells of the others."""
     p = window.immature
-    sought = rows[p.information[rows] == 0]
-    state = np.zeros(len(sought), np.int64)
+    unknown = rows[p.information[rows] == 0]
+    state = np.zeros(len(unknown), np.int64)
     trace_points(
-        window.images, rig, window.frames, p.points, sought, target, p.low, p.high, UNIQUENESS, MAX_LENGTH_PX, robust, state
+        window.images, rig, window.frames, p.points, unknown, target, p.low, p.high, UNIQUENESS, MAX_LENGTH_PX, robust, state
     )
-    p.failures[sought] += state == MISFIT
-    p.traced[sought] += state == TRACED
-    found = sought[state == TRACED]
+    p.failures[unknown] += state == MISFIT
+    p.traced[unknown] += state == TRACED
+    found = unknown[state == TRACED]
     p.information[found[(p.high - p.low)[found] < 2 * SURE * p.points.rho[found]]] = START_INFORMATION
     return _update(window, p, rows[p.information[rows] > 0], target, rig, robust)
 

@@ -1,4 +1,4 @@
-"""Candidates: pixels of high gradient, spread over the image, where no point is yet."""
+"""Selection of candidate points: pixels of high gradient, spread over the image, where no point is yet."""
 
 import math
 

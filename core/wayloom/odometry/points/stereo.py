@@ -1,4 +1,4 @@
-"""Static stereo at a keyframe: disparities of candidate pixels, and the brightness of the right image against the left one."""
+"""Static stereo matching at a keyframe, and the brightness of the right image against the left one."""
 
 import numpy as np
 from numpy.typing import NDArray

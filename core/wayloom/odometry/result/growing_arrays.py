@@ -1,5 +1,7 @@
-"""Arrays that grow with the drive: small ones in memory, large ones in a file without a name, so that a drive of hours needs no
-more memory than one of minutes."""
+"""Growing arrays: small ones in memory, large ones in a file without a name.
+
+So a drive of hours needs no more memory than one of minutes.
+"""
 
 import tempfile
 from typing import IO, Any

@@ -1,4 +1,4 @@
-"""A tracked drive as one file: a zip of npy arrays and a JSON text, of the same bytes whenever it is written.
+"""File of an odometry result: a zip of npy arrays and a JSON text, of the same bytes whenever it is written.
 
 `numpy.load` opens it too. The version stands in `meta.json`; files of another version are refused.
 """
@@ -17,6 +17,7 @@ from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import PARAMETERS, RightLens
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 
+ODOMETRY_FILE = "odometry.npz"
 FORMAT = "wayloom-odometry"
 VERSION = 1
 META = "meta.json"

@@ -1,4 +1,4 @@
-"""Which of the points that have left the window stay in the result, and those that do. Both can be done in parts."""
+"""Filter of the points that left the window, and the points that pass it. Both can be done in parts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class PointFilter:
         """Keyframes beside the host, from which on more of them change nothing."""
         return max(self.observations, self.confirmations - 1)
 
-    def holds(self, observers: IntArray, images: IntArray, others: IntArray, rho: FloatArray, variance: FloatArray) -> BoolArray:
+    def passes(self, observers: IntArray, images: IntArray, others: IntArray, rho: FloatArray, variance: FloatArray) -> BoolArray:
         """(n,) of points that `observers` keyframes saw, with `images` that agree, in segments of `others` keyframes beside the
         host."""
         confirmed = (observers >= np.minimum(self.observations, others)) & (images >= np.minimum(self.confirmations, others + 1))
@@ -51,13 +51,15 @@ class KeptPoints:
         self.obs_start.append(np.zeros(1, np.int64))
         self.obs_keyframe, self.obs_right = GrowingArray(np.int32), GrowingArray(np.bool_)
 
-    def append(self, columns: Mapping[str, NDArray[np.generic]], seen: IntArray, others: IntArray, rule: PointFilter) -> None:
-        """Those of the points (n), numbered higher than all before, that `rule` lets stay.
+    def append(
+        self, columns: Mapping[str, NDArray[np.generic]], seen: IntArray, others: IntArray, point_filter: PointFilter
+    ) -> None:
+        """Those of the points (n), numbered higher than all before, that pass the filter.
 
         columns : `id` and the rest as of `ResultBuilder.add_points`; seen (m, 3): point, keyframe, what is noted of it
         (`arrays.RIGHT` …), a pair perhaps twice, from when the point was immature and from when it was live; others (n,)
-        keyframes of its segment beside its host The rule counts photometric inliers; those that look like the host besides are
-        the result's observations.
+        keyframes of its segment beside its host. The filter counts photometric inliers; those whose patches also correlate with
+        the host's (normalised cross-correlation, `arrays.LEAST_ALIKE`) are the result's observations.
         """
         order = np.argsort(columns["id"], kind="stable")
         column = {name: values[order] for name, values in columns.items()}
@@ -68,13 +70,13 @@ class KeptPoints:
         agree = np.bincount(row[seen[:, 2] & RIGHT > 0], minlength=len(order))
         images = observers + agree + column["host_right"].astype(np.int64)
         rho, variance = column["rho"].astype(np.float64), column["variance"].astype(np.float64)
-        good = rule.holds(observers, images, others[order], rho, variance)
+        good = point_filter.passes(observers, images, others[order], rho, variance)
         for name in ("host", "uv", "rho", "variance", "grey", "host_right"):
             getattr(self, name).append(column[name][good])
-        alike = good[row] & (seen[:, 2] & LEFT_ALIKE > 0)
-        self.obs_start.append(len(self.obs_keyframe) + np.cumsum(np.bincount(row[alike], minlength=len(order))[good]))
-        self.obs_keyframe.append(seen[alike, 1])
-        self.obs_right.append(seen[alike, 2] & RIGHT_ALIKE > 0)
+        correlated = good[row] & (seen[:, 2] & LEFT_ALIKE > 0)
+        self.obs_start.append(len(self.obs_keyframe) + np.cumsum(np.bincount(row[correlated], minlength=len(order))[good]))
+        self.obs_keyframe.append(seen[correlated, 1])
+        self.obs_right.append(seen[correlated, 2] & RIGHT_ALIKE > 0)
 
     def __len__(self) -> int:
         return len(self.host)

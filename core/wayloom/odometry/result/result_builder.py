@@ -1,5 +1,7 @@
-"""What is kept of a drive while it passes through the window, and its final form. What is known of points that left is decided
-upon now and then (`settle`), so that it does not grow with the drive."""
+"""Builder of the odometry's result: poses of frames and keyframes, and the points that left the window.
+
+Points that left are decided upon now and then (`decide_points`), so that what is kept of them does not grow with the drive.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -34,6 +36,7 @@ class KeyframeRow:
 class FrameRow:
     """A frame: its keyframe's row (-1: none yet, the pose is T_cam_world), its pose against it, whether it was tracked."""
 
+    t_ns: int
     keyframe: int
     T_frame_keyframe: FloatArray
     tracked: bool
@@ -42,16 +45,46 @@ class FrameRow:
 
 @dataclass(slots=True)
 class ResultBuilder:
-    """Grows by frames, keyframes and leaving points. Point numbers are given out by `next_point`."""
+    """Grows by frames, keyframes and leaving points. Point numbers are given out by `next_point`.
+
+    segment_starts : index of the first frame of each segment; frames before the first belong to segment 0
+    """
 
     keyframes: list[KeyframeRow] = field(default_factory=list)
     frames: list[FrameRow] = field(default_factory=list)
+    segment_starts: list[int] = field(default_factory=list)
     next_point: int = 0
     observations: list[NDArray[np.int64]] = field(default_factory=list)
     """(n, 3) each: point, keyframe, what is noted of it (`arrays.RIGHT` …)."""
     points: list[dict[str, NDArray[np.generic]]] = field(default_factory=list)
     """Points that left and are not yet decided about."""
     kept: KeptPoints = field(default_factory=KeptPoints)
+
+    @property
+    def segment(self) -> int:
+        """Number of the segment that gets frames now."""
+        return max(len(self.segment_starts) - 1, 0)
+
+    def add_frame(self, t_ns: int, keyframe: int, T_frame_keyframe: FloatArray) -> None:
+        """A tracked frame, by its keyframe's row and its pose (4, 4) against it."""
+        self.frames.append(FrameRow(t_ns, keyframe, T_frame_keyframe, True, self.segment))
+
+    def hold_frame(self, t_ns: int, T_cam_world: FloatArray) -> None:
+        """A frame that was not tracked, at its predicted pose (4, 4): it follows the newest keyframe."""
+        row = len(self.keyframes) - 1
+        T = T_cam_world if row < 0 else T_cam_world @ se3.inverse(self.keyframes[row].T_cam_world)
+        self.frames.append(FrameRow(t_ns, row, T, False, self.segment))
+
+    def add_keyframe(self, frame: int, t_ns: int, T_cam_world: FloatArray) -> int:
+        """Frame number `frame` is a keyframe at T_cam_world (4, 4); returns its row."""
+        row = len(self.keyframes)
+        self.keyframes.append(KeyframeRow(frame, self.segment, T_cam_world, np.zeros(4)))
+        self.add_frame(t_ns, row, np.eye(4))
+        return row
+
+    def keyframe_times(self, window: Window) -> list[int]:
+        """Time stamps (ns) of the window's keyframes."""
+        return [self.frames[self.keyframes[row].frame].t_ns for row in window.keyframe]
 
     def T_cam_world(self, frame: int) -> FloatArray:
         """(4, 4) of a frame, by its keyframe's latest estimate."""
@@ -72,8 +105,8 @@ class ResultBuilder:
         """Note in which frames `targets` of the window the points in mask (N,) are inliers, and by which images."""
         out = np.empty((len(mask) * len(targets), 3), np.int64)
         n = observations(
-            window.images, rig, window.frames, window.points, window.inlier, mask, np.array(targets, np.int64), window.delta[0],
-            robust, out,
+            window.images, rig, window.frames, window.points, window.inlier, mask, np.array(targets, np.int64),
+            window.disparity_bias[0], robust, out,
         )  # fmt: skip
         point, frame, noted = out[:n].T
         self.observations.append(np.column_stack([window.point_id[point], window.keyframe[frame], noted]))
@@ -96,12 +129,13 @@ class ResultBuilder:
             }
         )  # fmt: skip
 
-    def trajectory(self, t_ns: NDArray[np.int64]) -> Trajectory:
+    def trajectory(self) -> Trajectory:
         """Every frame's final pose."""
+        t_ns = np.array([row.t_ns for row in self.frames], np.int64)
         T = np.array([self.T_cam_world(i) for i in range(len(self.frames))]).reshape(-1, 4, 4)
         tracked = np.array([row.tracked for row in self.frames], bool)
         segment = np.array([row.segment for row in self.frames], np.int32)
-        return Trajectory(t_ns.copy(), se3.inverse(T), tracked, segment)
+        return Trajectory(t_ns, se3.inverse(T), tracked, segment)
 
     def final_keyframes(self) -> Keyframes:
         """Every keyframe's final estimate."""
@@ -113,7 +147,7 @@ class ResultBuilder:
             np.array([row.segment for row in rows], np.int32),
         )
 
-    def settle(self, rule: PointFilter, alive: NDArray[np.int64], segment: int | None) -> None:
+    def decide_points(self, point_filter: PointFilter, alive: NDArray[np.int64], segment: int | None) -> None:
         """Decide which of the points that left are kept, and forget what was known of them.
 
         alive (n,) numbers of the points that have not left; segment: the one that still gets keyframes, None at the end. Points
@@ -127,10 +161,10 @@ class ResultBuilder:
         ids, segments = column["id"].astype(np.int64), np.array([row.segment for row in self.keyframes], np.int64)
         of_host = segments[column["host"].astype(np.int64)]
         others = np.bincount(segments)[of_host] - 1
-        undecided = (of_host == (-1 if segment is None else segment)) & (others < rule.enough_others)
+        undecided = (of_host == (-1 if segment is None else segment)) & (others < point_filter.enough_others)
         first_waiting = int(np.concatenate([[self.next_point], alive, ids[undecided]]).min())
         done, seen_done = ids < first_waiting, seen[:, 0] < first_waiting
         known = seen_done & np.isin(seen[:, 0], ids[done])
-        self.kept.append({name: values[done] for name, values in column.items()}, seen[known], others[done], rule)
+        self.kept.append({name: values[done] for name, values in column.items()}, seen[known], others[done], point_filter)
         self.points = [{name: values[~done] for name, values in column.items()}]
         self.observations = [seen[~seen_done]]

@@ -1,1 +1,1 @@
-"""The stereo rig as it is: row alignment, the right lens undone, observations for calibration."""
+"""Self-calibration of the stereo rig: rectification of the right image, and observations for calibration."""

@@ -1,4 +1,4 @@
-"""A drive's evidence as one file: a zip of npy arrays and a JSON text, of the same bytes whenever it is written."""
+"""The file of a drive's calibration observations: a zip of npy arrays and a JSON text, the same bytes whenever it is written."""
 
 import io
 import json
@@ -21,11 +21,13 @@ EPOCH: Final = (1980, 1, 1, 0, 0, 0)
 REMEDY: Final = "make it again: wayloom odometry LOG --out FILE --evidence FILE"
 LARGEST_BYTES: Final = 64 << 20
 """Of one array when unpacked: a file that claims more is damaged."""
+MEMBERS: Final = {"group": "snippet"}
+"""Arrays whose name in the file is an older one."""
 ARRAYS: Final[dict[str, tuple[str, tuple[str | int, ...]]]] = {
     "host_frame": ("<i4", ("S",)),
     "target_frame": ("<i4", ("S", TARGETS)),
     "T_target_host": ("<f8", ("S", TARGETS, 4, 4)),
-    "snippet": ("<i4", ("P",)),
+    "group": ("<i4", ("P",)),
     "uv_host": ("<i4", ("P", 2)),
     "uv_right": ("<f4", ("P", 2)),
     "uv_left_target": ("<f4", ("P", TARGETS, 2)),
@@ -33,21 +35,21 @@ ARRAYS: Final[dict[str, tuple[str, tuple[str | int, ...]]]] = {
 }
 
 
-def save_observations(evidence: CalibrationObservations, file: Path) -> None:
+def save_observations(observations: CalibrationObservations, file: Path) -> None:
     """Write `file`, whole or not at all."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        _add(archive, META, json.dumps(_meta(evidence), sort_keys=True, indent=1).encode())
+        _add(archive, META, json.dumps(_meta(observations), sort_keys=True, indent=1).encode())
         for name, (dtype, _) in ARRAYS.items():
             stream = io.BytesIO()
-            array = np.ascontiguousarray(getattr(evidence, name), np.dtype(dtype))
+            array = np.ascontiguousarray(getattr(observations, name), np.dtype(dtype))
             np.lib.format.write_array(stream, array, version=(1, 0), allow_pickle=False)
-            _add(archive, f"{name}.npy", stream.getvalue())
+            _add(archive, f"{MEMBERS.get(name, name)}.npy", stream.getvalue())
     write_atomically(file, buffer.getvalue())
 
 
 def load_observations(file: Path) -> CalibrationObservations:
-    """Read what save_evidence wrote. Raises InputError naming the file where it is none, of another version or damaged."""
+    """Read what save_observations wrote. Raises InputError naming the file where it is none, of another version or damaged."""
     try:
         with zipfile.ZipFile(file) as archive:
             meta = json.loads(archive.read(META))
@@ -59,34 +61,34 @@ def load_observations(file: Path) -> CalibrationObservations:
             numbers = {name: float(camera[name]) for name in ("fx", "fy", "cx", "cy")}
             pinhole = PinholeCamera(**numbers, width=int(camera["width"]), height=int(camera["height"]))
             rig = StereoRig(pinhole, (float(t[0]), float(t[1]), float(t[2])))
-            evidence = CalibrationObservations(str(meta["name"]), meta["rig_id"], rig, **arrays)
+            observations = CalibrationObservations(str(meta["name"]), meta["rig_id"], rig, **arrays)
     except (OSError, zipfile.BadZipFile, KeyError, ValueError, TypeError, AttributeError, IndexError) as problem:
-        raise InputError(f"is no evidence of a drive ({problem})", file=file, remedy=REMEDY) from None
-    _check(evidence, file)
-    return evidence
+        raise InputError(f"holds no calibration observations ({problem})", file=file, remedy=REMEDY) from None
+    _check(observations, file)
+    return observations
 
 
-def is_evidence(path: Path) -> bool:
-    """Whether a path looks like an evidence file: any drive log is a folder, or a file that is no zip with this content."""
+def is_observations_file(path: Path) -> bool:
+    """Whether a path looks like an observations file: any drive log is a folder, or a file that is no zip with this content."""
     if not path.is_file() or not zipfile.is_zipfile(path):
         return False
     with zipfile.ZipFile(path) as archive:
         return META in archive.namelist() and "uv_right_target.npy" in archive.namelist()
 
 
-def _meta(evidence: CalibrationObservations) -> dict[str, Any]:
-    camera = evidence.rig.camera
+def _meta(observations: CalibrationObservations) -> dict[str, Any]:
+    camera = observations.rig.camera
     return {
         "format": FORMAT,
         "version": VERSION,
-        "name": evidence.name,
-        "rig_id": evidence.rig_id,
+        "name": observations.name,
+        "rig_id": observations.rig_id,
         "camera": {
             **{name: float(getattr(camera, name)) for name in ("fx", "fy", "cx", "cy")},
             "width": int(camera.width),
             "height": int(camera.height),
         },
-        "t_right_left_m": [float(t) for t in evidence.rig.t_right_left],
+        "t_right_left_m": [float(t) for t in observations.rig.t_right_left],
     }
 
 
@@ -98,7 +100,7 @@ def _add(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
 
 
 def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    member = archive.getinfo(f"{name}.npy")
+    member = archive.getinfo(f"{MEMBERS.get(name, name)}.npy")
     if member.file_size > LARGEST_BYTES:
         raise ValueError(f"{name} claims {member.file_size} bytes")
     array: NDArray[Any] = np.lib.format.read_array(io.BytesIO(archive.read(member)), allow_pickle=False)
@@ -107,18 +109,18 @@ def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
     return array
 
 
-def _check(evidence: CalibrationObservations, file: Path) -> None:
+def _check(observations: CalibrationObservations, file: Path) -> None:
     """Raises InputError where shapes do not fit each other or values cannot be."""
-    sizes: dict[str | int, int] = {"S": evidence.snippets, "P": len(evidence)}
+    sizes: dict[str | int, int] = {"S": observations.groups, "P": len(observations)}
     for name, (_, shape) in ARRAYS.items():
         wanted = tuple(sizes.get(size, size) for size in shape)
-        found = getattr(evidence, name).shape
+        found = getattr(observations, name).shape
         if found != wanted:
             raise InputError(f"{name} has the shape {found}, not {wanted}", file=file, remedy=REMEDY)
-    snippet, camera = evidence.snippet, evidence.rig.camera
-    sound = (np.diff(snippet) >= 0).all() and ((snippet >= 0) & (snippet < max(evidence.snippets, 1))).all()
-    inside = ((evidence.uv_host >= 0) & (evidence.uv_host < (camera.width, camera.height))).all()
-    if not (sound and inside and np.isfinite(evidence.uv_right).all() and np.isfinite(evidence.T_target_host).all()):
+    group, camera = observations.group, observations.rig.camera
+    sound = (np.diff(group) >= 0).all() and ((group >= 0) & (group < max(observations.groups, 1))).all()
+    inside = ((observations.uv_host >= 0) & (observations.uv_host < (camera.width, camera.height))).all()
+    if not (sound and inside and np.isfinite(observations.uv_right).all() and np.isfinite(observations.T_target_host).all()):
         raise InputError("holds values that cannot be", file=file, remedy=REMEDY)
-    if not (evidence.rig.baseline_m > 0 and camera.fx > 0 and camera.fy > 0):
+    if not (observations.rig.baseline_m > 0 and camera.fx > 0 and camera.fy > 0):
         raise InputError("has an impossible calibration", file=file, remedy=REMEDY)

@@ -1,8 +1,9 @@
-"""What a drive knows of its rig: refined matches between left and right and between keyframes, few enough to keep for ever.
+"""Calibration observations of a drive: refined matches between left and right and between keyframes, few enough to keep.
 
-A snippet is a host keyframe, up to two later keyframes, and points of the host found in the host's right image and in both images
-of the later ones. Right pixels are those of the log's own right image, before rows or lens are corrected: evidence stays valid
-whatever is learnt of the rig later. `wayloom calibrate` learns from it; docs/calibration.md.
+They come in groups (`MatchGroup`): a host keyframe, up to two later keyframes, and points of the host
+found in the host's right image and in both images of the later ones. Right pixels are those of the log's own right image, before
+rows or lens are corrected: observations stay valid whatever is learnt of the rig later. `wayloom calibrate` learns from them;
+docs/calibration.md.
 """
 
 import hashlib
@@ -18,7 +19,7 @@ from wayloom.logs.types import DriveLog
 from wayloom.odometry.kernels.matches import BORDER, HALF, match_patches
 from wayloom.odometry.kernels.stereo import NO_MATCH
 from wayloom.odometry.points import selection, stereo
-from wayloom.odometry.rig.rows import RightRectifier
+from wayloom.odometry.rig.posed_pair import PosedPair
 
 Image = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
@@ -26,7 +27,7 @@ TARGETS = 2
 DISTANCES_M, ANGLES_RAD = (1.0, 2.5), (0.06, 0.15)
 """A target is the first keyframe that has moved or turned so far from the host."""
 SPACING_M = 2.0
-MOST_SNIPPETS = 48
+MOST_GROUPS = 48
 MOST_POINTS = 240
 LEAST_POINTS = 20
 SMOOTHING_PX = 1.0
@@ -43,14 +44,14 @@ TARGET_RMS = 1.5
 
 @dataclass(frozen=True, slots=True)
 class CalibrationObservations:
-    """Matches of one drive; S snippets, P points, T = 2 targets.
+    """Matches of one drive; S groups, P points, T = 2 targets.
 
     name, rig_id   of the log, the name as `drive_name` gives it
     rig            the log's own calibration
     host_frame     (S,) int32, frame of the host
     target_frame   (S, T) int32, frames of the targets, -1 where there is none
     T_target_host  (S, T, 4, 4), as the odometry estimated it: a first guess
-    snippet        (P,) int32, rising
+    group        (P,) int32, rising, the group of each point
     uv_host        (P, 2) pixels in the host's left image, whole numbers
     uv_right       (P, 2) float32, the match in the host's right image as the log gives it
     uv_left_target, uv_right_target   (P, T, 2) float32, the matches in the targets' left and right images; NaN where there is none
@@ -62,24 +63,24 @@ class CalibrationObservations:
     host_frame: NDArray[np.int32]
     target_frame: NDArray[np.int32]
     T_target_host: FloatArray
-    snippet: NDArray[np.int32]
+    group: NDArray[np.int32]
     uv_host: NDArray[np.int32]
     uv_right: NDArray[np.float32]
     uv_left_target: NDArray[np.float32]
     uv_right_target: NDArray[np.float32]
 
     @property
-    def snippets(self) -> int:
-        """Number of snippets."""
+    def groups(self) -> int:
+        """Number of groups."""
         return len(self.host_frame)
 
     def __len__(self) -> int:
-        return len(self.snippet)
+        return len(self.group)
 
 
 @dataclass(slots=True)
 class MatchGroup:
-    """A snippet that grows: its host's smoothed left image and its points; pixels (n, 2), inverse depths rho (n,) 1/m;
+    """A group of matches that grows: its host's smoothed left image and its points; pixels (n, 2), inverse depths rho (n,) 1/m;
     limit: the largest rms residual of a match, grey levels."""
 
     frame: int
@@ -95,9 +96,9 @@ class MatchGroup:
 
 
 class ObservationCollector:
-    """Fed with every keyframe in order; `evidence` gives what was gathered. The same drive gives the same bytes.
+    """Observer of every keyframe in order; `observations` gives what was gathered. The same drive gives the same bytes.
 
-    most_points : of a snippet
+    most_points : of a group; finished : groups that are complete; open : the one that still gets targets
     """
 
     def __init__(self, rig: StereoRig, most_points: int = MOST_POINTS) -> None:
@@ -112,21 +113,32 @@ class ObservationCollector:
         """The drive was lost: what is open has no targets any more."""
         self.open, self.T_last = None, None
 
-    def keyframe(
-        self, frame: int, left: Image, right: Image, T_cam_world: FloatArray, right_rectifier: RightRectifier, delta: float
-    ) -> None:
-        """A keyframe: images (h, w) as the log gives them, pose (4, 4), what is known of the right camera, bias in px."""
+    def on_interrupt(self) -> None:
+        """As an observer of the odometry."""
+        self.interrupt()
+
+    def on_adjustment(self, *_: object) -> None:
+        """Not looked at."""
+
+    def on_frame(self, *_: object) -> None:
+        """Not looked at."""
+
+    def on_finish(self, *_: object) -> None:
+        """What is open stays without its targets."""
+        self.interrupt()
+
+    def on_keyframe(self, pair: PosedPair, /) -> None:
+        """Match the open group in a new keyframe if it is far enough, or begin a group there."""
         if self.T_last is not None:
-            self.way_m += float(np.linalg.norm(se3.inverse(T_cam_world)[:3, 3] - se3.inverse(self.T_last)[:3, 3]))
-        self.T_last = T_cam_world.copy()
-        if self.is_target(T_cam_world):
-            self.extend(frame, left, right, T_cam_world, right_rectifier, delta)
+            self.way_m += float(np.linalg.norm(se3.inverse(pair.T_cam_world)[:3, 3] - se3.inverse(self.T_last)[:3, 3]))
+        self.T_last = pair.T_cam_world.copy()
+        if self.is_target(pair.T_cam_world):
+            self.extend(pair)
         if self.open is None and (not self.finished or self.way_m - self.finished[-1].at_m >= SPACING_M * self.stride):
-            pixels, disparity = self.host_matches(left, right_rectifier.align(right))
-            self.begin(frame, left, right, pixels, disparity, T_cam_world, right_rectifier, delta)
+            self.begin(pair, *self.host_matches(pair.left, pair.right_rectifier.align(pair.right)))
 
     def host_matches(self, left: Image, aligned: Image) -> tuple[NDArray[np.int64], FloatArray]:
-        """Stereo matches of a pair (h, w), the right image with aligned rows, four times as many as a snippet holds at most:
+        """Stereo matches of a pair (h, w), the right image with aligned rows, four times as many as a group holds at most:
         pixels (n, 2) and disparities (n,) px."""
         cell = max(4, round(selection.first_cell(left.shape, 8 * self.most_points)))
         pixels = selection.select_candidates(left, np.zeros((0, 2)), cell, 32, 7.0, HALF + int(BORDER) + 2)
@@ -135,14 +147,11 @@ class ObservationCollector:
         good = good[selection.spread_sample(pixels[good], 4 * self.most_points)]
         return pixels[good], found[good, 0]
 
-    def begin(
-        self, frame: int, left: Image, right: Image, pixels: NDArray[np.int64], disparity: FloatArray, T_cam_world: FloatArray,
-        right_rectifier: RightRectifier, delta: float,
-    ) -> None:  # fmt: skip
-        """Open a snippet of this host, with those of its `host_matches` that are found again to a hundredth of a pixel; none where
+    def begin(self, pair: PosedPair, pixels: NDArray[np.int64], disparity: FloatArray) -> None:
+        """Open a group of this host, with those of its `host_matches` that are found again to a hundredth of a pixel; none where
         they are too few."""
-        smooth, smooth_right = self._smoothed(frame, left, right)
-        start = right_rectifier.real_pixels(np.column_stack([pixels[:, 0] - disparity, pixels[:, 1]]))
+        smooth, smooth_right = self._smoothed(pair)
+        start = pair.right_rectifier.real_pixels(np.column_stack([pixels[:, 0] - disparity, pixels[:, 1]]))
         found = matched(smooth, smooth_right, pixels, start, np.ones(len(pixels)))
         fits = found[np.isfinite(found[:, 2]), 2]
         limit = max(GOOD_RMS, float(np.median(fits))) if len(fits) else GOOD_RMS
@@ -150,44 +159,44 @@ class ObservationCollector:
         known = np.flatnonzero(np.isfinite(uv_right[:, 0]))
         known = known[selection.spread_sample(pixels[known], self.most_points)]
         if len(known) >= LEAST_POINTS:
-            rho = np.asarray((disparity[known] - delta) / self.rig.bf, np.float64)
-            self.open = MatchGroup(frame, T_cam_world.copy(), smooth, pixels[known], rho, uv_right[known], limit, self.way_m)
+            rho = np.asarray((disparity[known] - pair.disparity_bias) / self.rig.bf, np.float64)
+            self.open = MatchGroup(
+                pair.frame, pair.T_cam_world.copy(), smooth, pixels[known], rho, uv_right[known], limit, self.way_m
+            )  # fmt: skip
 
     def is_target(self, T_cam_world: FloatArray) -> bool:
-        """Whether a frame at T_cam_world (4, 4) is far enough from the open snippet's host to be its next target."""
+        """Whether a frame at T_cam_world (4, 4) is far enough from the open group's host to be its next target."""
         if self.open is None:
             return False
         T = T_cam_world @ se3.inverse(self.open.T_cam_world)
         k = len(self.open.targets)
         return float(np.linalg.norm(T[:3, 3])) >= DISTANCES_M[k] or float(np.linalg.norm(se3.log(T)[3:])) >= ANGLES_RAD[k]
 
-    def extend(
-        self, frame: int, left: Image, right: Image, T_cam_world: FloatArray, right_rectifier: RightRectifier, delta: float
-    ) -> None:
-        """Match the open snippet in this target; close it when it has all its targets or lost its points."""
-        snippet = self.open
-        if snippet is None:
+    def extend(self, pair: PosedPair) -> None:
+        """Match the open group in this target; close it when it has all its targets or lost its points."""
+        group = self.open
+        if group is None:
             return
-        T = T_cam_world @ se3.inverse(snippet.T_cam_world)
-        target, target_right = self._smoothed(frame, left, right)
-        in_left = self._match_left(snippet, T, target)
-        in_right = self._match_right(snippet, T, in_left, target_right, right_rectifier, delta)
+        T = pair.T_cam_world @ se3.inverse(group.T_cam_world)
+        target, target_right = self._smoothed(pair)
+        in_left = self._match_left(group, T, target)
+        in_right = self._match_right(group, T, in_left, target_right, pair)
         enough = np.isfinite(in_left[:, 0]).sum() >= LEAST_POINTS
         if enough:
-            snippet.targets.append((frame, T, in_left, in_right))
-        if len(snippet.targets) == TARGETS or not enough:
-            self._close(snippet)
+            group.targets.append((pair.frame, T, in_left, in_right))
+        if len(group.targets) == TARGETS or not enough:
+            self._close(group)
 
-    def _smoothed(self, frame: int, left: Image, right: Image) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Both images of a frame (h, w), smoothed; those of the last frame are remembered: a target may be the next host."""
-        if self._last_smoothed is None or self._last_smoothed[0] != frame:
-            self._last_smoothed = (frame, smoothed(left), smoothed(right))
+    def _smoothed(self, pair: PosedPair) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Both images (h, w) of a pair, smoothed; those of the last one are remembered: a target may be the next host."""
+        if self._last_smoothed is None or self._last_smoothed[0] != pair.frame:
+            self._last_smoothed = (pair.frame, smoothed(pair.left), smoothed(pair.right))
         return self._last_smoothed[1:]
 
-    def _match_left(self, snippet: MatchGroup, T: FloatArray, target: NDArray[np.float32]) -> FloatArray:
-        """(n, 2) px of the snippet's points in a target's smoothed left image, T (4, 4) from the host; NaN where not found."""
+    def _match_left(self, group: MatchGroup, T: FloatArray, target: NDArray[np.float32]) -> FloatArray:
+        """(n, 2) px of the group's points in a target's smoothed left image, T (4, 4) from the host; NaN where not found."""
         camera = self.rig.camera
-        q = camera.rays(snippet.pixels.astype(float)) @ T[:3, :3].T + snippet.rho[:, None] * T[:3, 3]
+        q = camera.rays(group.pixels.astype(float)) @ T[:3, :3].T + group.rho[:, None] * T[:3, 3]
         start, scale = camera.project(q), 1.0 / np.maximum(q[:, 2], 1e-6)
         slope = np.column_stack(
             [camera.fx * (T[0, 3] - q[:, 0] * scale * T[2, 3]) * scale, camera.fy * (T[1, 3] - q[:, 1] * scale * T[2, 3]) * scale]
@@ -195,46 +204,40 @@ class ObservationCollector:
         length = np.maximum(np.hypot(slope[:, 0], slope[:, 1]), 1e-12)
         reach = np.minimum(length * DEPTH_DOUBT_PX / self.rig.bf, MAX_REACH_PX)
         start[(scale < 0.5) | (scale > 3.0)] = np.nan
-        found = matched(snippet.left, target, snippet.pixels, start, scale, slope / length[:, None], reach)
-        return within(found, TARGET_RMS * snippet.limit)
+        found = matched(group.left, target, group.pixels, start, scale, slope / length[:, None], reach)
+        return within(found, TARGET_RMS * group.limit)
 
     def _match_right(
-        self,
-        snippet: MatchGroup,
-        T: FloatArray,
-        in_left: FloatArray,
-        target_right: NDArray[np.float32],
-        right_rectifier: RightRectifier,
-        delta: float,
+        self, group: MatchGroup, T: FloatArray, in_left: FloatArray, target_right: NDArray[np.float32], pair: PosedPair
     ) -> FloatArray:
         """(n, 2) px of the points in a target's right image, for those with a match in_left (n, 2) px."""
-        z = (self.rig.camera.rays(snippet.pixels.astype(float)) @ T[:3, :3].T)[:, 2] + snippet.rho * T[2, 3]
+        z = (self.rig.camera.rays(group.pixels.astype(float)) @ T[:3, :3].T)[:, 2] + group.rho * T[2, 3]
         scale = 1.0 / np.maximum(z, 1e-6)
-        disparity = self.rig.bf * snippet.rho * scale + delta
-        start = right_rectifier.real_pixels(in_left - np.column_stack([disparity, np.zeros(len(disparity))]))
-        return within(matched(snippet.left, target_right, snippet.pixels, start, scale), TARGET_RMS * snippet.limit)
+        disparity = self.rig.bf * group.rho * scale + pair.disparity_bias
+        start = pair.right_rectifier.real_pixels(in_left - np.column_stack([disparity, np.zeros(len(disparity))]))
+        return within(matched(group.left, target_right, group.pixels, start, scale), TARGET_RMS * group.limit)
 
-    def _close(self, snippet: MatchGroup) -> None:
-        """Keep the snippet if it has a target; where there are too many, every second goes and the next come half as often."""
+    def _close(self, group: MatchGroup) -> None:
+        """Keep the group if it has a target; where there are too many, every second goes and the next come half as often."""
         self.open = None
-        if not snippet.targets:
+        if not group.targets:
             return
-        snippet.left = np.zeros((0, 0), np.float32)
-        self.finished.append(snippet)
-        if len(self.finished) > MOST_SNIPPETS:
+        group.left = np.zeros((0, 0), np.float32)
+        self.finished.append(group)
+        if len(self.finished) > MOST_GROUPS:
             del self.finished[1::2]
             self.stride *= 2
 
-    def evidence(self, log: DriveLog) -> CalibrationObservations:
+    def observations(self, log: DriveLog) -> CalibrationObservations:
         """What was gathered of this log."""
         S, done = len(self.finished), self.finished
         frames, T = np.full((S, TARGETS), -1, np.int32), np.tile(np.eye(4), (S, TARGETS, 1, 1))
         columns: list[tuple[FloatArray, ...]] = [(np.zeros((0, 2)), np.zeros((0, 2)), *(2 * [np.zeros((0, TARGETS, 2))]))]
-        for s, snippet in enumerate(done):
-            matches = np.full((2, len(snippet.pixels), TARGETS, 2), np.nan)
-            for t, (frame, T_target_host, in_left, in_right) in enumerate(snippet.targets):
+        for s, group in enumerate(done):
+            matches = np.full((2, len(group.pixels), TARGETS, 2), np.nan)
+            for t, (frame, T_target_host, in_left, in_right) in enumerate(group.targets):
                 frames[s, t], T[s, t], matches[0, :, t], matches[1, :, t] = frame, T_target_host, in_left, in_right
-            columns.append((snippet.pixels.astype(float), snippet.uv_right, matches[0], matches[1]))
+            columns.append((group.pixels.astype(float), group.uv_right, matches[0], matches[1]))
         pixels, right, left_target, right_target = (np.concatenate(column) for column in zip(*columns, strict=True))
         return CalibrationObservations(
             drive_name(log), log.rig_id, self.rig, np.array([s.frame for s in done], np.int32), frames, T,

@@ -1,4 +1,4 @@
-"""The right image as the window wants it: its rows on the left's, and the rig's lens undone where it is known.
+"""Rectification of the right image: its rows brought onto the left's, and the rig's lens undone where it is known.
 
 A left pixel whose match has the normalised coordinates (x, y) lies in the right image, beside what the lens does, at row v + dv,
     dv = c0 (1 + y^2) + c1 x + c2 x y,
@@ -23,7 +23,7 @@ RESIDUAL_SCALE_PX = 0.15
 MIN_MATCHES = 60
 RIDGE = 0.01  # matches' worth of pull to zero: an image without matches in its corners keeps a small keystone
 MAP_STEP = 8
-"""px between the points at which the maps are computed; between them they are linear, which errs by under 1e-3 px."""
+"""px between the points at which the maps are computed; between them they are linear."""
 KEYFRAME_MATCHES = 96
 FOLLOW_EVERY = 3
 MEMORY = 0.9
@@ -137,7 +137,7 @@ def maps(coefficients: FloatArray, rig: StereoRig, lens: RightLens = IDENTITY) -
 
 def align(right: Image, row_maps: Maps) -> Image:
     """The right image (h, w) with its rows on the left's; the outermost pixels repeat. By cubics: linear interpolation blurs what
-    lies between pixels, and disparities shrink by that (0.3 % of the way on images of 480 px)."""
+    lies between pixels, and disparities shrink by that."""
     return np.asarray(cv2.remap(right, row_maps[0], row_maps[1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 

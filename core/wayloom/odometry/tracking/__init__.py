@@ -1,1 +1,1 @@
-"""Frame-to-keyframe alignment: image pyramids, direct alignment, recovery, relocalisation, keyframe decision."""
+"""Frame-to-keyframe tracking: image pyramids, direct alignment, recovery, relocalisation, keyframe decision."""

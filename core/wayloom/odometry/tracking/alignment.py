@@ -1,4 +1,4 @@
-"""Direct alignment of a new image with a keyframe, coarse to fine, from several guesses of the motion where one does not do."""
+"""Direct image alignment of a frame with a keyframe, coarse to fine, from several motion hypotheses where one does not do."""
 
 import math
 from collections.abc import Iterable

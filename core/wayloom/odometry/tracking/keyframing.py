@@ -1,4 +1,4 @@
-"""When a frame becomes a keyframe."""
+"""Keyframe decision: change of view, brightness and residual since the newest keyframe."""
 
 import math
 

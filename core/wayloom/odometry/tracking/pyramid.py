@@ -1,4 +1,4 @@
-"""Image pyramids and the cameras of their levels."""
+"""Image pyramids and the camera models of their levels."""
 
 import cv2
 import numpy as np

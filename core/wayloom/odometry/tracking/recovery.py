@@ -1,4 +1,4 @@
-"""What is done with a frame that constant motion does not explain, and when it is lost, in the odometry's own measures.
+"""Recovery of frames that the predicted motion does not explain, and the tests by which an alignment is believed or lost.
 
 A doubtful frame is looked for with more and more effort: other motions, features of the newest keyframe, features of older ones, a
 grid of turns. What is found must fit the images and must be possible. Being lost is an outcome that is reported, never a crash.
@@ -20,7 +20,7 @@ from wayloom.odometry.kernels.linear import log_se3, relative
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.tracking import pyramid, relocalisation
 from wayloom.odometry.tracking.alignment import Alignment, Reference, align, best_alignment, further_guesses, make_reference
-from wayloom.odometry.tracking.pyramid import Pyramid
+from wayloom.odometry.tracking.frame import Frame
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -42,17 +42,15 @@ USUAL_GAIN, GAIN_RATIO = 2.0, 2.5
 class TrackingRequest:
     """A new frame before its pose is known.
 
-    left         (h, w) its left image; images its pyramid
-    T_expected   T_cam_world by constant motion; T_last that of the frame before it, T_tracked of the last one that was tracked
+    frame        its images and predicted pose
+    T_last, T_tracked  (4, 4) T_cam_world of the frame before it, and of the last one that was tracked
     dt_s         seconds since the frame before, since_s since the last tracked one
     starting     whether no motion is known yet
     brightness   (2,) gain, offset against the newest keyframe, as last estimated
     usual_rms    grey levels, of alignments so far; infinite before the first
     """
 
-    left: Image
-    images: Pyramid
-    T_expected: FloatArray
+    frame: Frame
     T_last: FloatArray
     T_tracked: FloatArray
     dt_s: float
@@ -89,9 +87,9 @@ def fits_badly(fit: Alignment, usual_rms: float, settings: OdometrySettings) -> 
     return not fit.rms <= WORSE_THAN_USUAL * usual_rms or fit.visible < settings.min_visible or fit.saturated > SATURATED
 
 
-def is_doubtful(fit: Alignment, sought: TrackingRequest, settings: OdometrySettings) -> bool:
+def is_doubtful(fit: Alignment, request: TrackingRequest, settings: OdometrySettings) -> bool:
     """Whether other motions should be tried beside the one that gave this alignment."""
-    return sought.starting or sought.since_s > LONG_GAP_S or fits_badly(fit, sought.usual_rms, settings)
+    return request.starting or request.since_s > LONG_GAP_S or fits_badly(fit, request.usual_rms, settings)
 
 
 def fit_failure(fit: Alignment, settings: OdometrySettings, min_visible: float | None = None) -> str | None:
@@ -110,7 +108,7 @@ def fit_failure(fit: Alignment, settings: OdometrySettings, min_visible: float |
 
 
 def motion_failure(
-    T_cam_world: FloatArray, T_last: FloatArray, T_expected: FloatArray | None, dt_s: float, settings: OdometrySettings
+    T_cam_world: FloatArray, T_last: FloatArray, T_predicted: FloatArray | None, dt_s: float, settings: OdometrySettings
 ) -> str | None:
     """Why a motion cannot be real, in words, or None.
 
@@ -123,9 +121,9 @@ def motion_failure(
         return f"a turn of {math.degrees(turn):.1f} deg in {dt_s:.2f} s"
     if way > MAX_SPEED_M_S * dt_s + ALWAYS_BELIEVED_M:
         return f"a way of {way:.2f} m in {dt_s:.2f} s"
-    if T_expected is None:
+    if T_predicted is None:
         return None
-    surprise = float(np.linalg.norm(se3.inverse(T_cam_world)[:3, 3] - se3.inverse(T_expected)[:3, 3]))
+    surprise = float(np.linalg.norm(se3.inverse(T_cam_world)[:3, 3] - se3.inverse(T_predicted)[:3, 3]))
     if surprise > settings.max_acceleration * dt_s**2 + ALWAYS_BELIEVED_M + 0.2 * way:
         return f"{surprise:.2f} m from where constant motion leads"
     return None
@@ -153,9 +151,9 @@ def gap_failure(fit: Alignment, since_s: float) -> str | None:
     return f"after {since_s:.1f} s without a place {100 * fit.saturated:.0f} % of the points do not fit, and no features do"
 
 
-def turned_guesses(T_expected: FloatArray, T_last: FloatArray) -> list[FloatArray]:
+def turned_guesses(T_predicted: FloatArray, T_last: FloatArray) -> list[FloatArray]:
     """T_cam_world (4, 4) of a grid: left and right turns with no, the expected and twice the expected way."""
-    twist = se3.log(T_expected @ se3.inverse(T_last))
+    twist = se3.log(T_predicted @ se3.inverse(T_last))
     ways = [se3.exp(twist * share) @ T_last for share in GRID_WAYS]
     return [np.asarray(se3.exp(np.array([0, 0, 0, 0, yaw, 0.0])) @ T) for yaw in GRID_TURNS_RAD for T in ways]
 
@@ -167,73 +165,78 @@ class Recovery:
         self.settings, self.stereo_rig, self.rig, self.cameras = settings, stereo_rig, rig, cameras
         self.landmarks: dict[int, relocalisation.Landmarks] = {}
 
-    def align(self, sought: TrackingRequest, references: list[Reference], window: Window) -> TrackingResult:
+    def align(self, request: TrackingRequest, references: list[Reference], window: Window) -> TrackingResult:
         """The frame's alignment with the newest keyframe by constant motion, where that fits; else the best that can be found.
 
         references : of the newest keyframes, newest last
         """
         newest, T_world_newest = references[-1], _T_world_keyframe(window, references[-1].keyframe)
-        fit = self._aligned(sought, newest, sought.T_expected @ T_world_newest, sought.brightness)
-        if not self._in_question(fit, newest.keyframe, sought, window):
+        fit = self._aligned(request, newest, request.frame.T_predicted @ T_world_newest, request.brightness)
+        if not self._in_question(fit, newest.keyframe, request, window):
             return TrackingResult(fit, newest.keyframe, None)
-        return self._search(fit, sought, references, window)
+        return self._search(fit, request, references, window)
 
-    def _search(self, fit: Alignment, sought: TrackingRequest, references: list[Reference], window: Window) -> TrackingResult:
+    def _search(self, fit: Alignment, request: TrackingRequest, references: list[Reference], window: Window) -> TrackingResult:
         """Other motions, then features, then a grid of turns, until one fits and is possible."""
         s, newest = self.settings, references[-1]
         T_world_newest = _T_world_keyframe(window, newest.keyframe)
-        guesses = further_guesses(sought.T_expected, sought.T_last, se3.inverse(T_world_newest), sought.dt_s, sought.starting)
-        fit = best_alignment(sought.images, newest, guesses, sought.brightness, fit, T_world_newest, self.cameras, s)
-        failure, tried = self._failure(fit, newest.keyframe, sought, window), 1 + len(guesses)
+        guesses = further_guesses(
+            request.frame.T_predicted, request.T_last, se3.inverse(T_world_newest), request.dt_s, request.starting
+        )
+        fit = best_alignment(request.frame.images, newest, guesses, request.brightness, fit, T_world_newest, self.cameras, s)
+        failure, tried = self._failure(fit, newest.keyframe, request, window), 1 + len(guesses)
         best = TrackingResult(fit, newest.keyframe, failure, tried)
-        uncertain = sought.since_s > LONG_GAP_S or fit.saturated > (SATURATED if sought.starting else GRAVELY_SATURATED)
-        if failure is None and not uncertain and not self._surprises(fit, newest.keyframe, sought, window):
+        uncertain = request.since_s > LONG_GAP_S or fit.saturated > (SATURATED if request.starting else GRAVELY_SATURATED)
+        if failure is None and not uncertain and not self._surprises(fit, newest.keyframe, request, window):
             return best
-        seen = relocalisation.find_features(sought.left)
+        seen = relocalisation.find_features(request.frame.left)
         for index in self._candidates(window)[: 1 if failure is None else None]:
-            found = self._by_features(index, seen, sought, references, window)
-            if found is not None and (failure is not None or found.fit.rms < fit.rms):
-                return TrackingResult(found.fit, found.keyframe, None, tried + 1, found.features)
-        failure = failure or gap_failure(fit, sought.since_s)
+            result = self._by_features(index, seen, request, references, window)
+            if result is not None and (failure is not None or result.fit.rms < fit.rms):
+                return TrackingResult(result.fit, result.keyframe, None, tried + 1, result.features)
+        failure = failure or gap_failure(fit, request.since_s)
         if failure is None:
             return best
-        grid = self._best_of_grid(sought, newest, T_world_newest)
-        fit = best_alignment(sought.images, newest, grid, sought.brightness, fit, T_world_newest, self.cameras, s)
-        failure = self._failure(fit, newest.keyframe, sought, window) or gap_failure(fit, sought.since_s)
+        grid = self._best_of_grid(request, newest, T_world_newest)
+        fit = best_alignment(request.frame.images, newest, grid, request.brightness, fit, T_world_newest, self.cameras, s)
+        failure = self._failure(fit, newest.keyframe, request, window) or gap_failure(fit, request.since_s)
         return TrackingResult(fit, newest.keyframe, failure, tried + len(GRID_TURNS_RAD) * len(GRID_WAYS))
 
     def _aligned(
-        self, sought: TrackingRequest, reference: Reference, T_frame_keyframe: FloatArray, brightness: FloatArray
+        self, request: TrackingRequest, reference: Reference, T_frame_keyframe: FloatArray, brightness: FloatArray
     ) -> Alignment:
         return align(
-            sought.images, reference, T_frame_keyframe, brightness, self.cameras, len(self.cameras) - 1, 0, self.settings
+            request.frame.images, reference, T_frame_keyframe, brightness, self.cameras, len(self.cameras) - 1, 0, self.settings
         )  # fmt: skip
 
     def _failure(
-        self, fit: Alignment, keyframe: int, sought: TrackingRequest, window: Window, min_visible: float | None = None
+        self, fit: Alignment, keyframe: int, request: TrackingRequest, window: Window, min_visible: float | None = None
     ) -> str | None:
         """Why an alignment cannot be believed, or None. A motion that does not go on as it was is believed where the whole image
         agrees: half an image may be a bus that passes."""
         failure = fit_failure(fit, self.settings, min_visible)
-        index = _index_of(window, keyframe)
-        failure = failure or gain_failure(fit, sought.left, window.images.left[window.frames.slot[index]])
+        index = window.index_of(keyframe)
+        failure = failure or gain_failure(fit, request.frame.left, window.images.left[window.frames.slot[index]])
         if failure is not None:
             return failure
-        free = sought.starting or not fits_badly(fit, sought.usual_rms, self.settings)
-        T_cam_world, dt_s = fit.T_frame_keyframe @ window.frames.T_cam_world[index], max(sought.since_s, sought.dt_s)
-        return motion_failure(T_cam_world, sought.T_tracked, None if free else sought.T_expected, dt_s, self.settings)
+        free = request.starting or not fits_badly(fit, request.usual_rms, self.settings)
+        T_cam_world, dt_s = fit.T_frame_keyframe @ window.frames.T_cam_world[index], max(request.since_s, request.dt_s)
+        return motion_failure(T_cam_world, request.T_tracked, None if free else request.frame.T_predicted, dt_s, self.settings)
 
-    def _in_question(self, fit: Alignment, keyframe: int, sought: TrackingRequest, window: Window) -> bool:
+    def _in_question(self, fit: Alignment, keyframe: int, request: TrackingRequest, window: Window) -> bool:
         """Whether more should be tried: the alignment fits badly, cannot be believed, or leads elsewhere than the motion so far."""
-        if is_doubtful(fit, sought, self.settings) or fit_failure(fit, self.settings) is not None:
+        if is_doubtful(fit, request, self.settings) or fit_failure(fit, self.settings) is not None:
             return True
-        keyframe_image = window.images.left[window.frames.slot[_index_of(window, keyframe)]]
-        return gain_failure(fit, sought.left, keyframe_image) is not None or self._surprises(fit, keyframe, sought, window)
+        keyframe_image = window.images.left[window.frames.slot[window.index_of(keyframe)]]
+        return gain_failure(fit, request.frame.left, keyframe_image) is not None or self._surprises(fit, keyframe, request, window)
 
-    def _surprises(self, fit: Alignment, keyframe: int, sought: TrackingRequest, window: Window) -> bool:
+    def _surprises(self, fit: Alignment, keyframe: int, request: TrackingRequest, window: Window) -> bool:
         """Whether an alignment, right or not, leads away from where constant motion does."""
-        T_cam_world, dt_s = fit.T_frame_keyframe @ window.frames.T_cam_world[_index_of(window, keyframe)], sought.since_s
-        return motion_failure(T_cam_world, sought.T_tracked, sought.T_expected, max(dt_s, sought.dt_s), self.settings) is not None
+        T_cam_world, dt_s = fit.T_frame_keyframe @ window.frames.T_cam_world[window.index_of(keyframe)], request.since_s
+        return (
+            motion_failure(T_cam_world, request.T_tracked, request.frame.T_predicted, max(dt_s, request.dt_s), self.settings)
+            is not None
+        )
 
     def _candidates(self, window: Window) -> range:
         """Places in the window of the keyframes to be looked for, newest first; features of others are forgotten."""
@@ -241,23 +244,25 @@ class Recovery:
         return range(len(window) - 1, max(-1, len(window) - 2 - OLDER_KEYFRAMES), -1)
 
     def _by_features(
-        self, index: int, seen: relocalisation.Features, sought: TrackingRequest, references: list[Reference], window: Window
+        self, index: int, seen: relocalisation.Features, request: TrackingRequest, references: list[Reference], window: Window
     ) -> TrackingResult | None:
         """The alignment with keyframe `index` of the window to which features lead; None where it fails or leads elsewhere."""
         row, slot = int(window.keyframe[index]), window.frames.slot[index]
         if row not in self.landmarks:
             left, right = window.images.left[slot], window.images.right[slot]
-            self.landmarks[row] = relocalisation.landmarks(left, right, self.stereo_rig, float(window.delta[0]), self.settings)
+            self.landmarks[row] = relocalisation.landmarks(
+                left, right, self.stereo_rig, float(window.disparity_bias[0]), self.settings
+            )
         sighting = relocalisation.sight(self.landmarks[row], seen, self.stereo_rig.camera.K)
         if sighting is None or not sighting.decisive:
             return None
         reference = next((r for r in references if r.keyframe == row), None) or self._reference(window, index)
         top = min(2, len(self.cameras) - 1)
         fit = align(
-            sought.images, reference, sighting.T_frame_keyframe, sighting.brightness, self.cameras, top, 0, self.settings
+            request.frame.images, reference, sighting.T_frame_keyframe, sighting.brightness, self.cameras, top, 0, self.settings
         )  # fmt: skip
         min_visible = VISIBLE_BESIDE_FEATURES if sighting.inliers >= MANY_FEATURES else None
-        if self._failure(fit, row, sought, window, min_visible) is not None or not _agree(fit, sighting):
+        if self._failure(fit, row, request, window, min_visible) is not None or not _agree(fit, sighting):
             return None
         return TrackingResult(fit, row, None, 1, sighting.inliers)
 
@@ -266,16 +271,18 @@ class Recovery:
         images = pyramid.build(window.images.left[window.frames.slot[index]], len(self.cameras))
         return make_reference(window, index, images, self.cameras, self.rig, self.settings.border)
 
-    def _best_of_grid(self, sought: TrackingRequest, reference: Reference, T_world_keyframe: FloatArray) -> list[FloatArray]:
+    def _best_of_grid(self, request: TrackingRequest, reference: Reference, T_world_keyframe: FloatArray) -> list[FloatArray]:
         """The turned guesses that fit best on the coarsest levels, T_cam_world (4, 4) each."""
         top = len(self.cameras) - 1
-        found: list[tuple[float, int, FloatArray]] = []
-        for T_guess in turned_guesses(sought.T_expected, sought.T_last):
+        fits: list[tuple[float, int, FloatArray]] = []
+        for T_guess in turned_guesses(request.frame.T_predicted, request.T_last):
             T = T_guess @ T_world_keyframe
-            coarse = align(sought.images, reference, T, sought.brightness, self.cameras, top, max(top - 1, 0), self.settings)
+            coarse = align(
+                request.frame.images, reference, T, request.brightness, self.cameras, top, max(top - 1, 0), self.settings
+            )
             if fit_failure(coarse, self.settings) is None:
-                found.append((coarse.rms, len(found), coarse.T_frame_keyframe @ se3.inverse(T_world_keyframe)))
-        return [T for _, _, T in sorted(found, key=lambda item: item[:2])[:GRID_KEPT]]
+                fits.append((coarse.rms, len(fits), coarse.T_frame_keyframe @ se3.inverse(T_world_keyframe)))
+        return [T for _, _, T in sorted(fits, key=lambda item: item[:2])[:GRID_KEPT]]
 
 
 def _agree(fit: Alignment, sighting: relocalisation.Sighting) -> bool:
@@ -286,11 +293,6 @@ def _agree(fit: Alignment, sighting: relocalisation.Sighting) -> bool:
     return near and float(np.linalg.norm(difference[3:])) < TRUSTED_TURN_RAD
 
 
-def _index_of(window: Window, keyframe: int) -> int:
-    """Place in the window of a keyframe by its row in the result."""
-    return int(np.flatnonzero(window.keyframe == keyframe)[0])
-
-
 def _T_world_keyframe(window: Window, keyframe: int) -> FloatArray:
     """(4, 4) of a keyframe in the window by its row in the result."""
-    return np.asarray(se3.inverse(window.frames.T_cam_world[_index_of(window, keyframe)]))
+    return np.asarray(se3.inverse(window.frames.T_cam_world[window.index_of(keyframe)]))

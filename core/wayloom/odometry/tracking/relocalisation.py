@@ -1,5 +1,6 @@
-"""Finding a lost frame by its features: SIFT (Lowe 2004) matches with a keyframe whose stereo pair gives them depth, and the pose
-by P3P inside of RANSAC. Only lost or doubtful frames come here; the direct alignment has the last word on what is found.
+"""Relocalisation of lost frames: SIFT matches (Lowe 2004) with a keyframe whose stereo pair gives them depth, P3P in RANSAC.
+
+Only lost or doubtful frames come here; the direct alignment has the last word on what is found.
 
 The result depends on nothing but the images: OpenCV's RANSAC draws from a generator with a fixed seed.
 """

@@ -1,1 +1,1 @@
-"""Published weights to ONNX: what `wayloom models convert` does, and nothing else in wayloom."""
+"""Conversion of published weights to ONNX, used by `wayloom models convert` alone."""

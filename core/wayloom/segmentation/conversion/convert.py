@@ -1,16 +1,15 @@
-"""One file of published weights to an ONNX file with its description beside it."""
+"""Conversion of one file of published weights to an ONNX file with its description."""
 
 import hashlib
-import json
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from wayloom.config.toml_text import toml_text
 from wayloom.errors import ModelError
 from wayloom.files.atomic import write_atomically
-from wayloom.segmentation.conversion.efficientvit import build_efficientvit_b0
 from wayloom.segmentation.conversion.state_dict import Tensors, read_state_dict
 from wayloom.segmentation.description import read_description
 from wayloom.segmentation.network import Network
@@ -18,9 +17,9 @@ from wayloom.segmentation.network import Network
 
 @dataclass(frozen=True, slots=True)
 class Conversion:
-    """How the weights of one kind of network become ONNX: build makes the file; the rest is its description."""
+    """How the weights of one kind of network become ONNX: build() gives what makes the file; the rest is its description."""
 
-    build: Callable[[Tensors], bytes]
+    build: Callable[[], Callable[[Tensors], bytes]]
     title: str
     licence: str
     source: str
@@ -28,9 +27,20 @@ class Conversion:
     zoom: float
 
 
+def _efficientvit_b0() -> Callable[[Tensors], bytes]:
+    """Raises ModelError where the package onnx is not installed: only who converts needs it."""
+    try:
+        from wayloom.segmentation.conversion.efficientvit import build_efficientvit_b0
+    except ModuleNotFoundError as error:
+        if error.name != "onnx":
+            raise
+        raise ModelError("the package onnx is not installed", remedy="pip install 'wayloom[convert]'") from None
+    return build_efficientvit_b0
+
+
 CONVERSIONS: Final[dict[str, Conversion]] = {
     "efficientvit-b0": Conversion(
-        build_efficientvit_b0,
+        _efficientvit_b0,
         title="EfficientViT-B0 (Cai et al., ICCV 2023), made ONNX by `wayloom models convert`; colour",
         licence="Apache-2.0 (trained on Cityscapes, whose own terms are for non-commercial research)",
         source="han-cai/efficientvit-seg on Hugging Face, by the authors at mit-han-lab",
@@ -40,20 +50,27 @@ CONVERSIONS: Final[dict[str, Conversion]] = {
 }
 
 
+def builder_of(name: str) -> Callable[[Tensors], bytes]:
+    """What makes an ONNX file of the weights of a network. Raises ModelError for an unknown name and without the package onnx."""
+    if name not in CONVERSIONS:
+        raise ModelError(f"cannot convert {name!r}", remedy=f"known are {', '.join(CONVERSIONS)}")
+    return CONVERSIONS[name].build()
+
+
 def convert(name: str, weights: Path, out: Path) -> Path:
     """Write the ONNX file `out` and its TOML beside it, and return the TOML's path. The same weights give the same bytes.
 
     The network is loaded and tried before anything is put in place.
-    Raises ModelError for an unknown name, for weights that are not this network's, and where `out` is no .onnx file.
+    Raises ModelError for an unknown name, without the package onnx, for weights that are not this network's, and where `out` is no
+    .onnx file.
     """
-    if name not in CONVERSIONS:
-        raise ModelError(f"cannot convert {name!r}", remedy=f"known are {', '.join(CONVERSIONS)}")
+    build = builder_of(name)
     if out.suffix != ".onnx":
         raise ModelError("is no name of an ONNX file", file=out, remedy="end it in .onnx")
     if not out.parent.is_dir():
         raise ModelError("no such folder", file=out.parent, remedy="make it first")
     try:
-        data = CONVERSIONS[name].build(read_state_dict(weights))
+        data = build(read_state_dict(weights))
     except ModelError as error:
         raise error if error.file else ModelError(str(error), file=weights) from error
     toml = out.with_suffix(".toml")
@@ -76,7 +93,7 @@ def _description(kind: Conversion, out: Path, digest: str) -> str:
     stem = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in out.stem).lstrip("._-") or "network"
     return f'''name = "{stem}"
 title = "{kind.title}"
-file = {_toml_string(out.name)}
+file = {toml_text(out.name)}
 sha256 = "{digest}"
 licence = "{kind.licence}"
 source = "{kind.source}"
@@ -90,8 +107,3 @@ zoom = {kind.zoom}
 output = "logits"
 colour = true
 '''
-
-
-def _toml_string(text: str) -> str:
-    """A TOML basic string: like JSON's, in which every control character is escaped."""
-    return json.dumps(text, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""EfficientViT-B0 for segmentation, from its published weights.
+"""EfficientViT-B0 for semantic segmentation as an ONNX graph of its published weights.
 
 Cai, Li, Hu, Gan, Han: EfficientViT: Multi-Scale Linear Attention for High-Resolution Dense Prediction, ICCV 2023.
 

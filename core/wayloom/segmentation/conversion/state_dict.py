@@ -1,4 +1,4 @@
-"""The tensors of a PyTorch file, without PyTorch and without running what a pickle may ask for.
+"""Reader of PyTorch state dicts without PyTorch, with a restricted unpickler.
 
 A `.pt` file is a zip archive: `NAME/data.pkl`, a pickle that says how tensors lie in storages, and `NAME/data/KEY`, the bytes of
 each storage. Here the pickle may call two things only, the rebuilding of a tensor and an ordered dictionary; whatever else it names

@@ -1,4 +1,4 @@
-"""Logits to the few likeliest classes of each cell."""
+"""Top-k class scores of each cell from logits."""
 
 import numpy as np
 from numba import njit

@@ -1,4 +1,4 @@
-"""Logits at a stride to classes at full resolution."""
+"""Bilinear upsampling of logits with arg max at full resolution."""
 
 import numpy as np
 from numba import njit

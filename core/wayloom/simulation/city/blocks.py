@@ -1,4 +1,4 @@
-"""What stands in a block and along its kerbs."""
+"""City blocks by land use: buildings, gardens, parks and squares between the streets."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ import numpy as np
 
 from wayloom.config.classes import CLASS_ID
 from wayloom.simulation.city import buildings, furniture, ground, kerbside
+from wayloom.simulation.city.block_context import BlockContext, SignalFace
 from wayloom.simulation.city.buildings import Footprint
 from wayloom.simulation.city.city_settings import CitySettings
 from wayloom.simulation.city.ground import KERB_M
-from wayloom.simulation.city.numbering import first_number
+from wayloom.simulation.city.instance_ids import first_number
 from wayloom.simulation.city.objects import Change, TrueObject
-from wayloom.simulation.city.site import SignalFace, Site
 from wayloom.simulation.city.streets import F64, ISLAND_M, StreetGraph
 from wayloom.simulation.models import vegetation
 from wayloom.simulation.models.catalogue import Models
@@ -36,8 +36,8 @@ STAGES = (
 )
 
 
-class Kind(Enum):
-    """What a block is built up with."""
+class LandUse(Enum):
+    """Land use of a block."""
 
     DENSE = 0
     GARDENS = 1
@@ -45,16 +45,16 @@ class Kind(Enum):
     SQUARE = 3
 
 
-KINDS_TILE = 4
-KINDS = (Kind.DENSE,) * 9 + (Kind.GARDENS,) * 4 + (Kind.PARK,) * 2 + (Kind.SQUARE,)
+LAND_USE_TILE = 4
+LAND_USES = (LandUse.DENSE,) * 9 + (LandUse.GARDENS,) * 4 + (LandUse.PARK,) * 2 + (LandUse.SQUARE,)
 
 
 FACADE_CHANGES_EVERY = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Built:
-    """A block over flat ground: its triangles, its objects, what changed in it, its signals' faces."""
+class BuiltBlock:
+    """A block over flat ground: triangles, objects, changes against the unchanged city, signal faces."""
 
     mesh: Mesh
     objects: tuple[TrueObject, ...]
@@ -62,13 +62,13 @@ class Built:
     faces: tuple[SignalFace, ...]
 
 
-def kind_of(settings: CitySettings, block: int) -> Kind:
-    """What a block is built up with: of every KINDS_TILE x KINDS_TILE blocks the same mixture, in another order each."""
+def land_use(settings: CitySettings, block: int) -> LandUse:
+    """Land use of a block: all LAND_USE_TILE x LAND_USE_TILE groups hold the same mixture, each in another order."""
     if settings.hard:
-        return Kind.DENSE
+        return LandUse.DENSE
     row, column = divmod(block, settings.columns - 1)
-    order = np.random.default_rng([settings.seed, 1, row // KINDS_TILE, column // KINDS_TILE]).permutation(len(KINDS))
-    return KINDS[order[row % KINDS_TILE * KINDS_TILE + column % KINDS_TILE]]
+    order = np.random.default_rng([settings.seed, 1, row // LAND_USE_TILE, column // LAND_USE_TILE]).permutation(len(LAND_USES))
+    return LAND_USES[order[row % LAND_USE_TILE * LAND_USE_TILE + column % LAND_USE_TILE]]
 
 
 def verges(settings: CitySettings, block: int) -> tuple[bool, ...]:
@@ -77,167 +77,169 @@ def verges(settings: CitySettings, block: int) -> tuple[bool, ...]:
 
 
 def _stream(settings: CitySettings, block: int, stage: int) -> np.random.Generator:
-    """The random numbers of one stage of one block; of a hard city's blocks all are the same."""
+    """Random stream of one stage of one block; in a hard city the same for all blocks."""
     return np.random.default_rng([settings.seed, 2, 0 if settings.hard else block, stage])
 
 
-def build_block(settings: CitySettings, graph: StreetGraph, models: Models, block: int, coarse: bool = False) -> Built:
-    """Everything in a block and along its kerbs. coarse: as it is seen from afar, without vehicles and furniture."""
-    fates = np.random.default_rng([settings.seed, 20, block]) if settings.changed else None
-    repaint = fates if block % FACADE_CHANGES_EVERY == settings.seed % FACADE_CHANGES_EVERY else None
+def build_block(settings: CitySettings, graph: StreetGraph, models: Models, block: int, coarse: bool = False) -> BuiltBlock:
+    """Build a block and its kerbside. coarse: the level of detail for far views, without vehicles and furniture."""
+    change_rng = np.random.default_rng([settings.seed, 20, block]) if settings.changed else None
+    repaint = change_rng if block % FACADE_CHANGES_EVERY == settings.seed % FACADE_CHANGES_EVERY else None
     m, shape = MeshBuilder(coarse), graph.shape(block)
-    site = Site(m, graph, shape, models, _stream(settings, block, STANDING), first_number(settings, block), fates, repaint)
-    kind, strips = kind_of(settings, block), verges(settings, block)
+    context = BlockContext(
+        m, graph, shape, models, _stream(settings, block, STANDING), first_number(settings, block), change_rng, repaint
+    )
+    kind, strips = land_use(settings, block), verges(settings, block)
     clear = [(graph.clear_m(a, b), graph.clear_m(b, a)) for a, b in shape.edges()]
     for k in range(len(shape.nodes)):
         ground.half_street(m, shape, k, clear[k])
         ground.junction(m, shape, k, clear[k][0], clear[k - 1][1])
         ground.kerb_and_sidewalk(m, shape, k, strips[k])
-    square = kind is Kind.SQUARE
+    square = kind is LandUse.SQUARE
     ground.yard(m, shape, Material.COBBLES if square else Material.LAWN, CLASS_ID["sidewalk" if square else "terrain"])
-    {Kind.DENSE: _dense, Kind.GARDENS: _gardens, Kind.PARK: _park, Kind.SQUARE: _square}[kind](site)
-    _roundabouts(site)
+    {LandUse.DENSE: _dense, LandUse.GARDENS: _gardens, LandUse.PARK: _park, LandUse.SQUARE: _square}[kind](context)
+    _roundabouts(context)
     ground.underlay(m, *shape.middle)
-    _outskirts(site, np.random.default_rng([settings.seed, 3, block]))
+    _outskirts(context, np.random.default_rng([settings.seed, 3, block]))
     if not coarse:
         for stage, build in STAGES:
-            site.rng = _stream(settings, block, stage)
+            context.rng = _stream(settings, block, stage)
             for k in range(len(shape.nodes)):
-                build(site, k, clear[k])
-    return Built(m.build(), tuple(site.objects), tuple(site.changes), tuple(site.faces))
+                build(context, k, clear[k])
+    return BuiltBlock(m.build(), tuple(context.objects), tuple(context.changes), tuple(context.faces))
 
 
-def _lots(site: Site, k: int, trimmed_m: float) -> list[tuple[F64, F64]]:
+def _lots(context: BlockContext, k: int, trimmed_m: float) -> list[tuple[F64, F64]]:
     """The back line of sidewalk k cut into lots, leaving trimmed_m free at both ends."""
-    shape = site.shape
+    shape = context.shape
     a, b = shape.back[k]
     length = float(np.hypot(*(b - a)))
     at_start, at_end = (max(0.0, trimmed_m - CHAMFER_M) if shape.roundabout[n % 4] else trimmed_m for n in (k, k + 1))
     d, s, end, lots = (b - a) / length, at_start, length - at_end, []
     while s < end - 4:
-        width = min(site.rng.uniform(*LOT_M), end - s)
+        width = min(context.rng.uniform(*LOT_M), end - s)
         width = end - s if end - s - width < 6 else width
         lots.append((a + d * s, a + d * (s + width)))
         s += width
     return lots
 
 
-def _dense(site: Site) -> None:
+def _dense(context: BlockContext) -> None:
     """Closed rows of town houses, with a gap here and there."""
-    for k in range(len(site.shape.nodes)):
-        storeys = int(site.rng.integers(2, 5))
-        for p, q in _lots(site, k, 0.0 if k % 2 == 0 else HOUSE_DEPTH_M + 1):
+    for k in range(len(context.shape.nodes)):
+        storeys = int(context.rng.integers(2, 5))
+        for p, q in _lots(context, k, 0.0 if k % 2 == 0 else HOUSE_DEPTH_M + 1):
             d = q - p
             inward = np.array([-d[1], d[0]]) / np.hypot(*d)
-            chance = site.rng.random()
+            chance = context.rng.random()
             if chance < 0.84:
-                back = inward * (0.0 if site.rng.random() < 0.6 else site.rng.uniform(0.2, 1.5))
-                floors = int(np.clip(storeys + site.rng.integers(-1, 2), 1, 5))
-                _house(site, buildings.town_house, Footprint(p + back, q + back, HOUSE_DEPTH_M), floors)
+                back = inward * (0.0 if context.rng.random() < 0.6 else context.rng.uniform(0.2, 1.5))
+                floors = int(np.clip(storeys + context.rng.integers(-1, 2), 1, 5))
+                _house(context, buildings.town_house, Footprint(p + back, q + back, HOUSE_DEPTH_M), floors)
             else:
-                _boundary(site, p, q)
-                middle = (p + q) / 2 + inward * site.rng.uniform(3, 6)
-                _tree(site, middle, site.rng.uniform(1.1, 1.7))
+                _boundary(context, p, q)
+                middle = (p + q) / 2 + inward * context.rng.uniform(3, 6)
+                _tree(context, middle, context.rng.uniform(1.1, 1.7))
 
 
-def _gardens(site: Site) -> None:
+def _gardens(context: BlockContext) -> None:
     """Detached houses behind hedges, fences and walls."""
-    for k in range(len(site.shape.nodes)):
-        for p, q in _lots(site, k, 0.0 if k % 2 == 0 else 18.0):
+    for k in range(len(context.shape.nodes)):
+        for p, q in _lots(context, k, 0.0 if k % 2 == 0 else 18.0):
             d = (q - p) / np.hypot(*(q - p))
             inward, width = np.array([-d[1], d[0]]), float(np.hypot(*(q - p)))
-            garden, side = site.rng.uniform(*GARDEN_M), site.rng.uniform(0.6, 1.6)
+            garden, side = context.rng.uniform(*GARDEN_M), context.rng.uniform(0.6, 1.6)
             front = (p + d * side + inward * garden, q - d * side + inward * garden)
             if width > 8:
-                foot = Footprint(*front, site.rng.uniform(8.5, 11.0))
-                _house(site, buildings.detached_house, foot, int(site.rng.integers(1, 3)))
-            _boundary(site, p, q)
-            for _ in range(site.rng.integers(0, 3)):
-                at = p + d * site.rng.uniform(0.1, 0.9) * width + inward * site.rng.uniform(0.8, garden - 0.8)
-                vegetation.bush(site.m, site.rng, at[0], at[1], site.number(), site.rng.uniform(0.8, 1.6))
-            if site.rng.random() < 0.55:
-                _tree(site, p + d * side * 0.5 + inward * (garden + 1), site.rng.uniform(0.8, 1.3))
+                foot = Footprint(*front, context.rng.uniform(8.5, 11.0))
+                _house(context, buildings.detached_house, foot, int(context.rng.integers(1, 3)))
+            _boundary(context, p, q)
+            for _ in range(context.rng.integers(0, 3)):
+                at = p + d * context.rng.uniform(0.1, 0.9) * width + inward * context.rng.uniform(0.8, garden - 0.8)
+                vegetation.bush(context.m, context.rng, at[0], at[1], context.number(), context.rng.uniform(0.8, 1.6))
+            if context.rng.random() < 0.55:
+                _tree(context, p + d * side * 0.5 + inward * (garden + 1), context.rng.uniform(0.8, 1.3))
 
 
-def _boundary(site: Site, p: F64, q: F64) -> None:
-    """A hedge, a fence or a wall along the back of the sidewalk."""
-    chance, number = site.rng.random(), site.number()
+def _boundary(context: BlockContext, p: F64, q: F64) -> None:
+    """A hedge, fence or wall along the back of the sidewalk."""
+    chance, number = context.rng.random(), context.number()
     if chance < 0.36:
-        vegetation.hedge(site.m, site.rng, p, q, number, site.rng.uniform(0.9, 1.9))
+        vegetation.hedge(context.m, context.rng, p, q, number, context.rng.uniform(0.9, 1.9))
     elif chance < 0.68:
-        furniture.fence(site.m, p, q, number, site.rng)
+        furniture.fence(context.m, p, q, number, context.rng)
     else:
-        furniture.garden_wall(site.m, p, q, number, site.rng)
+        furniture.garden_wall(context.m, p, q, number, context.rng)
 
 
-def _inside(site: Site) -> F64:
+def _inside(context: BlockContext) -> F64:
     """A random place (2,) within the block, away from its edges."""
-    weights = site.rng.dirichlet(np.full(len(site.shape.inner), 0.8))
-    return np.asarray(0.88 * (weights @ site.shape.inner) + 0.12 * site.shape.inner.mean(axis=0))
+    weights = context.rng.dirichlet(np.full(len(context.shape.inner), 0.8))
+    return np.asarray(0.88 * (weights @ context.shape.inner) + 0.12 * context.shape.inner.mean(axis=0))
 
 
-def _park(site: Site) -> None:
+def _park(context: BlockContext) -> None:
     """Trees and bushes on a lawn, a low fence, wall or hedge around it."""
-    for k in range(len(site.shape.nodes)):
-        for p, q in _lots(site, k, 1.0):
-            if site.rng.random() < 0.6:
-                _boundary(site, p, q)
+    for k in range(len(context.shape.nodes)):
+        for p, q in _lots(context, k, 1.0):
+            if context.rng.random() < 0.6:
+                _boundary(context, p, q)
     for _ in range(26):
-        _tree(site, _inside(site), site.rng.uniform(1.1, 2.0))
+        _tree(context, _inside(context), context.rng.uniform(1.1, 2.0))
     for _ in range(24):
-        x, y = _inside(site)
-        vegetation.bush(site.m, site.rng, x, y, site.number(), site.rng.uniform(0.8, 2.0))
+        x, y = _inside(context)
+        vegetation.bush(context.m, context.rng, x, y, context.number(), context.rng.uniform(0.8, 2.0))
 
 
-def _square(site: Site) -> None:
+def _square(context: BlockContext) -> None:
     """A paved square with a ring of trees, a hall in its middle, shelters and bollards."""
-    inner, centre = site.shape.inner, site.shape.inner.mean(axis=0)
+    inner, centre = context.shape.inner, context.shape.inner.mean(axis=0)
     for share in (0.75, 0.9):
         loop = centre + (inner - centre) * share
         for k in range(len(loop)):
             a, b = loop[k], loop[(k + 1) % len(loop)]
             for s in np.arange(0.08, 1.0, 0.16):
-                _tree(site, a + (b - a) * s, site.rng.uniform(0.9, 1.3))
+                _tree(context, a + (b - a) * s, context.rng.uniform(0.9, 1.3))
     p, q = centre + np.array([-9, -5]), centre + np.array([9, -5])
-    _house(site, buildings.town_house, Footprint(p, q, HOUSE_DEPTH_M), 2)
+    _house(context, buildings.town_house, Footprint(p, q, HOUSE_DEPTH_M), 2)
 
 
 HouseBuilder = Callable[[MeshBuilder, Footprint, int, int, np.random.Generator, np.random.Generator | None], None]
 
 
-def _house(site: Site, build: HouseBuilder, foot: Footprint, floors: int) -> None:
+def _house(context: BlockContext, build: HouseBuilder, foot: Footprint, floors: int) -> None:
     """A house; in some blocks of a changed city the first one has another facade."""
-    number = site.number()
-    build(site.m, foot, floors, number, site.rng, site.repaint)
-    if site.repaint is not None:
+    number = context.number()
+    build(context.m, foot, floors, number, context.rng, context.repaint)
+    if context.repaint is not None:
         middle = (foot.p + foot.q) / 2
-        site.changes.append(Change("altered", CLASS_ID["building"], number, np.array([*middle, KERB_M])))
-        site.repaint = None
+        context.changes.append(Change("altered", CLASS_ID["building"], number, np.array([*middle, KERB_M])))
+        context.repaint = None
 
 
-def _tree(site: Site, at: F64, big: float) -> None:
+def _tree(context: BlockContext, at: F64, big: float) -> None:
     """A broad tree, or now and then a conifer."""
-    plant = vegetation.conifer if site.rng.random() < 0.14 else vegetation.broadleaf
-    plant(site.m, site.rng, at[0], at[1], site.number(), big)
+    plant = vegetation.conifer if context.rng.random() < 0.14 else vegetation.broadleaf
+    plant(context.m, context.rng, at[0], at[1], context.number(), big)
 
 
-def _roundabouts(site: Site) -> None:
-    """What stands on a roundabout's island; each is looked after by the block north-east of it, and its signs by all four."""
-    for k, node in enumerate(site.shape.middle):
-        if not site.shape.roundabout[k]:
+def _roundabouts(context: BlockContext) -> None:
+    """Objects on a roundabout's island; the block north-east of it builds the island's, all four build its signs."""
+    for k, node in enumerate(context.shape.middle):
+        if not context.shape.roundabout[k]:
             continue
-        d, inward, _ = site.shape.edge(k)
-        kerbside.sign(site, node + d * (ISLAND_M - 0.5) + inward * 0.9, d, 4)
+        d, inward, _ = context.shape.edge(k)
+        kerbside.sign(context, node + d * (ISLAND_M - 0.5) + inward * 0.9, d, 4)
         if k == 0:
-            buildings.monument(site.m, node, site.number())
-            for angle in np.arange(5) * 2 * np.pi / 5 + site.rng.random():
+            buildings.monument(context.m, node, context.number())
+            for angle in np.arange(5) * 2 * np.pi / 5 + context.rng.random():
                 x, y = node + 4.3 * np.array([np.cos(angle), np.sin(angle)])
-                vegetation.bush(site.m, site.rng, float(x), float(y), site.number(), 1.1)
+                vegetation.bush(context.m, context.rng, float(x), float(y), context.number(), 1.1)
 
 
-def _outskirts(site: Site, rng: np.random.Generator) -> None:
+def _outskirts(context: BlockContext, rng: np.random.Generator) -> None:
     """Beyond the city's outermost streets: the other half of the carriageway, a meadow and a belt of trees."""
-    shape, graph = site.shape, site.graph
+    shape, graph = context.shape, context.graph
     for k, (a, b) in enumerate(shape.edges()):
         if not graph.is_outer(a, b):
             continue
@@ -245,8 +247,8 @@ def _outskirts(site: Site, rng: np.random.Generator) -> None:
         p, q = shape.middle[k], shape.middle[(k + 1) % 4]
         reach_p, reach_q = (SURROUNDINGS_M if k % 2 == 0 and graph.is_corner(n) else 0.0 for n in (a, b))
         out = -inward * SURROUNDINGS_M
-        ground.underlay(site.m, p - d * reach_p + out, q + d * reach_q + out, q + d * reach_q, p - d * reach_p)
-        ground.far_half(site.m, p, q, inward)
+        ground.underlay(context.m, p - d * reach_p + out, q + d * reach_q + out, q + d * reach_q, p - d * reach_p)
+        ground.far_half(context.m, p, q, inward)
         for _ in range(int((length + reach_p + reach_q) * TREES_PER_M_OF_BORDER)):
             x, y = p + d * rng.uniform(-reach_p, length + reach_q) - inward * rng.uniform(14, 40)
-            vegetation.broadleaf(site.m, rng, float(x), float(y), site.number(), rng.uniform(1.4, 2.2))
+            vegetation.broadleaf(context.m, rng, float(x), float(y), context.number(), rng.uniform(1.4, 2.2))

@@ -1,4 +1,4 @@
-"""Buildings: town houses in rows, and detached houses with gardens."""
+"""Procedural buildings: town houses in rows, and detached houses with gardens."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -8,7 +8,7 @@ import numpy as np
 from wayloom.config.classes import CLASS_ID
 from wayloom.simulation.city.streets import F64
 from wayloom.simulation.models.mesh import MeshBuilder
-from wayloom.simulation.models.solids import box, tube
+from wayloom.simulation.models.solids import Appearance, box, tube
 from wayloom.simulation.textures.materials import FACADES, Material
 from wayloom.simulation.textures.paint_facades import BAY_M, BAYS, FLOOR_M, FLOORS
 
@@ -77,7 +77,6 @@ def _gable_roof(
     foot: Footprint,
     eaves: float,
     rise: float,
-    wall: Material,
     tint: F64,
     roof_tint: F64,
     number: int,
@@ -102,9 +101,7 @@ def _gable_roof(
             m,
             (-0.35, -0.3, eaves + rise - 0.8),
             (0.35, 0.3, eaves + rise + 0.9),
-            Material.BRICK,
-            BUILDING,
-            number,
+            Appearance(Material.BRICK, BUILDING, number),
             metres=1.0,
             at=(x, y),
             yaw=foot.yaw,
@@ -113,7 +110,14 @@ def _gable_roof(
         for share in rng.uniform(0.15, 0.8, rng.integers(0, 3)):
             _dormer(m, foot, eaves, rise, share, tint, number)
     gutter = (wide[0] + foot.inward * 0.05, wide[1] + foot.inward * 0.05)
-    tube(m, (*gutter[0], eaves - drop), (*gutter[1], eaves - drop), (0.07, 0.07), Material.METAL, BUILDING, number, sides=5)
+    tube(
+        m,
+        (*gutter[0], eaves - drop),
+        (*gutter[1], eaves - drop),
+        (0.07, 0.07),
+        Appearance(Material.METAL, BUILDING, number),
+        sides=5,
+    )
 
 
 def _dormer(m: MeshBuilder, foot: Footprint, eaves: float, rise: float, share: float, tint: F64, number: int) -> None:
@@ -121,9 +125,30 @@ def _dormer(m: MeshBuilder, foot: Footprint, eaves: float, rise: float, share: f
     depth = foot.depth_m
     at = foot.p + foot.along * foot.width_m * share + foot.inward * depth * 0.14
     low, high = eaves + rise * 0.22, eaves + rise * 0.22 + 1.35
-    box(m, (0, 0, low), (1.5, depth * 0.3, high), Material.CONCRETE, BUILDING, number, tint * 1.3, at=(at[0], at[1]), yaw=foot.yaw)
-    box(m, (0.25, -0.04, low + 0.25), (1.25, 0, high - 0.15), Material.GLASS, BUILDING, number, at=(at[0], at[1]), yaw=foot.yaw)
-    box(m, (-0.15, -0.2, high), (1.65, depth * 0.3, high + 0.12), Material.METAL, BUILDING, number, at=(at[0], at[1]), yaw=foot.yaw)
+    box(
+        m,
+        (0, 0, low),
+        (1.5, depth * 0.3, high),
+        Appearance(Material.CONCRETE, BUILDING, number, tint * 1.3),
+        at=(at[0], at[1]),
+        yaw=foot.yaw,
+    )
+    box(
+        m,
+        (0.25, -0.04, low + 0.25),
+        (1.25, 0, high - 0.15),
+        Appearance(Material.GLASS, BUILDING, number),
+        at=(at[0], at[1]),
+        yaw=foot.yaw,
+    )
+    box(
+        m,
+        (-0.15, -0.2, high),
+        (1.65, depth * 0.3, high + 0.12),
+        Appearance(Material.METAL, BUILDING, number),
+        at=(at[0], at[1]),
+        yaw=foot.yaw,
+    )
 
 
 def _balconies(m: MeshBuilder, foot: Footprint, first_z: float, floors: int, number: int, rng: np.random.Generator) -> None:
@@ -139,16 +164,21 @@ def _balconies(m: MeshBuilder, foot: Footprint, first_z: float, floors: int, num
         for b in chosen:
             at = foot.p + foot.along * (pitch * b + pitch / 2 - 1.15)
             place = (float(at[0]), float(at[1]))
-            box(m, (0, -1.1, z), (2.3, 0, z + 0.16), Material.CONCRETE, BUILDING, number, bottom=True, at=place, yaw=foot.yaw)
+            box(
+                m,
+                (0, -1.1, z),
+                (2.3, 0, z + 0.16),
+                Appearance(Material.CONCRETE, BUILDING, number),
+                at=place,
+                yaw=foot.yaw,
+                bottom=True,
+            )
             if solid:
                 box(
                     m,
                     (0, -1.1, z + 0.16),
                     (2.3, -1.04, z + 1.0),
-                    Material.CONCRETE,
-                    BUILDING,
-                    number,
-                    (1.3, 1.3, 1.25),
+                    Appearance(Material.CONCRETE, BUILDING, number, (1.3, 1.3, 1.25)),
                     at=place,
                     yaw=foot.yaw,
                 )
@@ -198,19 +228,16 @@ def town_house(
         m,
         (-0.02, -0.28, top - 0.32),
         (foot.width_m + 0.02, 0.0, top),
-        Material.CONCRETE,
-        BUILDING,
-        number,
-        tint * 1.2,
+        Appearance(Material.CONCRETE, BUILDING, number, tint * 1.2),
         at=(foot.p[0], foot.p[1]),
         yaw=foot.yaw,
         bottom=True,
     )
     pipe = foot.p + foot.along * 0.2 + out * 0.07
-    tube(m, (*pipe, 0.0), (*pipe, top), (0.05, 0.05), Material.METAL, BUILDING, number, sides=5)
+    tube(m, (*pipe, 0.0), (*pipe, top), (0.05, 0.05), Appearance(Material.METAL, BUILDING, number), sides=5)
     if rng.random() < 0.7:
         roof_tint = rng.uniform(0.6, 1.15) * np.array([1.0, rng.uniform(0.9, 1.6), rng.uniform(0.9, 2.0)])
-        _gable_roof(m, foot, top, foot.depth_m * rng.uniform(0.25, 0.42), style, tint, roof_tint, number, rng)
+        _gable_roof(m, foot, top, foot.depth_m * rng.uniform(0.25, 0.42), tint, roof_tint, number, rng)
     else:
         c = foot.corners()
         uv = [(0, 0), (foot.width_m / 4, 0), (foot.width_m / 4, foot.depth_m / 4), (0, foot.depth_m / 4)]
@@ -222,7 +249,7 @@ def _door(m: MeshBuilder, foot: Footprint, offset: float, number: int) -> None:
     a = foot.p + foot.along * offset - foot.inward * 0.03
     b = a + foot.along * 1.15
     m.quads([[(*a, 0.25), (*b, 0.25), (*b, 2.55), (*a, 2.55)]], [[(0, 1), (1, 1), (1, 0), (0, 0)]], Material.DOOR, BUILDING, number)
-    box(m, (-0.2, -0.45, -0.1), (1.35, 0.0, 0.25), Material.CONCRETE, BUILDING, number, at=(a[0], a[1]), yaw=foot.yaw)
+    box(m, (-0.2, -0.45, -0.1), (1.35, 0.0, 0.25), Appearance(Material.CONCRETE, BUILDING, number), at=(a[0], a[1]), yaw=foot.yaw)
 
 
 def _awning(m: MeshBuilder, foot: Footprint, number: int, rng: np.random.Generator) -> None:
@@ -244,17 +271,24 @@ def detached_house(
     _walls(m, foot, (FOOT_M, 0.4), Material.CONCRETE, Material.CONCRETE, tint, number, 0.0)
     _door(m, foot, foot.width_m * 0.42, number)
     roof_tint = rng.uniform(0.55, 1.2) * np.array([1.0, rng.uniform(0.9, 1.7), rng.uniform(0.9, 2.2)])
-    _gable_roof(m, foot, top, foot.depth_m * rng.uniform(0.38, 0.55), style, tint, roof_tint, number, rng)
+    _gable_roof(m, foot, top, foot.depth_m * rng.uniform(0.38, 0.55), tint, roof_tint, number, rng)
 
 
 def monument(m: MeshBuilder, at: F64, number: int) -> None:
     """A stone pillar with a ball on three steps."""
     place = (float(at[0]), float(at[1]))
     for k, half in enumerate((1.5, 1.1, 0.7)):
-        box(m, (-half, -half, 0.3), (half, half, 0.75 + 0.22 * k), Material.CONCRETE, BUILDING, number, STONE, 4.0, place)
-    box(m, (-0.35, -0.35, 1.1), (0.35, 0.35, 4.2), Material.CONCRETE, BUILDING, number, STONE, 4.0, place)
-    box(m, (-0.45, -0.45, 4.2), (0.45, 0.45, 4.4), Material.CONCRETE, BUILDING, number, at=place, bottom=True)
+        box(
+            m,
+            (-half, -half, 0.3),
+            (half, half, 0.75 + 0.22 * k),
+            Appearance(Material.CONCRETE, BUILDING, number, STONE),
+            4.0,
+            place,
+        )
+    box(m, (-0.35, -0.35, 1.1), (0.35, 0.35, 4.2), Appearance(Material.CONCRETE, BUILDING, number, STONE), 4.0, place)
+    box(m, (-0.45, -0.45, 4.2), (0.45, 0.45, 4.4), Appearance(Material.CONCRETE, BUILDING, number), at=place, bottom=True)
     angles = np.linspace(-np.pi / 2, np.pi / 2, 7)
     for low, high in pairwise(angles):
         z, radii = 4.9 + 0.5 * np.sin([low, high]), 0.5 * np.cos([low, high])
-        tube(m, (*at, z[0]), (*at, z[1]), (radii[0], radii[1]), Material.METAL, BUILDING, number, (1.4, 1.2, 0.6), 10)
+        tube(m, (*at, z[0]), (*at, z[1]), (radii[0], radii[1]), Appearance(Material.METAL, BUILDING, number, (1.4, 1.2, 0.6)), 10)

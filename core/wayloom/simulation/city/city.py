@@ -1,4 +1,4 @@
-"""The city: built block by block where somebody looks, laid over the hills, cut into chunks so that only what is seen is drawn."""
+"""Lazily built city geometry: blocks over the terrain, cut into chunks for view-frustum culling."""
 
 import threading
 from collections import OrderedDict
@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.simulation.city import polygons
+from wayloom.simulation.city.block_context import SignalFace
 from wayloom.simulation.city.blocks import SURROUNDINGS_M, build_block
 from wayloom.simulation.city.city_settings import CitySettings
 from wayloom.simulation.city.objects import Area, Change, TrueArea, TrueObject
-from wayloom.simulation.city.site import SignalFace
 from wayloom.simulation.city.streets import F64, StreetGraph
 from wayloom.simulation.city.terrain import FLAT, HILLS, Terrain
 from wayloom.simulation.models.catalogue import Models
@@ -31,8 +31,8 @@ FINE_KEPT, COARSE_KEPT = 64, 180
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """A block over the hills. mesh is ordered by chunk: chunk c holds its triangles starts[c] to starts[c + 1], within low[c] to
-    high[c] (C, 3) m."""
+    """A block over the terrain. mesh is ordered by chunk: chunk c holds its triangles starts[c] to starts[c + 1], within
+    low[c] to high[c] (C, 3) m."""
 
     mesh: Mesh
     starts: NDArray[np.int64]
@@ -54,7 +54,7 @@ class Chunks:
 
 
 class City:
-    """Blocks are built when first needed, each from its own random stream: the same whatever was built before. Few are kept."""
+    """Lazily built city: each block is built when first needed, from its own random streams; only the last used are kept."""
 
     def __init__(self, settings: CitySettings, models: Models) -> None:
         self.settings, self.models = settings, models
@@ -65,11 +65,11 @@ class City:
 
     @property
     def seed(self) -> int:
-        """Of all its random streams."""
+        """Seed of all its random streams."""
         return self.settings.seed
 
     def tile(self, block: int, coarse: bool = False) -> Tile:
-        """A block in full, or as it is seen from afar."""
+        """A block in full detail, or in coarse detail for far views."""
         kept = self._kept[coarse]
         with self._lock:
             if block not in kept:
@@ -85,7 +85,7 @@ class City:
         return join(parts) if parts else empty()
 
     def around(self, x: float, y: float, reach_m: float) -> Chunks:
-        """Chunks that overlap a square of half edge reach_m; those of blocks farther than FINE_M as seen from afar."""
+        """Chunks that overlap a square of half edge reach_m; of blocks farther than FINE_M in coarse detail."""
         out: list[tuple[Tile, int]] = []
         for block, distance in self._blocks(x, y, reach_m):
             tile = self.tile(block, distance > FINE_M)
@@ -111,12 +111,12 @@ class City:
         return Chunks([chosen[i] for i in np.argsort(np.concatenate(gaps), kind="stable")])
 
     def objects(self, area: Area | None = None) -> list[TrueObject]:
-        """Poles, signs and heads of lights in an area (the whole city without one), in a fixed order."""
+        """Poles, signs and signal heads in an area (the whole city without one), in a fixed order."""
         found = (thing for block in self._blocks_of(area) for thing in self.tile(block).objects)
         return [thing for thing in found if area is None or area.holds(*thing.foot[:2])]
 
     def changes(self, area: Area | None = None) -> list[Change]:
-        """What differs in a changed city from the unchanged one of the same seed; none in that one."""
+        """Differences of a changed city from the unchanged one of the same seed; none in the latter."""
         found = (change for block in self._blocks_of(area) for change in self.tile(block).changes)
         return [change for change in found if area is None or area.holds(*change.foot[:2])]
 
@@ -150,7 +150,7 @@ class City:
         return out
 
     def _box(self, block: int) -> tuple[F64, F64]:
-        """(1, 3) each: what holds a block with its outskirts, without building it."""
+        """Bounding box, (1, 3) m low and high, of a block with its outskirts, without building it."""
         corners = self.graph.nodes[list(self.graph.loop(block))]
         z = self.ground.height(corners[:, 0], corners[:, 1])
         wide = BORDER_M if self.graph.is_at_border(block) else OVERHANG_M
@@ -172,7 +172,7 @@ class City:
 
 
 def build_city(settings: CitySettings, models: Models) -> City:
-    """A city of which nothing is built yet."""
+    """A city with no block built yet."""
     return City(settings, models)
 
 
@@ -188,7 +188,7 @@ def _inside(
 
 
 def _lifted(mesh: Mesh, ground: Terrain) -> Mesh:
-    """The flat city lifted by the height of the ground under each corner. Uprights stay upright; slopes are too gentle to tilt."""
+    """The flat city raised by the terrain's height under each corner. Uprights stay upright; slopes are too gentle to tilt."""
     corners = mesh.corners.copy()
     corners[..., 2] += ground.height(corners[..., 0].astype(float), corners[..., 1].astype(float)).astype(np.float32)
     return replace(mesh, corners=corners)

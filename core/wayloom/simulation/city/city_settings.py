@@ -1,4 +1,4 @@
-"""What a city is like."""
+"""Settings of the synthetic city."""
 
 from pydantic import Field
 
@@ -6,7 +6,7 @@ from wayloom.config.settings import Settings
 
 
 class CitySettings(Settings):
-    """A city of columns x rows crossings, about 78 m apart. Equal settings give equal cities, whatever part is looked at first."""
+    """A city of columns x rows crossings, about 78 m apart. Equal settings give equal cities, in any order of building."""
 
     seed: int = Field(default=7, ge=0, description="another seed, another city")
     columns: int = Field(default=5, ge=3, le=400, description="crossings from west to east")

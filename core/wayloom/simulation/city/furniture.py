@@ -1,4 +1,4 @@
-"""What stands on sidewalks: lamps, signs, traffic lights, bollards, bins, shelters, and the fences and walls of gardens."""
+"""Street furniture: lamps, signs, traffic lights, bollards, bins, shelters, fences and garden walls."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from wayloom.config.classes import CLASS_ID
 from wayloom.simulation.city.ground import KERB_M
 from wayloom.simulation.city.streets import F64
 from wayloom.simulation.models.mesh import MeshBuilder
-from wayloom.simulation.models.solids import box, post, tube
+from wayloom.simulation.models.solids import Appearance, box, post, tube
 from wayloom.simulation.textures.materials import Material
 from wayloom.simulation.textures.paint_objects import SIGN_COLUMNS, SIGN_ROWS
 
@@ -33,12 +33,21 @@ BOARD = ((-0.18, 0.31, 0.11, (0.1, 0.1, 0.1)), (-0.17, 0.31, 0.11, (2.6, 2.6, 2.
 
 def lamp_post(m: MeshBuilder, at: F64, to_street: F64, number: int) -> None:
     """A street lamp with an arm of 1.6 m over the road."""
-    post(m, at[0], at[1], (0, 0.9), (0.09, 0.09), Material.METAL, POLE, number)
-    post(m, at[0], at[1], (0.9, 6.4), (0.06, 0.045), Material.METAL, POLE, number)
+    post(m, at[0], at[1], (0, 0.9), (0.09, 0.09), Appearance(Material.METAL, POLE, number))
+    post(m, at[0], at[1], (0.9, 6.4), (0.06, 0.045), Appearance(Material.METAL, POLE, number))
     end = at + to_street * 1.6
-    tube(m, (*at, 6.35), (*end, 6.6), (0.04, 0.03), Material.METAL, POLE, number, sides=5)
+    tube(m, (*at, 6.35), (*end, 6.6), (0.04, 0.03), Appearance(Material.METAL, POLE, number), sides=5)
     yaw = float(np.arctan2(to_street[1], to_street[0]))
-    box(m, (-0.35, -0.12, 6.52), (0.35, 0.12, 6.64), Material.METAL, POLE, number, GREY, 1, (end[0], end[1]), yaw, bottom=True)
+    box(
+        m,
+        (-0.35, -0.12, 6.52),
+        (0.35, 0.12, 6.64),
+        Appearance(Material.METAL, POLE, number, GREY),
+        1,
+        (end[0], end[1]),
+        yaw,
+        bottom=True,
+    )
 
 
 def _plate(m: MeshBuilder, at: F64, facing: F64, z: tuple[float, float], half_m: float, kind: int, number: int) -> None:
@@ -54,7 +63,7 @@ def _plate(m: MeshBuilder, at: F64, facing: F64, z: tuple[float, float], half_m:
 
 def sign_post(m: MeshBuilder, at: F64, facing: F64, kind: int, post_number: int, sign_number: int) -> None:
     """A sign, 0.66 m wide, on a post."""
-    post(m, at[0], at[1], (0, SIGN_POST_TOP_M), (0.032, 0.032), Material.METAL, POLE, post_number, (1.2, 1.2, 1.2), 6)
+    post(m, at[0], at[1], (0, SIGN_POST_TOP_M), (0.032, 0.032), Appearance(Material.METAL, POLE, post_number, (1.2, 1.2, 1.2)), 6)
     _plate(m, at, facing, SIGN_M, 0.33, kind, sign_number)
 
 
@@ -66,16 +75,16 @@ def signal_post_m(arm_m: float) -> float:
 def traffic_light(
     m: MeshBuilder, at: F64, facing: F64, to_street: F64, arm_m: float, post_number: int, numbers: Sequence[int]
 ) -> list[tuple[F64, int]]:
-    """Signal heads on a post and, where arm_m > 0, one more over the road; each with a number from `numbers`.
+    """Signal heads on a post and, where arm_m > 0, one more over the road; each with an instance number from `numbers`.
 
     Returns the foot (3,) of each head's face, and its number; what is lit is added when the time is known.
     """
     tall = signal_post_m(arm_m)
-    post(m, at[0], at[1], (0, tall), (0.08, 0.07), Material.METAL, POLE, post_number)
+    post(m, at[0], at[1], (0, tall), (0.08, 0.07), Appearance(Material.METAL, POLE, post_number))
     heads = [(at + facing * 0.22, 2.45, False)]
     if arm_m > 0:
         end = at + to_street * arm_m
-        tube(m, (*at, tall - 0.1), (*end, tall + 0.15), (0.06, 0.04), Material.METAL, POLE, post_number, sides=6)
+        tube(m, (*at, tall - 0.1), (*end, tall + 0.15), (0.06, 0.04), Appearance(Material.METAL, POLE, post_number), sides=6)
         heads.append((end + facing * 0.16, tall - 0.75, True))
     return [
         (_signal_head(m, place, facing, foot, number, board), number)
@@ -84,15 +93,15 @@ def traffic_light(
 
 
 def _signal_head(m: MeshBuilder, at: F64, facing: F64, foot_m: float, number: int, board: bool) -> F64:
-    """A box of three dark lamps under visors, where wanted before a black board with a white rim; returns its face's foot (3,)."""
+    """A box of three dark lamps under visors, optionally before a black board with a white rim; returns its face's foot (3,)."""
     yaw = float(np.arctan2(facing[1], facing[0]))
     place, dark = (float(at[0]), float(at[1])), (0.12, 0.13, 0.12)
     low, high = foot_m, foot_m + SIGNAL_M
     for x, half, over, tint in BOARD if board else ():
         lo, hi = (x, -half, low - over), (x + 0.01, half, high + over)
-        box(m, lo, hi, Material.METAL, LIGHT, number, tint, 1, place, yaw, bottom=True)
+        box(m, lo, hi, Appearance(Material.METAL, LIGHT, number, tint), 1, place, yaw, bottom=True)
     lo, hi = (-0.155, -0.20, low), (SIGNAL_HALF_M, 0.20, high)
-    box(m, lo, hi, Material.METAL, LIGHT, number, dark, 1, place, yaw, bottom=True)
+    box(m, lo, hi, Appearance(Material.METAL, LIGHT, number, dark), 1, place, yaw, bottom=True)
     face = np.array([*(at + facing * SIGNAL_HALF_M), foot_m])
     for k, unlit in enumerate(UNLIT_TINTS):
         m.quads(lens(face, facing, k, 0.006), [LENS_UV] * 3, Material.PAINT, LIGHT, number, unlit)
@@ -121,9 +130,9 @@ def lens(face: F64, facing: F64, which: int, out_m: float) -> F64:
 
 def bollard(m: MeshBuilder, at: F64, number: int) -> None:
     """A post of 0.95 m with a white band."""
-    post(m, at[0], at[1], (0, 0.75), (0.055, 0.055), Material.METAL, POLE, number, (0.45, 0.45, 0.45))
-    post(m, at[0], at[1], (0.75, 0.86), (0.057, 0.057), Material.PAINT, POLE, number, (0.8, 0.8, 0.8))
-    post(m, at[0], at[1], (0.86, BOLLARD_TOP_M), (0.055, 0.04), Material.METAL, POLE, number, (0.45, 0.45, 0.45))
+    post(m, at[0], at[1], (0, 0.75), (0.055, 0.055), Appearance(Material.METAL, POLE, number, (0.45, 0.45, 0.45)))
+    post(m, at[0], at[1], (0.75, 0.86), (0.057, 0.057), Appearance(Material.PAINT, POLE, number, (0.8, 0.8, 0.8)))
+    post(m, at[0], at[1], (0.86, BOLLARD_TOP_M), (0.055, 0.04), Appearance(Material.METAL, POLE, number, (0.45, 0.45, 0.45)))
 
 
 def cabinet(m: MeshBuilder, at: F64, yaw: float, number: int, rng: np.random.Generator) -> None:
@@ -133,10 +142,7 @@ def cabinet(m: MeshBuilder, at: F64, yaw: float, number: int, rng: np.random.Gen
         m,
         (-0.45, -0.22, KERB_M),
         (0.45, 0.22, rng.uniform(0.9, 1.4)),
-        Material.PAINT,
-        BUILDING,
-        number,
-        tint,
+        Appearance(Material.PAINT, BUILDING, number, tint),
         1,
         (at[0], at[1]),
         yaw,
@@ -149,10 +155,10 @@ def shelter(m: MeshBuilder, at: F64, along: F64, to_street: F64, number: int) ->
     place = (float(at[0]), float(at[1]))
     side = -1.0 if along[0] * to_street[1] - along[1] * to_street[0] < 0 else 1.0
     low, high = sorted((0.0, side * 1.4))
-    box(m, (-2, low, 2.4), (2, high, 2.52), Material.METAL, BUILDING, number, bottom=True, at=place, yaw=yaw)
-    box(m, (-1.9, -0.03, 0.4), (1.9, 0.03, 2.3), Material.GLASS, BUILDING, number, (3.0, 3.2, 3.2), at=place, yaw=yaw)
+    box(m, (-2, low, 2.4), (2, high, 2.52), Appearance(Material.METAL, BUILDING, number), at=place, yaw=yaw, bottom=True)
+    box(m, (-1.9, -0.03, 0.4), (1.9, 0.03, 2.3), Appearance(Material.GLASS, BUILDING, number, (3.0, 3.2, 3.2)), at=place, yaw=yaw)
     for x in (-1.95, 0.0, 1.95):
-        box(m, (x - 0.04, -0.04, KERB_M), (x + 0.04, 0.04, 2.4), Material.METAL, BUILDING, number, at=place, yaw=yaw)
+        box(m, (x - 0.04, -0.04, KERB_M), (x + 0.04, 0.04, 2.4), Appearance(Material.METAL, BUILDING, number), at=place, yaw=yaw)
 
 
 def fence(m: MeshBuilder, a: F64, b: F64, number: int, rng: np.random.Generator) -> None:
@@ -170,10 +176,7 @@ def fence(m: MeshBuilder, a: F64, b: F64, number: int, rng: np.random.Generator)
             m,
             (-0.04, -0.04, -0.1),
             (0.04, 0.04, high + 0.05),
-            Material.METAL,
-            FENCE,
-            number,
-            (0.4, 0.42, 0.4),
+            Appearance(Material.METAL, FENCE, number, (0.4, 0.42, 0.4)),
             at=(p[0], p[1]),
             yaw=yaw,
         )
@@ -190,10 +193,18 @@ def garden_wall(m: MeshBuilder, a: F64, b: F64, number: int, rng: np.random.Gene
     """Brick, rubble or concrete with a coping and piers, from a to b (2,) m."""
     material = (Material.BRICK, Material.RUBBLE, Material.CONCRETE)[rng.integers(3)]
     high, length, yaw = rng.uniform(0.9, 2.2), float(np.hypot(*(b - a))), float(np.arctan2(*(b - a)[::-1]))
-    box(m, (0, 0, -0.4), (length, 0.25, high), material, WALL, number, metres=3.0, at=(a[0], a[1]), yaw=yaw)
-    box(m, (0, -0.05, high), (length, 0.30, high + 0.09), Material.CONCRETE, WALL, number, metres=3.0, at=(a[0], a[1]), yaw=yaw)
+    box(m, (0, 0, -0.4), (length, 0.25, high), Appearance(material, WALL, number), metres=3.0, at=(a[0], a[1]), yaw=yaw)
+    box(
+        m,
+        (0, -0.05, high),
+        (length, 0.30, high + 0.09),
+        Appearance(Material.CONCRETE, WALL, number),
+        metres=3.0,
+        at=(a[0], a[1]),
+        yaw=yaw,
+    )
     for x in np.linspace(0, length - PIER_M, max(2, round(length / PIER_EVERY_M) + 1)):
         lo, hi = (x, -0.09, -0.4), (x + PIER_M, 0.34, high + 0.14)
-        box(m, lo, hi, material, WALL, number, metres=3.0, at=(a[0], a[1]), yaw=yaw)
+        box(m, lo, hi, Appearance(material, WALL, number), metres=3.0, at=(a[0], a[1]), yaw=yaw)
         lo, hi = (x - 0.05, -0.14, high + 0.14), (x + PIER_M + 0.05, 0.39, high + 0.22)
-        box(m, lo, hi, Material.CONCRETE, WALL, number, (1.2, 1.2, 1.2), 3.0, (a[0], a[1]), yaw, bottom=True)
+        box(m, lo, hi, Appearance(Material.CONCRETE, WALL, number, (1.2, 1.2, 1.2)), 3.0, (a[0], a[1]), yaw, bottom=True)

@@ -1,4 +1,4 @@
-"""Road, crossings, kerbs, sidewalks and lawns of a block, flat: the city lays them over the hills."""
+"""Ground surfaces of a block: road, crossings, kerbs, sidewalks and lawns, over a flat plane (the city adds the terrain)."""
 
 import numpy as np
 
@@ -130,13 +130,13 @@ def yard(m: MeshBuilder, shape: BlockShape, material: Material, class_id: int) -
 
 
 def underlay(m: MeshBuilder, a: F64, b: F64, c: F64, d: F64) -> None:
-    """A coarse lawn under everything within the corners (2,) m, counter-clockwise, so that no ray slips through a seam."""
+    """A coarse lawn under the quadrilateral of corners (2,) m, counter-clockwise, that closes gaps at seams."""
     quads = grid_between(a, b, c, d, 10.0)
     m.quads(at_height(quads, UNDERLAY_M), (quads - a) / LAWN_TILE_M, Material.LAWN, TERRAIN)
 
 
 def far_half(m: MeshBuilder, a: F64, b: F64, inward: F64) -> None:
-    """The half of an outermost street that no block has, from node a to node b (2,) m: asphalt and a grass edge."""
+    """The outer half of an outermost street, from node a to node b (2,) m: asphalt and a grass edge."""
     d = (b - a) / np.hypot(*(b - a))
     a, b = a - d * STREET_HALF_M, b + d * STREET_HALF_M
     quads = grid_between(a - inward * STREET_HALF_M, b - inward * STREET_HALF_M, b, a, PIECE_M)

@@ -1,4 +1,4 @@
-"""The truth about what stands in the city: objects with their places, and the outlines of roads and sidewalks."""
+"""Map ground truth of a city: objects with their positions, area outlines, and changes against another epoch."""
 
 from dataclasses import dataclass
 

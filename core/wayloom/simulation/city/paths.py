@@ -1,4 +1,4 @@
-"""Lines to drive and walk along: a lane beside a chain of street nodes, with rounded and eased corners."""
+"""Centre lines for driving and walking: lanes offset from chains of street nodes, with rounded and eased corners."""
 
 from dataclasses import dataclass
 

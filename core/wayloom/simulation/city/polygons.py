@@ -1,10 +1,10 @@
-"""Outlines of roads, sidewalks and lawns, as they are drawn."""
+"""Polygon outlines of roads, crossings, sidewalks and lawns."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
-from wayloom.simulation.city.blocks import Kind, kind_of, verges
+from wayloom.simulation.city.blocks import LandUse, land_use, verges
 from wayloom.simulation.city.city_settings import CitySettings
 from wayloom.simulation.city.ground import APRON_M, KERB_M, MOUND_M, ROAD, SIDEWALK, TERRAIN, island_rim, verge_ring
 from wayloom.simulation.city.objects import TrueArea
@@ -13,7 +13,7 @@ from wayloom.simulation.city.terrain import Terrain
 
 
 def areas(settings: CitySettings, graph: StreetGraph, ground: Terrain, blocks: Iterable[int]) -> list[TrueArea]:
-    """The streets, crossings, sidewalks and lawns of the blocks named: streets first, then crossings, then block by block."""
+    """Outlines of streets, crossings, sidewalks and lawns of the given blocks: streets, then crossings, then block by block."""
     chosen = list(blocks)
     edges = sorted({(min(e), max(e)) for block in chosen for e in graph.shape(block).edges()})
     nodes = sorted({node for block in chosen for node in graph.loop(block)})
@@ -51,7 +51,7 @@ def _street(graph: StreetGraph, ground: Terrain, a: int, b: int) -> TrueArea:
 
 
 def _junction(graph: StreetGraph, ground: Terrain, node: int) -> list[TrueArea]:
-    """A crossing, with the island of a roundabout cut out of it and given beside it."""
+    """Outline of a crossing, with the island of a roundabout cut out of it and added beside it."""
     rim: list[F64] = []
     quarters = [graph.shape(block) for block in graph.blocks_at(node)]
     if len(quarters) == 2 and quarters[0].nodes.index(node) == 0 and quarters[1].nodes.index(node) == 3:
@@ -87,7 +87,7 @@ def _quarter(graph: StreetGraph, shape: BlockShape, k: int) -> list[F64]:
 
 def _block(settings: CitySettings, graph: StreetGraph, ground: Terrain, block: int) -> list[TrueArea]:
     """The sidewalk around a block, its lawn strips, and the ground behind it."""
-    shape, square = graph.shape(block), kind_of(settings, block) is Kind.SQUARE
+    shape, square = graph.shape(block), land_use(settings, block) is LandUse.SQUARE
     strips = [np.array(verge_ring(shape, k)) for k, strip in enumerate(verges(settings, block)) if strip]
     holes = [_ring(ground, shape.inner, KERB_M, hole=True), *(_ring(ground, strip, KERB_M, hole=True) for strip in strips)]
     return [

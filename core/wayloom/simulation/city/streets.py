@@ -1,4 +1,4 @@
-"""The street graph, and the blocks between its streets. Places are kept for every crossing; lines are drawn when asked for."""
+"""Street graph on a jittered grid, and the block shapes between its streets."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -28,7 +28,7 @@ KEPT_SHAPES = 512
 
 
 class Control(Enum):
-    """Who may go at a crossing."""
+    """Right-of-way control of a crossing."""
 
     SIGNALS = 0
     SIGNS = 1
@@ -69,7 +69,7 @@ class StreetGraph:
 
     @property
     def block_count(self) -> int:
-        """How many blocks there are."""
+        """Number of blocks."""
         return (self.columns - 1) * (self.rows - 1)
 
     def loop(self, block: int) -> tuple[int, int, int, int]:
@@ -137,7 +137,7 @@ class StreetGraph:
         return [self.street(n, m) for n, m in pairs if m < len(self.nodes) and m in self.neighbours(n) and not self.is_outer(n, m)]
 
     def control(self, node: int) -> Control:
-        """Who may go at a crossing: roundabouts lie between avenues, and avenues always have signals."""
+        """Right-of-way control of a crossing: roundabouts lie between avenues, and avenues always have signals."""
         row, column = divmod(node, self.columns)
         if self.hard or not (0 < row < self.rows - 1 and 0 < column < self.columns - 1):
             return Control.SIGNALS if self.hard else Control.SIGNS
@@ -147,7 +147,7 @@ class StreetGraph:
         return Control.SIGNS if east and north and self._signs[node] else Control.SIGNALS
 
     def clear_m(self, a: int, b: int) -> float:
-        """How far from node a the crossing there begins on the street to b, m: behind all rounded corners."""
+        """Distance from node a to the end of its crossing on the street to b, m: behind all rounded corners."""
         starts = []
         for shape in self.shapes_beside(a, b):
             k = shape.nodes.index(a)

@@ -1,4 +1,4 @@
-"""The height of the ground: gentle hills, or none."""
+"""Terrain height as a sum of waves."""
 
 from dataclasses import dataclass
 

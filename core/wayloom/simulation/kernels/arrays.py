@@ -1,4 +1,4 @@
-"""The named groups of arrays that the drawing kernels share.
+"""Named tuples of arrays that the rendering kernels share.
 
 World axes: x east, y north, z up, metres. Camera axes: x right, y down, z forward.
 """

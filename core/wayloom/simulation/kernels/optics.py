@@ -1,4 +1,4 @@
-"""A drawn image through a lens: resampled where the lens puts it, blurred, and smeared by the motion while the shutter is open.
+"""Lens resampling, point-spread blur and motion blur of a rendered image.
 
 Weights are those of Mitchell and Netravali (1988) on their line B + 2C = 1, on which the filter's first and second moments do not
 depend on where between the texels it falls: mean 0, variance B/3. So an image that is resampled by fractions of a pixel is neither

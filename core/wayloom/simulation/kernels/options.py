@@ -1,7 +1,7 @@
-"""How the drawing kernels are compiled.
+"""Compile options of the rendering kernels.
 
 They hold the arrays of a scene in named tuples. Numba would count references each time an array is taken out of one: an atomic step
-for every pixel and array, three times the cost of the drawing itself, and shared by all threads. So counting is switched off: these
+for every pixel and array, shared by all threads, which costs more than the rendering itself. So counting is switched off: these
 kernels allocate nothing (scratch space is an argument), and their callers keep the arrays alive.
 """
 

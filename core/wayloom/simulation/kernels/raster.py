@@ -1,8 +1,7 @@
-"""Which triangle each pixel sees: homogeneous half-space rasterisation with a 1/z buffer (Olano & Greer 1997).
+"""Triangle rasterisation: homogeneous half-space test with a 1/z buffer (Olano & Greer 1997).
 
-For a triangle with homogeneous image corners M = [X Y z] (columns), the rows of M^-1 give three functions
-a x + b y + c of the pixel that are the barycentric weights divided
-by z; inside all three are >= 0, and their sum is 1/z. No clipping is needed.
+For a triangle with homogeneous image corners M = [X Y z] (columns), the rows of M^-1 give three functions a x + b y + c of the
+pixel that are the barycentric weights divided by z; inside all three are >= 0, and their sum is 1/z. No clipping is needed.
 """
 
 import math

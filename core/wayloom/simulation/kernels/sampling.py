@@ -1,4 +1,4 @@
-"""Texture look-up: bilinear, mip-mapped, anisotropic."""
+"""Texture sampling: bilinear, mip-mapped, anisotropic."""
 
 import math
 

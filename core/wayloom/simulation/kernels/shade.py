@@ -1,4 +1,4 @@
-"""Colour of each pixel from the triangles that it sees (deferred shading)."""
+"""Deferred shading of the triangle ids of each pixel."""
 
 import math
 

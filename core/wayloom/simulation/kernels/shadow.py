@@ -1,4 +1,4 @@
-"""Depth along an axis, and what it hides: shadow maps, and the share of the sky that the ground sees."""
+"""Orthographic depth maps: sun shadows and ambient sky visibility."""
 
 import math
 

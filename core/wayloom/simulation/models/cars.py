@@ -1,4 +1,4 @@
-"""Passenger cars and vans, modelled around their own origin: x forward, y left, wheels on z = 0."""
+"""Passenger car and van models around their own origin: x forward, y left, wheels on z = 0."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 
 from wayloom.config.classes import CLASS_ID
 from wayloom.simulation.models.mesh import Mesh, MeshBuilder
-from wayloom.simulation.models.solids import box, disc, tube
+from wayloom.simulation.models.solids import Appearance, box, disc, tube
 from wayloom.simulation.textures.materials import Material
 
 PAINTWORK = (0.5, 0.25, 0.125)
@@ -150,7 +150,13 @@ def car(shape: Shape) -> Mesh:
     _end(m, half[0], Material.CAR_BACK, -1.0)
     _end(m, half[-1], Material.CAR_FRONT, 1.0)
     _lamps(m, back, front, cls)
-    box(m, (back[0, 0] + 0.15, -0.78, 0.16), (front[0, 0] - 0.15, 0.78, SILL_M + 0.1), Material.PAINT, cls, 0, RUBBER, bottom=True)
+    box(
+        m,
+        (back[0, 0] + 0.15, -0.78, 0.16),
+        (front[0, 0] - 0.15, 0.78, SILL_M + 0.1),
+        Appearance(Material.PAINT, cls, 0, RUBBER),
+        bottom=True,
+    )
     return m.build()
 
 
@@ -205,34 +211,43 @@ def _lamps(m: MeshBuilder, back: F64, front: F64, class_id: int) -> None:
     for way in (1.0, -1.0):
         y, z = back[2, 1] * way, back[2, 2]
         inner, outer = sorted((y - 0.30 * way, y - 0.02 * way))
-        box(m, (back[0, 0] - 0.05, inner, z - 0.14), (back[0, 0] + 0.10, outer, z + 0.09), Material.LIT, class_id, 0, TAIL_LAMP)
+        box(
+            m,
+            (back[0, 0] - 0.05, inner, z - 0.14),
+            (back[0, 0] + 0.10, outer, z + 0.09),
+            Appearance(Material.LIT, class_id, 0, TAIL_LAMP),
+        )
         y, z = front[2, 1] * way, front[2, 2]
         inner, outer = sorted((y - 0.34 * way, y - 0.01 * way))
         box(
             m,
             (front[0, 0] - 0.12, inner, z - 0.10),
             (front[0, 0] + 0.055, outer, z + 0.06),
-            Material.PAINT,
-            class_id,
-            0,
-            WHITE_LAMP,
+            Appearance(Material.PAINT, class_id, 0, WHITE_LAMP),
         )
 
 
 def _arch(m: MeshBuilder, x: float, way: float, half: float, class_id: int) -> None:
     """A wheel in its dark arch."""
-    disc(m, (x, way * (half + 0.004), 0.36), 0.385, Material.PAINT, class_id, way, tint=(0.01, 0.01, 0.01))
+    disc(m, (x, way * (half + 0.004), 0.36), 0.385, Appearance(Material.PAINT, class_id, tint=(0.01, 0.01, 0.01)), way)
     wheel(m, x, way * (half + 0.012), WHEEL_RADIUS_M, class_id)
 
 
 def _mirror(m: MeshBuilder, x: float, way: float, half: float, belt: float, class_id: int) -> None:
     """An outside mirror on the belt at x m."""
     lo, hi = sorted((way * (half - 0.04), way * (half + 0.17)))
-    box(m, (x - 0.07, lo, belt), (x + 0.07, hi, belt + 0.13), Material.PAINT, class_id, 0, PAINTWORK, bottom=True)
+    box(m, (x - 0.07, lo, belt), (x + 0.07, hi, belt + 0.13), Appearance(Material.PAINT, class_id, 0, PAINTWORK), bottom=True)
 
 
 def wheel(m: MeshBuilder, x: float, y: float, radius: float, class_id: int) -> None:
     """A wheel 0.2 m broad whose outer face lies at y."""
     side = 1.0 if y > 0 else -1.0
-    disc(m, (x, y, radius), radius, Material.WHEEL, class_id, side)
-    tube(m, (x, y - 0.2 * side, radius), (x, y, radius), (radius, radius), Material.PAINT, class_id, 0, (0.03, 0.03, 0.03), 14)
+    disc(m, (x, y, radius), radius, Appearance(Material.WHEEL, class_id), side)
+    tube(
+        m,
+        (x, y - 0.2 * side, radius),
+        (x, y, radius),
+        (radius, radius),
+        Appearance(Material.PAINT, class_id, 0, (0.03, 0.03, 0.03)),
+        14,
+    )

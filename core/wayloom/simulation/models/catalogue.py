@@ -1,4 +1,4 @@
-"""The vehicles and people that a city is filled from, each modelled once."""
+"""Catalogue of vehicle and pedestrian models, each built once and instanced by the city and its traffic."""
 
 from dataclasses import dataclass, field
 
@@ -20,7 +20,7 @@ MOTORCYCLE_COLOURS = (
 
 @dataclass(frozen=True, slots=True)
 class Models:
-    """Meshes around their own origins. walkers: for each person one mesh a phase of the step."""
+    """Meshes of the vehicles and people around their own origins. walkers: one mesh for each person and phase of the step."""
 
     cars: tuple[Mesh, ...] = field(default_factory=lambda: tuple(vehicles.car(p) for p in vehicles.CAR_PROFILES))
     lorry: Mesh = field(default_factory=vehicles.lorry)
@@ -59,7 +59,7 @@ class Models:
         return join([self.any_motorcycle(rng), self.bikers[rng.integers(RIDERS)]])
 
     def painted(self, mesh: Mesh, rng: np.random.Generator) -> Mesh:
-        """A lorry, bus or tram in a company's colour."""
+        """A lorry, bus or tram in a random company colour."""
         return recoloured(
             mesh, vehicles.PAINTWORK, ((0.6, 0.08, 0.05), (0.7, 0.5, 0.05), (0.06, 0.15, 0.4), (0.65, 0.65, 0.62))[rng.integers(4)]
         )

@@ -1,4 +1,4 @@
-"""Triangle meshes with truth: built from quadrilaterals, placed, recoloured and joined."""
+"""Triangle meshes with semantic labels: built from quadrilaterals, transformed, recoloured and joined."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
@@ -33,7 +33,7 @@ class Mesh:
         return len(self.material)
 
     def triangles(self) -> Triangles:
-        """What the kernels draw."""
+        """The arrays that the kernels render."""
         return Triangles(self.corners, self.uv, self.normals, self.material, self.tint)
 
     def rows(self, which: NDArray[np.int64] | slice) -> "Mesh":

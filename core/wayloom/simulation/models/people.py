@@ -1,4 +1,4 @@
-"""People, modelled around their own origin: x forward, y left, feet on z = 0."""
+"""Pedestrian and rider models around their own origin: x forward, y left, feet on z = 0."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -7,7 +7,7 @@ import numpy as np
 
 from wayloom.config.classes import CLASS_ID
 from wayloom.simulation.models.mesh import Mesh, MeshBuilder
-from wayloom.simulation.models.solids import box, tube
+from wayloom.simulation.models.solids import Appearance, box, tube
 from wayloom.simulation.textures.materials import Material
 
 SKIN = ((0.75, 0.50, 0.38), (0.62, 0.40, 0.28), (0.30, 0.17, 0.11))
@@ -64,27 +64,39 @@ def _limb(
 ) -> None:
     """Tubes through the joints (m), with a radius at each."""
     for k in range(len(joints) - 1):
-        tube(m, joints[k], joints[k + 1], (radii[k], radii[k + 1]), material, class_id, 0, np.asarray(tint), 8, 0.8)
+        tube(m, joints[k], joints[k + 1], (radii[k], radii[k + 1]), Appearance(material, class_id, 0, np.asarray(tint)), 8, 0.8)
 
 
 def _head(m: MeshBuilder, x: float, z: float, class_id: int, look: Look, helmet: bool = False) -> None:
     """Neck, face and hair above the shoulders at height z: an egg of rings, the face a little ahead of the hair."""
     tube(
-        m, (x - 0.01, 0, z - 0.02), (x + 0.005, 0, z + 0.09), (0.058, 0.052), Material.CLOTH, class_id, 0, np.asarray(look.skin), 8
+        m,
+        (x - 0.01, 0, z - 0.02),
+        (x + 0.005, 0, z + 0.09),
+        (0.058, 0.052),
+        Appearance(Material.CLOTH, class_id, 0, np.asarray(look.skin)),
+        8,
     )
     rings = ((0.055, 0.050), (0.09, 0.074), (0.15, 0.090), (0.20, 0.093), (0.25, 0.080), (0.285, 0.045), (0.295, 0.01))
     for (z0, r0), (z1, r1) in pairwise(rings):
         at = (x + 0.02, 0.0, z + z0), (x + 0.02, 0.0, z + z1)
-        tube(m, *at, (r0, r1), Material.CLOTH, class_id, 0, np.asarray(look.skin if z1 < 0.24 else look.hair), 10, squash=0.86)
+        appearance = Appearance(Material.CLOTH, class_id, 0, np.asarray(look.skin if z1 < 0.24 else look.hair))
+        tube(m, *at, (r0, r1), appearance, 10, squash=0.86)
     cap = ((0.10, 0.080), (0.16, 0.100), (0.22, 0.103), (0.27, 0.080), (0.305, 0.02))
     low = -0.10 if look.long_hair else 0.10
     for (z0, r0), (z1, r1) in pairwise(cap):
         at = (x - 0.012, 0.0, z + z0), (x - 0.012, 0.0, z + z1)
         grow = 0.022 if helmet else 0.0
-        tube(m, *at, (r0 + grow, r1 + grow), Material.PAINT if helmet else Material.CLOTH, class_id, 0, np.asarray(look.hair), 10)
+        appearance = Appearance(Material.PAINT if helmet else Material.CLOTH, class_id, 0, np.asarray(look.hair))
+        tube(m, *at, (r0 + grow, r1 + grow), appearance, 10)
     if look.long_hair and not helmet:
         tube(
-            m, (x - 0.05, 0, z + low), (x - 0.03, 0, z + 0.14), (0.055, 0.08), Material.CLOTH, class_id, 0, np.asarray(look.hair), 8
+            m,
+            (x - 0.05, 0, z + low),
+            (x - 0.03, 0, z + 0.14),
+            (0.055, 0.08),
+            Appearance(Material.CLOTH, class_id, 0, np.asarray(look.hair)),
+            8,
         )
 
 
@@ -96,7 +108,16 @@ def _torso(m: MeshBuilder, hip: tuple[float, float], neck: tuple[float, float], 
     at = [(hx + (nx - hx) * s, 0.0, hz + (nz - hz) * s) for s in shares]
     for k in range(len(at) - 1):
         # v runs down the jacket once, so that its texture's zip, pockets and hem fall into place
-        tube(m, at[k], at[k + 1], (radii[k], radii[k + 1]), Material.JACKET, class_id, 0, np.asarray(tint), 12, 0.7, squash=0.60)
+        tube(
+            m,
+            at[k],
+            at[k + 1],
+            (radii[k], radii[k + 1]),
+            Appearance(Material.JACKET, class_id, 0, np.asarray(tint)),
+            12,
+            0.7,
+            squash=0.60,
+        )
 
 
 def pedestrian(rng: np.random.Generator, phase: float) -> Mesh:
@@ -111,11 +132,27 @@ def pedestrian(rng: np.random.Generator, phase: float) -> Mesh:
         _arm(m, -0.75 * a, side, look, cls)
     _torso(m, (0.0, 0.93), (0.015, 1.45), cls, look.coat)
     if look.skirt:
-        tube(m, (0, 0, 0.50), (0, 0, 0.98), (0.23, 0.16), Material.CLOTH, cls, 0, np.asarray(look.coat), 12, 0.8, squash=0.7)
+        tube(
+            m,
+            (0, 0, 0.50),
+            (0, 0, 0.98),
+            (0.23, 0.16),
+            Appearance(Material.CLOTH, cls, 0, np.asarray(look.coat)),
+            12,
+            0.8,
+            squash=0.7,
+        )
     if look.rucksack:
-        box(m, (-0.30, -0.15, 1.02), (-0.10, 0.15, 1.44), Material.CLOTH, cls, 0, look.trousers[::-1] + 0.05, 0.5, bottom=True)
+        box(
+            m,
+            (-0.30, -0.15, 1.02),
+            (-0.10, 0.15, 1.44),
+            Appearance(Material.CLOTH, cls, 0, look.trousers[::-1] + 0.05),
+            0.5,
+            bottom=True,
+        )
     if look.bag:
-        box(m, (-0.14, 0.20, 0.62), (0.16, 0.30, 0.92), Material.CLOTH, cls, 0, look.coat[::-1] * 0.8, 0.5, bottom=True)
+        box(m, (-0.14, 0.20, 0.62), (0.16, 0.30, 0.92), Appearance(Material.CLOTH, cls, 0, look.coat[::-1] * 0.8), 0.5, bottom=True)
     _head(m, 0.02, 1.45, cls, look)
     mesh = m.build()
     mesh.corners[...] *= np.float32(tall)
@@ -157,7 +194,13 @@ def cyclist(rng: np.random.Generator, helmet: bool) -> Mesh:
     _torso(m, hip, neck, cls, look.coat)
     if look.rucksack:
         x, z = (hip[0] + neck[0]) / 2 - 0.24, (hip[1] + neck[1]) / 2
-        box(m, (x - 0.10, -0.15, z - 0.16), (x + 0.10, 0.15, z + 0.24), Material.CLOTH, cls, 0, look.trousers[::-1] + 0.05, 0.5)
+        box(
+            m,
+            (x - 0.10, -0.15, z - 0.16),
+            (x + 0.10, 0.15, z + 0.24),
+            Appearance(Material.CLOTH, cls, 0, look.trousers[::-1] + 0.05),
+            0.5,
+        )
     if helmet:
         look = replace(look, hair=HELMETS[rng.integers(len(HELMETS))], long_hair=False)
     _head(m, neck[0] + 0.03, neck[1] - 0.01, cls, look, helmet)
@@ -200,7 +243,7 @@ def _full_helmet(m: MeshBuilder, x: float, z: float, tint: Tint) -> None:
     cls = CLASS_ID["rider"]
     rings = ((0.0, 0.095), (0.05, 0.122), (0.12, 0.135), (0.19, 0.132), (0.25, 0.105), (0.285, 0.055), (0.295, 0.01))
     for (z0, r0), (z1, r1) in pairwise(rings):
-        tube(m, (x, 0.0, z + z0), (x, 0.0, z + z1), (r0, r1), Material.PAINT, cls, 0, np.asarray(tint), 12, squash=0.88)
+        tube(m, (x, 0.0, z + z0), (x, 0.0, z + z1), (r0, r1), Appearance(Material.PAINT, cls, 0, np.asarray(tint)), 12, squash=0.88)
     angle = np.linspace(-1.05, 1.05, 7)
     low, high = (
         np.column_stack([x + 0.006 + r * np.cos(angle), 0.92 * r * np.sin(angle), np.full(7, z + at)])

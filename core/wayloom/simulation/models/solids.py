@@ -1,6 +1,7 @@
-"""Simple bodies: boxes, prisms, discs, strips, sprays of leaves."""
+"""Geometric primitives: boxes, tubes, bodies of revolution, discs, foliage cards."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,14 +17,25 @@ BOX_SIDES = np.array([(0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (4
 """Corners of a box's sides (four walls, top, bottom); corners 0 to 3 run counter-clockwise at the foot, 4 to 7 above them."""
 
 
+@dataclass(frozen=True, slots=True)
+class Appearance:
+    """Material of a body's surface with its labels: train id class_id, instance number, tint (3,) linear RGB."""
+
+    material: int
+    class_id: int
+    instance: int = 0
+    tint: ArrayLike = WHITE
+
+    def quads(self, m: MeshBuilder, corners: ArrayLike, uv: ArrayLike, normals: F64 | None = None) -> None:
+        """Add quadrilaterals of this appearance; arguments as in `MeshBuilder.quads`."""
+        m.quads(corners, uv, self.material, self.class_id, self.instance, self.tint, normals)
+
+
 def box(
     m: MeshBuilder,
     lo: ArrayLike,
     hi: ArrayLike,
-    material: int,
-    class_id: int,
-    instance: int = 0,
-    tint: ArrayLike = WHITE,
+    appearance: Appearance,
     metres: float = 2.0,
     at: tuple[float, float] = (0.0, 0.0),
     yaw: float = 0.0,
@@ -37,7 +49,7 @@ def box(
     dx, dy, dz = (x1 - x0) / metres, (y1 - y0) / metres, (z1 - z0) / metres
     sizes = [(dx, dz), (dy, dz), (dx, dz), (dy, dz), (dx, dy), (dx, dy)][: len(corners)]
     uv = [[(0, h), (w, h), (w, 0), (0, 0)] for w, h in sizes]
-    m.quads(corners, uv, material, class_id, instance, tint)
+    appearance.quads(m, corners, uv)
 
 
 def tube(
@@ -45,10 +57,7 @@ def tube(
     start: ArrayLike,
     end: ArrayLike,
     radii: tuple[float, float],
-    material: int,
-    class_id: int,
-    instance: int = 0,
-    tint: ArrayLike = WHITE,
+    appearance: Appearance,
     sides: int = 6,
     metres: float = 2.0,
     squash: float = 1.0,
@@ -70,16 +79,14 @@ def tube(
     k = np.arange(sides) / sides
     v = length / metres
     uv = np.stack([np.stack([u, np.full(sides, w)], 1) for u, w in ((k, v), (k + 1 / sides, v), (k + 1 / sides, 0.0), (k, 0.0))], 1)
-    m.quads(corners, uv, material, class_id, instance, tint, normals)
+    appearance.quads(m, corners, uv, normals)
 
 
 def lathe(
     m: MeshBuilder,
     centre: ArrayLike,
     profile: Sequence[tuple[float, float]],
-    material: int,
-    class_id: int,
-    tint: ArrayLike = WHITE,
+    appearance: Appearance,
     sides: int = 14,
 ) -> None:
     """A body turned around the y axis through `centre` (3,) m: its profile's radius and y, from one end to the other, m."""
@@ -91,7 +98,7 @@ def lathe(
         slope = np.array([0.0, r0 - r1, 0.0]) + (y1 - y0) * ring
         normals = slope / max(float(np.hypot(r0 - r1, y1 - y0)), 1e-9)
         n = np.stack([normals[:-1], normals[1:], normals[1:], normals[:-1]], axis=1)
-        m.quads(corners, corners[..., [0, 2]], material, class_id, 0, tint, n)
+        appearance.quads(m, corners, corners[..., [0, 2]], n)
 
 
 def post(
@@ -100,25 +107,20 @@ def post(
     y: float,
     z: tuple[float, float],
     radii: tuple[float, float],
-    material: int,
-    class_id: int,
-    instance: int = 0,
-    tint: ArrayLike = WHITE,
+    appearance: Appearance,
     sides: int = 7,
 ) -> None:
     """An upright tube at (x, y) from z[0] to z[1] m."""
-    tube(m, (x, y, z[0]), (x, y, z[1]), radii, material, class_id, instance, tint, sides)
+    tube(m, (x, y, z[0]), (x, y, z[1]), radii, appearance, sides)
 
 
 def disc(
     m: MeshBuilder,
     centre: ArrayLike,
     radius: float,
-    material: int,
-    class_id: int,
+    appearance: Appearance,
     outward: float,
     sides: int = 14,
-    tint: ArrayLike = WHITE,
 ) -> None:
     """A disc across the y axis, facing `outward` (+1 or -1 along y), its texture's radius 0.45 at the rim."""
     c = np.asarray(centre, float)
@@ -127,7 +129,7 @@ def disc(
     uv_rim = 0.5 + 0.45 * np.column_stack([np.cos(angle), -np.sin(angle)])
     corners = np.stack([np.broadcast_to(c, (sides, 3)), rim[:-1], rim[1:], rim[1:]], axis=1)
     uv = np.stack([np.full((sides, 2), 0.5), uv_rim[:-1], uv_rim[1:], uv_rim[1:]], axis=1)
-    m.quads(corners, uv, material, class_id, 0, tint, np.broadcast_to((0.0, outward, 0.0), corners.shape))
+    appearance.quads(m, corners, uv, np.broadcast_to((0.0, outward, 0.0), corners.shape))
 
 
 def grid_between(a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike, step_m: float) -> F64:
@@ -151,22 +153,22 @@ def cards(
     centres: F64,
     half_sizes: F64,
     normals: F64,
-    material: int,
-    class_id: int,
-    instance: int,
-    tints: ArrayLike,
+    appearance: Appearance,
 ) -> None:
-    """Square cards turned at random around their centres (N, 3), half_sizes (N,), shaded as if they faced normals (N, 3)."""
+    """Square cards turned at random around their centres (N, 3), half_sizes (N,), shaded as if they faced normals (N, 3).
+
+    The appearance's tint is (3,), or (N, 3): one a card.
+    """
     a = rng.normal(size=centres.shape)
     a /= np.linalg.norm(a, axis=1, keepdims=True)
     b = cross(a, rng.normal(size=centres.shape))
     b /= np.linalg.norm(b, axis=1, keepdims=True)
     a, b = a * half_sizes[:, None], b * half_sizes[:, None]
-    tints = np.broadcast_to(np.asarray(tints, float), (len(centres), 3))
+    tints = np.broadcast_to(np.asarray(appearance.tint, float), (len(centres), 3))
     if m.coarse:
         grown = np.sqrt(COARSE_EVERY)
         centres, normals, tints = centres[::COARSE_EVERY], normals[::COARSE_EVERY], tints[::COARSE_EVERY]
         a, b = grown * a[::COARSE_EVERY], grown * b[::COARSE_EVERY]
     corners = np.stack([centres - a - b, centres + a - b, centres + a + b, centres - a + b], axis=1)
     uv = np.broadcast_to(np.array([(0, 1), (1, 1), (1, 0), (0, 0)], float), (len(centres), 4, 2))
-    m.quads(corners, uv, material, class_id, instance, tints, np.repeat(normals[:, None], 4, axis=1))
+    replace(appearance, tint=tints).quads(m, corners, uv, np.repeat(normals[:, None], 4, axis=1))

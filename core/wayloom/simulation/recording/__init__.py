@@ -1,1 +1,1 @@
-"""Recording of drives: presets, worlds, journal, truth files, datasets."""
+"""Recording of simulated drives: presets, world set-up, resume journal, ground-truth files, training views."""

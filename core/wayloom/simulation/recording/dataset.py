@@ -1,4 +1,4 @@
-"""Pictures with truth from many places of many cities: to train a network on, and to compare with real ones."""
+"""Labelled views from random places of many cities: training images for networks, and samples to compare with photographs."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from wayloom.simulation.city.paths import AVENUE_LANE_M, LANE_M
 from wayloom.simulation.recording.worlds import build_world
 from wayloom.simulation.rendering.light import LightSettings
 from wayloom.simulation.rendering.renderer import Scene, Truth, World
-from wayloom.simulation.sensors.camera import developed, exposed, wanted_gain
+from wayloom.simulation.sensors.camera import developed, exposed, metered_gain
 from wayloom.simulation.sensors.optics import through_lens, true_cameras, truth_of
 from wayloom.simulation.vehicle.rigs import camera_on_ground, given_rig, sized_rig
 from wayloom.simulation.vehicle.vehicle_settings import RightLensSettings, SensorSettings, VehicleSettings
@@ -73,7 +73,7 @@ def render_views(
     for _ in range(count):
         scene, T_world_cam = _random_scene(world, size, rng)
         radiance = scene.image(camera, T_world_cam)
-        gain = wanted_gain(radiance) * float(rng.uniform(0.75, 1.35))
+        gain = metered_gain(radiance) * float(rng.uniform(0.75, 1.35))
         yield exposed(radiance, gain, camera, SensorSettings(), rng), scene.truth(camera, T_world_cam).class_id
 
 
@@ -84,17 +84,17 @@ def render_pairs(
     cameras, given = true_cameras(vehicle, size), given_rig(vehicle, size).camera
     for _ in range(count):
         scene, T_world_left = _random_scene(world, size, rng)
-        drawn = [scene.image(c.drawn, T_world_left @ c.T_left_cam) for c in cameras]
-        gain = wanted_gain(drawn[0])
+        rendered = [scene.image(c.rendered, T_world_left @ c.T_left_cam) for c in cameras]
+        gain = metered_gain(rendered[0])
         left, right = (
             developed(through_lens(radiance, camera, sensor.blur_px), gain, given, sensor, rng)
-            for radiance, camera, sensor in zip(drawn, cameras, (vehicle.left, vehicle.right), strict=True)
+            for radiance, camera, sensor in zip(rendered, cameras, (vehicle.left, vehicle.right), strict=True)
         )
         yield StereoView(left, right, truth_of(scene, cameras[0], T_world_left))
 
 
 def _random_scene(world: World, size: str, rng: np.random.Generator) -> tuple[Scene, NDArray[np.float64]]:
-    """What is around a vehicle in a random lane at a random moment, and T_world_cam (4, 4) of its left camera."""
+    """The scene around a vehicle in a random lane at a random moment, and T_world_cam (4, 4) of its left camera."""
     x, y, yaw = _random_place(world, rng)
     t_s = float(rng.uniform(0, 600))
     T_world_cam = camera_on_ground(x, y, yaw, float(rng.uniform(0, 100)))

@@ -1,4 +1,4 @@
-"""What an interrupted simulation needs to go on: the settings of the whole run, and how far each drive is."""
+"""Resume journal of a simulation: the run's settings, and how many frames of each drive are whole."""
 
 import fcntl
 import json
@@ -16,7 +16,7 @@ Factors = tuple[float, float]
 
 
 def check_record(out_dir: Path, record: dict[str, Any]) -> None:
-    """Compare with what out_dir is made, if anything is there. Raises LogError where it differs."""
+    """Compare a run's settings with those of an earlier run in out_dir. Raises LogError where they differ."""
     file, wanted = out_dir / RECORD_NAME, json.loads(record_text(record))
     if not file.exists():
         return
@@ -30,12 +30,12 @@ def check_record(out_dir: Path, record: dict[str, Any]) -> None:
 
 
 def write_record(out_dir: Path, record: dict[str, Any]) -> None:
-    """Write with what out_dir is made."""
+    """Write a run's settings."""
     write_atomically(out_dir / RECORD_NAME, record_text(record).encode())
 
 
 def record_text(record: dict[str, Any]) -> str:
-    """As it stands in the file."""
+    """A run's settings as JSON text."""
     return json.dumps(record, indent=1, sort_keys=True) + "\n"
 
 
@@ -58,7 +58,7 @@ def _short(value: Any) -> str:
 
 @contextmanager
 def sole_run(out_dir: Path) -> Iterator[None]:
-    """Hold out_dir for this process; the system lets go however it ends. Raises ConflictError where another one holds it."""
+    """Lock out_dir for this process, until it ends in whatever way. Raises ConflictError where another process holds it."""
     handle = os.open(out_dir, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -73,7 +73,7 @@ def sole_run(out_dir: Path) -> Iterator[None]:
 
 
 class Journal:
-    """One line for each frame that is whole: its number and what exposure control had come to, left and right."""
+    """One line for each finished frame: its number and the exposure factors, left and right."""
 
     def __init__(self, file: Path) -> None:
         self.factors: list[Factors] = []
@@ -91,12 +91,12 @@ class Journal:
         return len(self.factors)
 
     def add(self, factors: Factors) -> None:
-        """The next frame is whole."""
+        """Record that the next frame is finished."""
         self._stream.write(_line(len(self.factors), factors))
         self.factors.append(factors)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._stream.close()
 
 

@@ -1,4 +1,4 @@
-"""What `wayloom simulate` can drive: a city, its light, and the vehicles with their routes."""
+"""Presets of `wayloom simulate`: a city, its light, and its vehicles with their routes."""
 
 from typing import Final, Self
 
@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from wayloom.config.settings import Settings
 from wayloom.errors import ConfigError
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.logs.types import FixType
 from wayloom.simulation.city.city_settings import CitySettings
 from wayloom.simulation.rendering.light import LightSettings
@@ -53,7 +53,7 @@ class DrivePlan(Settings):
 
 
 class Preset(Settings):
-    """A city and the drives in it. laps: how often each drive, closed and without movers, is driven over the pictures of once."""
+    """A city and its drives. laps: number of laps of each closed drive, without traffic; later laps repeat the first's images."""
 
     name: str
     about: str
@@ -274,7 +274,7 @@ def find_preset(name: str) -> Preset:
 
 
 def chosen_drives(preset: Preset, names: tuple[str, ...]) -> tuple[int, ...]:
-    """Places in `preset.drives` of the vehicles named; all where none is. Raises ConfigError for an unknown one."""
+    """Indices in `preset.drives` of the vehicles named; all where none is. Raises ConfigError for an unknown one."""
     known = [plan.vehicle_id for plan in preset.drives]
     unknown = [name for name in names if name not in known]
     if unknown:

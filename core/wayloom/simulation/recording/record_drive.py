@@ -1,4 +1,4 @@
-"""One drive, recorded: planned, drawn in threads, written frame by frame, and continued where an earlier run was stopped."""
+"""Recording of one drive: planning, threaded rendering, frame-by-frame writing, resumption after an interruption."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -14,12 +14,12 @@ from wayloom.simulation.recording.presets import CITY_ORIGIN, START_NS, DrivePla
 from wayloom.simulation.recording.truth_files import TruthFolder
 from wayloom.simulation.rendering.renderer import World
 from wayloom.simulation.sensors import gnss, imu, lidar
-from wayloom.simulation.sensors.capture import Captured, StereoCamera, capture
+from wayloom.simulation.sensors.capture import Captured, CaptureSettings, ResumePoint, StereoCamera, capture
 from wayloom.simulation.sensors.clock import stamps_ns
 from wayloom.simulation.sensors.exposure import exposure_of
 from wayloom.simulation.sensors.gnss import GnssRecord
 from wayloom.simulation.sensors.imu import ImuRecord
-from wayloom.simulation.traffic.drives import Drive, Way
+from wayloom.simulation.traffic.drives import Drive, RoutePlan
 from wayloom.simulation.traffic.routes import Route
 from wayloom.simulation.traffic.traffic import FIRST_MOVER
 from wayloom.simulation.vehicle.motion import camera_poses
@@ -31,7 +31,7 @@ GNSS_STREAM, SENSOR_STREAM, IMU_STREAM, LIDAR_STREAM, PACKET_STREAM = 1, 2, 3, 4
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A part of a route's time, or several laps of it: a `Motion`."""
+    """Part of a route's time, or several laps of it, as a `Motion`."""
 
     route: Route
     start_s: float
@@ -44,11 +44,11 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What is to be recorded of a drive.
+    """Plan of a drive's recording.
 
     motion     of the vehicle from the first frame to the last
     t_s        (N,) s since the city's time zero
-    drawn      the first frames, which are drawn; the others repeat them
+    rendered   number of first frames that are rendered; the others repeat them
     T_enu_cam  (N, 4, 4) of the left camera
     """
 
@@ -57,7 +57,7 @@ class Recording:
     drive: Drive
     motion: Stretch
     t_s: F64
-    drawn: int
+    rendered: int
     T_enu_cam: F64
 
     def __len__(self) -> int:
@@ -74,9 +74,9 @@ class Recording:
         return START_NS + round(self.motion.start_s * NS)
 
 
-def way_of(plan: DrivePlan, preset: Preset) -> Way:
-    """What the vehicle wants, for the city's traffic."""
-    return Way(
+def route_plan(plan: DrivePlan, preset: Preset) -> RoutePlan:
+    """The drive's route and schedule for the traffic simulation."""
+    return RoutePlan(
         nodes=plan.nodes,
         start_s=plan.start_s,
         closed=plan.closed,
@@ -89,7 +89,7 @@ def way_of(plan: DrivePlan, preset: Preset) -> Way:
 
 
 def plan_recording(preset: Preset, number: int, drive: Drive, frames: int | None = None) -> Recording:
-    """The frames of a drive; `frames` stops it after so many."""
+    """Frame times and poses of a drive; `frames` limits their number."""
     plan, route = preset.drives[number], drive.route
     if preset.laps is not None and route.lap_s is not None:
         a_lap = round(route.lap_s * preset.rate_hz)
@@ -105,13 +105,21 @@ def plan_recording(preset: Preset, number: int, drive: Drive, frames: int | None
 
 
 def record(
-    writer: DriveWriter, journal: Journal, world: World, preset: Preset, recording: Recording, size: str, truth: TruthFolder | None,
-    labels: bool, threads: int,
-) -> Iterator[int]:  # fmt: skip
+    writer: DriveWriter,
+    journal: Journal,
+    world: World,
+    preset: Preset,
+    recording: Recording,
+    size: str,
+    truth: TruthFolder | None,
+    threads: int,
+) -> Iterator[int]:
     """Write a drive, from where the journal ends; yields the number of frames that are whole after each.
 
-    labels  the writer's layout has a place for label images and labelled scans
+    size   "full", "half" or "quarter" of the rig's images
+    truth  where ground truth is written; None for none
     """
+    labels = writer.has_labels
     vehicle, world = recording.plan.vehicle, replace(world, traffic=recording.drive.traffic)
     camera = StereoCamera(vehicle, size, recording.motion)
     left_out = recording.drive.left_out
@@ -132,25 +140,23 @@ def record(
             if truth is not None:
                 truth.write_scan_labels(index, scan.class_id, scan.instance)
 
-    seed = (preset.city.seed, recording.number, SENSOR_STREAM)
-    pairs = capture(
-        camera, world, recording.t_s[: recording.drawn], left_out, labels or truth is not None, seed, threads,
-        first=len(journal), factors=journal.factors[-1] if len(journal) else None, keep=keep,
-    )  # fmt: skip
+    settings = CaptureSettings(left_out, labels or truth is not None, (preset.city.seed, recording.number, SENSOR_STREAM))
+    resume = ResumePoint(len(journal), journal.factors[-1] if len(journal) else None)
+    pairs = capture(camera, world, recording.t_s[: recording.rendered], settings, threads, resume, keep)
     for captured in pairs:
         journal.add(captured.factors)
         yield len(journal)
-    for index in range(recording.drawn, len(recording)):
-        writer.repeat(index, index % recording.drawn)
+    for index in range(recording.rendered, len(recording)):
+        writer.repeat(index, index % recording.rendered)
         if truth is not None:
-            truth.repeat(index, index % recording.drawn)
+            truth.repeat(index, index % recording.rendered)
         yield index + 1
     for t_ns, T in zip(recording.t_ns.tolist(), recording.T_enu_cam, strict=True):
         writer.count(t_ns, T)
     inertia = inertial(preset, recording)
     fixes = position(writer, preset, recording, inertia)
     exposures = [tuple(exposure_of(f, vehicle.exposure) for f in factors) for factors in journal.factors]
-    shown = [exposures[index % recording.drawn] for index in range(len(recording))]
+    shown = [exposures[index % recording.rendered] for index in range(len(recording))]
     if vehicle.exposure.logged:
         writer.set_exposures(np.array([[e.exposure_s * e.gain for e in pair] for pair in shown]))
     if truth is not None:
@@ -159,24 +165,24 @@ def record(
         if fixes is not None:
             truth.write_fixes(fixes, START_NS)
         truth.write_vehicle(vehicle, size, camera.cameras)
-        truth.write_surface(camera.cameras[0], recording.T_enu_cam[: recording.drawn])
+        truth.write_surface(camera.cameras[0], recording.T_enu_cam[: recording.rendered])
         truth.write_city(world.city, recording.T_enu_cam)
 
 
 def inertial(preset: Preset, recording: Recording) -> ImuRecord | None:
-    """What the IMU says and what it does not know; None without one."""
+    """IMU measurements of a recording with their errors; None without an IMU."""
     vehicle = recording.plan.vehicle
     if vehicle.imu is None:
         return None
     rng = np.random.default_rng([preset.city.seed, recording.number, IMU_STREAM])
-    return imu.recorded(recording.motion, vehicle.T_body_cam @ vehicle.T_cam_imu, vehicle.imu, rng)
+    return imu.simulated_samples(recording.motion, vehicle.T_body_cam @ vehicle.T_cam_imu, vehicle.imu, rng)
 
 
 def position(writer: DriveWriter, preset: Preset, recording: Recording, inertia: ImuRecord | None) -> GnssRecord | None:
-    """Give the writer the fixes and the IMU's samples, in the form that its layout has them; the fixes as they came about."""
+    """Pass fixes and IMU samples to the writer, in the form of its layout; returns the fixes with their true errors."""
     vehicle, motion, start_ns = recording.plan.vehicle, recording.motion, recording.start_ns
     stream = [preset.city.seed, recording.number]
-    fixes = gnss.received(motion, vehicle, np.random.default_rng([*stream, GNSS_STREAM]))
+    fixes = gnss.simulated_fixes(motion, vehicle, np.random.default_rng([*stream, GNSS_STREAM]))
     if fixes is not None and writer.wants_packets:
         rng = np.random.default_rng([*stream, PACKET_STREAM])
         for packet in gnss.packets(fixes, motion, vehicle, CITY_ORIGIN, start_ns, rng):

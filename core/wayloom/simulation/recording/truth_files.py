@@ -1,4 +1,4 @@
-"""The truth beside a drive: what every pixel shows, where everything is, and what the vehicle's sensors really are.
+"""Ground-truth writer of a drive: depth, class and instance images, poses, objects, areas, sensor parameters.
 
 `wayloom.logs.simulated_truth` reads it; its docstring says what each file holds.
 """
@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from wayloom.config.classes import CLASS_NAMES, PALETTE, SKY
 from wayloom.files.atomic import link_or_copy, write_atomically
 from wayloom.files.ply import write_vertices
-from wayloom.georeference.geodesy import lonlatheight_from_enu
+from wayloom.geodesy.wgs84 import lonlatheight_from_enu
 from wayloom.logs import simulated_truth as files
 from wayloom.logs.drive_writer import encoded_map, numbers_text
-from wayloom.logs.kitti.accumulation import Thinner
+from wayloom.logs.kitti.accumulation import VoxelFilter
 from wayloom.logs.simulated_truth import CAMERAS, DEPTH_PER_M, IMAGE_KINDS
 from wayloom.simulation.city.city import City
 from wayloom.simulation.city.objects import Area
@@ -40,7 +40,7 @@ DEGREES: Final = 10
 
 
 class TruthFolder:
-    """Writes a drive's truth. The images of different frames may come in any order and from several threads."""
+    """Writer of a drive's ground truth. The images of different frames may come in any order and from several threads."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -75,7 +75,7 @@ class TruthFolder:
     def write_frames(
         self, t_ns: NDArray[np.int64], exposures: Sequence[tuple[Exposure, ...]], t_s: F64, inertia: ImuRecord | None
     ) -> None:
-        """What changes from frame to frame: exposure of left and right, and the IMU's biases."""
+        """Write the values of each frame: exposure of left and right, IMU biases."""
         columns = [[getattr(pair[side], name) for pair in exposures] for side in (0, 1) for name in ("exposure_s", "gain")]
         names = list(files.EXPOSURE_COLUMNS)
         if inertia is not None:
@@ -87,8 +87,9 @@ class TruthFolder:
         write_atomically(self.folder / files.FRAMES_NAME, f"{','.join(['t_ns', *names])}\n{''.join(lines)}".encode())
 
     def write_fixes(self, fixes: GnssRecord, zero_ns: int) -> None:
-        """For each fix its true time on the cameras' clock, where the antenna was, and how far and why the fix is off. zero_ns: of
-        the city's time zero."""
+        """Write each fix's true time on the cameras' clock, true antenna position, error and its cause.
+
+        zero_ns  time stamp of the city's time zero"""
         rows = zip(
             fixes.t_s, fixes.antenna_enu, fixes.measured_enu - fixes.antenna_enu, fixes.sigma_m, fixes.multipath, strict=True
         )
@@ -99,7 +100,7 @@ class TruthFolder:
         write_atomically(self.folder / files.FIXES_NAME, f"{','.join(files.FIX_COLUMNS)}\n{''.join(lines)}".encode())
 
     def write_vehicle(self, vehicle: VehicleSettings, size: str, cameras: tuple[TrueCamera, TrueCamera]) -> None:
-        """The rig as given and as it is, and all settings of the vehicle."""
+        """Write the rig as calibrated and as it is, and all settings of the vehicle."""
         given = given_rig(vehicle, size)
         lens = vehicle.right_lens.lens(given.camera.width / given_rig(vehicle, "full").camera.width)
         content = {
@@ -116,9 +117,9 @@ class TruthFolder:
         self._write_json(files.VEHICLE_NAME, content)
 
     def write_surface(self, left: TrueCamera, T_enu_cam: F64) -> None:
-        """What the left camera saw of all that stands still: one point in each voxel, the first seen."""
+        """Write the static surface that the left camera saw: one point in each voxel, the first seen."""
         rays = _rays(left)
-        known, parts = Thinner(SURFACE_VOXEL_M), []
+        known, parts = VoxelFilter(SURFACE_VOXEL_M), []
         for index, T in enumerate(T_enu_cam):
             depth, label, instance = (files.read_image(self.folder, kind, "left", index) for kind in IMAGE_KINDS)
             near = (depth > 0) & (depth < SURFACE_REACH_M * DEPTH_PER_M) & (instance < FIRST_MOVER) & (label != SKY)
@@ -130,11 +131,11 @@ class TruthFolder:
             rows["label"], rows["instance"] = label[near][new], instance[near][new]
             rows["red"], rows["green"], rows["blue"] = PALETTE[rows["label"]].T
             parts.append(rows)
-        said = ("frame enu", f"first point seen in each voxel of {SURFACE_VOXEL_M} m")
-        write_vertices(self.folder / files.SURFACE_NAME, np.concatenate(parts), said)
+        comment_lines = ("frame enu", f"first point seen in each voxel of {SURFACE_VOXEL_M} m")
+        write_vertices(self.folder / files.SURFACE_NAME, np.concatenate(parts), comment_lines)
 
     def write_city(self, city: City, T_enu_cam: F64) -> None:
-        """Objects, and outlines of roads and sidewalks, around the way."""
+        """Write objects, and outlines of roads and sidewalks, around the trajectory."""
         low, high = T_enu_cam[:, :2, 3].min(axis=0) - AROUND_M, T_enu_cam[:, :2, 3].max(axis=0) + AROUND_M
         area = Area((float(low[0]), float(low[1])), (float(high[0]), float(high[1])))
         objects = [
@@ -163,7 +164,7 @@ def _rays(camera: TrueCamera) -> F64:
     """(h, w, 3) the direction in which each pixel looks, z = 1."""
     v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float64)
     uv = np.stack([u, v], axis=-1) if camera.lens_uv is None else camera.lens_uv.astype(np.float64)
-    return np.asarray(camera.drawn.rays(uv.reshape(-1, 2)).reshape(camera.height, camera.width, 3))
+    return np.asarray(camera.rendered.rays(uv.reshape(-1, 2)).reshape(camera.height, camera.width, 3))
 
 
 def _camera(camera: Any) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Sun and sky settings, and the maps of shadow and open sky around a place."""
+"""Sun and sky light: settings, shadow maps, and maps of ambient sky visibility around a place."""
 
 import threading
 from collections import OrderedDict
@@ -73,7 +73,7 @@ class _Square(NamedTuple):
 
 
 class CityLight:
-    """Makes the `Light` for each view. Shadow maps belong to squares of the city and are made when first needed."""
+    """Light of a city: makes the `Light` of each view. Shadow maps belong to squares of the city and are made when first needed."""
 
     def __init__(self, city: City, textures: TextureStack, settings: LightSettings) -> None:
         self._city, self._textures, self.settings = city, textures, settings
@@ -87,7 +87,7 @@ class CityLight:
         self._lock = threading.Lock()
 
     def at(self, x: float, y: float, movers: Mesh) -> Light:
-        """The light around x, y (m), with the shadows of `movers`. Depends on the place alone, not on what was asked before."""
+        """The light around x, y (m), with the shadows of `movers`. Depends on the arguments alone, not on earlier calls."""
         with self._lock:
             near = self._map("near", x, y, NEAR_STEP_M)
             far = self._map("far", x, y, FAR_STEP_M)

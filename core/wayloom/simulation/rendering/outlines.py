@@ -1,7 +1,8 @@
-"""Truth as people draw it who label photographs: a thing has an outline and no holes.
+"""Instance outlines without holes, as human annotators draw them.
 
 Cityscapes' labelling policy: if background is visible through a foreground object (between spokes, pickets or leaves), it counts as
-the object. The rasteriser's truth says what the ray through each pixel's centre meets; networks are taught the other.
+the object. The rasteriser's ground truth is what the ray through each pixel's centre meets; networks are trained on the annotators'
+form.
 """
 
 import cv2
@@ -16,7 +17,7 @@ BRIDGED = np.ones((3, 3), np.uint8)
 
 
 def without_holes(truth: Truth) -> U8:
-    """(h, w) uint8 train ids: the holes of each thing that is farther behind have its class, that of its nearest pixel."""
+    """(h, w) uint8 train ids: holes of an instance that show something farther behind are filled with its class."""
     out = truth.class_id.copy()
     numbers, where = np.unique(truth.instance, return_inverse=True)
     rows, columns = np.indices(truth.instance.shape)

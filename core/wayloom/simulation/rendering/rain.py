@@ -1,4 +1,4 @@
-"""Rain in the air: drops that cross the image as short bright streaks while the shutter is open."""
+"""Rain streaks: falling drops imaged as short bright lines while the shutter is open."""
 
 import cv2
 import numpy as np

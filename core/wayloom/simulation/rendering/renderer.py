@@ -1,4 +1,4 @@
-"""What a camera in the city sees, and the truth about it."""
+"""Renderer: radiance, depth, class and instance images of the city for a camera."""
 
 from dataclasses import dataclass
 
@@ -33,7 +33,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What is near enough to be seen at one moment t_s: triangles, nearest chunks first, the light, and rain in the air."""
+    """Renderable scene at one moment t_s: triangles that may be visible, nearest chunks first, light, and rain."""
 
     mesh: Mesh
     light: Light
@@ -60,7 +60,7 @@ class Scene:
         return out
 
     def truth(self, camera: PinholeCamera, T_world_cam: F64) -> Truth:
-        """What the ray through each pixel's centre meets."""
+        """Ground truth of the ray through each pixel's centre."""
         view = _view(camera, T_world_cam)
         ids = self.ids(view, camera.width, camera.height)
         depth = np.empty(ids.shape, np.float32)
@@ -96,7 +96,7 @@ class World:
     light: CityLight
 
     def scene(self, camera: PinholeCamera, T_world_cam: F64, t_s: float, left_out: frozenset[int] = frozenset()) -> Scene:
-        """What may be seen from about T_world_cam (a stereo pair's right camera included) at time t_s, without some movers."""
+        """The scene that a stereo pair with its left camera about T_world_cam may see at time t_s, without some movers."""
         x, y = float(T_world_cam[0, 3]), float(T_world_cam[1, 3])
         planes, reach = view_planes(camera, T_world_cam)
         movers = self.traffic.around(x, y, t_s, left_out)

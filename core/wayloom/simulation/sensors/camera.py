@@ -1,4 +1,4 @@
-"""From radiance to an image file's grey values: lens, exposure, sensor noise, response."""
+"""Camera response: vignetting, exposure, sensor noise, tone curve, from radiance to 8 bit grey values."""
 
 import cv2
 import numpy as np
@@ -20,8 +20,8 @@ METERED_FROM = 0.35
 """Exposure is metered below this share of the image's height: the sky does not count."""
 
 
-def wanted_gain(radiance: Radiance) -> float:
-    """Gain that brings the metered part of an image to TARGET_MEAN, partly: dark scenes stay darker."""
+def metered_gain(radiance: Radiance) -> float:
+    """Gain that brings the metered part of an image towards TARGET_MEAN; dark scenes stay darker."""
     metered = radiance[int(METERED_FROM * len(radiance)) :: 4, ::4].mean(axis=-1)
     mean = float(np.exp(np.log(np.maximum(metered, 1e-3)).mean()))
     return float(np.clip((TARGET_MEAN / mean) ** 0.75, *GAIN_LIMITS))

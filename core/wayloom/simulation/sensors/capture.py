@@ -1,6 +1,6 @@
-"""What a vehicle's cameras record on their way: drawn, exposed, and truth kept beside.
+"""Stereo capture along a drive: rendering, exposure control, image development, ground truth.
 
-Drawing and developing run in threads; exposure control goes from frame to frame between them. The images do not depend on the
+Rendering and development run in threads; exposure control goes from frame to frame between them. The images do not depend on the
 number of threads.
 """
 
@@ -30,8 +30,8 @@ F32 = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Captured:
-    """One stereo pair: images (h, w, 3) RGB, exposures, the truth of both true cameras where asked for, and what exposure control
-    has come to (left, right), from which the next frame goes on."""
+    """One stereo pair: images (h, w, 3) RGB, exposures, ground truth of both true cameras where asked for, and the exposure factors
+    (left, right) from which the next frame goes on."""
 
     left: Image
     right: Image
@@ -41,13 +41,13 @@ class Captured:
 
     @property
     def exposure_s(self) -> tuple[float, float]:
-        """What the shutter and the amplifier do together, in seconds at gain 1, left and right."""
+        """Equivalent exposure times at gain 1, left and right, s."""
         return self.exposures[0].exposure_s * self.exposures[0].gain, self.exposures[1].exposure_s * self.exposures[1].gain
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
-    """A pair before exposure. Tuples are of left and right.
+class RenderedPair:
+    """A rendered pair before exposure. Tuples are of left and right.
 
     radiance    as drawn, before the lens
     depth       (h, w) of the images' pixels, where it is needed
@@ -63,7 +63,7 @@ class Drawn:
 
 
 class StereoCamera:
-    """The pair of a vehicle. `draw` and `develop` may run in several threads."""
+    """The stereo cameras of a vehicle. `render` and `develop` may run in several threads."""
 
     def __init__(self, vehicle: VehicleSettings, size: str, motion: Motion) -> None:
         self.vehicle, self.motion = vehicle, motion
@@ -78,17 +78,17 @@ class StereoCamera:
         left = camera_poses(self.motion, self.vehicle.T_body_cam, np.array([t_s]))[0]
         return left, left @ self.cameras[1].T_left_cam
 
-    def draw(self, world: World, t_s: float, left_out: frozenset[int], truth: bool) -> Drawn:
-        """Both images before exposure at one moment: the middle of the exposure."""
+    def render(self, world: World, t_s: float, left_out: frozenset[int], truth: bool) -> RenderedPair:
+        """Render both images before exposure at one moment: the middle of the exposure."""
         T = self.poses(t_s)
         scene = world.scene(self._culling, T[0], t_s, left_out)
-        seen = [(camera, pose, scene.fine_ids(camera.drawn, pose)) for camera, pose in zip(self.cameras, T, strict=True)]
-        radiance = [scene.shaded(ids, camera.drawn, pose) for camera, pose, ids in seen]
+        seen = [(camera, pose, scene.fine_ids(camera.rendered, pose)) for camera, pose in zip(self.cameras, T, strict=True)]
+        radiance = [scene.shaded(ids, camera.rendered, pose) for camera, pose, ids in seen]
         needed = truth or self._needs_depth
         truths = [truth_of(scene, camera, pose, ids) for camera, pose, ids in seen] if needed else None
         twist = tuple(twists(self.motion, self.vehicle.T_body_cam @ c.T_left_cam, np.array([t_s]))[0] for c in self.cameras)
         sun = scene.light.axes[2].astype(float)
-        return Drawn(
+        return RenderedPair(
             (radiance[0], radiance[1]),
             None if truths is None else (truths[0], truths[1]),
             (twist[0], twist[1]),
@@ -96,66 +96,91 @@ class StereoCamera:
             scene.light.sun_rgb * np.float32(1 - scene.light.cloud_cover),
         )
 
-    def metered(self, drawn: Drawn) -> tuple[float, float]:
-        """What exposure control sees of left and right."""
+    def metered(self, rendered: RenderedPair) -> tuple[float, float]:
+        """Metered means of left and right, for exposure control."""
         settings = self.vehicle.exposure
-        left = control.metered(drawn.radiance[0], settings) * self.sensors[0].gain
-        return left, control.metered(drawn.radiance[1], settings) * self.sensors[1].gain if settings.each_for_itself else left
+        left = control.metered(rendered.radiance[0], settings) * self.sensors[0].gain
+        return left, control.metered(rendered.radiance[1], settings) * self.sensors[1].gain if settings.each_for_itself else left
 
-    def develop(self, drawn: Drawn, side: int, exposure: Exposure, light: float, rng: np.random.Generator) -> Image:
+    def develop(self, rendered: RenderedPair, side: int, exposure: Exposure, light: float, rng: np.random.Generator) -> Image:
         """(h, w, 3) uint8 image of one side (0 left, 1 right). light: factor on all radiance."""
         camera, sensor, vehicle = self.cameras[side], self.sensors[side], self.vehicle
-        depth = None if drawn.truth is None else drawn.truth[side].depth
-        way = drawn.twist[side] * exposure.exposure_s if vehicle.motion_blur else None
-        x = through_lens(drawn.radiance[side], camera, sensor.blur_px, depth if way is not None else None, way)
+        depth = None if rendered.truth is None else rendered.truth[side].depth
+        motion = rendered.twist[side] * exposure.exposure_s if vehicle.motion_blur else None
+        x = through_lens(rendered.radiance[side], camera, sensor.blur_px, depth if motion is not None else None, motion)
         if vehicle.glare.veil > 0 or vehicle.glare.sun > 0:
-            open_sky = 0.0 if depth is None else open_sky_at_sun(depth, camera, drawn.sun_cam[side])
-            x = with_glare(x, camera, vehicle.glare, drawn.sun_cam[side], drawn.sun_rgb, open_sky)
+            open_sky = 0.0 if depth is None else open_sky_at_sun(depth, camera, rendered.sun_cam[side])
+            x = with_glare(x, camera, vehicle.glare, rendered.sun_cam[side], rendered.sun_rgb, open_sky)
         return developed(x, exposure.factor * light, self.given, sensor, rng, exposure.gain)
 
 
+@dataclass(frozen=True, slots=True)
+class CaptureSettings:
+    """Instance numbers that are not rendered, whether ground truth is kept, and the seed of the sensors' noise.
+
+    Each frame and side has its own random stream of the seed.
+    """
+
+    left_out: frozenset[int]
+    truth: bool
+    seed: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ResumePoint:
+    """The frame to begin with, and the exposure factors (left, right) of the one before it."""
+
+    first: int = 0
+    factors: tuple[float, float] | None = None
+
+
 def capture(
-    camera: StereoCamera, world: World, t_s: F64, left_out: frozenset[int], truth: bool, seed: tuple[int, ...], threads: int = 1,
-    first: int = 0, factors: tuple[float, float] | None = None, keep: Callable[[int, Captured], None] | None = None,
-) -> Iterator[Captured]:  # fmt: skip
+    camera: StereoCamera,
+    world: World,
+    t_s: F64,
+    settings: CaptureSettings,
+    threads: int = 1,
+    resume: ResumePoint = ResumePoint(),
+    keep: Callable[[int, Captured], None] | None = None,
+) -> Iterator[Captured]:
     """The pairs at t_s (N,) s since the city's time zero, in order; the drive starts at t_s[0].
 
-    seed     of the sensors' noise; each frame and side has its own stream
-    first    the frame to begin with, and `factors` of the one before it
     keep     called with each frame's index and pair in the threads, before the pair is yielded
     """
-    settings, start_s = camera.vehicle.exposure, float(t_s[0]) if len(t_s) else 0.0
+    first, factors = resume.first, resume.factors
+    control_settings, start_s = camera.vehicle.exposure, float(t_s[0]) if len(t_s) else 0.0
     before_s = float(t_s[first - 1]) if first else start_s
 
     def developed_pair(
-        index: int, drawn: Drawn, exposures: tuple[Exposure, Exposure], light: float, reached: tuple[float, float]
+        index: int, rendered: RenderedPair, exposures: tuple[Exposure, Exposure], light: float, reached: tuple[float, float]
     ) -> Captured:
         left, right = (
-            camera.develop(drawn, side, exposures[side], light, np.random.default_rng([*seed, index, side])) for side in (0, 1)
+            camera.develop(rendered, side, exposures[side], light, np.random.default_rng([*settings.seed, index, side]))
+            for side in (0, 1)
         )
-        captured = Captured(left, right, exposures, drawn.truth if truth else None, reached)
+        captured = Captured(left, right, exposures, rendered.truth if settings.truth else None, reached)
         if keep is not None:
             keep(index, captured)
         return captured
 
     with ThreadPoolExecutor(threads) as pool:
-        drawing: deque[Future[Drawn]] = deque()
+        rendering: deque[Future[RenderedPair]] = deque()
         developing: deque[Future[Captured]] = deque()
         for index in range(first, len(t_s) + threads):
             if index < len(t_s):
-                drawing.append(pool.submit(camera.draw, world, float(t_s[index]), left_out, truth))
+                rendering.append(pool.submit(camera.render, world, float(t_s[index]), settings.left_out, settings.truth))
             frame = index - threads
             if frame < first:
                 continue
-            drawn, now_s = drawing.popleft().result(), float(t_s[frame])
-            light = control.light_factor(settings.light_changes, now_s - start_s)
-            means = camera.metered(drawn)
+            rendered, now_s = rendering.popleft().result(), float(t_s[frame])
+            light = control.light_factor(control_settings.light_changes, now_s - start_s)
+            means = camera.metered(rendered)
             previous = factors or (None, None)
-            of_left = control.next_factor(previous[0], means[0] * light, now_s - before_s, settings)
-            of_right = control.next_factor(previous[1], means[1] * light, now_s - before_s, settings)
+            of_left = control.next_factor(previous[0], means[0] * light, now_s - before_s, control_settings)
+            of_right = control.next_factor(previous[1], means[1] * light, now_s - before_s, control_settings)
             factors, before_s = (of_left, of_right), now_s
-            exposures = (control.exposure_of(of_left, settings), control.exposure_of(of_right, settings))
-            developing.append(pool.submit(developed_pair, frame, drawn, exposures, light, factors))
+            exposures = (control.exposure_of(of_left, control_settings), control.exposure_of(of_right, control_settings))
+            developing.append(pool.submit(developed_pair, frame, rendered, exposures, light, factors))
             if len(developing) >= threads:
                 yield developing.popleft().result()
         while developing:

@@ -1,4 +1,4 @@
-"""Exposure control: how long the shutter is open, and the gain."""
+"""Automatic exposure control: metering, shutter time and gain."""
 
 from dataclasses import dataclass
 
@@ -24,7 +24,7 @@ class Exposure:
 
 
 def metered(radiance: F32, settings: ExposureSettings) -> float:
-    """Mean (of logarithms) of the part of an image (h, w, 3) that counts."""
+    """Log-mean of the metered part of an image (h, w, 3)."""
     height, width = radiance.shape[:2]
     rows, columns = slice(0, height), slice(0, width)
     if settings.metering == "road":
@@ -46,7 +46,7 @@ def light_factor(changes: tuple[LightChange, ...], t_s: float) -> float:
 
 
 def next_factor(previous: float | None, mean: float, step_s: float, settings: ExposureSettings) -> float:
-    """What exposure does to radiance, a step_s after it was `previous` (None: at the start), when the metered mean is `mean`."""
+    """Exposure factor step_s after `previous` (None: at the start), when the metered mean is `mean`."""
     wanted = float(np.clip((settings.target / mean) ** settings.compensation, *FACTOR_LIMITS))
     if previous is None or settings.time_constant_s == 0:
         return limited(wanted, settings)
@@ -55,13 +55,13 @@ def next_factor(previous: float | None, mean: float, step_s: float, settings: Ex
 
 
 def limited(factor: float, settings: ExposureSettings) -> float:
-    """The factor as far as shutter and amplifier go."""
+    """The factor within the limits of shutter and amplifier."""
     low, high = settings.shortest_s / settings.unit_s, settings.longest_s / settings.unit_s * settings.largest_gain
     return float(np.clip(factor, low, high))
 
 
 def exposure_of(factor: float, settings: ExposureSettings) -> Exposure:
-    """Shutter and gain that give a factor: the shutter first."""
+    """Shutter time and gain of a factor: the shutter first."""
     exposure_s = float(np.clip(factor * settings.unit_s, settings.shortest_s, settings.longest_s))
     gain = float(np.clip(factor * settings.unit_s / exposure_s, 1.0, settings.largest_gain))
     return Exposure(exposure_s, gain, exposure_s / settings.unit_s * gain)

@@ -1,4 +1,4 @@
-"""Stray light in a lens: what is bright is spread over the image, and the sun leaves a veil and ghosts."""
+"""Lens glare: veiling light, sun haze and ghosts."""
 
 import cv2
 import numpy as np
@@ -24,7 +24,7 @@ GHOSTS = ((-0.35, 0.020, 0.05), (-0.8, 0.035, 0.03), (0.45, 0.014, 0.05), (-1.3,
 
 
 def with_glare(light: F32, camera: TrueCamera, settings: GlareSettings, sun_cam: F64, sun_rgb: F32, open_sky: float) -> F32:
-    """(h, w, 3) light on the sensor and what the lens strays.
+    """(h, w, 3) light on the sensor with veiling light, sun haze and ghosts added.
 
     sun_cam (3,) unit direction to the sun in the camera's frame; sun_rgb (3,) radiance of a white wall in the sun; open_sky: share
     of the sun that is not hidden.
@@ -44,15 +44,15 @@ def open_sky_at_sun(depth: F32, camera: TrueCamera, sun_cam: F64) -> float:
         return 0.0
     u, v = _pixel(camera, sun_cam)
     x, y = np.clip(u, 0, camera.width - 1), np.clip(v, 0, camera.height - 1)
-    outside = float(np.hypot(u - x, v - y)) / camera.drawn.fx
+    outside = float(np.hypot(u - x, v - y)) / camera.rendered.fx
     half = max(2, camera.width // 100)
     seen = depth[max(int(y) - half, 0) : int(y) + half + 1, max(int(x) - half, 0) : int(x) + half + 1]
     return float((seen == 0).mean()) * max(0.0, 1.0 - outside / SUN_REACH_RAD)
 
 
 def _pixel(camera: TrueCamera, direction: F64) -> tuple[float, float]:
-    """Where a direction is seen: the lens's own bend is left out, a few pixels are nothing to a veil."""
-    u, v = camera.drawn.project(direction[None])[0]
+    """Pixel of a direction, without lens distortion, which is negligible for a veil."""
+    u, v = camera.rendered.project(direction[None])[0]
     if camera.lens_uv is None:
         return float(u), float(v)
     low, high = camera.lens_uv[0, 0], camera.lens_uv[-1, -1]
@@ -74,7 +74,7 @@ def _spread(light: F32) -> F32:
 
 def _sun_veil(camera: TrueCamera, sun_cam: F64) -> F32:
     """(h, w) veil and haze around the sun, and ghosts across the centre."""
-    f, (u, v) = np.float32(camera.drawn.fx), _pixel(camera, sun_cam)
+    f, (u, v) = np.float32(camera.rendered.fx), _pixel(camera, sun_cam)
     xs = (np.arange(camera.width, dtype=np.float32) - np.float32(u)) / f
     ys = (np.arange(camera.height, dtype=np.float32) - np.float32(v)) / f
     r2 = xs[None] ** 2 + ys[:, None] ** 2

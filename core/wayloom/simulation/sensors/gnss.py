@@ -1,4 +1,4 @@
-"""The GNSS receiver of a vehicle: fixes with the errors that their stated accuracy says, unless it is told to be wrong about it."""
+"""GNSS receiver model: white and time-correlated position errors, outages, multipath bursts."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.georeference.geodesy import lonlatheight_from_enu
-from wayloom.georeference.types import MapFrame
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.geodesy.wgs84 import lonlatheight_from_enu
 from wayloom.logs.sidecars.oxts import UP_FACTOR
 from wayloom.logs.sidecars.oxts_writer import OxtsPacket
 from wayloom.logs.types import FixType, GnssTrack
@@ -33,7 +33,7 @@ VELOCITY_SIGMA_M_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class GnssRecord:
-    """What the receiver said at times t_s (M,), and what it did not know.
+    """Simulated fixes at times t_s (M,), with their true errors.
 
     antenna_enu    (M, 3) m true place
     measured_enu   (M, 3) m
@@ -52,8 +52,8 @@ class GnssRecord:
     multipath: NDArray[np.bool_]
 
 
-def received(motion: Motion, vehicle: VehicleSettings, rng: np.random.Generator) -> GnssRecord | None:
-    """The fixes of a drive; None without a receiver. In an outage the last position is held and the fix says NONE."""
+def simulated_fixes(motion: Motion, vehicle: VehicleSettings, rng: np.random.Generator) -> GnssRecord | None:
+    """The fixes of a drive; None without a receiver. In an outage the last position is held and the fix type is NONE."""
     settings = vehicle.gnss
     if settings is None:
         return None
@@ -61,7 +61,7 @@ def received(motion: Motion, vehicle: VehicleSettings, rng: np.random.Generator)
     since = np.arange(int(np.floor(duration_s * settings.rate_hz + 1e-6)) + 1) / settings.rate_hz
     t_s = np.minimum(motion.start_s + since, motion.end_s)
     antenna = placed(camera_poses(motion, vehicle.T_body_cam, t_s), np.array(vehicle.p_cam_gnss_m))
-    steps = planned(settings.steps, since / max(duration_s, 1e-9))
+    steps = steps_in_force(settings.steps, since / max(duration_s, 1e-9))
     fix = np.array([int(step.fix) for step in steps], np.uint8)
     measured = antenna + fix_errors(fix, 1 / settings.rate_hz, rng)
     multipath = np.zeros(len(t_s), bool)
@@ -77,7 +77,7 @@ def received(motion: Motion, vehicle: VehicleSettings, rng: np.random.Generator)
     return GnssRecord(t_s, antenna, measured, fix, sigma, stated, multipath)
 
 
-def planned(steps: tuple[GnssStep, ...], shares: F64) -> list[GnssStep]:
+def steps_in_force(steps: tuple[GnssStep, ...], shares: F64) -> list[GnssStep]:
     """The step in force at each share (M,) of the drive; steps are in order, the first counts from 0 on."""
     which = np.searchsorted([step.share for step in steps], shares, side="right") - 1
     return [steps[max(int(k), 0)] for k in which]
@@ -115,7 +115,7 @@ def track(record: GnssRecord, motion: Motion, vehicle: VehicleSettings, frame: M
 def packets(
     record: GnssRecord, motion: Motion, vehicle: VehicleSettings, frame: MapFrame, start_ns: int, rng: np.random.Generator
 ) -> list[OxtsPacket]:
-    """The fixes as packets of a GNSS/INS unit, whose attitude, velocity, force and rate are true but for the velocity's 5 cm/s."""
+    """The fixes as packets of a GNSS/INS unit; attitude, force and rate are true, the velocity has errors of VELOCITY_SIGMA_M_S."""
     places = lonlatheight_from_enu(record.measured_enu, frame)
     t_ns = stamps_ns(record.t_s, motion.start_s, start_ns, vehicle.clock)
     T_body_imu = vehicle.T_body_cam @ vehicle.T_cam_imu

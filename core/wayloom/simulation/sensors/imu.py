@@ -1,4 +1,4 @@
-"""The inertial unit: specific force and angular rate of a moving body, with bias and noise.
+"""IMU model: specific force and angular rate of a moving body, with bias random walk and white noise.
 
 Samples are instantaneous, at their time stamps: f = R^T (a + g up), w = (R^T dR/dt)^vee, from derivatives of the route's poses by
 seven-point differences. The city's tangent plane is taken as inertial: the Earth does not turn, and gravity is GRAVITY_M_S2 down.
@@ -44,11 +44,11 @@ def samples(motion: Motion, vehicle: VehicleSettings, start_ns: int, rng: np.ran
     """
     if vehicle.imu is None:
         return None
-    record = recorded(motion, vehicle.T_body_cam @ vehicle.T_cam_imu, vehicle.imu, rng)
+    record = simulated_samples(motion, vehicle.T_body_cam @ vehicle.T_cam_imu, vehicle.imu, rng)
     return ImuTrack(stamps_ns(record.t_s, motion.start_s, start_ns, vehicle.clock), record.force, record.rate)
 
 
-def recorded(motion: Motion, T_body_imu: F64, settings: ImuSettings, rng: np.random.Generator) -> ImuRecord:
+def simulated_samples(motion: Motion, T_body_imu: F64, settings: ImuSettings, rng: np.random.Generator) -> ImuRecord:
     """Samples from the drive's start to its end."""
     count = int(np.floor((motion.end_s - motion.start_s) * settings.rate_hz + 1e-6)) + 1
     t_s = np.minimum(motion.start_s + np.arange(count) / settings.rate_hz, motion.end_s)

@@ -1,4 +1,4 @@
-"""A spinning LiDAR on the roof: range, class and instance of each shot, from the geometry itself.
+"""Spinning LiDAR model: range, class and instance of each shot, by ray intersection with the scene's triangles.
 
 The turn is drawn as four pinhole views of the rasteriser's truth, finer than the shots lie apart; each shot then meets the plane of
 the triangle that it sees there exactly. A scan is that of one moment: as if the motion during the turn had been undone.
@@ -16,7 +16,7 @@ from wayloom.simulation.kernels import raster
 from wayloom.simulation.kernels.arrays import TextureStack, View
 from wayloom.simulation.models.mesh import Mesh, join
 from wayloom.simulation.rendering.renderer import World, triangle_ids, view_planes
-from wayloom.simulation.traffic.traffic import Placed
+from wayloom.simulation.traffic.traffic import PlacedModel
 from wayloom.simulation.vehicle.vehicle_settings import AXES_CAM_BODY, LidarSettings
 
 F32 = NDArray[np.float32]
@@ -106,8 +106,8 @@ def directions(settings: LidarSettings, number: int) -> tuple[F64, NDArray[np.in
     return np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]), ring
 
 
-def _within_reach(world: World, camera: PinholeCamera, T_world_view: F64, movers: list[Placed], reach_m: float) -> Mesh:
-    """What stands or moves within a view and no farther than reach_m."""
+def _within_reach(world: World, camera: PinholeCamera, T_world_view: F64, movers: list[PlacedModel], reach_m: float) -> Mesh:
+    """Static and moving triangles within a view and no farther than reach_m."""
     planes, reach = view_planes(camera, T_world_view)
     reach[-1] = reach_m
     origin = T_world_view[:3, 3]
@@ -119,7 +119,7 @@ def _shots(
     mesh: Mesh, textures: TextureStack, camera: PinholeCamera, T_enu_lidar: F64, T_lidar_view: F64, settings: LidarSettings,
     number: int,
 ) -> _Shots:  # fmt: skip
-    """What the shots of one quarter meet within the scanner's reach."""
+    """Hits of the shots of one quarter within the scanner's reach."""
     direction, ring = directions(settings, number)
     rays = direction @ T_lidar_view[:3, :3]
     uv = camera.project(rays)

@@ -1,4 +1,4 @@
-"""The cameras of a vehicle as they truly are: where each pixel looks, what the lens and the open shutter do to the image."""
+"""True camera geometry and optics: rays of the real lens, motion blur, and ground truth in the distorted image."""
 
 from dataclasses import dataclass
 
@@ -32,20 +32,20 @@ class TrueCamera:
     """One camera as it is.
 
     width, height  of its images
-    drawn          the pinhole camera that is drawn for it
+    rendered       the ideal pinhole camera that is rendered for it
     T_left_cam     (4, 4) this camera in the left camera's frame
-    lens_uv        (h, w, 2) float32, where each pixel of the image lies in the drawn one; None: they are the same
+    lens_uv        (h, w, 2) float32, where each pixel of the image lies in the rendered one; None: they are the same
     """
 
     width: int
     height: int
-    drawn: PinholeCamera
+    rendered: PinholeCamera
     T_left_cam: F64
     lens_uv: F32 | None = None
 
 
 def true_cameras(vehicle: VehicleSettings, size: str) -> tuple[TrueCamera, TrueCamera]:
-    """Left and right. Raises ConfigError for an unknown size, and for a lens that does not show every pixel something."""
+    """The true left and right camera. Raises ConfigError for an unknown size, and a lens that sees beyond the rendered image."""
     rig, lens = given_rig(vehicle, size), vehicle.right_lens.lens(scale_of(size))
     raw = vehicle.distortion or NO_DISTORTION
     return (
@@ -80,35 +80,35 @@ def _true_camera(given: PinholeCamera, lens: RightLens, raw: Coefficients, T_lef
     low = np.floor(uv.min(axis=0)).astype(int) - MARGIN_PX
     high = np.ceil(uv.max(axis=0)).astype(int) + MARGIN_PX
     width, height = (int(n) for n in high - low + 1)
-    drawn = PinholeCamera(pinhole.fx, pinhole.fy, pinhole.cx - int(low[0]), pinhole.cy - int(low[1]), width, height)
+    rendered = PinholeCamera(pinhole.fx, pinhole.fy, pinhole.cx - int(low[0]), pinhole.cy - int(low[1]), width, height)
     lens_uv = (uv - low).reshape(given.height, given.width, 2).astype(np.float32)
-    return TrueCamera(given.width, given.height, drawn, T_left_cam, lens_uv)
+    return TrueCamera(given.width, given.height, rendered, T_left_cam, lens_uv)
 
 
 def culling_camera(cameras: tuple[TrueCamera, ...]) -> PinholeCamera:
-    """A camera at the left one's place whose view holds those of all."""
+    """A camera at the left one's position whose view contains those of all, for culling."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for camera in cameras:
-        c = camera.drawn
+        c = camera.rendered
         corners = np.array([(x, y) for x in (-0.5, c.width - 0.5) for y in (-0.5, c.height - 0.5)])
         rays = c.rays(corners) @ camera.T_left_cam[:3, :3].T
         xy = rays[:, :2] / rays[:, 2:]
         low, high = np.minimum(low, xy.min(axis=0)), np.maximum(high, xy.max(axis=0))
     low, high = low - CULLING_SLACK, high + CULLING_SLACK
-    f = cameras[0].drawn.fx
+    f = cameras[0].rendered.fx
     width, height = (int(np.ceil(n)) for n in f * (high - low))
     return PinholeCamera(f, f, float(-f * low[0]) - 0.5, float(-f * low[1]) - 0.5, width, height)
 
 
 def truth_of(scene: Scene, camera: TrueCamera, T_world_cam: F64, fine_ids: NDArray[np.int32] | None = None) -> Truth:
-    """What the ray through each pixel's centre meets, depth along the true camera's z.
+    """Ground truth of the ray through each pixel's centre, with depth along the true camera's z.
 
     Where the lens bends, class and instance are those seen at most a quarter of a pixel (along each axis) from the ray; depth is
     where the ray itself meets that triangle's plane. fine_ids: `Scene.fine_ids` of the drawn camera, where they are at hand.
     """
     if camera.lens_uv is None:
-        return scene.truth(camera.drawn, T_world_cam)
-    c = camera.drawn
+        return scene.truth(camera.rendered, T_world_cam)
+    c = camera.rendered
     all_ids = scene.fine_ids(c, T_world_cam) if fine_ids is None else fine_ids
     place = np.rint(SAMPLES_PER_EDGE * camera.lens_uv + 0.5 * (SAMPLES_PER_EDGE - 1)).astype(np.int64)
     ids = all_ids[place[..., 1], place[..., 0]]
@@ -123,22 +123,22 @@ def truth_of(scene: Scene, camera: TrueCamera, T_world_cam: F64, fine_ids: NDArr
     )
 
 
-def through_lens(radiance: F32, camera: TrueCamera, blur_px: float, depth: F32 | None = None, way: F64 | None = None) -> F32:
-    """(h, w, 3) what falls on the sensor, from the drawn radiance.
+def through_lens(radiance: F32, camera: TrueCamera, blur_px: float, depth: F32 | None = None, motion: F64 | None = None) -> F32:
+    """(h, w, 3) light on the sensor, from the rendered radiance.
 
-    depth  (h, w) m along z, 0 infinitely far; way (6,) twist m, rad of the camera, in its own axes, while the shutter is open.
-    Both or none: then nothing moves. What moves by itself is smeared by the camera's motion only.
+    depth  (h, w) m along z, 0 infinitely far; motion (6,) twist m, rad of the camera, in its own axes, while the shutter is open.
+    Both or none: then nothing moves. Moving objects are blurred by the camera's motion only.
     """
-    if camera.lens_uv is None and way is None:
+    if camera.lens_uv is None and motion is None:
         return blurred(radiance, blur_px)
     b = 3.0 * blur_px**2
     out = np.empty((camera.height, camera.width, 3), np.float32)
     lens_uv = np.empty((0, 0, 2), np.float32) if camera.lens_uv is None else camera.lens_uv
     opening = closing = np.eye(4)[:3]
     depths = np.empty((0, 0), np.float32)
-    if way is not None and depth is not None:
-        opening, closing, depths = se3.exp(0.5 * way)[:3], se3.exp(-0.5 * way)[:3], depth
-    kernels.through_lens(radiance, lens_uv, depths, _view(camera.drawn, np.eye(4)), opening, closing, np.float32(b), out)
+    if motion is not None and depth is not None:
+        opening, closing, depths = se3.exp(0.5 * motion)[:3], se3.exp(-0.5 * motion)[:3], depth
+    kernels.through_lens(radiance, lens_uv, depths, _view(camera.rendered, np.eye(4)), opening, closing, np.float32(b), out)
     return out
 
 

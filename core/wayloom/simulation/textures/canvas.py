@@ -1,4 +1,4 @@
-"""What a painter of a texture works with."""
+"""Painting primitives for procedural textures."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +29,7 @@ class Canvas:
 
 
 def over(mask: Mask, top: ArrayLike, below: Image) -> Image:
-    """`top` (a colour, or an image) where the mask (n, n) holds, `below` elsewhere."""
+    """`top` (a colour, or an image) where the mask (n, n) is true, `below` elsewhere."""
     return np.asarray(np.where(mask[..., None], np.asarray(top, np.float32), below), np.float32)
 
 

@@ -1,4 +1,4 @@
-"""The layers of the texture stack: one material each."""
+"""Material indices of the texture stack, with their relief, roughness and emission."""
 
 from enum import IntEnum, auto
 from typing import Final

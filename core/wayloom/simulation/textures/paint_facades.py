@@ -1,4 +1,4 @@
-"""House fronts, roofs and masonry. A repeat of a front is 4 bays of 3 m by 4 floors of 3.1 m."""
+"""Procedural facade, roof and masonry textures. A repeat of a front is 4 bays of 3 m by 4 floors of 3.1 m."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

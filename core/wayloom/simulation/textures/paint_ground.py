@@ -1,4 +1,4 @@
-"""Road surfaces, pavements, lawns. A repeat of STREET is 12 m square, of AVENUE 18 m square, of ASPHALT and CROSSING 6 m."""
+"""Procedural road, pavement and lawn textures. A repeat of STREET is 12 m square, of AVENUE 18 m, of ASPHALT and CROSSING 6 m."""
 
 from typing import Final
 

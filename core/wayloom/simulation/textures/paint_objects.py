@@ -1,4 +1,4 @@
-"""Plants, fences, metal, vehicles' skins, signs and lights. Cut-out materials keep coverage in the fourth channel."""
+"""Procedural textures of plants, fences, metal, clothes, signs and lights; the fourth channel of cut-outs is coverage."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""Skins of vehicles. Coloured by tint where they are light; u runs from back to front, v from top to bottom."""
+"""Procedural vehicle textures, coloured by tint where they are light; u runs from back to front, v from top to bottom."""
 
 from collections.abc import Callable
 from typing import Final

@@ -1,4 +1,4 @@
-"""The texture stack: every material painted, with its mip pyramid."""
+"""Texture stack: every material painted, with its mip pyramid."""
 
 from collections.abc import Callable
 from typing import Final

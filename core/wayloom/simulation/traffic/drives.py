@@ -1,4 +1,4 @@
-"""Drives through the city: where each vehicle goes, when, and what moves around it."""
+"""Drive planning: the recording vehicles' paths through the city, run together in one traffic simulation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,11 +7,17 @@ import numpy as np
 
 from wayloom.errors import ConfigError
 from wayloom.simulation.city.city import City
-from wayloom.simulation.city.numbering import vehicle_number
-from wayloom.simulation.traffic import crowds
-from wayloom.simulation.traffic.crowds import WARM_UP_S, Crowd, Wanted
+from wayloom.simulation.city.instance_ids import vehicle_number
+from wayloom.simulation.traffic.car_following import STEP_S, Agent
 from wayloom.simulation.traffic.lanes import Element, Lane, LaneGraph
-from wayloom.simulation.traffic.movement import STEP_S, Agent
+from wayloom.simulation.traffic.population import (
+    WARM_UP_S,
+    RecordingVehicle,
+    TrafficPopulation,
+    empty_population,
+    recorded_traffic,
+    run_traffic,
+)
 from wayloom.simulation.traffic.routes import MARGIN_S, Route, eased, lap_route, line_through, timed
 from wayloom.simulation.traffic.traffic import Traffic
 
@@ -29,17 +35,17 @@ SAMPLES_BEYOND = int(np.ceil(MARGIN_S / STEP_S)) + 8
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
-    """What a vehicle wants.
+class RoutePlan:
+    """Route and schedule wanted for a recording vehicle.
 
     nodes        crossings passed (row * columns + column), neighbours in the street graph
     start_s      s after the city's time zero
     closed       from the last node back to the first, and on to where it began
     reference    place in `nodes` of the crossing from which the start is measured
-    before_m     the start lies this far before that crossing, m along the lane, or at the beginning of the way's first lane
-    duration_s   of the drive; None for a closed way: once around
+    before_m     the start lies this far before that crossing, m along the lane, or at the beginning of the route's first lane
+    duration_s   of the drive; None for a closed route: once around
     fastest_m_s  speed on a free, straight street
-    laps         of a closed way: poses repeat lap by lap; signals and others are ignored
+    laps         of a closed route: poses repeat lap by lap; signals and others are ignored
     """
 
     nodes: tuple[int, ...]
@@ -62,8 +68,8 @@ class Drive:
 
 
 @dataclass(frozen=True, slots=True)
-class _Lanes:
-    """A way as lanes. s (N,), xy (N, 2): the line; start_m: where on it the vehicle begins; around_m: once around, if closed."""
+class _LanePath:
+    """A route as lanes. s (N,), xy (N, 2): the line; start_m: where on it the vehicle begins; around_m: once around, if closed."""
 
     nodes: tuple[int, ...]
     s: np.ndarray
@@ -72,55 +78,32 @@ class _Lanes:
     around_m: float
 
 
-def plan_drives(city: City, ways: Sequence[Way]) -> list[Drive]:
-    """One drive a way, in the order given. Vehicles that drive at the same time are in the same traffic and meet each other, but
-    for those that begin at one place: each is then in traffic of its own.
+def plan_drives(city: City, plans: Sequence[RoutePlan]) -> list[Drive]:
+    """One drive for each plan, in the order given. Vehicles that drive at the same time share one traffic simulation and meet each
+    other, but for those that begin at one place: each is then in traffic of its own.
 
     They keep to the lanes, stop at red lights and follow who is ahead. Equal arguments give equal drives.
-    Raises ConfigError where a way has no such streets, ends before its time, or leads into streets that are full for good.
+    Raises ConfigError where a plan has no such streets, ends before its time, or leads into streets that are full for good.
     """
     lanes = LaneGraph(city.graph)
-    laid = [_laid(lanes, way) for way in ways]
+    paths = [_lane_path(lanes, plan) for plan in plans]
     drives: dict[int, Drive] = {}
-    for group in _groups(ways, laid):
-        drives |= zip(group, _together(city, [ways[k] for k in group], [laid[k] for k in group]), strict=True)
-    return [drives[k] for k in range(len(ways))]
+    for group in _groups(plans, paths):
+        drives |= zip(group, _simulate_group(city, [plans[k] for k in group], [paths[k] for k in group]), strict=True)
+    return [drives[k] for k in range(len(plans))]
 
 
-def random_way(
-    city: City, length_m: float, rng: np.random.Generator, start_s: float = 0.0, avoid: frozenset[int] = frozenset()
-) -> Way:
-    """A way of at least length_m along streets drawn at random, without turning round; `avoid` names crossings not to pass.
-
-    Raises ConfigError where the city has no inner streets.
-    """
-    graph, lanes = city.graph, LaneGraph(city.graph)
-    streets = [s for s in graph.inner_streets() if not {s.a, s.b} & avoid and not (graph.is_edge(s.a) or graph.is_edge(s.b))]
-    if not streets:
-        raise ConfigError("there are no streets to drive in", remedy="ask for more columns and rows, or avoid fewer crossings")
-    street = streets[rng.integers(len(streets))]
-    nodes = [street.a, street.b] if rng.random() < 0.5 else [street.b, street.a]
-    length = 0.0
-    while length < length_m:
-        exits = [n for n in lanes.exits(Lane.CAR, nodes[-2], nodes[-1]) if not graph.is_edge(n) and n not in avoid]
-        if not exits:
-            exits = [n for n in lanes.exits(Lane.CAR, nodes[-2], nodes[-1]) if not graph.is_edge(n)]
-        if not exits:
-            raise ConfigError(f"the streets end at crossing {nodes[-1]}", remedy="ask for more columns and rows")
-        nodes.append(int(exits[rng.integers(len(exits))]))
-        length += float(np.hypot(*(graph.nodes[nodes[-1]] - graph.nodes[nodes[-2]])))
-    return Way(tuple(nodes), start_s, reference=1, before_m=40.0)
-
-
-def _groups(ways: Sequence[Way], laid: Sequence[_Lanes]) -> list[list[int]]:
-    """The ways that share their traffic: those that overlap in time and do not begin on each other's place."""
+def _groups(plans: Sequence[RoutePlan], paths: Sequence[_LanePath]) -> list[list[int]]:
+    """Indices of the plans that share a traffic simulation: they overlap in time and do not begin at one place."""
     groups: list[tuple[list[int], float]] = []
-    begin = [lane.xy[np.searchsorted(lane.s, lane.start_m)] for lane in laid]
-    for k in sorted(range(len(ways)), key=lambda k: (ways[k].start_s, k)):
-        end = ways[k].start_s + _estimated_s(ways[k], laid[k])
+    begin = [path.xy[np.searchsorted(path.s, path.start_m)] for path in paths]
+    for k in sorted(range(len(plans)), key=lambda k: (plans[k].start_s, k)):
+        end = plans[k].start_s + _estimated_s(plans[k], paths[k])
         for g, (members, until) in enumerate(groups):
-            apart = all(ways[k].start_s - ways[j].start_s > CLASH_S or np.hypot(*(begin[k] - begin[j])) > CLASH_M for j in members)
-            if ways[k].start_s <= until and apart:
+            apart = all(
+                plans[k].start_s - plans[j].start_s > CLASH_S or np.hypot(*(begin[k] - begin[j])) > CLASH_M for j in members
+            )
+            if plans[k].start_s <= until and apart:
                 groups[g] = ([*members, k], max(end, until))
                 break
         else:
@@ -128,16 +111,16 @@ def _groups(ways: Sequence[Way], laid: Sequence[_Lanes]) -> list[list[int]]:
     return [members for members, _ in groups]
 
 
-def _estimated_s(way: Way, laid: _Lanes) -> float:
-    return way.duration_s if way.duration_s is not None else laid.around_m / ESTIMATED_M_S
+def _estimated_s(plan: RoutePlan, path: _LanePath) -> float:
+    return plan.duration_s if plan.duration_s is not None else path.around_m / ESTIMATED_M_S
 
 
-def _laid(lanes: LaneGraph, way: Way) -> _Lanes:
-    """The lanes of a way. Of a closed one they go around and on over its start."""
-    if len(way.nodes) < (3 if way.closed else 2):
-        raise ConfigError(f"{len(way.nodes)} crossings make no way", remedy="name more of them")
-    before = way.nodes[way.reference :] + way.nodes[: way.reference] if way.closed else way.nodes
-    nodes = (before[-1], *before, *before, before[0]) if way.closed else before
+def _lane_path(lanes: LaneGraph, plan: RoutePlan) -> _LanePath:
+    """The lanes of a route. Those of a closed one go around and on over its start."""
+    if len(plan.nodes) < (3 if plan.closed else 2):
+        raise ConfigError(f"{len(plan.nodes)} crossings make no way", remedy="name more of them")
+    before = plan.nodes[plan.reference :] + plan.nodes[: plan.reference] if plan.closed else plan.nodes
+    nodes = (before[-1], *before, *before, before[0]) if plan.closed else before
     chain = [lanes.along(Lane.CAR, nodes[0], nodes[1])]
     starts = [0.0]
     for a, b, c in zip(nodes, nodes[1:], nodes[2:], strict=False):
@@ -146,13 +129,13 @@ def _laid(lanes: LaneGraph, way: Way) -> _Lanes:
             chain.append(element)
     s = np.concatenate([[0.0], *(e.s[1:] + start for e, start in zip(chain, starts, strict=True))])
     xy = np.vstack([chain[0].xy[:1], *(e.xy[1:] for e in chain)])
-    around = starts[2 * len(way.nodes)] if way.closed else np.inf
-    reference = 1 if way.closed else way.reference
-    return _Lanes(nodes, s, xy, max(0.0, _nearest_m(chain, starts, reference, lanes) - way.before_m), float(around))
+    around = starts[2 * len(plan.nodes)] if plan.closed else np.inf
+    reference = 1 if plan.closed else plan.reference
+    return _LanePath(nodes, s, xy, max(0.0, _nearest_m(chain, starts, reference, lanes) - plan.before_m), float(around))
 
 
 def _nearest_m(chain: list[Element], starts: list[float], reference: int, lanes: LaneGraph) -> float:
-    """Where on a chain it comes nearest to the crossing before its lane number `reference`; its first lane begins at number 0."""
+    """Arc length of the point of a chain nearest to the crossing before its lane number `reference`; 0 for lane number 0."""
     if reference == 0:
         return 0.0
     k = min(2 * reference - 1, len(chain) - 1)
@@ -160,61 +143,61 @@ def _nearest_m(chain: list[Element], starts: list[float], reference: int, lanes:
     return starts[k] + float(turn.s[np.argmin(np.linalg.norm(turn.xy - node, axis=1))])
 
 
-def _together(city: City, ways: list[Way], laid: list[_Lanes]) -> list[Drive]:
-    """Drives that may meet each other."""
-    crowd = crowds.crowd(city, ways[0].start_s - WARM_UP_S, int(ways[0].start_s * 10))
-    begun = [_begin(crowd, way, lane) for way, lane in zip(ways, laid, strict=True) if not way.laps]
-    latest = max(w.start_s + (w.duration_s or 60.0 + lane.around_m / SLOWEST_M_S) for w, lane in zip(ways, laid, strict=True))
-    crowds.run(crowd, begun, np.array([lane.xy[np.searchsorted(lane.s, lane.start_m)] for lane in laid]), latest + 10.0)
-    traffic, wanted = Traffic(city, crowds.recorded(crowd)), iter(begun)
+def _simulate_group(city: City, plans: list[RoutePlan], paths: list[_LanePath]) -> list[Drive]:
+    """Drives of one traffic simulation, which may meet each other."""
+    population = empty_population(city, plans[0].start_s - WARM_UP_S, int(plans[0].start_s * 10))
+    begun = [_recording_vehicle(population, plan, path) for plan, path in zip(plans, paths, strict=True) if not plan.laps]
+    latest = max(w.start_s + (w.duration_s or 60.0 + path.around_m / SLOWEST_M_S) for w, path in zip(plans, paths, strict=True))
+    run_traffic(population, begun, np.array([path.xy[np.searchsorted(path.s, path.start_m)] for path in paths]), latest + 10.0)
+    traffic, recording = Traffic(city, recorded_traffic(population)), iter(begun)
     out = []
-    for way, lane in zip(ways, laid, strict=True):
-        if way.laps:
-            line = line_through(lane.s, lane.xy, lane.around_m)
-            out.append(Drive(lap_route(line, city.ground, lane.start_m, way.start_s, way.fastest_m_s), traffic))
+    for plan, path in zip(plans, paths, strict=True):
+        if plan.laps:
+            line = line_through(path.s, path.xy, path.around_m)
+            out.append(Drive(lap_route(line, city.ground, path.start_m, plan.start_s, plan.fastest_m_s), traffic))
             continue
-        vehicle = next(wanted)
-        driven = np.array(vehicle.agent.way[: vehicle.steps])
+        vehicle = next(recording)
+        driven = np.array(vehicle.agent.front_history_m[: vehicle.steps])
         out.append(
-            Drive(_route(city, way, lane, vehicle.agent.born_s, driven), traffic, frozenset({vehicle_number(vehicle.agent.order)}))
+            Drive(_route(city, plan, path, vehicle.agent.born_s, driven), traffic, frozenset({vehicle_number(vehicle.agent.order)}))
         )
     return out
 
 
-def _begin(crowd: Crowd, way: Way, laid: _Lanes) -> Wanted:
-    """The recording vehicle, which keeps to its way, and when it is done."""
-    ahead = iter(laid.nodes[2:])
-    chain = [crowd.lanes.along(Lane.CAR, laid.nodes[0], laid.nodes[1])]
-    agent = crowd.new_agent(Lane.CAR, chain[0], laid.start_m + FRONT_M, 1.0)
-    agent.choose, agent.patient = lambda _agent, _exits: next(ahead, None), True
-    agent.length_m, agent.wish_m_s = LENGTH_M, way.fastest_m_s
-    crowd.looks[agent.order] = crowd.city.models.any_car(crowd.rng)
-    agent.v_m_s = FIRST_SPEED * way.fastest_m_s
+def _recording_vehicle(population: TrafficPopulation, plan: RoutePlan, path: _LanePath) -> RecordingVehicle:
+    """The recording vehicle of a plan, which keeps to its route, and its end condition."""
+    ahead = iter(path.nodes[2:])
+    chain = [population.lanes.along(Lane.CAR, path.nodes[0], path.nodes[1])]
+    agent = population.new_agent(Lane.CAR, chain[0], path.start_m + FRONT_M, 1.0)
+    agent.choose, agent.keeps_route = lambda _agent, _exits: next(ahead, None), True
+    agent.length_m, agent.desired_speed_m_s = LENGTH_M, plan.fastest_m_s
+    population.meshes[agent.order] = population.city.models.any_car(population.rng)
+    agent.v_m_s = FIRST_SPEED * plan.fastest_m_s
 
     def done(agent: Agent, t_s: float) -> bool:
-        if way.duration_s is not None:
-            return t_s > way.start_s + way.duration_s + BEYOND_S
-        return agent.front_m - FRONT_M > laid.start_m + laid.around_m + BEYOND_S * agent.v_m_s + 1.0
+        if plan.duration_s is not None:
+            return t_s > plan.start_s + plan.duration_s + BEYOND_S
+        return agent.front_m - FRONT_M > path.start_m + path.around_m + BEYOND_S * agent.v_m_s + 1.0
 
-    return Wanted(agent, way.start_s, done)
+    return RecordingVehicle(agent, plan.start_s, done)
 
 
-def _route(city: City, way: Way, laid: _Lanes, born_s: float, driven: np.ndarray) -> Route:
+def _route(city: City, plan: RoutePlan, path: _LanePath, born_s: float, driven: np.ndarray) -> Route:
     """The motion of a recording vehicle from where its front was at each step from born_s on, `driven` (K,) m."""
     before, after = np.arange(-SAMPLES_BEYOND, 0), np.arange(1, SAMPLES_BEYOND + 1)
     front = np.concatenate([driven[0] + (driven[1] - driven[0]) * before, driven, driven[-1] + (driven[-1] - driven[-2]) * after])
     t = np.asarray(born_s + STEP_S * np.arange(-SAMPLES_BEYOND, len(driven) + SAMPLES_BEYOND), np.float64)
     smooth = eased(front - FRONT_M)
-    end = way.start_s + way.duration_s if way.duration_s is not None else _reached(t, smooth, laid)
+    end = plan.start_s + plan.duration_s if plan.duration_s is not None else _lap_end_s(t, smooth, path)
     if end + MARGIN_S > born_s + STEP_S * len(driven):
         what = (
-            f"a way of {laid.s[-1] - laid.start_m:.0f} m, of which {driven[-1] - driven[0]:.0f} m were driven, drives off its end"
+            f"a way of {path.s[-1] - path.start_m:.0f} m, of which {driven[-1] - driven[0]:.0f} m were driven, drives off its end"
         )
         raise ConfigError(what, remedy="pass more crossings, drive fewer frames, or ask for less traffic")
-    return Route(line_through(laid.s, laid.xy), timed(t, smooth), city.ground, way.start_s, float(end))
+    return Route(line_through(path.s, path.xy), timed(t, smooth), city.ground, plan.start_s, float(end))
 
 
-def _reached(t: np.ndarray, way_m: np.ndarray, laid: _Lanes) -> float:
-    """When it is once around, rounded up to a tenth of a second; infinite if never."""
-    passed = np.nonzero(way_m >= laid.start_m + laid.around_m)[0]
+def _lap_end_s(t: np.ndarray, arc_m: np.ndarray, path: _LanePath) -> float:
+    """Time at which it is once around, rounded up to a tenth of a second; infinite if never."""
+    passed = np.nonzero(arc_m >= path.start_m + path.around_m)[0]
     return float(np.ceil(t[passed[0]] * 10 - 1e-6) / 10) if len(passed) else np.inf

@@ -1,4 +1,4 @@
-"""Where vehicles drive: lanes along streets, and the ways across crossings from one lane into another."""
+"""Lane graph: lanes along streets and connecting lanes across crossings, with speed limits from curvature."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -46,7 +46,7 @@ ALONG = -1
 
 
 class Lane(Enum):
-    """What drives where on a street."""
+    """Lane type of a street."""
 
     CAR = 0
     CYCLE = 1
@@ -59,8 +59,8 @@ HALF_WIDTHS_M = {Lane.CAR: 1.25, Lane.CYCLE: 0.3, Lane.TRAM: 1.25}
 
 @dataclass(frozen=True, slots=True)
 class Element:
-    """A piece of lane: s (N,) m from its start, xy (N, 2) m; limit_m_s (N,) is how fast each place may be passed, so that one comes
-    through the bends behind it.
+    """A lane or a path across a crossing: s (N,) m from its start, xy (N, 2) m; limit_m_s (N,) speed limit at each place, from the
+    curvature here and behind.
 
     key: lane, and the nodes that it leads from, to, and on to; the last is ALONG for a lane along a street
     """
@@ -77,7 +77,7 @@ class Element:
 
 
 class LaneGraph:
-    """The lanes of a street graph, made when asked for."""
+    """Lane graph of a street graph, built lazily."""
 
     def __init__(self, graph: StreetGraph) -> None:
         self.graph = graph
@@ -87,7 +87,7 @@ class LaneGraph:
         self.exits = lru_cache(KEPT_ELEMENTS)(self._exits)
 
     def _exits(self, lane: Lane, a: int, b: int) -> tuple[int, ...]:
-        """Nodes to which one may go on from the lane from a to b: no outermost streets; trams go straight along their avenue."""
+        """Nodes that can be reached from the lane from a to b: no outermost streets; trams go straight along their avenue."""
         out = [n for n in self.graph.neighbours(b) if n != a and not self.graph.is_outer(b, n)]
         if lane is Lane.TRAM:
             out = [n for n in out if n - b == b - a]
@@ -96,7 +96,7 @@ class LaneGraph:
         return tuple(out)
 
     def _along(self, lane: Lane, a: int, b: int) -> Element:
-        """The lane from behind the crossing at a to the stop before the one at b."""
+        """The lane from behind the crossing at a to the stop line before the one at b."""
         p, q = self.graph.nodes[a], self.graph.nodes[b]
         length = float(np.hypot(*(q - p)))
         d = (q - p) / length
@@ -111,7 +111,7 @@ class LaneGraph:
         )
 
     def _across(self, lane: Lane, a: int, b: int, c: int) -> Element:
-        """The way from the lane a to b into the lane b to c."""
+        """The path across the crossing at b from the lane a to b into the lane b to c."""
         (before, p), (q, after) = self.along(lane, a, b).xy, self.along(lane, b, c).xy
         d, e = (p - before) / np.hypot(*(p - before)), (after - q) / np.hypot(*(after - q))
         ease = EASE_M
@@ -133,7 +133,7 @@ class LaneGraph:
         return Element((lane, a, b, c), s, xy, limit)
 
     def _conflict(self, first: Key, second: Key) -> tuple[float, float] | None:
-        """From where to where on the first way (m) the second one is too close; None where it never is."""
+        """Conflict zone of two paths: from where to where on the first, m, the second one is too close; None where it never is."""
         one, other = self.across(*first), self.across(*second)
         gap = np.linalg.norm(one.xy[:, None] - other.xy[None], axis=2).min(axis=1)
         swing = (
@@ -146,13 +146,13 @@ class LaneGraph:
 
 
 def apart_m(first: Lane, second: Lane) -> float:
-    """How far apart the middles of two lanes' vehicles must stay."""
+    """Least distance between the centre lines of two lanes' vehicles, m."""
     both = HALF_WIDTHS_M[first] + HALF_WIDTHS_M[second]
     return both + 0.4 if Lane.CYCLE not in (first, second) else both - 0.05
 
 
 def offset_m(lane: Lane, avenue: bool) -> float:
-    """How far right of a street's middle a lane lies."""
+    """Lateral offset of a lane to the right of a street's middle, m."""
     if lane is Lane.TRAM:
         return TRAM_LANE_M
     shift = AVENUE_LANE_M - LANE_M if avenue else 0.0

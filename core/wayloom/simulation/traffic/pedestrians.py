@@ -1,14 +1,14 @@
-"""People on the sidewalks: around each block, both ways, all of a line at one speed; some around the hall of a square."""
+"""Pedestrian traffic on sidewalks and squares: walkers on closed paths at constant speed."""
 
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from wayloom.simulation.city.blocks import Kind, kind_of
+from wayloom.simulation.city.blocks import LandUse, land_use
 from wayloom.simulation.city.city import City
 from wayloom.simulation.city.ground import KERB_M
-from wayloom.simulation.city.numbering import PEOPLE_PER_BLOCK, first_person
+from wayloom.simulation.city.instance_ids import PEOPLE_PER_BLOCK, first_person
 from wayloom.simulation.city.paths import Path, lane_path
 from wayloom.simulation.city.streets import F64
 from wayloom.simulation.models.catalogue import WALKERS
@@ -41,7 +41,7 @@ class Walker:
         return self.path.at(self._s(t_s))
 
     def mesh(self, t_s: float) -> Mesh:
-        """In the step of the time."""
+        """The mesh of the phase at a time."""
         return self.frames[int(self._s(t_s) / STRIDE_M * STEP_PHASES) % len(self.frames)]
 
     def _s(self, t_s: float) -> float:
@@ -49,14 +49,14 @@ class Walker:
 
 
 class People:
-    """The people of a city, block by block, made when asked for."""
+    """Pedestrians of a city, generated lazily block by block."""
 
     def __init__(self, city: City) -> None:
         self._city = city
         self.of_block = lru_cache(KEPT_BLOCKS)(self._of_block)
 
     def around(self, x: float, y: float, reach_m: float) -> list[Walker]:
-        """Everybody of the blocks that a square of half edge reach_m around x, y touches."""
+        """Pedestrians of the blocks that a square of half edge reach_m around x, y touches."""
         here = np.array([x, y])
         blocks = self._city.graph.blocks_within(here - reach_m, here + reach_m)
         return [walker for block in blocks for walker in self.of_block(block)]
@@ -66,7 +66,7 @@ class People:
         rng = np.random.default_rng([settings.seed, 6, 0 if settings.hard else block])
         kerb = shape.kerb_line()
         lines = [lane_path(kerb, -LINES_M[0], CORNER_M, closed=True), lane_path(kerb[::-1], LINES_M[1], CORNER_M, closed=True)]
-        if kind_of(settings, block) is Kind.SQUARE:
+        if land_use(settings, block) is LandUse.SQUARE:
             middle = shape.inner.mean(axis=0)
             lines.append(lane_path(middle + SQUARE_SHARE * (shape.inner - middle), 0.0, 6.0, closed=True))
         out: list[Walker] = []

@@ -1,4 +1,4 @@
-"""How a vehicle goes along its path, at any moment: poses smooth enough that an IMU can be derived from them."""
+"""Vehicle routes: pose as a smooth function of time, four times differentiable, so that an IMU can be derived from it."""
 
 from dataclasses import dataclass
 
@@ -70,13 +70,13 @@ def line_through(s_m: F64, xy: F64, around_m: float | None = None) -> Line:
 class Route:
     """A drive from start_s to end_s (s since the city's time zero), or, with lap_s, around and around.
 
-    line     where it goes
-    way      the way along the line (m) as a spline of time; within one lap where there are laps
-    ground   the hills below
+    line        the path over the ground
+    arc_length  along the line (m) as a spline of time; within one lap where there are laps
+    ground      the terrain below
     """
 
     line: Line
-    way: BSpline
+    arc_length: BSpline
     ground: Terrain
     start_s: float
     end_s: float
@@ -84,26 +84,26 @@ class Route:
 
     @property
     def duration_s(self) -> float:
-        """Of the drive, or of one lap."""
+        """Duration of the drive, or of one lap, s."""
         return self.end_s - self.start_s
 
     @property
     def length_m(self) -> float:
         """Driven from start to end, or in one lap."""
-        return float(self.way(self.end_s) - self.way(self.start_s))
+        return float(self.arc_length(self.end_s) - self.arc_length(self.start_s))
 
     def travelled(self, t_s: ArrayLike, derivative: int = 0) -> F64:
-        """(M,) m along the line at times t_s (M,), or its derivative by time (1 speed, 2 acceleration along the way).
+        """(M,) arc length at times t_s (M,), m, or its derivative by time (1 speed, 2 longitudinal acceleration).
 
         Motion goes on for MARGIN_S before the start and after the end; beyond, the vehicle stands, unless it goes in laps.
         """
         t = np.atleast_1d(np.asarray(t_s, float))
         if self.lap_s is None:
             inside = np.clip(t, self.start_s - MARGIN_S, self.end_s + MARGIN_S)
-            return np.asarray(self.way(inside, derivative) * ((t == inside) | (derivative == 0)))
+            return np.asarray(self.arc_length(inside, derivative) * ((t == inside) | (derivative == 0)))
         laps = np.floor((t - self.start_s) / self.lap_s)
-        way = self.way(t - laps * self.lap_s, derivative)
-        return np.asarray(way + laps * self.line.length_m if derivative == 0 else way)
+        arc_length = self.arc_length(t - laps * self.lap_s, derivative)
+        return np.asarray(arc_length + laps * self.line.length_m if derivative == 0 else arc_length)
 
     def places(self, t_s: ArrayLike) -> F64:
         """(M, 2) x, y m."""
@@ -139,13 +139,13 @@ class Route:
         return max(1.0, round(self.line.length_m / base)) * base / self.line.length_m
 
 
-def timed(t_s: F64, way_m: F64) -> BSpline:
-    """The way along a line (N,) m at times t_s (N,) as a spline of time; four times continuously differentiable."""
-    return make_interp_spline(t_s, way_m, k=SPLINE_DEGREE)
+def timed(t_s: F64, arc_m: F64) -> BSpline:
+    """The arc length along a line (N,) m at times t_s (N,) as a spline of time; four times continuously differentiable."""
+    return make_interp_spline(t_s, arc_m, k=SPLINE_DEGREE)
 
 
 def fastest_along(line: Line, s_m: F64, fastest_m_s: float) -> F64:
-    """(M,) m/s: how fast a driver takes each place of a line."""
+    """(M,) m/s: comfortable speed at each place of a line, limited by lateral acceleration."""
     return np.asarray(np.minimum(fastest_m_s, np.sqrt(SIDEWAYS_M_S2 / np.maximum(np.abs(line.curvature(s_m)), 1e-6))))
 
 
@@ -166,16 +166,16 @@ def lap_route(line: Line, ground: Terrain, start_m: float, start_s: float, faste
     three_times = np.concatenate([times[:-1] - lap, times[:-1], times + lap])
     three_places = np.concatenate([places[:-1] - line.length_m, places[:-1], places + line.length_m])
     begin = float(np.interp(start_m, three_places, three_times))
-    way = np.interp(t + begin, three_times, three_places)
-    return Route(line, timed(t + start_s, way), ground, start_s, start_s + lap, lap)
+    arc_length = np.interp(t + begin, three_times, three_places)
+    return Route(line, timed(t + start_s, arc_length), ground, start_s, start_s + lap, lap)
 
 
-def eased(way_m: F64) -> F64:
-    """The way at even time steps, smoothed over 2 EASE_STEPS + 1 of them, so that acceleration changes gently."""
+def eased(arc_m: F64) -> F64:
+    """Arc length at even time steps, smoothed over 2 EASE_STEPS + 1 of them, so that acceleration is continuous."""
     window = np.hanning(2 * EASE_STEPS + 3)[1:-1]
-    before = way_m[0] + (way_m[1] - way_m[0]) * np.arange(-EASE_STEPS, 0)
-    after = way_m[-1] + (way_m[-1] - way_m[-2]) * np.arange(1, EASE_STEPS + 1)
-    return np.asarray(np.convolve(np.concatenate([before, way_m, after]), window / window.sum(), "valid"))
+    before = arc_m[0] + (arc_m[1] - arc_m[0]) * np.arange(-EASE_STEPS, 0)
+    after = arc_m[-1] + (arc_m[-1] - arc_m[-2]) * np.arange(1, EASE_STEPS + 1)
+    return np.asarray(np.convolve(np.concatenate([before, arc_m, after]), window / window.sum(), "valid"))
 
 
 def _reachable(ds_m: float, limit: F64) -> F64:

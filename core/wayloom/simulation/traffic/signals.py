@@ -1,4 +1,4 @@
-"""Traffic lights: what is lit when. A function of the place and the time alone."""
+"""Traffic signal phases: the lit lamps as a function of place and time alone."""
 
 from typing import Final
 
@@ -11,7 +11,7 @@ GOLDEN = 0.618034
 
 
 def phase_s(graph: StreetGraph, node: int, origin: int, t_s: float) -> float:
-    """Time since green began for who comes from `origin` to `node`, s; repeats after two half cycles."""
+    """Time since green began for traffic from `origin` to `node`, s; repeats after two half cycles."""
     row, column = divmod(node, graph.columns)
     offset = (0.55 + GOLDEN * (3 * row + 5 * column)) % 1.0 * 2 * HALF_CYCLE_S
     across = HALF_CYCLE_S if abs(origin - node) == 1 else 0.0
@@ -19,7 +19,7 @@ def phase_s(graph: StreetGraph, node: int, origin: int, t_s: float) -> float:
 
 
 def lit(graph: StreetGraph, node: int, origin: int, t_s: float) -> tuple[int, ...]:
-    """The lamps that are lit for who comes from `origin`."""
+    """The lamps that are lit for traffic from `origin`."""
     phase = phase_s(graph, node, origin, t_s)
     if phase < GREEN_S:
         return (GREEN,)
@@ -29,7 +29,7 @@ def lit(graph: StreetGraph, node: int, origin: int, t_s: float) -> tuple[int, ..
 
 
 def is_open(graph: StreetGraph, node: int, origin: int, t_s: float, waited_s: float = 0.0, patience_s: float = 6.0) -> bool:
-    """Whether one may go: always where there are no signals; on amber only who has waited in the crossing's mouth."""
+    """Whether traffic may enter: always where there are no signals; on amber only after waiting in the crossing."""
     if graph.control(node) is not Control.SIGNALS:
         return True
     phase = phase_s(graph, node, origin, t_s)

@@ -1,4 +1,4 @@
-"""What moves: vehicles in the streets, people on the sidewalks, and the lamps of signals. All of it is a function of the time."""
+"""Traffic of a city as a function of time: vehicles, pedestrians and lit signal lamps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ import numpy as np
 from wayloom.config.classes import CLASS_ID
 from wayloom.simulation.city.city import City
 from wayloom.simulation.city.furniture import LAMP_TINTS, LENS_UV, lens
-from wayloom.simulation.city.numbering import FIRST_MOVER as FIRST_MOVER
-from wayloom.simulation.city.numbering import vehicle_number
+from wayloom.simulation.city.instance_ids import FIRST_MOVER as FIRST_MOVER
+from wayloom.simulation.city.instance_ids import vehicle_number
 from wayloom.simulation.city.streets import F64
 from wayloom.simulation.models.mesh import Mesh, MeshBuilder, posed
 from wayloom.simulation.textures.materials import Material
@@ -25,8 +25,8 @@ AXLES = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
-    """A mover at one moment, and a ball of radius_m around centre (3,) m that holds it.
+class PlacedModel:
+    """A moving object at one moment, with its bounding sphere: centre (3,) m and radius_m.
 
     model          around its own origin, to be put at T_world_model (4, 4) as thing `number`; without one, already in its place
     """
@@ -39,15 +39,15 @@ class Placed:
 
     @property
     def mesh(self) -> Mesh:
-        """Where it is; made when asked for, since most movers are out of view and cast no shadow into it."""
+        """Its transformed mesh; made when asked for, since most moving objects are out of view."""
         return self.model if self.T_world_model is None else posed(self.model, self.T_world_model, self.number)
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """One vehicle and where it goes: s (N,) m and xy (N, 2) m of its line, its front's way (K,) m at even steps from born_s on.
+    """Trajectory of one vehicle: s (N,) m and xy (N, 2) m of its path, front_m (K,) of its front at even steps from born_s on.
 
-    mesh, braking  what it looks like, and with its brake lamps on
+    mesh, braking  its mesh without and with lit brake lamps
     """
 
     order: int
@@ -58,17 +58,17 @@ class Vehicle:
     xy: F64
     born_s: float
     step_s: float
-    way: F64
+    front_m: F64
 
     @property
     def gone_s(self) -> float:
-        """When it is taken away."""
-        return self.born_s + (len(self.way) - 1) * self.step_s
+        """Time at which it is removed, s."""
+        return self.born_s + (len(self.front_m) - 1) * self.step_s
 
     def middle_m(self, t_s: float) -> float:
-        """Its middle's way along its line: between two steps a cubic with the mean speeds around each."""
+        """Arc length of its middle along its path, m: between two steps a cubic with the mean speeds around each."""
         k, u = self._step(t_s)
-        (v0, v1), w = self._speeds(k), self.way
+        (v0, v1), w = self._speeds(k), self.front_m
         rising = u * u * (3 - 2 * u)
         return float(w[k] + rising * (w[k + 1] - w[k]) + u * (1 - u) * ((1 - u) * v0 - u * v1)) - 0.5 * self.length_m
 
@@ -80,12 +80,12 @@ class Vehicle:
     def _step(self, t_s: float) -> tuple[int, float]:
         """The step before a time, and the share of the next one that has passed."""
         steps = (t_s - self.born_s) / self.step_s
-        k = int(np.clip(np.floor(steps), 0, len(self.way) - 2))
+        k = int(np.clip(np.floor(steps), 0, len(self.front_m) - 2))
         return k, steps - k
 
     def _speeds(self, k: int) -> tuple[float, float]:
         """Speed at step k and at the next one, m a step."""
-        w, last = self.way, len(self.way) - 1
+        w, last = self.front_m, len(self.front_m) - 1
         return float(w[k + 1] - w[max(k - 1, 0)]) / (2 if k else 1), float(w[min(k + 2, last)] - w[k]) / (2 if k + 2 <= last else 1)
 
     def at(self, t_s: float) -> tuple[float, float, float]:
@@ -95,16 +95,16 @@ class Vehicle:
         return float(x.mean()), float(y.mean()), float(np.arctan2(y[1] - y[0], x[1] - x[0]))
 
 
-class Source(Protocol):
-    """Gives the vehicles of a time."""
+class TrafficSource(Protocol):
+    """Source of the vehicles present at a time."""
 
     def vehicles(self, t_s: float) -> Sequence[Vehicle]:
-        """All that are there."""
+        """The vehicles that are there at a time."""
         ...
 
 
-class Recorded:
-    """Vehicles whose ways are known from start to end."""
+class RecordedTraffic:
+    """Vehicles with trajectories known from start to end."""
 
     def __init__(self, vehicles: Sequence[Vehicle]) -> None:
         self._all = list(vehicles)
@@ -112,14 +112,14 @@ class Recorded:
         self._gone = np.array([v.gone_s for v in vehicles])
 
     def vehicles(self, t_s: float) -> list[Vehicle]:
-        """All that are there."""
+        """The vehicles that are there at a time."""
         return [self._all[k] for k in np.nonzero((self._born <= t_s) & (t_s < self._gone))[0]]
 
 
 class Traffic:
-    """All that moves in a city."""
+    """Vehicles, pedestrians and lit signals of a city."""
 
-    def __init__(self, city: City, source: Source) -> None:
+    def __init__(self, city: City, source: TrafficSource) -> None:
         self._city, self._source, self._people = city, source, People(city)
 
     def vehicles(self, t_s: float) -> Sequence[Vehicle]:
@@ -135,8 +135,8 @@ class Traffic:
                     found.add(vehicle_number(vehicle.order))
         return frozenset(found)
 
-    def around(self, x: float, y: float, t_s: float, left_out: frozenset[int] = frozenset()) -> list[Placed]:
-        """What moves near x, y (m) at a time, without the instance numbers left out; and what is lit."""
+    def around(self, x: float, y: float, t_s: float, left_out: frozenset[int] = frozenset()) -> list[PlacedModel]:
+        """Moving objects near x, y (m) at a time, without the instance numbers left out; and the lit signal lamps."""
         found: list[tuple[Mesh, int, tuple[float, float, float], float, float]] = []
         for vehicle in self._source.vehicles(t_s):
             number, place = vehicle_number(vehicle.order), vehicle.at(t_s)
@@ -148,19 +148,19 @@ class Traffic:
                 found.append((walker.mesh(t_s), walker.number, walker.at(t_s), walker.lift_m, TALLEST_M))
         return self._standing(found) + self._signals(x, y, t_s)
 
-    def _standing(self, found: list[tuple[Mesh, int, tuple[float, float, float], float, float]]) -> list[Placed]:
-        """Meshes with their numbers, places (x, y m, yaw rad), heights above the ground and radii (m), put there."""
+    def _standing(self, found: list[tuple[Mesh, int, tuple[float, float, float], float, float]]) -> list[PlacedModel]:
+        """Meshes with their numbers, places (x, y m, yaw rad), heights above the ground and radii (m), placed on the ground."""
         if not found:
             return []
         meshes, numbers, places, lifts_m, radii_m = zip(*found, strict=True)
         poses = self._city.ground.poses_on_ground(*np.array(places).T)
         poses[:, 2, 3] += lifts_m
         return [
-            Placed(mesh, T[:3, 3], radius, T, number)
+            PlacedModel(mesh, T[:3, 3], radius, T, number)
             for mesh, number, T, radius in zip(meshes, numbers, poses, radii_m, strict=True)
         ]
 
-    def _signals(self, x: float, y: float, t_s: float) -> list[Placed]:
+    def _signals(self, x: float, y: float, t_s: float) -> list[PlacedModel]:
         """The lamps that are lit, as one mesh."""
         m = MeshBuilder()
         for face in self._city.faces(x, y, SIGNALS_SEEN_FROM_M):
@@ -169,4 +169,4 @@ class Traffic:
                 m.quads(quads, [LENS_UV] * len(quads), Material.LIT, CLASS_ID["traffic light"], face.number, LAMP_TINTS[lamp])
         mesh = m.build()
         here = np.array([x, y, float(self._city.ground.height(np.array(x), np.array(y)))])
-        return [Placed(mesh, here, SIGNALS_SEEN_FROM_M)] if len(mesh) else []
+        return [PlacedModel(mesh, here, SIGNALS_SEEN_FROM_M)] if len(mesh) else []

@@ -1,4 +1,4 @@
-"""A vehicle's motion as a function of time, and what follows from it."""
+"""Motion of a rigid body as a function of time: camera poses and sensor twists."""
 
 from typing import Protocol
 
@@ -12,7 +12,7 @@ TWIST_STEP_S = 1e-3
 
 
 class Motion(Protocol):
-    """Where a body is at any time of its drive, from start_s to end_s (s since the city's time zero), smoothly."""
+    """A rigid body's smooth pose as a function of time from start_s to end_s (s since the city's time zero)."""
 
     @property
     def start_s(self) -> float: ...
@@ -30,7 +30,7 @@ def camera_poses(motion: Motion, T_body_cam: F64, t_s: F64) -> F64:
 
 
 def twists(motion: Motion, T_body_sensor: F64, t_s: F64) -> F64:
-    """(M, 6) velocity m/s, angular rate rad/s of a sensor fixed to the body, in its own axes. Looks no farther than the drive."""
+    """(M, 6) velocity m/s, angular rate rad/s of a sensor fixed to the body, in its own axes, by differences within the drive."""
     before_s, after_s = np.maximum(t_s - TWIST_STEP_S, motion.start_s), np.minimum(t_s + TWIST_STEP_S, motion.end_s)
     before, after = (camera_poses(motion, T_body_sensor, t) for t in (before_s, after_s))
     steps = np.array([se3.log(T) for T in se3.inverse(before) @ after])

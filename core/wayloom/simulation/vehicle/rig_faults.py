@@ -1,4 +1,4 @@
-"""What is wrong with real rigs' calibration, one kind at a time, in the sizes that are found on KITTI's own.
+"""Stereo calibration faults: presets of single error kinds, in the sizes found on KITTI's own rigs.
 
 Sizes hold for full-size images of KITTI-360's geometry (f = 552.55 px), for what is infinitely far; half-size images have half.
 KITTI's rows differ by dv = pitch (1 + y^2) + roll x + k x y, and the horizontal partner of k x y is k y^2: the field of a decentred

@@ -1,4 +1,4 @@
-"""The vehicles' cameras, and where they sit."""
+"""Stereo rigs of the simulated vehicles, and their mounting."""
 
 from typing import Final
 
@@ -32,18 +32,18 @@ def sized_rig(size: str, rig: StereoRig = KITTI_360) -> StereoRig:
 
 
 def scale_of(size: str) -> float:
-    """Edge of images of that size over the full one. Raises ConfigError for another word."""
+    """Scale of images of that size against full size. Raises ConfigError for another word."""
     sized_rig(size)
     return 0.5 ** int(SIZES[size])
 
 
 def given_rig(vehicle: VehicleSettings, size: str) -> StereoRig:
-    """The rig as the log's calibration says. Raises ConfigError for an unknown size."""
+    """The rig as the log's calibration states it. Raises ConfigError for an unknown size."""
     return sized_rig(size, RIGS[vehicle.rig])
 
 
 def camera_on_ground(x: float, y: float, yaw: float, travelled_m: float = 0.0) -> F64:
-    """T_world_cam (4, 4) of a vehicle at x, y (m), yaw (rad) that rolls, pitches and heaves a little as it goes."""
+    """T_world_cam (4, 4) of a vehicle at x, y (m), yaw (rad), with small roll, pitch and heave along the way."""
     roll, pitch = (
         SWAY_RAD[0] * np.sin(0.55 * travelled_m + 0.4),
         SWAY_RAD[1] * np.sin(0.9 * travelled_m) + 0.5 * SWAY_RAD[1] * np.sin(2.3 * travelled_m + 1),

@@ -1,4 +1,4 @@
-"""What a vehicle carries: its stereo rig as it is and as its calibration says, its cameras, GNSS, IMU and LiDAR.
+"""Settings of a recording vehicle: stereo rig with its calibration errors, cameras, GNSS, IMU and LiDAR.
 
 Lengths in pixels are those of full-size images; smaller sizes scale them.
 """
@@ -20,7 +20,7 @@ AXES_CAM_BODY: Final = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 
 
 
 class RightLensSettings(Settings):
-    """How the true right camera differs from the calibration in the log; see `wayloom.geometry.lens.RightLens`."""
+    """Deviation of the true right camera from the calibration in the log; see `wayloom.geometry.lens.RightLens`."""
 
     pitch_rad: float = Field(default=0.0, ge=-0.1, le=0.1)
     yaw_rad: float = Field(default=0.0, ge=-0.1, le=0.1)
@@ -144,7 +144,7 @@ class LidarSettings(Settings):
 
 
 class VehicleSettings(Settings):
-    """A vehicle of the fleet: `vehicle.rigs` makes cameras of it, `sensors` record with it."""
+    """Settings of a recording vehicle."""
 
     rig: Literal["kitti-360", "kitti"] = "kitti-360"
     rig_name: str | None = Field(default=None, description="drives with the same name are of the same rig; none: each has its own")
@@ -205,5 +205,5 @@ def rotation(roll: float, pitch: float, yaw: float) -> F64:
 
 
 def gnss_steps(*steps: tuple[float, FixType]) -> tuple[GnssStep, ...]:
-    """Fixes from shares of the drive on, in short."""
+    """Shorthand for `GnssStep`s: pairs of share of the drive and fix type."""
     return tuple(GnssStep(share=share, fix=fix) for share, fix in steps)

@@ -1,1 +1,1 @@
-"""Compiled kernels of the stitching: arrays in, arrays out."""
+"""Voxel accumulation kernels: arrays in, arrays out."""

@@ -1,4 +1,4 @@
-"""Sums over voxels in whole numbers, so that no order of adding changes a bit."""
+"""Voxel accumulation in fixed-point integers, so that no order of adding changes a bit."""
 
 import numpy as np
 from numba import njit

@@ -1,0 +1,48 @@
+"""Picture of a drive from above, the labelled cloud that it shows, and image files."""
+
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.errors import StageError
+from wayloom.geometry import se3
+from wayloom.georeference.types import GeoReference
+from wayloom.pipeline.plane import T_plane_enu
+from wayloom.submaps.submap import PlacedSubmap
+from wayloom.tiles.preview import top_down
+
+JPEG_QUALITY: Final = 90
+
+
+def drive_map(geo: GeoReference, points: NDArray[np.float64], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(h, w, 3) RGB: the drive from above, with its track. points (N, 3) m and labels (N,) are those of `cloud`."""
+    T = T_plane_enu(geo)
+    track = se3.transform(T, geo.T_enu_cam[:, :3, 3])
+    return top_down(se3.transform(T, points), labels, tracks_enu=(track,), north_up=geo.frame is not None)
+
+
+def cloud(submaps: list[PlacedSubmap]) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """points (N, 3) m in the map's frame, or the drive's own, and labels (N,) of all submaps."""
+    points = np.concatenate([np.empty((0, 3)), *(placed.points_enu() for placed in submaps)])
+    labels = np.concatenate([np.empty(0, np.uint8), *(placed.submap.label for placed in submaps)])
+    return points, labels
+
+
+def write_image(file: Path, image: NDArray[np.uint8]) -> None:
+    """An RGB image (h, w, 3) as PNG or JPEG, by the file's suffix."""
+    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if file.suffix == ".jpg" else []
+    written, data = cv2.imencode(file.suffix, np.ascontiguousarray(image[:, :, ::-1]), options)
+    if not written:
+        raise StageError(f"{file}: an image of {image.shape} could not be encoded")
+    file.write_bytes(data.tobytes())
+
+
+def read_image(file: Path) -> NDArray[np.uint8]:
+    """(h, w, 3) RGB. Raises StageError where the file is no image."""
+    image = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise StageError(f"{file}: no readable image; run the drive again")
+    return np.asarray(image[:, :, ::-1], dtype=np.uint8)

@@ -1,0 +1,35 @@
+"""Segmentation stage: class labels and scores of every image that votes.
+
+Leaves left/ and right/ (PNG, named by frame), their scores and small grey images, and model.json.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from wayloom.config.progress import Progress
+from wayloom.labelling.voting_frames import voting_frames
+from wayloom.pipeline.stage_context import StageContext
+from wayloom.pipeline.tracked_drive import tracked_drive
+from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model, locate
+from wayloom.segmentation.network import Network
+from wayloom.segmentation.providers import resolved_device
+from wayloom.segmentation.stage import segment_keyframes
+
+
+def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
+    """Raises ModelError for a network that cannot be used."""
+    settings = context.settings
+    network = Network(find_model(settings.segmentation.model or DEFAULT_MODEL), settings.threads, settings.segmentation.device)
+    frames = voting_frames(tracked_drive(context), settings.labelling)
+    segment_keyframes(context.log, frames, network, out_dir, progress)
+
+
+def key_parts(context: StageContext) -> dict[str, Any]:
+    """The network by content: another file under the same name is another network. Raises ModelError."""
+    chosen = context.settings.segmentation
+    description = find_model(chosen.model or DEFAULT_MODEL)
+    return {
+        "description": description.model_dump(mode="json", exclude={"folder"}),
+        "sha256": locate(description)[1],
+        "device": resolved_device(chosen.device),
+    }

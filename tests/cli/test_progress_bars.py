@@ -1,0 +1,37 @@
+"""What a command says while it works, where nobody looks at a terminal."""
+
+import io
+
+from wayloom.cli.progress_bars import ProgressBars
+
+
+def test_each_piece_of_work_ends_with_one_line() -> None:
+    lines = io.StringIO()
+    with ProgressBars(lines) as bars:
+        for share, what in ((0.0, "starting"), (0.5, "half"), (1.0, "done"), (1.0, "done")):
+            bars("odometry")(share, what)
+        bars("labelling")(0.4, "voting")
+    assert lines.getvalue() == "odometry: done\n"
+
+
+def test_long_work_says_each_quarter_once_too() -> None:
+    lines = io.StringIO()
+    with ProgressBars(lines, quarters=True) as bars:
+        progress = bars("odometry")
+        for percent in range(0, 101, 5):
+            progress(percent / 100, f"frame {percent}")
+    assert lines.getvalue().splitlines() == [
+        "odometry   0 %: frame 0",
+        "odometry  25 %: frame 25",
+        "odometry  50 %: frame 50",
+        "odometry  75 %: frame 75",
+        "odometry: frame 100",
+    ]
+
+
+def test_work_that_begins_again_ends_again() -> None:
+    lines = io.StringIO()
+    with ProgressBars(lines) as bars:
+        for share, what in ((1.0, "done"), (0.2, "again"), (1.0, "done at last")):
+            bars("stitch")(share, what)
+    assert lines.getvalue() == "stitch: done\nstitch: done at last\n"

@@ -1,0 +1,146 @@
+"""The decoder of grey PNG images against OpenCV's, for every filter, kind of block and kind of damage."""
+
+import struct
+import tracemalloc
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from wayloom.errors import LogError
+from wayloom.logs.images import grey_png
+from wayloom.logs.images.grey_png import unpacked
+from wayloom.logs.images.image_files import check_png, read_grey, read_image
+
+RNG = np.random.default_rng(5)
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+STRATEGIES = {"default": zlib.Z_DEFAULT_STRATEGY, "huffman": zlib.Z_HUFFMAN_ONLY, "runs": zlib.Z_RLE, "fixed": zlib.Z_FIXED}
+
+
+def chunk(kind: bytes, content: bytes) -> bytes:
+    """A PNG chunk with its check sum."""
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+
+def png(stream: bytes, shape: tuple[int, int], *, colour_type: int = 0, interlaced: int = 0, part: int = 1000) -> bytes:
+    """A PNG of (h, w) with its stream in parts."""
+    head = struct.pack(">IIBBBBB", shape[1], shape[0], 8, colour_type, 0, 0, interlaced)
+    parts = [chunk(b"IDAT", stream[i : i + part]) for i in range(0, len(stream), part)]
+    return SIGNATURE + chunk(b"IHDR", head) + b"".join(parts) + chunk(b"IEND", b"")
+
+
+def packed(rows: bytes, level: int = 6, strategy: int = zlib.Z_DEFAULT_STRATEGY) -> bytes:
+    """A zlib stream."""
+    packer = zlib.compressobj(level, zlib.DEFLATED, 15, 8, strategy)
+    return packer.compress(rows) + packer.flush()
+
+
+def filtered(filters: np.ndarray, width: int) -> bytes:
+    """Rows of random bytes (most of them small) behind the given filters: some picture, whichever they stand for."""
+    rows = np.minimum(RNG.geometric(0.05, (len(filters), width)), 255).astype(np.uint8)
+    return np.column_stack([filters.astype(np.uint8), rows]).tobytes()
+
+
+def written(tmp_path: Path, data: bytes) -> Path:
+    """The bytes as a file."""
+    file = tmp_path / "image.png"
+    file.write_bytes(data)
+    return file
+
+
+@pytest.mark.parametrize("level", [0, 1, 6, 9])
+@pytest.mark.parametrize("strategy", list(STRATEGIES))
+def test_streams_of_every_kind_come_out_as_they_went_in(level: int, strategy: str) -> None:
+    """Stored, fixed and dynamic blocks; literals, runs, far matches, codes longer than the table."""
+    rare = np.minimum(RNG.geometric(0.5, 40000), 255)  # codes of up to 15 bits
+    contents = [
+        b"", b"a", bytes(70000), RNG.integers(0, 256, 70000, dtype=np.uint8).tobytes(), rare.astype(np.uint8).tobytes(),
+        b"wayloom " * 5000, np.concatenate([rare, np.arange(256), rare[:30000]]).astype(np.uint8).tobytes(),
+    ]  # fmt: skip
+    for content in contents:
+        assert unpacked(packed(content, level, STRATEGIES[strategy]), len(content)) == content
+
+
+@pytest.mark.parametrize("kind", [0, 1, 2, 3, 4])
+def test_every_filter_is_undone_as_opencv_does(kind: int, tmp_path: Path) -> None:
+    """In the first row and in others."""
+    file = written(tmp_path, png(packed(filtered(np.full(40, kind), 67)), (40, 67)))
+    assert np.array_equal(read_grey(file), read_image(file, colour=False))
+
+
+def test_mixed_filters_and_one_pixel_are_decoded(tmp_path: Path) -> None:
+    """Rows of any filter after rows of any other, and the smallest picture."""
+    for height, width in ((200, 51), (1, 1)):
+        file = written(tmp_path, png(packed(filtered(RNG.integers(0, 5, height), width)), (height, width)))
+        found = grey_png.decode(check_png(file.read_bytes(), file))
+        assert found is not None
+        assert np.array_equal(found, cv2.imread(str(file), cv2.IMREAD_GRAYSCALE))
+
+
+def test_what_is_not_plain_grey_is_left_to_opencv(tmp_path: Path) -> None:
+    """Colour, palettes, 16 bits, interlaced pictures."""
+    picture = RNG.integers(0, 256, (30, 40, 3), dtype=np.uint8)
+    for image in (picture, picture[..., 0].astype(np.uint16) * 257):
+        file = written(tmp_path, cv2.imencode(".png", image)[1].tobytes())
+        assert grey_png.decode(check_png(file.read_bytes(), file)) is None
+        assert np.array_equal(read_grey(file), read_image(file, colour=False))
+    data = png(packed(filtered(np.zeros(8), 8)), (8, 8), interlaced=1)
+    assert grey_png.decode(check_png(data, tmp_path)) is None
+
+
+def test_a_faulty_stream_is_never_read_beyond_its_ends() -> None:
+    """Bytes changed at random: it fails or gives something else, of the right length; cut streams fail."""
+    content = np.minimum(RNG.geometric(0.05, 5000), 255).astype(np.uint8).tobytes()
+    stream = packed(content)
+    for _ in range(1000):
+        wrong = bytearray(stream)
+        for at in RNG.integers(2, len(stream), 3):
+            wrong[at] = RNG.integers(0, 256)
+        found = unpacked(bytes(wrong), len(content))
+        assert found is None or len(found) == len(content)
+    for length in range(len(stream)):
+        assert unpacked(stream[:length], len(content)) is None
+
+
+@pytest.mark.parametrize("first", [0x07, 0x06])
+def test_unknown_blocks_fail(first: int) -> None:
+    """The reserved block kind."""
+    assert unpacked(bytes([0x78, 0x9C, first, 0, 0, 0, 0, 0]), 10) is None
+
+
+def test_a_stream_with_too_much_or_too_little_in_it_is_left_to_opencv(tmp_path: Path) -> None:
+    """Which pads or cuts as ever."""
+    rows = filtered(np.ones(20), 30)
+    for content in (rows[:-5], rows + rows):
+        assert grey_png.decode(check_png(png(packed(content), (20, 30)), tmp_path)) is None
+
+
+def test_a_stream_that_swells_beyond_its_header_is_stopped_there(tmp_path: Path) -> None:
+    """64 MiB of zeros in 64 KiB, behind a header of 100 x 100 pixels."""
+    chunks = check_png(png(packed(bytes(64 << 20), 9), (100, 100), part=1 << 20), tmp_path)
+    tracemalloc.start()
+    try:
+        assert grey_png.decode(chunks) is None
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 1 << 20
+
+
+def test_damage_is_told_as_ever(tmp_path: Path) -> None:
+    """Wrong check sums, cut files."""
+    data = png(packed(filtered(np.ones(20), 30)), (20, 30))
+    wrong = bytearray(data)
+    wrong[60] ^= 1
+    for damaged in (bytes(wrong), data[:-20], b""):
+        with pytest.raises(LogError):
+            read_grey(written(tmp_path, damaged))
+
+
+@pytest.mark.parametrize(("width", "height"), [(2**31 - 1, 2**31 - 1), (2**31 - 1, 1000), (5, 0), (0, 5)])
+def test_a_header_that_lies_is_left_to_opencv(width: int, height: int) -> None:
+    header = width.to_bytes(4, "big") + height.to_bytes(4, "big") + bytes([8, 0, 0, 0, 0])
+    stream = zlib.compress(b"")
+    assert grey_png.decode([(b"IHDR", memoryview(header)), (b"IDAT", memoryview(stream))]) is None

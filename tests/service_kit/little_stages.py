@@ -1,0 +1,135 @@
+"""Real but small stages for the tests of the service: they take a moment, leave files, and write down that they ran.
+
+The drive says what shall happen: its `log/play.json` names for each stage its `seconds`, `fail` (how many attempts), or `bad`.
+"""
+
+import json
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+from wayloom.config.stages import REMOVAL
+from wayloom.errors import LogError
+from wayloom.store import drives, maps
+from wayloom.store.database import Session
+from wayloom.store.jobs import JobMessage
+from wayloom.store.tables import SubmapRow
+from wayloom.tiles.png import png_bytes
+from wayloom_workers.publishing import TILES_FILE, publish, request_publish, tidy
+from wayloom_workers.removal import nothing, remove_files, remove_rows
+from wayloom_workers.stage_hooks import StageAttempt, StageHooks, keyed_by_inputs
+
+LON, LAT = 8.4, 49.01
+RUNS = "runs.txt"
+
+
+def note(attempt: StageAttempt, what: str) -> None:
+    """One line for each thing that happens, in a file that all processes append to."""
+    held = attempt.claim
+    with (attempt.context.folders.root / RUNS).open("a") as file:
+        file.write(f"{what} {held.stage} {held.attempt} {os.getpid()} {held.drive_id or held.map_id}\n")
+
+
+def run(attempt: StageAttempt) -> None:
+    """Take the time that the drive asks for, with progress, and leave a file that depends on the inputs."""
+    note(attempt, "start")
+    play = json.loads((Path(str(attempt.log_path)) / "play.json").read_text()).get(attempt.claim.stage, {})
+    if play.get("bad"):
+        raise LogError(
+            "is damaged", file=attempt.context.folders.root / "drives" / "left.png", record="line 1", remedy="record it again"
+        )
+    steps = max(1, round(play.get("seconds", 0.0) / 0.05))
+    for step in range(steps):
+        attempt.progress(step / steps, f"step {step + 1} of {steps}")
+        time.sleep(0.05 if "seconds" in play else 0.0)
+    if attempt.claim.attempt <= play.get("fail", 0):
+        raise RuntimeError("no luck this time")
+    earlier = sorted(folder.name for folder in attempt.inputs_dir.iterdir())
+    (attempt.out_dir / "result.json").write_text(json.dumps({"stage": attempt.claim.stage, "after": earlier}))
+    note(attempt, "end")
+
+
+def place(session: Session, attempt: StageAttempt) -> list[JobMessage]:
+    """One submap of 100 m beside the others."""
+    drive = drives.get(session, str(attempt.claim.drive_id))
+    play = json.loads((Path(str(attempt.log_path)) / "play.json").read_text())
+    if play.get("placed") is False:
+        drive.placed = False
+        return []
+    drive.placed, drive.track = True, [[LON, LAT, 100.0], [LON + 0.001, LAT + 0.0005, 100.0]]
+    place_row(session, drive.id, drive.map_id)
+    return []
+
+
+def place_row(session: Session, drive_id: str, map_id: str) -> None:
+    """The submap's row."""
+    row = SubmapRow(
+        drive_id=drive_id, map_id=map_id, position=0, digest=drive_id, point_count=5, frame=[8.5, 49.5, 0.0],
+        T_enu_submap=np.eye(4).tolist(), covariance=np.eye(6).tolist(),
+        min_lon=LON, min_lat=LAT, max_lon=LON + 0.001, max_lat=LAT + 0.001,
+    )  # fmt: skip
+    maps.place_submaps(session, drive_id, [row])
+
+
+def stitch(attempt: StageAttempt) -> None:
+    """One coloured tile at every zoom, its colour the number of drives."""
+    note(attempt, "start")
+    with attempt.context.database.read() as session:
+        rows = maps.submaps(session, str(attempt.claim.map_id))
+    rgba = np.zeros((256, 256, 4), np.uint8)
+    rgba[64:192, 32:224] = (128, 64 + 10 * len(rows), 128, 255)
+    content = png_bytes(rgba)
+    digest = attempt.context.blobs.put(content)
+    said = {
+        "frame": [8.5, 49.5, 0.0],
+        "drives": sorted({row.drive_id for row in rows}),
+        "out_of_reach": [],
+        "submaps": len(rows),
+        "bounds": [LON, LAT, LON + 0.001, LAT + 0.001] if rows else None,
+        "tiles": [tile(zoom, digest, len(content)) for zoom in range(12, 19)] if rows else [],
+    }
+    (attempt.out_dir / TILES_FILE).write_text(json.dumps(said))
+    note(attempt, "end")
+
+
+def tile(zoom: int, digest: str, size: int) -> dict[str, object]:
+    """The entry of the tile that holds the place."""
+    x = int((LON + 180.0) / 360.0 * (1 << zoom))
+    y = int((0.5 - np.arcsinh(np.tan(np.radians(LAT))) / (2 * np.pi)) * (1 << zoom))
+    return {"layer": "semantic", "z": zoom, "x": x, "y": y, "digest": digest, "media_type": "image/png", "size": size}
+
+
+_HOOKS = {
+    "submaps": StageHooks(keyed_by_inputs(run), record=place),
+    "stitch": StageHooks(keyed_by_inputs(stitch), record=request_publish),
+    "publish": StageHooks(keyed_by_inputs(tidy), record=publish),
+    REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=remove_files, record=remove_rows),
+}
+
+
+def hooks(stage: str) -> StageHooks:
+    """What the workers do for a stage: for a drive's, `run`."""
+    return _HOOKS.get(stage) or StageHooks(keyed_by_inputs(run))
+
+
+def easy(attempt: StageAttempt) -> None:
+    """A stage for a real log: it takes no time."""
+    attempt.progress(0.5, "half")
+    (attempt.out_dir / "result.json").write_text("{}")
+
+
+def place_easily(session: Session, attempt: StageAttempt) -> list[JobMessage]:
+    """As `place`, whatever the log is."""
+    drive = drives.get(session, str(attempt.claim.drive_id))
+    drive.placed = True
+    place_row(session, drive.id, drive.map_id)
+    return []
+
+
+def easy_hooks(stage: str) -> StageHooks:
+    """As `hooks`, for real logs."""
+    if stage == "submaps":
+        return StageHooks(keyed_by_inputs(easy), record=place_easily)
+    return _HOOKS.get(stage) or StageHooks(keyed_by_inputs(easy))

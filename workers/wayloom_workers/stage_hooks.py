@@ -1,0 +1,93 @@
+"""Hooks of a worker around a stage: how its output is addressed and made, what is shared of it, which rows follow from it."""
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from wayloom.config.progress import Progress
+from wayloom.errors import ConfigError
+from wayloom.pipeline.digests import sha256_of_json
+from wayloom.pipeline.settings import WayloomSettings
+from wayloom.store.blobs import BlobStore
+from wayloom.store.database import Database, Session
+from wayloom.store.folders import Folders
+from wayloom.store.jobs import Claim, JobMessage
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerContext:
+    """What a worker has at hand for every job."""
+
+    settings: WayloomSettings
+    database: Database
+    blobs: BlobStore
+    folders: Folders
+
+
+@dataclass(frozen=True, slots=True)
+class StageAttempt:
+    """One attempt of one stage.
+
+    log_path, gnss_path   the drive's log and the GNSS log beside it; None for a map's stage
+    inputs_dir            the finished stages that it reads, each a folder by its name
+    inputs                the key of each of them
+    out_dir               where to write; an empty folder that becomes the stage's output when the stage returns
+    """
+
+    context: WorkerContext
+    claim: Claim
+    log_path: Path | None
+    gnss_path: Path | None
+    inputs_dir: Path
+    inputs: Mapping[str, str]
+    out_dir: Path
+    progress: Progress
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedStage:
+    """key: the address of the output, a hash of all that it depends on. run: makes it; may take hours and be killed."""
+
+    key: str
+    run: Callable[[], None]
+
+
+@dataclass(frozen=True, slots=True)
+class StageHooks:
+    """What a worker does around a stage.
+
+    prepare  the output's key and how to make it; where an output of that key exists it is not made again
+    share    puts what others need of the output into the blob store; idempotent, also called when the output was there already
+    record   writes what follows from it into the database, in the transaction that finishes the job; returns messages of new jobs
+    """
+
+    prepare: Callable[[StageAttempt], PreparedStage]
+    share: Callable[[StageAttempt], None] = lambda _attempt: None
+    record: Callable[[Session, StageAttempt], list[JobMessage]] = lambda _session, _attempt: []
+
+
+HookTable = Callable[[str], StageHooks]
+"""The hooks of a stage by its name."""
+
+
+def keyed_by_inputs(run: Callable[[StageAttempt], None]) -> Callable[[StageAttempt], PreparedStage]:
+    """`prepare` of a stage whose output depends on nothing but the job and its inputs."""
+    return lambda attempt: PreparedStage(key_of_inputs(attempt), lambda: run(attempt))
+
+
+def key_of_inputs(attempt: StageAttempt) -> str:
+    """The address of an output that depends on nothing but the job and its inputs."""
+    held = attempt.claim
+    about = {"of": held.drive_id or held.map_id, "job": held.job_id if held.drive_id is None else None}
+    return sha256_of_json({"stage": held.stage, **about, "inputs": dict(attempt.inputs)})
+
+
+def load_hooks(name: str) -> HookTable:
+    """The function that `module:NAME` names. Raises ConfigError."""
+    module, _, attribute = name.partition(":")
+    try:
+        hooks: HookTable = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ConfigError(f"WAYLOOM_STAGE_HOOKS: {name!r} cannot be loaded: {error}", remedy="write module:NAME") from error
+    return hooks
