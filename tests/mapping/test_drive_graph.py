@@ -5,11 +5,14 @@ import numpy as np
 import pytest
 
 from wayloom.geometry import se3
-from wayloom.mapping import drive_graph
-from wayloom.mapping.drive_graph import correlations, optimise_drive
+from wayloom.logs.types import FixType
+from wayloom.mapping.drive_graph import optimise_drive
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain
+from wayloom.mapping.gnss_factors import antenna_errors, antenna_factors, antenna_key, correlations, receiver_key
+from wayloom.mapping.odometry_links import pose_key
 
-NOISE = DriveNoise(0.005, np.radians(0.02), 0.002, np.radians(0.01), 0.02, 100.0, np.radians(3.0), 30.0, 0.3, 0.15, 0.9999)
+NOISE = DriveNoise(0.005, np.radians(0.02), 0.002, np.radians(0.01), 0.02, 100.0, np.radians(3.0), 30.0, 0.02, 0.9999, 1e-6, 1e-6)
+"""The receiver's clock and lever arm as given."""
 
 
 def straight(count: int) -> OdometryChain:
@@ -24,7 +27,11 @@ def exact_fixes(chain: OdometryChain, sigma: float = 0.1) -> AntennaFixes:
     n = len(chain.T_world_node)
     lever = np.tile([0.3, -1.0, -0.5], (n, 1))
     antenna = np.einsum("nij,nj->ni", chain.T_world_node[:, :3, :3], lever) + chain.T_world_node[:, :3, 3]
-    return AntennaFixes(np.arange(n) * 0.1, np.arange(n), lever, antenna, np.tile(np.eye(3) * sigma**2, (n, 1, 1)))
+    return AntennaFixes(
+        t_s=np.arange(n) * 0.1, node=np.arange(n), p_node_gnss=lever, v_node_gnss=np.tile([0.0, 0.0, 10.0], (n, 1)),
+        R_node_cam=np.tile(np.eye(3), (n, 1, 1)), position_enu=antenna, covariance=np.tile(np.eye(3) * sigma**2, (n, 1, 1)),
+        kind=np.full(n, FixType.FIXED, np.uint8), white_share=np.full(n, 0.3),
+    )  # fmt: skip
 
 
 def test_exact_fixes_leave_exact_poses():
@@ -43,20 +50,23 @@ def test_a_poor_first_guess_comes_to_the_same_poses():
 
 def test_the_antenna_factor_has_the_derivatives_of_its_error():
     rng = np.random.default_rng(0)
-    fix = AntennaFixes(np.zeros(1), np.zeros(1, np.int64), rng.normal(size=(1, 3)), np.zeros((1, 3)), np.eye(3)[None])
-    pose, g = gtsam.Pose3(se3.exp(rng.normal(size=6))), rng.normal(size=3)
-    x_key, g_key = gtsam.symbol("x", 0), gtsam.symbol("g", 0)
+    fix = AntennaFixes(
+        t_s=np.zeros(1), node=np.zeros(1, np.int64), p_node_gnss=rng.normal(size=(1, 3)), v_node_gnss=rng.normal(size=(1, 3)),
+        R_node_cam=se3.exp(rng.normal(size=6))[None, :3, :3], position_enu=np.zeros((1, 3)), covariance=np.eye(3)[None],
+        kind=np.zeros(1, np.uint8), white_share=np.ones(1),
+    )  # fmt: skip
+    pose, g, receiver = gtsam.Pose3(se3.exp(rng.normal(size=6))), rng.normal(size=3), rng.normal(size=4)
 
-    def error(twist: np.ndarray, shift: np.ndarray) -> np.ndarray:
-        return drive_graph._antenna_errors(fix, pose.retract(twist).matrix()[None], (g + shift)[None])[0]
+    def error(twist: np.ndarray, shift: np.ndarray, change: np.ndarray) -> np.ndarray:
+        return antenna_errors(fix, pose.retract(twist).matrix()[None], receiver + change, (g + shift)[None])[0]
 
-    here = error(np.zeros(6), np.zeros(3))
-    linear = drive_graph._antenna_factors(fix, 1.0, pose.matrix()[None], g[None])
-    A, minus_error = linear.jacobian(ordering(x_key, g_key))
-    for i in range(9):
-        step = np.zeros(9)
+    here = error(np.zeros(6), np.zeros(3), np.zeros(4))
+    linear = antenna_factors(fix, pose.matrix()[None], receiver, g[None])
+    A, minus_error = linear.jacobian(ordering(pose_key(0), antenna_key(0), receiver_key()))
+    for i in range(13):
+        step = np.zeros(13)
         step[i] = 1e-6
-        assert np.allclose(A[:, i], (error(step[:6], step[6:]) - here) / 1e-6, atol=1e-5)
+        assert np.allclose(A[:, i], (error(step[:6], step[6:9], step[9:]) - here) / 1e-6, atol=1e-5)
     assert np.allclose(minus_error, -here)
 
 

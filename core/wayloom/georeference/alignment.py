@@ -16,13 +16,13 @@ from wayloom.geometry import se3
 from wayloom.georeference.first_guess import guess_nodes
 from wayloom.georeference.fixes import UsableFixes, usable_fixes
 from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
-from wayloom.georeference.rigid import horizontal_spread
+from wayloom.georeference.report import PlacedDrive, georeference_report
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.types import GeoReference
-from wayloom.georeference.uncertainty import heading_sigma_rad, moved_covariance, position_covariance
+from wayloom.georeference.uncertainty import moved_covariance
 from wayloom.logs.types import DriveLog, GnssTrack
 from wayloom.mapping.drive_graph import optimise_drive
-from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, DriveSolution
+from wayloom.mapping.drive_types import AntennaFixes, DriveNoise
 from wayloom.odometry.types import OdometryResult, Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -71,7 +71,8 @@ def georeference(
     T_target_local = wgs84.T_enu_enu(target, local)
     T_local_cam = spread_poses(trajectory, nodes, solution.T_enu_node)
     covariance = spread_covariances(len(trajectory), nodes, solution.covariance)
-    report = _report(log.gnss, usable, fixes, solution, T_local_cam, covariance, trajectory, settings)
+    placed = PlacedDrive(T_local_cam, covariance, trajectory)
+    report = georeference_report(log.gnss, usable, fixes, solution, placed, settings)
     progress(1.0, "geo-referenced")
     return GeoReference(target, T_target_local @ T_local_cam, moved_covariance(T_target_local, covariance), report)
 
@@ -97,7 +98,6 @@ def _noise(settings: GeoReferenceSettings, log: DriveLog) -> DriveNoise:
         scale_length_m=settings.scale_length_m,
         level_rad=float(np.radians(settings.level_sigma_deg)),
         correlation_s=settings.gnss_correlation_s,
-        white_share=settings.gnss_white_share,
         gate_floor_m=settings.gate_floor_m,
         gate_probability=settings.gate_probability,
         time_offset_s=settings.time_offset_sigma_s,
@@ -131,66 +131,3 @@ def _antenna_fixes(
         kind=gnss.fix_type[usable.rows],
         white_share=np.full(len(usable.rows), settings.gnss_white_share),
     )
-
-
-def _report(
-    gnss: GnssTrack,
-    usable: UsableFixes,
-    fixes: AntennaFixes,
-    solution: DriveSolution,
-    T_local_cam: FloatArray,
-    covariance: FloatArray,
-    trajectory: Trajectory,
-    settings: GeoReferenceSettings,
-) -> dict[str, Any]:
-    """JSON-ready facts; lengths in m, angles in degrees."""
-    residual = solution.residual_enu[solution.inlier]
-    sigma = np.sqrt(np.maximum(np.diagonal(position_covariance(T_local_cam, covariance), axis1=1, axis2=2), 0.0))
-    heading = np.degrees(heading_sigma_rad(covariance))
-    extent = float(horizontal_spread(fixes.position_enu[solution.inlier])[0]) if solution.inlier.sum() > 1 else 0.0
-    rejected = np.flatnonzero(~solution.inlier)
-    messages = []
-    if extent < settings.min_baseline_m:
-        messages.append(
-            f"the fixes span only {extent:.1f} m: the heading is hardly observed (sigma {np.median(heading):.0f} degrees)"
-        )
-    if len(rejected) > len(fixes) / 2:
-        messages.append(f"{len(rejected)} of {len(fixes)} fixes contradict the odometry: one of the two is wrong")
-    return {
-        "geo_referenced": True,
-        "messages": messages,
-        "fixes": {
-            "in_log": len(gnss),
-            "used": int(solution.inlier.sum()),
-            "rejected": len(rejected),
-            "unusable": usable.unusable,
-        },
-        "outliers": [
-            {"fix": int(usable.rows[i]), "t_ns": int(gnss.t_ns[usable.rows[i]]), "residual_m": _rounded(solution.residual_enu[i])}
-            for i in rejected
-        ],
-        "residual_rms_m": _rounded(np.sqrt((residual**2).mean(axis=0))),
-        "residual_max_m": round(float(np.linalg.norm(residual, axis=1).max()), 4),
-        "sigma_enu_m": {"median": _rounded(np.median(sigma, axis=0)), "worst": _rounded(sigma.max(axis=0))},
-        "sigma_heading_deg": {"median": round(float(np.median(heading)), 4), "worst": round(float(heading.max()), 4)},
-        "extent_m": round(extent, 2),
-        "scale": _scale(solution),
-        "odometry_m": round(float(travelled(trajectory)[-1]), 2),
-        "mapped_m": round(float(np.linalg.norm(np.diff(T_local_cam[:, :3, 3], axis=0), axis=1).sum()), 2),
-    }
-
-
-def _scale(solution: DriveSolution) -> dict[str, float] | None:
-    """Metres of road per metre of odometry, over the stretches of the drive, and the median sigma; None for a single place."""
-    if not len(solution.scale):
-        return None
-    return {
-        "mean": round(float(solution.scale.mean()), 5),
-        "least": round(float(solution.scale.min()), 5),
-        "most": round(float(solution.scale.max()), 5),
-        "sigma": round(float(np.median(solution.scale_sigma)), 5),
-    }
-
-
-def _rounded(values: FloatArray) -> list[float]:
-    return [round(float(v), 4) for v in values]

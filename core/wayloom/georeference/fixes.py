@@ -16,8 +16,8 @@ TWIST_NS = 400_000_000
 
 @dataclass(frozen=True, slots=True)
 class UsableFixes:
-    """rows (M,) of the GNSS track, in time order; T_world_cam (M, 4, 4) at their times; twist (M, 6) of the camera there, (v, omega) in
-    its own frame, m/s and rad/s; frame (M,) the last frame not after each; unusable counts the others by reason."""
+    """rows (M,) of the GNSS track, in time order; T_world_cam (M, 4, 4) at their times; twist (M, 6) of the camera there, (v,
+    omega) in its own frame, m/s and rad/s; frame (M,) the last frame not after each; unusable counts the others by reason."""
 
     rows: IntArray
     T_world_cam: FloatArray
@@ -55,15 +55,15 @@ def usable_fixes(gnss: GnssTrack, trajectory: Trajectory, max_rate_hz: float) ->
 def _smooth_twists(trajectory: Trajectory, t_ns: IntArray, frame: IntArray) -> FloatArray:
     """(M, 6) the camera's twist at each time, over TWIST_NS before and after, within its segment.
 
-    From one frame to the next it would hold the odometry's noise of that step, which the poses hold as well: a time offset could then
-    explain noise.
+    From one frame to the next it would hold the odometry's noise of that step, which the poses hold as well: a time offset could
+    then explain noise.
     """
     first, last = _segment_ends(trajectory.segment)
     low = np.maximum(np.searchsorted(trajectory.t_ns, t_ns - TWIST_NS), first[frame])
     high = np.minimum(np.searchsorted(trajectory.t_ns, t_ns + TWIST_NS, side="right") - 1, last[frame])
     high = np.maximum(high, low)
     seconds = np.maximum(1e-9 * (trajectory.t_ns[high] - trajectory.t_ns[low]), 1e-9)
-    return twists(trajectory.T_world_cam[low], trajectory.T_world_cam[high]) / seconds[:, None]
+    return np.asarray(twists(trajectory.T_world_cam[low], trajectory.T_world_cam[high]) / seconds[:, None])
 
 
 def _segment_ends(segment: NDArray[np.int32]) -> tuple[IntArray, IntArray]:

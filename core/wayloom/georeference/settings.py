@@ -35,10 +35,12 @@ class GeoReferenceSettings(Settings):
         0.02, ge=0.0, le=5.0, description="added to a fix's sigma when it is judged, never when it is used, m"
     )
     time_offset_sigma_s: float = Field(
-        0.02, gt=0.0, le=10.0, description="prior sigma of the receiver's clock against the cameras', s"
+        0.0002, gt=0.0, le=10.0, description="prior sigma of the receiver's clock against the cameras', s"
     )
-    lever_sigma_m: float = Field(0.02, gt=0.0, le=10.0, description="prior sigma of a given lever arm, m, each axis")
-    unknown_lever_sigma_m: float = Field(1.5, gt=0.0, le=20.0, description="prior sigma of a lever arm that is not given, m, each axis")
+    lever_sigma_m: float = Field(0.002, gt=0.0, le=10.0, description="prior sigma of a given lever arm, m, each axis")
+    unknown_lever_sigma_m: float = Field(
+        1.5, gt=0.0, le=20.0, description="prior sigma of a lever arm that is not given, m, each axis"
+    )
     ransac_threshold_sigma: float = Field(4.0, gt=0.5, le=20.0, description="first alignment: inliers within so many sigma")
     ransac_rounds: int = Field(200, ge=10, le=10_000)
     min_baseline_m: float = Field(5.0, gt=0.0, description="heading is called observed from this extent of the track, m")

@@ -35,8 +35,8 @@ MAX_ITERATIONS, MAX_HALVINGS, CONVERGED = 30, 8, 1e-9
 
 @dataclass(frozen=True, slots=True)
 class DriveState:
-    """All unknowns at one point: T_enu_node (K, 4, 4), scale s (S,), receiver (4,), place_enu (M, 3) m of the antenna at each fix (M = 0
-    where fixes have independent noise), and poses, scales and places as gtsam's values."""
+    """All unknowns at one point: T_enu_node (K, 4, 4), scale s (S,), receiver (4,), place_enu (M, 3) m of the antenna at each fix
+    (M = 0 where fixes have independent noise), and poses, scales and places as gtsam's values."""
 
     T_enu_node: FloatArray
     scale: FloatArray

@@ -1,12 +1,12 @@
 """Factor graph of one drive: odometry, GNSS and gravity, in the tangent plane of the drive's own place.
 
-Unknowns: the pose T_enu_node of every node, the scale s of every stretch of odometry, the receiver's time offset and lever arm, and for
-every fix that is kept the true place g of the antenna at that time.
+Unknowns: the pose T_enu_node of every node, the scale s of every stretch of odometry, the receiver's time offset and lever arm,
+and for every fix that is kept the true place g of the antenna at that time.
 
 - Odometry between neighbouring nodes: small white noise, and a scale that varies slowly (`wayloom.mapping.odometry_links`).
   After a loss the link is the constant-motion guess and nearly free, so the segments are held together by GNSS.
-- GNSS: correlated noise, time offset and lever arm (`wayloom.mapping.gnss_factors`); stretches of fixes that lie apart are found first
-  (`wayloom.mapping.fix_screening`) and left out.
+- GNSS: correlated noise, time offset and lever arm (`wayloom.mapping.gnss_factors`); stretches of fixes that lie apart are found
+  first (`wayloom.mapping.fix_screening`) and left out.
 - Gravity: a camera is roughly level. On a straight road GNSS cannot tell the roll about the track; this weak prior does.
 """
 

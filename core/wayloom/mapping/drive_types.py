@@ -83,11 +83,10 @@ class DriveNoise:
     scale_length_m: float
     level_rad: float
     correlation_s: float
-    white_share: float
     gate_floor_m: float
     gate_probability: float
-    time_offset_s: float = 0.02
-    lever_m: float = 0.02
+    time_offset_s: float
+    lever_m: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,15 @@
 """Screening of GNSS fixes: how much they scatter, where they jump, and which stretches of them lie apart from the drive.
 
-GNSS errors come in stretches (a reflected signal, a wrong integer), not fix by fix; so fixes are judged by *stretches*, runs without a
-jump of at most STRETCH_S. Odometry is good to millimetres from fix to fix: a jump between two fixes that it does not show begins a new
-stretch.
+GNSS errors come in stretches (a reflected signal, a wrong integer), not fix by fix; so fixes are judged by *stretches*, runs
+without a jump of at most STRETCH_S. Odometry is good to millimetres from fix to fix: a jump between two fixes that it does not
+show begins a new stretch.
 
 1. Scatter: the differences of neighbouring fixes against the odometry's say how much a receiver's fixes really scatter. Where that
-   is more than white noise of the claimed covariance, the covariance is inflated by it (median: up to half of the fixes may be wild).
-2. Jumps: differences beyond the gate of the noise so found cut the fixes into stretches, and each stretch into *witnesses*, the means of
-   few fixes near its ends and of more inside: a jump is only seen where both sides are near by, as the odometry's scale may explain the
-   same distance over a hundred metres.
+   is more than white noise of the claimed covariance, the covariance is inflated by it (median: up to half of the fixes may be
+   wild).
+2. Jumps: differences beyond the gate of the noise so found cut the fixes into stretches, and each stretch into *witnesses*, the
+   means of few fixes near its ends and of more inside: a jump is only seen where both sides are near by, as the odometry's scale
+   may explain the same distance over a hundred metres.
 3. Stretches: truncated least squares with one weight a stretch, on a graph of the odometry with its slowly varying scale, the
    receiver's time offset and lever arm, by graduated non-convexity (Yang et al., RA-L 2020). A stretch is left out for a price: the
    quantile of chi-square of its witnesses, and PRICE_S for each second, so that of two parts that contradict each other the longer
@@ -87,7 +88,7 @@ class Witnesses:
 
     def sums(self, of_witness: FloatArray) -> FloatArray:
         """(B,) sums over the witnesses (W,) of each stretch."""
-        return np.bincount(self.stretch, of_witness, len(self.first))
+        return np.asarray(np.bincount(self.stretch, of_witness, len(self.first)), np.float64)
 
     def means(self, of_witness: FloatArray) -> FloatArray:
         """(B, 3) means over the witnesses (W, 3) of each stretch."""
@@ -148,17 +149,18 @@ def _as_scattered(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> 
 
 
 def _scatter2(covariance: FloatArray, step: FloatArray) -> FloatArray:
-    """(M - 2,) squared second differences in sigmas, were the fixes' noise white. A heading that is off leaves no second difference."""
+    """(M - 2,) squared second differences in sigmas, were the fixes' noise white. A heading that is off leaves no second
+    difference."""
     bend = np.diff(step, axis=0)
     spread = covariance[2:] + 4.0 * covariance[1:-1] + covariance[:-2]
-    return np.einsum("ni,ni->n", bend, np.linalg.solve(spread, bend[:, :, None])[:, :, 0])
+    return np.asarray(np.einsum("ni,ni->n", bend, np.linalg.solve(spread, bend[:, :, None])[:, :, 0]))
 
 
 def _whitened2(covariance: FloatArray, steps: tuple[FloatArray, FloatArray]) -> FloatArray:
     """(M - 1,) squared differences in sigmas, were the fixes' noise white and the heading as good as the guess."""
     step, moved = steps
     spread = covariance[1:] + covariance[:-1] + (HEADING_RAD * moved)[:, None, None] ** 2 * np.eye(3)
-    return np.einsum("ni,ni->n", step, np.linalg.solve(spread, step[:, :, None])[:, :, 0])
+    return np.asarray(np.einsum("ni,ni->n", step, np.linalg.solve(spread, step[:, :, None])[:, :, 0]))
 
 
 def _jumps(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> BoolArray:
@@ -188,8 +190,8 @@ def _witnesses(fixes: AntennaFixes, jump: BoolArray, T_enu_node: FloatArray, noi
     duration = fixes.t_s[ends] - fixes.t_s[starts]
     price = chi2.ppf(noise.gate_probability, 3 * np.bincount(stretch)) + PRICE_S * duration
     return Witnesses(
-        replace(taken, position_enu=taken.position_enu + offset, covariance=spread), stretch, np.array(starts, np.int64), ends, price,
-        duration, np.clip(duration / IMPORTANT_S, LEAST_IMPORTANCE, 1.0),
+        replace(taken, position_enu=taken.position_enu + offset, covariance=spread), stretch, np.array(starts, np.int64), ends,
+        price, duration, np.clip(duration / IMPORTANT_S, LEAST_IMPORTANCE, 1.0),
     )  # fmt: skip
 
 
@@ -306,15 +308,16 @@ def _shifted(witnesses: Witnesses, good: BoolArray, jump: BoolArray, offset: Flo
         else:
             found.append([b])
     return tuple(
-        ShiftedFixes(int(witnesses.first[rows[0]]), int(witnesses.last[rows[-1]]), np.median(offset[rows], axis=0)) for rows in found
+        ShiftedFixes(int(witnesses.first[rows[0]]), int(witnesses.last[rows[-1]]), np.median(offset[rows], axis=0))
+        for rows in found
     )
 
 
 def _unconfirmed_m(witnesses: Witnesses, good: BoolArray, offset: FloatArray) -> float:
     """How far the drive would lie elsewhere if the lesser part of its fixes were right, m, root of the expected square.
 
-    Where good fixes stand on both sides of a shifted stretch, the place is confirmed: the shift came and went. Where the fixes changed
-    once and for all, the greater part is believed, but the lesser may be right in proportion to its duration.
+    Where good fixes stand on both sides of a shifted stretch, the place is confirmed: the shift came and went. Where the fixes
+    changed once and for all, the greater part is believed, but the lesser may be right in proportion to its duration.
     """
     rows = np.flatnonzero(good)
     outside = np.ones(len(good), bool)
@@ -323,4 +326,6 @@ def _unconfirmed_m(witnesses: Witnesses, good: BoolArray, offset: FloatArray) ->
         return 0.0
     believed, lesser = float(witnesses.duration_s[good].sum()), float(witnesses.duration_s[outside].sum())
     share = lesser / max(believed + lesser, 1e-9)
-    return float(np.sqrt(share * (np.linalg.norm(offset[outside], axis=1) ** 2).max())) if share > LEAST_DOUBT else 0.0
+    if share <= LEAST_DOUBT:
+        return 0.0
+    return float(np.sqrt(share * (np.linalg.norm(offset[outside], axis=1) ** 2).max()))

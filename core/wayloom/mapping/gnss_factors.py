@@ -1,17 +1,15 @@
 """GNSS fixes as Gaussian factors: correlated noise, time offset of the receiver, lever arm of the antenna.
 
-The unknowns beside the poses are the true place g_k of the antenna at each fix, the receiver's time offset tau (its stamps are tau
-too late) and the error delta of the lever arm, in the camera's frame. With p_k, v_k the antenna's place and velocity in the frame of
-its node and R_k the rotation from the camera at the fix to the node,
-    e_k = T_enu_node (p_k - tau v_k + R_k delta) - g_k.
-Noise of fixes is correlated over time (multipath, atmosphere, a filter inside the receiver), so N fixes are not N witnesses:
-    z_k = g_k + b_k + w_k,   w white with covariance s^2 R_k,   b Ornstein-Uhlenbeck with covariance (1 - s^2) R_k and time T.
-With rho = exp(-dt / T) the density of the b_k is, exactly, the product of plain Gaussians
-    exp -1/2 [ sum_k u_k |b_k|^2 + sum_k rho_k / (1 - rho_k^2) |b_{k+1} - b_k|^2 ],  u_k = 1/(1+rho_{k-1}) + 1/(1+rho_k) - 1
-(rho = 0 beyond both ends; |.| weighted by the inverse covariance), that is priors on g_k and between factors of g_k and g_{k+1}.
-Where sigma changes slowly the error changes with it: its relative change, squared, is added to (1 - rho^2) / rho. Where it changes by
-more than a half from fix to fix (another fix type) the chain is cut: its errors are another process.
-"""
+The unknowns beside the poses are the true place g_k of the antenna at each fix, the receiver's time offset tau (its stamps are
+tau too late) and the error delta of the lever arm, in the camera's frame. With p_k, v_k the antenna's place and velocity in the
+frame of its node and R_k the rotation from the camera at the fix to the node, e_k = T_enu_node (p_k - tau v_k + R_k delta) - g_k.
+Noise of fixes is correlated over time (multipath, atmosphere, a filter inside the receiver), so N fixes are not N witnesses: z_k
+= g_k + b_k + w_k,   w white with covariance s^2 R_k,   b Ornstein-Uhlenbeck with covariance (1 - s^2) R_k and time T. With rho =
+exp(-dt / T) the density of the b_k is, exactly, the product of plain Gaussians exp -1/2 [ sum_k u_k |b_k|^2 + sum_k rho_k / (1 -
+rho_k^2) |b_{k+1} - b_k|^2 ],  u_k = 1/(1+rho_{k-1}) + 1/(1+rho_k) - 1 (rho = 0 beyond both ends; |.| weighted by the inverse
+covariance), that is priors on g_k and between factors of g_k and g_{k+1}. Where sigma changes slowly the error changes with it:
+its relative change, squared, is added to (1 - rho^2) / rho. Where it changes by more than a half from fix to fix (another fix
+type) the chain is cut: its errors are another process."""
 
 import gtsam
 import numpy as np

@@ -80,7 +80,8 @@ def chain_correlations(middle_m: FloatArray, scale_length_m: float) -> FloatArra
 
 
 def links_of(chain: OdometryChain, noise: DriveNoise) -> OdometryLinks:
-    """The odometry between nodes, where the track was not lost. A link of L m errs across by its rotation too, which turns on its way."""
+    """The odometry between nodes, where the track was not lost. A link of L m errs across by its rotation too, which turns on its
+    way."""
     first = np.flatnonzero(chain.connected)
     length = chain.length_m[first]
     stretch, middle_m = stretches_of((np.cumsum(chain.length_m) - 0.5 * chain.length_m)[first])
