@@ -1,6 +1,6 @@
 """Stereo direct sparse odometry over a drive: a tracker and a mapper that share a window of keyframes.
 
-Every frame is aligned with the newest keyframes (`tracker`); where the view has changed enough it becomes a keyframe itself, gets
+Every frame is aligned with the newest keyframe (`tracker`); where the view has changed enough it becomes a keyframe itself, gets
 points by static stereo, and the window of keyframes is adjusted (`mapper`); what leaves the window stays as a prior and as points
 of the result (`result.result_builder`). After Engel, Koltun, Cremers, Direct Sparse Odometry, PAMI 2018, and Wang, Schwoerer,
 Cremers, Stereo DSO, ICCV 2017. docs/odometry-design.md tells the energy, the unknowns and the reasons.
