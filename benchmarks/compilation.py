@@ -2,7 +2,7 @@
 
     python benchmarks/compilation.py [--rows 20] [--warm 3] COMMAND …
 
-COMMAND  of `wayloom`, with its options: `odometry LOG --out t.tum`, `simulate street --out FOLDER`, `process LOG --out FOLDER`
+COMMAND  of `wayloom`, with its options: `odometry LOG --out t.tum`, `simulate demo --out FOLDER`, `process LOG --out FOLDER`
 --rows   kernels in the table, those that take longest
 --warm   runs with the cache that the first one filled; the fastest is told
 

@@ -60,7 +60,7 @@ async def version(map_id: MapId, number: Number, service: ServiceDep) -> Version
 
 @router.get("/maps/{map_id}/coverage")
 async def coverage(map_id: MapId, service: ServiceDep) -> FeatureCollection:
-    """Coverage of the newest version, as squares of the tile grid: of zoom 17, or of the deepest above it."""
+    """Coverage of the newest version, as squares of the tile grid: of zoom 17, or of the next coarser that has tiles."""
     zoom, addresses = await service.read(lambda session: maps.coverage(session, map_id, COVERAGE_ZOOM))
     return FeatureCollection(
         features=[Feature(geometry=_square(zoom, x, y), properties={"z": zoom, "x": x, "y": y}) for x, y in addresses]
@@ -87,7 +87,7 @@ async def submap(digest: Annotated[str, Path(pattern="^[0-9a-f]{64}$")], service
 
 
 TILE_ANSWERS: dict[int | str, dict[str, Any]] = {
-    200: {"content": {"image/png": {}, "application/vnd.mapbox-vector-tile": {}, "application/octet-stream": {}}},
+    200: {"content": {"image/png": {}, "application/vnd.mapbox-vector-tile": {}, "application/vnd.wayloom.points": {}}},
     204: {"description": "nothing is mapped there"},
     304: {"description": "the tile is the one that you hold"},
 }

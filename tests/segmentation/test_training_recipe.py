@@ -11,9 +11,12 @@ from wayloom.segmentation.catalogue import NETWORKS
 from wayloom.segmentation.description import read_description
 from wayloom.simulation.recording.presets import PRESETS
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-import training_recipe as recipe
-from city_views import Views, batches, class_weights
+BENCHMARKS = str(Path(__file__).resolve().parents[2] / "benchmarks")
+sys.path.insert(0, BENCHMARKS)
+import training_recipe as recipe  # noqa: E402
+from city_views import Views, batches, class_weights  # noqa: E402
+
+sys.path.remove(BENCHMARKS)  # its simulation.py would hide the folder of that name here
 
 
 def test_the_description_that_is_written_is_that_of_the_network_in_the_package(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def odometry_command(
     ] = None,
     config: ConfigOption = None,
 ) -> None:
-    """Track a drive from its stereo pairs alone. Exit status 0 with a warning where parts of it were lost."""
+    """Track a drive by its stereo pairs, and its IMU if it has one. Exit status 0 with a warning where parts of it were lost."""
     from wayloom.calibration.rig_file import lens_for_log
     from wayloom.calibration.self_calibration import track_calibrated
     from wayloom.config.sources import Option

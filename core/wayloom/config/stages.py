@@ -27,7 +27,7 @@ class Stage:
     name       of the stage, its folder and its job rows
     queue      in which its jobs wait
     inputs     the stages whose results it reads, all earlier in the catalogue
-    log_parts  what it reads of the log: names of `wayloom.pipeline.log_parts.LOG_PARTS`
+    log_parts  what it reads of the log: names of `wayloom.pipeline.log_parts.LOG_PARTS`, or `drive`, the id by which maps name it
     settings   the parts of ProcessSettings that its result depends on, as dotted names
     room       the module that runs it; None for a stage of the map, which only workers run
     """

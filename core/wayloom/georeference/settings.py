@@ -1,4 +1,4 @@
-"""Settings of the geo-reference. The noise model is explained in `wayloom.mapping`."""
+"""Settings of the geo-reference. The noise model is explained in `wayloom.mapping.drive_graph`."""
 
 from pydantic import Field
 

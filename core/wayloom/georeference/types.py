@@ -1,4 +1,4 @@
-"""Map frame and geo-referenced drive."""
+"""Geo-referenced drive: poses in the map's frame, with their covariance."""
 
 from dataclasses import dataclass, field
 from typing import Any

@@ -22,7 +22,8 @@ class PointLabels:
     baseline, mono, stereo  (P,) uint8: the host image's own label L_i(p); TCL over left images; TCL over left and right images
     vote_start              (P + 1,) int64: the (sparse) vote vector of point p, of the stereo form
     vote_class              (M,) uint8, increasing within a point
-    vote_weight             (M,) float32, > 0: sum of inverse depths, 1/m, of the votes for that class (eq. 3)
+    vote_weight             (M,) float32, > 0, 1/m: sum of the votes for that class, inverse depths (eq. 3) times what the settings
+                            weigh them by besides
     """
 
     baseline: NDArray[np.uint8]

@@ -33,7 +33,7 @@ class StereoFrame:
     index         place in the log, from 0
     t_ns          time stamp, integer nanoseconds
     left, right   (h, w) grey or (h, w, 3) RGB, uint8, of one size
-    exposure_s    exposure times of left and right where the log has them
+    exposure_s    exposure times of left and right in seconds, times the amplifier's gain; None where the log has none
     """
 
     index: int
@@ -84,6 +84,8 @@ class DriveLog(Protocol):
     p_cam_gnss    (3,) m: the antenna in the left camera's frame; zeros where unknown (then "lever arm" is in `missing`)
     T_cam_imu     (4, 4), None without IMU
     truth         (N, 4, 4) T_world_cam in any world frame, NaN where unknown; None where the log has none
+    rig_id        of the rig, by which a folder of rig files is looked up; None where the log does not say it
+    vehicle_id    of the vehicle; None where the log does not say it
     missing       what the reader looked for and did not find, in words
     files         every file that belongs to the log, relative to `root`, with forward slashes, sorted
     root          the folder that `files` are relative to

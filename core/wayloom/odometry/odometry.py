@@ -1,6 +1,6 @@
 """Stereo direct sparse odometry over a drive: a tracker and a mapper that share a window of keyframes.
 
-Every frame is aligned with the newest keyframes (`tracker`); where the view has changed enough it becomes a keyframe itself, gets
+Every frame is aligned with the newest keyframe (`tracker`); where the view has changed enough it becomes a keyframe itself, gets
 points by static stereo, and the window of keyframes is adjusted (`mapper`); what leaves the window stays as a prior and as points
 of the result (`result.result_builder`). After Engel, Koltun, Cremers, Direct Sparse Odometry, PAMI 2018, and Wang, Schwoerer,
 Cremers, Stereo DSO, ICCV 2017. docs/odometry-design.md tells the energy, the unknowns and the reasons.
@@ -105,24 +105,24 @@ class Odometry:
 
     def _follow(self, frame: Frame) -> FrameStatus:
         """Align a frame with the window; make it a keyframe if it is due, or start anew after too many failures."""
-        alignment = self.tracker.align(frame, self.mapper.window)
-        if alignment.failure is not None:
+        result = self.tracker.align(frame, self.mapper.window)
+        if result.failure is not None:
             if not self.tracker.gives_up(frame):
-                return self._hold(frame, alignment.failure, alignment)
+                return self._hold(frame, result.failure, result)
             self._end_segment()
             begun = self._start_segment(frame)
-            return replace(begun, lost=True, failures=(alignment.failure, *begun.failures), alignment=alignment)
-        reason = self.tracker.accept(frame, alignment)
+            return replace(begun, lost=True, failures=(result.failure, *begun.failures), alignment=result)
+        reason = self.tracker.accept(frame, result)
         if reason is None:
-            self.builder.add_frame(frame.t_ns, alignment.keyframe, alignment.fit.T_frame_keyframe)
+            self.builder.add_frame(frame.t_ns, result.keyframe, result.fit.T_frame_keyframe)
         else:
-            self._add_keyframe(frame, *self.mapper.pose_of(alignment))
-        return FrameStatus(frame.index, self.builder.segment, True, reason, alignment=alignment)
+            self._add_keyframe(frame, *self.mapper.pose_of(result))
+        return FrameStatus(frame.index, self.builder.segment, True, reason, alignment=result)
 
-    def _hold(self, frame: Frame, failure: str, alignment: TrackingResult | None = None) -> FrameStatus:
+    def _hold(self, frame: Frame, failure: str, result: TrackingResult | None = None) -> FrameStatus:
         """Keep a frame that could not be tracked at its predicted pose."""
         self.builder.hold_frame(frame.t_ns, frame.T_predicted)
-        return FrameStatus(frame.index, self.builder.segment, False, failures=(failure,), alignment=alignment)
+        return FrameStatus(frame.index, self.builder.segment, False, failures=(failure,), alignment=result)
 
     def _start_segment(self, frame: Frame) -> FrameStatus:
         """Begin anew from static stereo at the predicted pose; where stereo finds too little the frame is held."""

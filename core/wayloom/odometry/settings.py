@@ -6,7 +6,7 @@ from wayloom.config.settings import Settings
 
 
 class Ablation(Settings):
-    """What can be taken away from the prior to see what it is worth; all True in earnest."""
+    """What can be taken away from the prior to see what it is worth; all True by default."""
 
     marginalisation_prior: bool = Field(True, description="what leaves the window stays as a prior")
     bias_in_prior: bool = Field(True, description="the disparity bias is an unknown of that prior, no random walk beside it")
@@ -79,7 +79,7 @@ class OdometrySettings(Settings):
     max_acceleration: float = Field(25.0, gt=0, description="m/s^2, of a believable motion")
     max_turn_rate: float = Field(3.0, gt=0, description="rad/s, of a believable motion")
     min_contrast: float = Field(2.0, ge=0, description="grey levels, standard deviation of an image that is not blank")
-    min_points: int = Field(30, ge=8, description="stereo points without which no segment starts, inliers without which one ends")
+    min_points: int = Field(30, ge=8, description="candidates with a static stereo match without which no segment starts")
     patience: int = Field(3, ge=1, description="frames that may fail in a row before a new segment starts")
     max_gap_s: float = Field(2.0, gt=0, description="seconds without a tracked frame before a new segment starts")
     min_observations: int = Field(2, ge=1, description="keyframes beside the host that must have seen a point for it to be kept")

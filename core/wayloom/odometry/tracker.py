@@ -1,4 +1,4 @@
-"""Tracker: direct alignment of every frame with the newest keyframes, recovery of lost frames, and the keyframe decision."""
+"""Tracker: direct alignment of every frame with the newest keyframe, recovery of lost frames, and the keyframe decision."""
 
 import math
 
@@ -22,7 +22,7 @@ REFERENCES = 3
 
 
 class Tracker:
-    """Gives each frame a predicted pose, aligns it with the window, and says when it must become a keyframe.
+    """Gives each frame a predicted pose, aligns it with a keyframe of the window, and says when it must become a keyframe.
 
     references            (at most REFERENCES) of the newest keyframes, newest last
     brightness            (2,) gain, offset of the last frame against the newest keyframe
@@ -56,7 +56,7 @@ class Tracker:
         return Frame(pair, images, self._predicted_pose(pair.index, pair.t_ns))
 
     def align(self, frame: Frame, window: Window) -> TrackingResult:
-        """The frame's alignment with a keyframe of the window, and why it is not believed if it is not."""
+        """The frame's alignment with a keyframe of the window; its `failure` says why it is not believed, where it is not."""
         with self.stopwatch("track"):
             return self.recovery.align(self._request(frame), self.references, window)
 

@@ -47,7 +47,7 @@ class Keyframes:
 
 @dataclass(frozen=True, slots=True)
 class Points:
-    """The points that the odometry activated, P of them, and which keyframes really saw each.
+    """The P points of the result, those that passed `result.point_filter`, and which keyframes really saw each.
 
     host           (P,) int32, row in Keyframes
     uv_host        (P, 2) float32 pixels in the host's left image
@@ -78,11 +78,11 @@ class Points:
 class OdometryResult:
     """A tracked drive.
 
-    rig     the rectified rig of the log, with the displacement of the lens
+    rig     the rectified rig of the log; t_right_left includes the lens's displacement
     disparity_bias_px  δ of u_right = u_left - bf * inverse_depth - δ, as last estimated (0 where the log is perfect)
     row_coefficients   (3,) px: the right image's row offset dv = c0 (1 + y^2) + c1 x + c2 x y, x and y normalised coordinates;
-            what the lens does to the rows is in it
-    lens    the rig's, that was undone in the right images
+            what the right camera's lens does to the rows is in it
+    lens    relative lens of the right camera, which was undone in the right images
     report  JSON-ready facts: segments, losses and their reasons, keyframe counts, stage times
     """
 

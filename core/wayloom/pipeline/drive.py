@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from wayloom.config.progress import NamedProgress, silent_for_each
+from wayloom.config.progress import NamedProgress, Progress, silent_for_each
 from wayloom.config.stages import drive_stages
 from wayloom.files.atomic import write_atomically
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
@@ -35,6 +35,7 @@ from wayloom.submaps.submap import PlacedSubmap
 
 STAGES_DIR: Final = "stages"
 PRODUCTS_FILE: Final = "products.json"
+NEARLY_DONE: Final = 0.999
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,10 +133,15 @@ def _stage(name: str, context: StageContext, progress: NamedProgress) -> StageTi
     progress(name)(0.0, "starting")
     if not reused:
         with whole_folder(home) as folder:
-            run_stage(name, context, folder, progress(name), key)
+            run_stage(name, context, folder, _almost_done(progress(name)), key)
     metadata = read_stage_file(home) or {}
     progress(name)(1.0, "done before" if reused else "done")
     return StageTime(float(metadata.get("seconds", 0.0)), reused)
+
+
+def _almost_done(progress: Progress) -> Progress:
+    """The progress of a stage's work, which is done only when its folder is in place."""
+    return lambda share, what, /: progress(min(share, NEARLY_DONE), what)
 
 
 def _load(context: StageContext, times: dict[str, StageTime]) -> DriveResult:

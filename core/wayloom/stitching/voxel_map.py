@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class VoxelMap:
-    """V voxels in the order of their keys (up, north, east slowest last: sorted by east, then north, then up).
+    """V voxels, sorted by the east, then the north, then the up part of their keys.
 
     frame         the map's frame; None: a drive's own
     voxel_m       edge, m

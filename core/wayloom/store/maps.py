@@ -93,7 +93,8 @@ def tile(session: Session, map_id: str, number: int, layer: str, z: int, x: int,
 
 
 def coverage(session: Session, map_id: str, zoom: int) -> tuple[int, list[tuple[int, int]]]:
-    """Where the newest version has tiles of any layer: (zoom, (x, y) in order), at this zoom or the deepest one above it."""
+    """Where the newest version has tiles of any layer: (zoom, (x, y) in order), at this zoom, or, where it has none, at the next
+    coarser one that has any; (0, []) where there is none."""
     of_version = (TileRow.map_id == map_id, TileRow.version == get(session, map_id).version)
     deepest = session.scalar(select(func.max(TileRow.z)).where(*of_version, TileRow.z <= zoom))
     if deepest is None:

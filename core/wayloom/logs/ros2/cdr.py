@@ -114,7 +114,7 @@ class CdrWriter:
         return self.blob(text.encode() + b"\x00")
 
     def message(self) -> bytes:
-        """All of it."""
+        """The message's bytes, its encapsulation header first."""
         return LITTLE + bytes(self._out)
 
     def _align(self, size: int) -> None:

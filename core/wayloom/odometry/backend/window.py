@@ -51,7 +51,7 @@ class ImmaturePoints:
 
 
 def no_immature_points(capacity: int) -> ImmaturePoints:
-    """None of them."""
+    """An empty set, in a window of at most `capacity` keyframes."""
     none, nothing = np.zeros(0, np.int64), np.zeros(0)
     return ImmaturePoints(_no_points(capacity), none, nothing, nothing, nothing, none, none)
 
@@ -153,7 +153,7 @@ def joined(first: PointColumns, second: PointColumns) -> PointColumns:
 
 
 def chosen(points: PointColumns, rows: IntArray | BoolArray) -> PointColumns:
-    """Some of the points."""
+    """The points in these rows, or in this mask."""
     indices = indices_of(rows)
     return PointColumns(*(column.take(indices, axis=0) for column in points))
 

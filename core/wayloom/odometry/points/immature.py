@@ -21,11 +21,13 @@ NEAREST_M = 2.0
 UNIQUENESS = 3.0
 """Least ratio of the second best squared distance to the best (Engel et al. 2018: 3)."""
 MAX_LENGTH_PX = 80.0
+"""Longest stretch of an epipolar line that is searched."""
 LOOK_BACK = 2
 """Keyframes before its own in which a point is searched for."""
 START_INFORMATION = 1e-3
 """Of a depth that has just been found, at least; what the images tell is a thousand times that and more."""
 MAX_FAILURES = 2
+"""Searches in which nothing fits, after which a point is forgotten."""
 SURE = 0.25
 """Half an interval over the inverse depth, below which a depth is known."""
 
@@ -53,7 +55,7 @@ def of_pixels(
 
 
 def part(points: ImmaturePoints, rows: IntArray | BoolArray) -> ImmaturePoints:
-    """Some of them."""
+    """The points in these rows, or in this mask."""
     rows = indices_of(rows)
     return ImmaturePoints(chosen(points.points, rows), *(getattr(points, name).take(rows) for name in ImmaturePoints.__slots__[1:]))
 

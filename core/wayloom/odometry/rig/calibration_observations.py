@@ -1,7 +1,7 @@
 """Calibration observations of a drive: refined matches between left and right and between keyframes, few enough to keep.
 
-They come in groups (`MatchGroup`): a host keyframe, up to two later keyframes, and points of the host
-found in the host's right image and in both images of the later ones. Right pixels are those of the log's own right image, before
+They come in groups (`MatchGroup`): a host keyframe, up to two later keyframes (its targets), and points of the host found in the
+host's right image and in both images of the targets. Right pixels are those of the log's own right image, before
 rows or lens are corrected: observations stay valid whatever is learnt of the rig later. `wayloom calibrate` learns from them;
 docs/calibration.md.
 """
@@ -51,7 +51,7 @@ class CalibrationObservations:
     host_frame     (S,) int32, frame of the host
     target_frame   (S, T) int32, frames of the targets, -1 where there is none
     T_target_host  (S, T, 4, 4), as the odometry estimated it: a first guess
-    group        (P,) int32, rising, the group of each point
+    group          (P,) int32, rising, the group of each point
     uv_host        (P, 2) pixels in the host's left image, whole numbers
     uv_right       (P, 2) float32, the match in the host's right image as the log gives it
     uv_left_target, uv_right_target   (P, T, 2) float32, the matches in the targets' left and right images; NaN where there is none

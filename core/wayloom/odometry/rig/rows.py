@@ -25,6 +25,7 @@ RIDGE = 0.01  # matches' worth of pull to zero: an image without matches in its 
 MAP_STEP = 8
 """px between the points at which the maps are computed; between them they are linear."""
 KEYFRAME_MATCHES = 96
+"""Matches that are refined at a keyframe, at most."""
 FOLLOW_EVERY = 3
 MEMORY = 0.9
 """Every third keyframe's matches are taken; of the older ones so much is kept each time: about 900 matches, 30 keyframes."""
@@ -34,6 +35,7 @@ Image = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
 Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
 TERMS = 5
+"""Unknowns of the fit: c0, c1, c2 and two nuisance terms in disparity."""
 
 
 def row_matches(left: Image, right: Image, max_disparity: int = 180) -> FloatArray:

@@ -17,6 +17,7 @@ from wayloom.odometry.tracking.pyramid import Pyramid
 
 FloatArray = NDArray[np.float64]
 SPREAD_FROM_LEVEL = 2
+"""Pyramid level from which on pixels beside one with a depth are reference points too: coarse levels have few of their own."""
 START_SPEEDS_M_S = (4.0, 8.0, 12.0, 16.0, 20.0, 26.0, 32.0)
 TURNS_RAD = (-0.03, -0.015, 0.015, 0.03)
 PITCH_PERTURBATIONS_RAD = (-0.015, 0.015)
@@ -25,8 +26,8 @@ FORWARD_PERTURBATIONS_M = (-0.6, -0.3, 0.3, 0.6)
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What frames are aligned with: keyframe is its row in the result; levels (n, 4) x, y, inverse depth 1/m, grey; finest
-    first."""
+    """Reference points of a keyframe that frames are aligned with: keyframe is its row in the result; levels (n, 4) each, finest
+    first: normalised x, y of the ray, inverse depth 1/m along z, grey levels."""
 
     keyframe: int
     levels: list[FloatArray]
@@ -81,7 +82,8 @@ def align(
 
 
 def constant_motion(T_last: FloatArray, T_before: FloatArray, dt_before_s: float, dt_s: float) -> FloatArray:
-    """(4, 4) T_cam_world of the new frame if the motion between the last two (T_cam_world) goes on, dt seconds each."""
+    """(4, 4) T_cam_world of the new frame by constant velocity: the motion from T_before to T_last (T_cam_world),
+    dt_before_s apart, goes on for dt_s."""
     twist = log_se3(relative(T_last, T_before))
     T = np.asarray(exp_se3(twist * (dt_s / max(dt_before_s, 1e-9))) @ T_last)
     orthonormalise(T)

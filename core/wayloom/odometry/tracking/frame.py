@@ -52,12 +52,12 @@ class Frame:
 
     @property
     def index(self) -> int:
-        """Its number in the drive."""
+        """Number of the frame in the drive, from 0."""
         return self.pair.index
 
     @property
     def t_ns(self) -> int:
-        """Its time stamp."""
+        """Time stamp, ns."""
         return self.pair.t_ns
 
     @property

@@ -28,10 +28,13 @@ ALWAYS_BELIEVED_M = 0.3
 MAX_SPEED_M_S = 90.0
 WORSE_THAN_USUAL = 1.5
 SATURATED, GRAVELY_SATURATED, LONG_GAP_S = 0.15, 0.3, 0.45
+"""Shares of the points in view beyond the cut-off, from which an alignment is doubtful and from which features are asked; seconds
+without a tracked frame, after which both happen whatever the fit."""
 GRID_TURNS_RAD = (-0.32, -0.22, -0.14, -0.08, 0.08, 0.14, 0.22, 0.32)
 GRID_WAYS = (0.0, 1.0, 2.0)
 GRID_KEPT = 4
 OLDER_KEYFRAMES = 3
+"""Keyframes before the newest in which features are looked for."""
 TRUSTED_WAY_M, TRUSTED_WAY_SHARE, TRUSTED_TURN_RAD = 0.3, 0.05, 0.02
 MANY_FEATURES, VISIBLE_BESIDE_FEATURES = 35, 0.05
 """So many features vouch for a place from which no more than this share of the reference is seen."""
@@ -62,8 +65,14 @@ class TrackingRequest:
 
 @dataclass(frozen=True, slots=True)
 class TrackingResult:
-    """The alignment chosen, with the window's keyframe `keyframe` (its row in the result), why it is not believed if it is not,
-    and how it was come by: the number of motions tried, and `features` agreeing."""
+    """The alignment chosen, and how it was found.
+
+    fit       the alignment
+    keyframe  of the window, with which the frame was aligned: its row in the result
+    failure   why the alignment is not believed, in words; None where it is
+    tried     number of motions tried
+    features  number of matched features that agree with it; 0 where none were asked
+    """
 
     fit: Alignment
     keyframe: int
