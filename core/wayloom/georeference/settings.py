@@ -25,7 +25,9 @@ class GeoReferenceSettings(Settings):
     level_sigma_deg: float = Field(3.0, gt=0.0, le=45.0, description="how level the camera is, sigma of roll and pitch, degrees")
     level_every_m: float = Field(500.0, gt=0.0, description="one level prior each such stretch of road, m")
     gnss_correlation_s: float = Field(20.0, gt=0.0, le=3600.0, description="time after which GNSS errors are independent, s")
-    gnss_white_share: float = Field(0.5, gt=0.0, lt=1.0, description="share of a fix's sigma that is independent from fix to fix")
+    gnss_white_share: float = Field(
+        0.5, gt=0.0, lt=1.0, description="share of a fix's sigma that is independent from fix to fix, where too few fixes tell"
+    )
     max_fix_rate_hz: float = Field(10.0, gt=0.0, le=1000.0, description="fixes that come faster are thinned to this rate, Hz")
     sigma_floor_m: float = Field(0.01, gt=0.0, le=1.0, description="no fix is trusted beyond this: lever arm and clock, m")
     gate_probability: float = Field(

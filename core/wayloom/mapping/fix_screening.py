@@ -36,16 +36,23 @@ STRETCH_S = 20.0
 WITNESS_S = (0.4, 0.8, 1.6, 3.2)
 """Durations of the witnesses from each end of a stretch inwards, s; the last one repeats."""
 PRICE_S = 1.0
+"""Added to the price of a stretch for each second that it lasts: of two parts the longer is believed."""
 IMPORTANT_S, LEAST_IMPORTANCE = 2.0, 0.05
+"""A stretch counts in full from this duration on; a fix that is alone between two jumps counts the least share."""
 LEAST_FOR_SCATTER = 20
+"""Second differences of one kind of fix from which its scatter is judged."""
 WHITE_SHARES = (0.1, 0.95)
+"""Bounds of the estimated white share."""
 SCATTER_SLACK = 1.3
 """Times the claimed scatter from which a receiver is said to understate it."""
 HEADING_RAD = 0.03
 """What the first guess's heading may be off by when neighbouring fixes are compared."""
 JUMP_PROBABILITY = 1.0 - 1e-5
+"""Quantile of chi-square of a difference beyond which it is a jump: a cut too many costs nothing."""
 STEPS, SOLVES, FIRST_SOLVES, GROWTH, ALTERNATIONS = 40, 2, 6, 2.0, 10
+"""Steps of the graduation with growth of its parameter; Gauss-Newton iterations in each, and at a start; turns until all settle."""
 LEAST_WEIGHT = 1e-6
+"""Of a stretch that is left out: its nodes stay determined."""
 LEAST_DOUBT = 0.25
 """Share of the fixes' duration under which a part that lies apart at an end is no rival."""
 
