@@ -1,0 +1,1 @@
+"""Loop closure within a drive: candidates, verification, consistent sets."""

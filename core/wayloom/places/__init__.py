@@ -1,0 +1,1 @@
+"""Place recognition: compact descriptors of where a drive has been, and their index."""

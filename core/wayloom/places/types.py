@@ -1,0 +1,61 @@
+"""Place descriptors of a drive, and place views: the surroundings of a keyframe as registration takes them.
+
+A level frame has its origin at the camera, z up by gravity, y along the level heading of the camera's axis, x to its right.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceFeatures:
+    """Local features with 3D positions, F of them, by keyframe.
+
+    keyframe  (F,) int32 row in Keyframes, not decreasing
+    bits      (F, B) uint8 binary descriptor
+    uv        (F, 2) float32 px in the keyframe's left image
+    p_cam     (F, 3) float32 m in the keyframe's left camera
+    sigma_m   (F,) float32 m, along the ray
+    """
+
+    keyframe: NDArray[np.int32]
+    bits: NDArray[np.uint8]
+    uv: NDArray[np.float32]
+    p_cam: NDArray[np.float32]
+    sigma_m: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.keyframe)
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceView:
+    """Static surroundings of an anchor keyframe: P points, C cameras that saw them, F local features of the keyframes nearby.
+
+    anchor       row of the anchor in Keyframes
+    T_level_cam  (4, 4) from the anchor's left camera to its level frame
+    xyz          (P, 3) float32 m, level frame; static classes only
+    label        (P,) uint8 train id
+    sigma_m      (P,) float32 m, along the ray from the camera that hosts the point
+    camera       (P,) int32 row of that camera
+    cameras      (C, 3) m, level frame
+    features     local features; `keyframe` counts rows of `T_level_keyframe` here
+    T_level_keyframe  (G, 4, 4) cameras of the features
+    """
+
+    anchor: int
+    T_level_cam: FloatArray
+    xyz: NDArray[np.float32]
+    label: NDArray[np.uint8]
+    sigma_m: NDArray[np.float32]
+    camera: NDArray[np.int32]
+    cameras: FloatArray
+    features: PlaceFeatures
+    T_level_keyframe: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.xyz)

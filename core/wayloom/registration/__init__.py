@@ -1,0 +1,1 @@
+"""Registration of two place views: relative pose with covariance, or a refusal with its reason."""
