@@ -72,7 +72,7 @@ def test_the_page_loads_nothing_and_runs_nothing(folder):
     assert not {"script", "link", "iframe", "object", "embed"} & set(page.tags)
     assert "@import" not in text
     assert not re.search(r"url\((?!#)", text)
-    assert page.tags.count("svg") == 2
+    assert page.tags.count("svg") == 4
 
 
 def test_the_page_shows_overlays_map_and_side_view(folder):

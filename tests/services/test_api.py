@@ -11,7 +11,7 @@ import pytest
 
 from service_kit.running import ApiAlone
 from service_kit.tus import CHUNK, V, checksum, create, head, register
-from wayloom.store import drives, maps
+from wayloom.store import drives, gate, maps
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.manifest import Manifest
@@ -190,6 +190,7 @@ def test_submaps_of_a_box_and_their_bytes(http: httpx2.Client, api_process: ApiA
             T_enu_submap=np.eye(4).tolist(), covariance=np.eye(6).tolist(), min_lon=8.0, min_lat=49.0, max_lon=8.1, max_lat=49.1,
         )  # fmt: skip
         maps.place_submaps(session, drive, [row])
+        gate.judge(session, drive, "A", [], "merge")
         drives.get(session, drive).track = [[8.0, 49.0, 1.0], [8.1, 49.1, 1.0]]
     database.close()
     (found,) = http.get("/v1/maps/city/submaps?bbox=8.05,49.05,9,50").json()["submaps"]

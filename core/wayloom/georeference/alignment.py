@@ -18,7 +18,7 @@ from wayloom.georeference.fixes import UsableFixes, usable_fixes
 from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
 from wayloom.georeference.report import PlacedDrive, georeference_report
 from wayloom.georeference.settings import GeoReferenceSettings
-from wayloom.georeference.types import GeoReference
+from wayloom.georeference.types import FixResiduals, GeoReference
 from wayloom.georeference.uncertainty import moved_covariance
 from wayloom.logs.types import DriveLog, GnssTrack
 from wayloom.mapping.drive_graph import optimise_drive
@@ -74,7 +74,9 @@ def georeference(
     placed = PlacedDrive(T_local_cam, covariance, trajectory)
     report = georeference_report(log.gnss, usable, fixes, solution, placed, settings)
     progress(1.0, "geo-referenced")
-    return GeoReference(target, T_target_local @ T_local_cam, moved_covariance(T_target_local, covariance), report)
+    sigma_enu = np.sqrt(np.diagonal(fixes.covariance, axis1=1, axis2=2))
+    residuals = FixResiduals(log.gnss.t_ns[usable.rows], solution.residual_enu, sigma_enu, solution.inlier)
+    return GeoReference(target, T_target_local @ T_local_cam, moved_covariance(T_target_local, covariance), report, residuals)
 
 
 def _in_own_frame(trajectory: Trajectory, message: str, unusable: dict[str, int]) -> GeoReference:

@@ -18,6 +18,7 @@ from wayloom.logs.types import DriveLog
 from wayloom.odometry.frame_source import first_matches, one_opencv_thread
 from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
 from wayloom.odometry.types import OdometryResult
+from wayloom.pipeline.drive_quality import QUALITY_FILE, read_quality
 from wayloom.pipeline.exports import write_exports
 from wayloom.pipeline.folders import discard, new_folders, put_in_place, sole_writer, sweep, whole_folder, writing_to
 from wayloom.pipeline.log_parts import read_log_file
@@ -53,6 +54,7 @@ class DriveResult:
     log_facts       content of ingest's log.json
     model           content of the segmentation's model.json
     images          the label images of the keyframes
+    quality         content of the geo-reference's quality.json
     times           for each stage, in order
     """
 
@@ -64,6 +66,7 @@ class DriveResult:
     labels: PointLabels
     geo: GeoReference
     submaps: list[PlacedSubmap]
+    quality: dict[str, Any]
     times: dict[str, StageTime]
 
 
@@ -156,5 +159,6 @@ def _load(context: StageContext, times: dict[str, StageTime]) -> DriveResult:
         labels=load_labels(stages_dir / "labelling" / LABELS_FILE),
         geo=load_georeference(stages_dir / "georeference" / GEOREFERENCE_FILE),
         submaps=load_submaps(stages_dir / "submaps"),
+        quality=read_quality(stages_dir / "georeference" / QUALITY_FILE),
         times=times,
     )

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from wayloom.config.gate import GateSettings
 from wayloom.config.service import ServiceSettings
 from wayloom.config.settings import Settings
 from wayloom.config.sources import Loaded, Option, load
@@ -45,6 +46,7 @@ class ProcessSettings(Settings):
 class WayloomSettings(ServiceSettings, ProcessSettings):
     """All settings: those of a drive's stages, of the map's, and of the service."""
 
+    gate: GateSettings = GateSettings()
     merge: MergeSettings = MergeSettings()
     tiles: TileSettings = TileSettings()
 
