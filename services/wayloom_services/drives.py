@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Query, Response
 
+from wayloom.geodesy.antimeridian import line_geometry
 from wayloom.store import drives, gate, jobs, uploads
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
@@ -57,9 +58,9 @@ async def one(drive_id: DriveId, service: ServiceDep) -> DriveOut:
 
 @router.get("/{drive_id}/track")
 async def track(drive_id: DriveId, service: ServiceDep) -> Feature:
-    """Track of the drive as a GeoJSON LineString in WGS84; no geometry until the drive is geo-referenced."""
+    """Track of the drive as a GeoJSON LineString in WGS84, cut at the antimeridian; no geometry until it is geo-referenced."""
     drive = await service.read(lambda session: drives.get(session, drive_id))
-    geometry = {"type": "LineString", "coordinates": drive.track} if drive.track else None
+    geometry = line_geometry(drive.track) if drive.track else None
     return Feature(geometry=geometry, properties={"id": drive.id, "name": drive.name, "state": drive.state})
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from wayloom.config.gate import gate_of
 from wayloom.config.stages import REMOVAL
 from wayloom.geodesy import wgs84
+from wayloom.geodesy.antimeridian import box_of
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.pipeline.drive_quality import QUALITY_FILE, read_quality
 from wayloom.pipeline.log_parts import LOG_FILE
@@ -67,7 +68,7 @@ def _record_track(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     if geo.frame is not None:
         rows = np.unique(np.linspace(0, len(geo.T_enu_cam) - 1, TRACK_POINTS).round().astype(int))
         lon_lat_height = wgs84.lonlatheight_from_enu(geo.T_enu_cam[rows, :3, 3], geo.frame)
-        drive.track = np.column_stack([lon_lat_height[:, :2].round(7), lon_lat_height[:, 2].round(2)]).tolist()
+        drive.track = np.column_stack([lon_lat_height[:, :2].round(9), lon_lat_height[:, 2].round(4)]).tolist()
     quality = read_quality(attempt.out_dir / QUALITY_FILE)
     verdict = gate_of(quality["grade"], attempt.context.settings.gate)
     gate.judge(session, drive.id, quality["grade"], quality["reasons"], verdict)
@@ -117,8 +118,7 @@ def submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) 
     assert placed.frame is not None
     covariance = np.where(np.isfinite(placed.covariance), placed.covariance, 0.0)
     corners = placed.points_enu() if len(placed.submap) else placed.track_enu()
-    lon_lat = wgs84.lonlatheight_from_enu(corners, placed.frame)[:, :2]
-    (west, south), (east, north) = lon_lat.min(axis=0).tolist(), lon_lat.max(axis=0).tolist()
+    west, south, east, north = box_of(wgs84.lonlatheight_from_enu(corners, placed.frame)[:, :2])
     return SubmapRow(
         drive_id=drive_id, map_id=map_id, position=position, digest=placed.submap.digest, point_count=len(placed.submap),
         frame=[placed.frame.lon_deg, placed.frame.lat_deg, placed.frame.height_m], T_enu_submap=placed.T_enu_submap.tolist(),

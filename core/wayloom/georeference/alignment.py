@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError
 from wayloom.geodesy import wgs84
+from wayloom.geodesy.antimeridian import median_place
 from wayloom.geodesy.map_frame import MapFrame, map_frame_for
 from wayloom.geometry import se3
 from wayloom.georeference.first_guess import guess_nodes
@@ -54,7 +55,7 @@ def georeference(
     usable = usable_fixes(log.gnss, trajectory, settings.max_fix_rate_hz)
     if len(usable.rows) == 0:
         return _in_own_frame(trajectory, f"none of {len(log.gnss)} GNSS fixes can be used; {NO_GNSS}", usable.unusable)
-    local = _frame_of_place(log.gnss.lon_lat_height[usable.rows])
+    local = median_place(log.gnss.lon_lat_height[usable.rows])
     nodes = choose_nodes(trajectory, odometry.keyframes.frame, settings.node_spacing_m)
     chain = odometry_chain(trajectory, nodes, settings.level_every_m)
     fixes = _antenna_fixes(log, log.gnss, usable, trajectory, nodes, local, settings)
@@ -82,12 +83,6 @@ def georeference(
 def _in_own_frame(trajectory: Trajectory, message: str, unusable: dict[str, int]) -> GeoReference:
     report: dict[str, Any] = {"geo_referenced": False, "messages": [message], "fixes": {"used": 0, "unusable": unusable}}
     return GeoReference(None, trajectory.T_world_cam.copy(), np.full((len(trajectory), 6, 6), np.nan), report)
-
-
-def _frame_of_place(lon_lat_height: FloatArray) -> MapFrame:
-    """The tangent plane at the median fix: no outlier moves it far."""
-    lon, lat, height = np.median(lon_lat_height, axis=0).tolist()
-    return MapFrame(lon, lat, height)
 
 
 def _noise(settings: GeoReferenceSettings, log: DriveLog) -> DriveNoise:

@@ -9,6 +9,7 @@ from typing import Any, Final
 from wayloom.config.progress import NamedProgress, Progress, silent_for_each
 from wayloom.config.stages import drive_stages
 from wayloom.files.atomic import write_atomically
+from wayloom.geodesy.geoid import GeoidGrid
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.georeference.types import GeoReference
 from wayloom.labelling.files import LABELS_FILE, load_labels
@@ -88,6 +89,7 @@ def process_drive(
     stages_dir = out_dir / STAGES_DIR
     context = StageContext(LogSource(log_path, gnss_path), stages_dir, settings)
     check_outside(context.log, out_dir)
+    geoid = None if settings.geoid is None else GeoidGrid(settings.geoid)
     context = _checked(context, progress)
     with writing_to(out_dir), new_folders(stages_dir), sole_writer(stages_dir):
         sweep(stages_dir)
@@ -95,7 +97,7 @@ def process_drive(
         result = _load(context, times)
         progress("exports")(0.0, "writing trajectory, cloud and pictures")
         with whole_folder(stages_dir / "exports") as folder:
-            write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder)
+            write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder, geoid)
             progress("exports")(0.6, "writing the report")
             write_more(result, folder)
         _publish(stages_dir / "exports", out_dir)

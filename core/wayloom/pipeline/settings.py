@@ -33,6 +33,9 @@ class ProcessSettings(Settings):
         None,
         description="LON,LAT,HEIGHT of the map frame's origin: degrees, degrees, ellipsoidal metres; default the place's own cell",
     )
+    geoid: Path | None = Field(
+        None, description="geoid grid of PROJ, .gtx or .tif: exported clouds state heights above it; default ellipsoidal heights"
+    )
     odometry: OdometrySettings = OdometrySettings()
     segmentation: SegmentationSettings = SegmentationSettings()
     labelling: LabellingSettings = LabellingSettings()

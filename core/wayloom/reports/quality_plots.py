@@ -113,7 +113,7 @@ def track_svg(quality: Quality) -> str:
     axes.set_ylabel(f"{north} (m)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.legend(loc="best", fontsize=8.5)
-    return svg_text(figure, "The track from above, with its loop closures")
+    return svg_text(figure, "The track from above")
 
 
 def _figure(height_in: float) -> Figure:
