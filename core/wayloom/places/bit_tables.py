@@ -1,8 +1,8 @@
 """Hash tables of binary descriptors: locality-sensitive hashing by sampled bits, with probes beside the key.
 
 Sampled bits are the family of Indyk and Motwani (1998) for the Hamming distance; the probes, all keys that differ in one bit, are
-those of Lv et al. (2007). Nothing is trained, so what a table answers depends on what it holds and on nothing else. An entry is a key
-of KEY_BITS bits and an owner; an owner has a key once.
+those of Lv et al. (2007). Nothing is trained, so what a table answers depends on what it holds and on nothing else. An entry is
+a key of KEY_BITS bits and an owner; an owner has a key once.
 """
 
 from dataclasses import dataclass
