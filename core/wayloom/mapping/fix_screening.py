@@ -15,9 +15,12 @@ show begins a new stretch.
    quantile of chi-square of its witnesses, and PRICE_S for each second, so that of two parts that contradict each other the longer
    is believed. It starts at the first guess; a second descent, which begins by leaving out what the guess itself denies, competes
    with it, and the lower cost wins: the result is never worse than what the first guess says.
+4. Loop closures are judged in the same squares, each group of them against its own price: they unmask stretches that lie apart, and
+   one that contradicts odometry and fixes is left out with them.
 """
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +29,9 @@ from scipy.stats import chi2
 from wayloom.geometry import se3
 from wayloom.mapping.drive_equations import DriveEquations, DriveState, IndependentFixes
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain, ShiftedFixes
+from wayloom.mapping.evidence import Evidence
 from wayloom.mapping.gnss_factors import RECEIVER
+from wayloom.mapping.loop_factors import LoopTerms
 from wayloom.mapping.odometry_links import links_of
 
 FloatArray = NDArray[np.float64]
@@ -60,7 +65,8 @@ LEAST_DOUBT = 0.25
 @dataclass(frozen=True, slots=True)
 class Screening:
     """fixes as they really scatter; inlier (M,); noise_ratio by kind; shifted stretches; T_enu_node
-    (K, 4, 4) of all nodes and receiver (4,) at the end of it; unconfirmed_m: see `DriveSolution`."""
+    (K, 4, 4) of all nodes and receiver (4,) at the end of it; unconfirmed_m: see `DriveSolution`; closed (G,) groups of closures
+    that are believed."""
 
     fixes: AntennaFixes
     inlier: BoolArray
@@ -69,6 +75,7 @@ class Screening:
     T_enu_node: FloatArray
     receiver: FloatArray
     unconfirmed_m: float
+    closed: BoolArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,15 +110,17 @@ class Witnesses:
         return np.stack([self.sums(column) / count for column in of_witness.T], axis=1)
 
 
-def screen(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise) -> Screening:
-    """Judge the fixes of a drive against its odometry, from a first guess T_enu_node (K, 4, 4)."""
+def screen(
+    chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise, evidence: Evidence = Evidence()
+) -> Screening:
+    """Judge the fixes and closures of a drive against its odometry, from a first guess T_enu_node (K, 4, 4)."""
     steps = _steps(chain, fixes, T_enu_node)
     fixes, ratios = _as_scattered(fixes, steps)
     jump = _jumps(fixes, steps)
     witnesses = _witnesses(fixes, jump, T_enu_node, noise)
-    graph = _WitnessGraph(chain, witnesses, noise)
-    weight, state = _lowest(graph, T_enu_node)
-    good = weight > 0.5
+    graph = _WitnessGraph(chain, witnesses, noise, evidence)
+    weight, state = lowest(graph, T_enu_node)
+    good, closed = np.split(weight > 0.5, [len(witnesses)])
     if not good.any():  # nothing agrees with the odometry: believe the fixes
         good[:] = True
     inlier = np.zeros(len(fixes), bool)
@@ -119,11 +128,11 @@ def screen(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, no
         inlier[first : last + 1] = True
     offset = witnesses.means(graph.fixes.residuals(state.T_enu_node, state.receiver))
     shifted = _shifted(witnesses, good, jump, offset)
-    T = _carried(chain, graph.nodes, state.T_enu_node)
-    return Screening(fixes, inlier, ratios, shifted, T, state.receiver, _unconfirmed_m(witnesses, good, offset))
+    T = carried(chain, graph.nodes, state.T_enu_node)
+    return Screening(fixes, inlier, ratios, shifted, T, state.receiver, _unconfirmed_m(witnesses, good, offset), closed)
 
 
-def _carried(chain: OdometryChain, nodes: IntArray, T_enu_coarse: FloatArray) -> FloatArray:
+def carried(chain: OdometryChain, nodes: IntArray, T_enu_coarse: FloatArray) -> FloatArray:
     """(K, 4, 4) all nodes, each carried by the last of `nodes` before it."""
     before = np.searchsorted(nodes, np.arange(len(chain.T_world_node)), side="right") - 1
     T_enu_world = T_enu_coarse @ se3.inverse(chain.T_world_node[nodes])
@@ -219,38 +228,58 @@ def _cuts(t_s: FloatArray) -> list[tuple[int, int]]:
     return head + ([(low, high)] if low <= high else []) + tail[::-1]
 
 
-class _WitnessGraph:
-    """Witnesses and odometry over the nodes that witnesses are seen from."""
+class JudgedGraph(Protocol):
+    """Equations of a drive of which some parts, each with a price, may be left out."""
 
-    def __init__(self, chain: OdometryChain, witnesses: Witnesses, noise: DriveNoise) -> None:
+    nodes: IntArray
+    price: FloatArray
+
+    def equations(self, weight: FloatArray) -> DriveEquations: ...
+
+    def solve(self, weight: FloatArray, start: DriveState, solves: int) -> DriveState: ...
+
+    def distance2(self, at: DriveState) -> FloatArray: ...
+
+    def truncated_cost(self, at: DriveState) -> float: ...
+
+
+class _WitnessGraph:
+    """Witnesses, closures and odometry over the nodes that they are seen from."""
+
+    def __init__(self, chain: OdometryChain, witnesses: Witnesses, noise: DriveNoise, evidence: Evidence) -> None:
         ends, lost = np.array([0, len(chain.T_world_node) - 1], np.int64), np.flatnonzero(~chain.connected)
         self.chain, self.witnesses, self.noise = chain, witnesses, noise
-        self.nodes = np.unique(np.concatenate([ends, witnesses.fixes.node, lost, lost + 1, chain.level]))
+        self.nodes = np.unique(np.concatenate([ends, witnesses.fixes.node, lost, lost + 1, chain.level, evidence.nodes()]))
+        self.evidence = evidence.at(self.nodes)
+        self.price = np.concatenate([witnesses.price, evidence.loops.price(noise.gate_probability)])
+        self.importance = np.concatenate([witnesses.importance, np.ones(evidence.loops.groups)])
         self.coarse = coarse_chain(chain, self.nodes)
         self.links = links_of(self.coarse, noise)
         self.fixes = replace(witnesses.fixes, node=np.searchsorted(self.nodes, witnesses.fixes.node))
 
     def equations(self, weight: FloatArray) -> DriveEquations:
-        """With each stretch's weight (B,), 0 to 1, of its information."""
-        terms = IndependentFixes(self.fixes, (np.maximum(weight, LEAST_WEIGHT) * self.witnesses.importance)[self.witnesses.stretch])
-        return DriveEquations(self.coarse, self.links, terms, self.noise)
+        """With the weight (B + G,), 0 to 1, of each stretch's and each group's information."""
+        of_fixes, of_loops = np.split(np.maximum(weight, LEAST_WEIGHT) * self.importance, [len(self.witnesses)])
+        fixes = IndependentFixes(self.fixes, of_fixes[self.witnesses.stretch])
+        terms = (LoopTerms(self.evidence.loops, of_loops), self.evidence.up)
+        return DriveEquations(self.coarse, self.links, fixes, self.noise, terms)
 
     def solve(self, weight: FloatArray, start: DriveState, solves: int) -> DriveState:
         """Descend from a state."""
         return self.equations(weight).descend(start, solves)
 
     def distance2(self, at: DriveState) -> FloatArray:
-        """(B,) sum of the squared distances of each stretch's witnesses from the antenna, in their sigmas."""
+        """(B + G,) of each stretch the sum of its witnesses' squared distances from the antenna, in their sigmas; of each group its
+        own."""
         residual = self.fixes.residuals(at.T_enu_node, at.receiver)
         of_witness = np.einsum("ni,ni->n", residual, np.linalg.solve(self.fixes.covariance, residual[:, :, None])[:, :, 0])
-        return self.witnesses.sums(of_witness)
+        return np.concatenate([self.witnesses.sums(of_witness), self.evidence.loops.distance2(at.T_enu_node)])
 
     def truncated_cost(self, at: DriveState) -> float:
-        """Half the truncated squares of the stretches plus what all else costs."""
+        """Half the truncated squares of stretches and groups plus what all else costs."""
         distance2 = self.distance2(at)
-        importance = self.witnesses.importance
-        others = self.equations(np.ones(len(self.witnesses))).cost(at) - 0.5 * float(importance @ distance2)
-        return others + 0.5 * float(importance @ np.minimum(distance2, self.witnesses.price))
+        others = self.equations(np.ones(len(self.price))).cost(at) - 0.5 * float(self.importance @ distance2)
+        return others + 0.5 * float(self.importance @ np.minimum(distance2, self.price))
 
 
 def coarse_chain(chain: OdometryChain, nodes: IntArray) -> OdometryChain:
@@ -261,16 +290,16 @@ def coarse_chain(chain: OdometryChain, nodes: IntArray) -> OdometryChain:
     return OdometryChain(chain.T_world_node[nodes], np.diff(road[nodes]), np.diff(breaks[nodes]) == 0, level)
 
 
-def _lowest(graph: _WitnessGraph, T_enu_node: FloatArray) -> tuple[FloatArray, DriveState]:
-    """Weights (B,) and state of the cheaper of two descents: graduated from convex, and from what the first guess itself denies."""
-    start = graph.equations(np.ones(len(graph.witnesses))).first_state(T_enu_node[graph.nodes])
+def lowest(graph: JudgedGraph, T_enu_node: FloatArray) -> tuple[FloatArray, DriveState]:
+    """Weights (B + G,) and state of the cheaper of two descents: graduated from convex, and from what the first guess itself denies."""
+    start = graph.equations(np.ones(len(graph.price))).first_state(T_enu_node[graph.nodes])
     ends = [_graduated(graph, start), _alternated(graph, start)]
     return ends[int(np.argmin([graph.truncated_cost(state) for _, state in ends]))]
 
 
-def _graduated(graph: _WitnessGraph, start: DriveState) -> tuple[FloatArray, DriveState]:
+def _graduated(graph: JudgedGraph, start: DriveState) -> tuple[FloatArray, DriveState]:
     """Truncated least squares by graduated non-convexity (Yang et al. 2020, eqs. 12 to 14)."""
-    price = graph.witnesses.price
+    price = graph.price
     weight = np.ones(len(price))
     state = graph.solve(weight, start, FIRST_SOLVES)
     ratio = graph.distance2(state) / price
@@ -287,19 +316,19 @@ def _graduated(graph: _WitnessGraph, start: DriveState) -> tuple[FloatArray, Dri
     return _settled(graph, state)
 
 
-def _alternated(graph: _WitnessGraph, start: DriveState) -> tuple[FloatArray, DriveState]:
+def _alternated(graph: JudgedGraph, start: DriveState) -> tuple[FloatArray, DriveState]:
     """Leave out the half that the first guess fits worst, then what the others deny."""
-    ratio = graph.distance2(start) / graph.witnesses.price
+    ratio = graph.distance2(start) / graph.price
     weight = np.where(ratio <= max(1.0, float(np.median(ratio))), 1.0, 0.0)
     return _settled(graph, graph.solve(weight, start, FIRST_SOLVES))
 
 
-def _settled(graph: _WitnessGraph, state: DriveState) -> tuple[FloatArray, DriveState]:
+def _settled(graph: JudgedGraph, state: DriveState) -> tuple[FloatArray, DriveState]:
     """Stretches worth their price and the poses that go with them, in turn, until neither changes."""
-    weight = np.where(graph.distance2(state) <= graph.witnesses.price, 1.0, 0.0)
+    weight = np.where(graph.distance2(state) <= graph.price, 1.0, 0.0)
     for _ in range(ALTERNATIONS):
         state = graph.solve(weight, state, FIRST_SOLVES)
-        again = np.where(graph.distance2(state) <= graph.witnesses.price, 1.0, 0.0)
+        again = np.where(graph.distance2(state) <= graph.price, 1.0, 0.0)
         if (again == weight).all():
             break
         weight = again
