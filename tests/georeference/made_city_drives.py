@@ -1,14 +1,16 @@
-"""Made city drives with exact truth: a way along streets that comes back to some of them, odometry that drifts, closures and GNSS."""
+"""Made city drives with exact truth: a way that comes back to some of its streets, odometry that drifts, closures and GNSS."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from georeference.made_gnss_drives import LEVER, PLACE, MadeDrive, MadeLog, correlated, drifting, odometry_of
+from georeference.made_gnss_drives import LEVER, PLACE, MadeDrive, MadeLog, drifting, odometry_of
 from wayloom.geodesy import wgs84
 from wayloom.geometry import se3
 from wayloom.georeference.nodes import travelled
+from wayloom.logs.sidecars.oxts import UP_FACTOR
 from wayloom.logs.types import FixType, GnssTrack
 from wayloom.loops.types import LoopClosures, no_loops
+from wayloom.simulation.sensors.gnss import SIGMA_M, fix_errors
 
 FloatArray = NDArray[np.float64]
 CITY_WAY = [(0, 0), (0, 600), (500, 600), (500, 0), (0, 0), (0, 300), (-800, 300), (-800, 800), (0, 800), (0, 50)]
@@ -46,12 +48,12 @@ def _rounded(corners: FloatArray) -> FloatArray:
     return np.concatenate([*points, corners[-1:]])
 
 
-def city_drive(corners: list[tuple[float, float]] = CITY_WAY, seed: int = 0, gnss: GnssTrack | None = None) -> MadeDrive:
-    """Odometry with the errors that were measured (docs/decisions/0008), no GNSS yet."""
+def city_drive(corners: list[tuple[float, float]] = CITY_WAY, seed: int = 0, scale_sigma: float = 0.02) -> MadeDrive:
+    """Odometry with the errors that were measured (docs/decisions/0008), its scale as on real streets; no GNSS yet."""
     T = city_path(corners)
     t_ns = 1_000_000_000 + np.arange(len(T), dtype=np.int64) * int(1e9 * FRAME_S)
-    odometry = odometry_of(t_ns, drifting(T, np.random.default_rng(seed)))
-    return MadeDrive(MadeLog(gnss, LEVER), odometry, T)
+    odometry = odometry_of(t_ns, drifting(T, np.random.default_rng(seed), scale_sigma=scale_sigma))
+    return MadeDrive(MadeLog(None, LEVER), odometry, T)
 
 
 def antennas(drive: MadeDrive) -> FloatArray:
@@ -59,12 +61,14 @@ def antennas(drive: MadeDrive) -> FloatArray:
     return drive.T_place_cam[:, :3, :3] @ LEVER + drive.T_place_cam[:, :3, 3]
 
 
-def gnss_of(drive: MadeDrive, sigma_m: float, kind: FixType, seed: int, every: int = 2, correlation_s: float = 20.0) -> GnssTrack:
-    """A fix every so many frames, half white and half correlated over time."""
+def gnss_of(drive: MadeDrive, kind: FixType, seed: int, every: int = 2) -> GnssTrack:
+    """A fix every so many frames with the simulator's noise: half of its variance is white, half correlated over 8 s."""
     t_ns = drive.odometry.trajectory.t_ns[::every]
-    errors = correlated(1e-9 * t_ns, sigma_m, correlation_s, 0.5, np.random.default_rng(seed))
+    kinds = np.full(len(t_ns), kind, np.uint8)
+    errors = fix_errors(kinds, every * FRAME_S, np.random.default_rng(seed))
     places = wgs84.lonlatheight_from_enu(antennas(drive)[::every] + errors, PLACE)
-    return GnssTrack(t_ns, places, np.tile(sigma_m**2 * np.eye(3), (len(t_ns), 1, 1)), np.full(len(t_ns), kind, np.uint8))
+    variance = (SIGMA_M[kind] * np.array([1.0, 1.0, UP_FACTOR])) ** 2
+    return GnssTrack(t_ns, places, np.tile(np.diag(variance), (len(t_ns), 1, 1)), kinds)
 
 
 def with_outages(gnss: GnssTrack, starts_s: list[float], length_s: float = 30.0) -> tuple[GnssTrack, NDArray[np.bool_]]:
@@ -84,8 +88,8 @@ def with_bursts(gnss: GnssTrack, bursts: list[tuple[float, float, list[float]]])
 
 
 def closures_of(drive: MadeDrive, seed: int = 0, apart_m: float = 4.0, every_m: float = 10.0, false: int = 0) -> LoopClosures:
-    """Where the way comes back to within apart_m after 100 m or more: a closure every so many metres between the nearest keyframes, as
-    its covariance says; then so many false ones, between places that have nothing in common, in rows of three."""
+    """Where the way comes back to within apart_m after 100 m or more: a closure every so many metres between the nearest keyframes,
+    as its covariance says; then so many false ones, between places that have nothing in common, in rows of three."""
     keyframes, rng = drive.odometry.keyframes, np.random.default_rng(seed)
     T = drive.T_place_cam[keyframes.frame]
     road = travelled(drive.odometry.trajectory)[keyframes.frame]
@@ -108,7 +112,7 @@ def closures_of(drive: MadeDrive, seed: int = 0, apart_m: float = 4.0, every_m: 
             pairs.append((a + 3 * k, b + 3 * k))
             T_a_b.append(se3.inverse(T[a + 3 * k]) @ T[a] @ nonsense @ se3.inverse(T[b]) @ T[b + 3 * k])
     sigma = np.repeat([CLOSURE_SIGMA_M, CLOSURE_SIGMA_RAD], 3)
-    noisy = se3.exp(rng.normal(size=(len(pairs), 6)) * sigma) @ np.array(T_a_b)
+    noisy = se3.exp(np.random.default_rng(1000 + seed).normal(size=(len(pairs), 6)) * sigma) @ np.array(T_a_b)
     first, second = np.array(pairs, np.int32).T
     return LoopClosures(first, second, noisy, np.tile(np.diag(sigma**2), (len(pairs), 1, 1)))
 
@@ -119,5 +123,3 @@ def start_at(T_from_cam: FloatArray, first: int = 0) -> FloatArray:
     ahead = np.array([T[0, 2], T[1, 2], 0.0]) / np.hypot(T[0, 2], T[1, 2])
     R_enu_own = np.stack([np.cross(ahead, [0.0, 0.0, 1.0]), ahead, [0.0, 0.0, 1.0]], axis=1)
     return se3.inverse(se3.from_rotation_translation(R_enu_own, T[:3, 3])) @ T_from_cam
-
-

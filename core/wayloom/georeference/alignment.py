@@ -56,7 +56,7 @@ def georeference(
     nodes = choose_nodes(trajectory, odometry.keyframes.frame, settings.node_spacing_m)
     road_m = travelled(trajectory)[nodes]
     chain = odometry_chain(trajectory, nodes, settings.level_every_m)
-    evidence = Evidence(closure_links(closures or no_loops(), odometry.keyframes, nodes, road_m))
+    evidence = Evidence(closure_links(closures or no_loops(), odometry.keyframes, nodes, chain))
     if log.gnss is None or len(log.gnss) == 0:
         return _in_own_frame(trajectory, nodes, chain, evidence, _noise(settings, log), NO_GNSS)
     progress(0.0, "choosing fixes")

@@ -159,8 +159,9 @@ class DriveEquations:
         self.links, self.fixes, self.noise, self.terms = links, fixes, noise, terms
         self._graph = _anchor_factors(chain, noise)
         add_scale_factors(self._graph, links)
-        for part in (fixes, *terms):
-            self._graph.push_back(part.constant())
+        self._graph.push_back(fixes.constant())
+        for term in terms:
+            self._graph.push_back(term.constant())
 
     def first_state(self, T_enu_node: FloatArray, receiver: FloatArray | None = None) -> DriveState:
         """True scale, the receiver as told, every antenna where its node has it."""

@@ -99,6 +99,6 @@ def optimise_without_fixes(
 
 
 def _terms(evidence: Evidence, closed: NDArray[np.bool_]) -> tuple[PoseTerms, ...]:
-    """The closures of the groups (G,) that are believed, and gravity."""
+    """The closures of the visits (V,) that are believed, and gravity."""
     loops = evidence.loops.take(closed)
-    return LoopTerms(loops, np.ones(loops.groups)), evidence.up
+    return LoopTerms(loops, np.ones(loops.visits)), evidence.up

@@ -14,13 +14,12 @@ show begins a new stretch.
    receiver's time offset and lever arm, by graduated non-convexity (Yang et al., RA-L 2020). A stretch is left out for a price: the
    quantile of chi-square of its witnesses, and PRICE_S for each second, so that of two parts that contradict each other the longer
    is believed. It starts at the first guess; a second descent, which begins by leaving out what the guess itself denies, competes
-   with it, and the lower cost wins: the result is never worse than what the first guess says.
-4. Loop closures are judged in the same squares, each group of them against its own price: they unmask stretches that lie apart, and
-   one that contradicts odometry and fixes is left out with them.
+   with it, and the lower cost wins (`truncated_squares`): the result is never worse than what the first guess says.
+4. Loop closures are judged in the same squares, each visit's against a price of their own: they unmask stretches that lie apart,
+   and those that contradict odometry and fixes are left out.
 """
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +32,7 @@ from wayloom.mapping.evidence import Evidence
 from wayloom.mapping.gnss_factors import RECEIVER
 from wayloom.mapping.loop_factors import LoopTerms
 from wayloom.mapping.odometry_links import links_of
+from wayloom.mapping.truncated_squares import LEAST_WEIGHT, lowest
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -54,10 +54,6 @@ HEADING_RAD = 0.03
 """What the first guess's heading may be off by when neighbouring fixes are compared."""
 JUMP_PROBABILITY = 1.0 - 1e-5
 """Quantile of chi-square of a difference beyond which it is a jump: a cut too many costs nothing."""
-STEPS, SOLVES, FIRST_SOLVES, GROWTH, ALTERNATIONS = 40, 2, 6, 2.0, 10
-"""Steps of the graduation with growth of its parameter; Gauss-Newton iterations in each, and at a start; turns until all settle."""
-LEAST_WEIGHT = 1e-6
-"""Of a stretch that is left out: its nodes stay determined."""
 LEAST_DOUBT = 0.25
 """Share of the fixes' duration under which a part that lies apart at an end is no rival."""
 
@@ -65,8 +61,8 @@ LEAST_DOUBT = 0.25
 @dataclass(frozen=True, slots=True)
 class Screening:
     """fixes as they really scatter; inlier (M,); noise_ratio by kind; shifted stretches; T_enu_node
-    (K, 4, 4) of all nodes and receiver (4,) at the end of it; unconfirmed_m: see `DriveSolution`; closed (G,) groups of closures
-    that are believed."""
+    (K, 4, 4) of all nodes and receiver (4,) at the end of it; unconfirmed_m: see `DriveSolution`; closed (V,) visits whose
+    closures are believed."""
 
     fixes: AntennaFixes
     inlier: BoolArray
@@ -228,21 +224,6 @@ def _cuts(t_s: FloatArray) -> list[tuple[int, int]]:
     return head + ([(low, high)] if low <= high else []) + tail[::-1]
 
 
-class JudgedGraph(Protocol):
-    """Equations of a drive of which some parts, each with a price, may be left out."""
-
-    nodes: IntArray
-    price: FloatArray
-
-    def equations(self, weight: FloatArray) -> DriveEquations: ...
-
-    def solve(self, weight: FloatArray, start: DriveState, solves: int) -> DriveState: ...
-
-    def distance2(self, at: DriveState) -> FloatArray: ...
-
-    def truncated_cost(self, at: DriveState) -> float: ...
-
-
 class _WitnessGraph:
     """Witnesses, closures and odometry over the nodes that they are seen from."""
 
@@ -252,13 +233,14 @@ class _WitnessGraph:
         self.nodes = np.unique(np.concatenate([ends, witnesses.fixes.node, lost, lost + 1, chain.level, evidence.nodes()]))
         self.evidence = evidence.at(self.nodes)
         self.price = np.concatenate([witnesses.price, evidence.loops.price(noise.gate_probability)])
-        self.importance = np.concatenate([witnesses.importance, np.ones(evidence.loops.groups)])
+        self.importance = np.concatenate([witnesses.importance, np.ones(evidence.loops.visits)])
+        self.heard = np.arange(len(witnesses), len(self.price))
         self.coarse = coarse_chain(chain, self.nodes)
         self.links = links_of(self.coarse, noise)
         self.fixes = replace(witnesses.fixes, node=np.searchsorted(self.nodes, witnesses.fixes.node))
 
     def equations(self, weight: FloatArray) -> DriveEquations:
-        """With the weight (B + G,), 0 to 1, of each stretch's and each group's information."""
+        """With the weight (B + V,), 0 to 1, of each stretch's and each visit's information."""
         of_fixes, of_loops = np.split(np.maximum(weight, LEAST_WEIGHT) * self.importance, [len(self.witnesses)])
         fixes = IndependentFixes(self.fixes, of_fixes[self.witnesses.stretch])
         terms = (LoopTerms(self.evidence.loops, of_loops), self.evidence.up)
@@ -269,14 +251,22 @@ class _WitnessGraph:
         return self.equations(weight).descend(start, solves)
 
     def distance2(self, at: DriveState) -> FloatArray:
-        """(B + G,) of each stretch the sum of its witnesses' squared distances from the antenna, in their sigmas; of each group its
+        """(B + V,) of each stretch the sum of its witnesses' squared distances from the antenna, in their sigmas; of each visit its
         own."""
         residual = self.fixes.residuals(at.T_enu_node, at.receiver)
         of_witness = np.einsum("ni,ni->n", residual, np.linalg.solve(self.fixes.covariance, residual[:, :, None])[:, :, 0])
         return np.concatenate([self.witnesses.sums(of_witness), self.evidence.loops.distance2(at.T_enu_node)])
 
+    def rivals(self, part: int) -> list[IntArray]:
+        """Of a visit's closures: the stretches of fixes at its earlier end, or those at its later one, may be wrong."""
+        loops = self.evidence.loops
+        rows = loops.visit == part - len(self.witnesses)
+        last = len(self.witnesses.stretch) - 1
+        after = [np.searchsorted(self.fixes.node, ends[rows]) for ends in (loops.first, loops.second)]
+        return [np.unique(self.witnesses.stretch[np.clip(np.concatenate([k - 1, k]), 0, last)]) for k in after]
+
     def truncated_cost(self, at: DriveState) -> float:
-        """Half the truncated squares of stretches and groups plus what all else costs."""
+        """Half the truncated squares of stretches and visits plus what all else costs."""
         distance2 = self.distance2(at)
         others = self.equations(np.ones(len(self.price))).cost(at) - 0.5 * float(self.importance @ distance2)
         return others + 0.5 * float(self.importance @ np.minimum(distance2, self.price))
@@ -288,51 +278,6 @@ def coarse_chain(chain: OdometryChain, nodes: IntArray) -> OdometryChain:
     breaks = np.concatenate([[0], np.cumsum(~chain.connected)])
     level = np.flatnonzero(np.isin(nodes, chain.level))
     return OdometryChain(chain.T_world_node[nodes], np.diff(road[nodes]), np.diff(breaks[nodes]) == 0, level)
-
-
-def lowest(graph: JudgedGraph, T_enu_node: FloatArray) -> tuple[FloatArray, DriveState]:
-    """Weights (B + G,) and state of the cheaper of two descents: graduated from convex, and from what the first guess itself denies."""
-    start = graph.equations(np.ones(len(graph.price))).first_state(T_enu_node[graph.nodes])
-    ends = [_graduated(graph, start), _alternated(graph, start)]
-    return ends[int(np.argmin([graph.truncated_cost(state) for _, state in ends]))]
-
-
-def _graduated(graph: JudgedGraph, start: DriveState) -> tuple[FloatArray, DriveState]:
-    """Truncated least squares by graduated non-convexity (Yang et al. 2020, eqs. 12 to 14)."""
-    price = graph.price
-    weight = np.ones(len(price))
-    state = graph.solve(weight, start, FIRST_SOLVES)
-    ratio = graph.distance2(state) / price
-    mu = 1.0 / max(2.0 * float(ratio.max()) - 1.0, 1.0)
-    for _ in range(STEPS):
-        low, high = mu / (mu + 1.0), (mu + 1.0) / mu
-        middle = np.sqrt(mu * (mu + 1.0) / np.maximum(ratio, 1e-12)) - mu
-        weight = np.where(ratio <= low, 1.0, np.where(ratio >= high, 0.0, middle))
-        if ((weight < 0.001) | (weight > 0.999)).all() and mu > 1.0:
-            break
-        state = graph.solve(weight, state, SOLVES)
-        ratio = graph.distance2(state) / price
-        mu *= GROWTH
-    return _settled(graph, state)
-
-
-def _alternated(graph: JudgedGraph, start: DriveState) -> tuple[FloatArray, DriveState]:
-    """Leave out the half that the first guess fits worst, then what the others deny."""
-    ratio = graph.distance2(start) / graph.price
-    weight = np.where(ratio <= max(1.0, float(np.median(ratio))), 1.0, 0.0)
-    return _settled(graph, graph.solve(weight, start, FIRST_SOLVES))
-
-
-def _settled(graph: JudgedGraph, state: DriveState) -> tuple[FloatArray, DriveState]:
-    """Stretches worth their price and the poses that go with them, in turn, until neither changes."""
-    weight = np.where(graph.distance2(state) <= graph.price, 1.0, 0.0)
-    for _ in range(ALTERNATIONS):
-        state = graph.solve(weight, state, FIRST_SOLVES)
-        again = np.where(graph.distance2(state) <= graph.price, 1.0, 0.0)
-        if (again == weight).all():
-            break
-        weight = again
-    return weight, state
 
 
 def _shifted(witnesses: Witnesses, good: BoolArray, jump: BoolArray, offset: FloatArray) -> tuple[ShiftedFixes, ...]:

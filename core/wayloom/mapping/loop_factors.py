@@ -1,40 +1,50 @@
-"""Loop closures as factors between any two nodes of a drive, in groups of neighbours that stand or fall together.
+"""Loop closures as factors between any two nodes of a drive, in visits that stand or fall together.
 
 A closure says T_first_second = exp(xi) T, where T is true and xi = (v, omega) has the closure's covariance. Its error at poses
 T_a, T_b of its two nodes is
     e = Log(T_a^-1 T_b T_first_second^-1),
 and, with gtsam's right perturbation (omega, v) put in the order (v, omega),
     by a: -J(e)^-1    by b: J(e)^-1 Ad(T_a^-1 T_b)
-with the left Jacobian of SE(3): J(e)^-1 = sum_n B_n / n! ad(e)^n (Barfoot, State Estimation for Robotics, eq. 7.98), to n = 4.
+with the left Jacobian of SE(3): J(e)^-1 = sum_n B_n / n! ad(e)^n (Barfoot, State Estimation for Robotics, eq. 7.98), to n = 6.
 
 Neighbouring closures see the same things from nearly the same place, so n of them in a group are not n witnesses: together they
-weigh as much as one, and they are believed or refused together.
+weigh as much as one. And where a place was mistaken for another, all closures of a visit agree in the same mistake: groups that
+follow each other and agree, by the odometry between them, are one visit, and are believed or refused together.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.stats import chi2
 
 from wayloom.geometry import se3
+from wayloom.mapping.drive_types import OdometryChain
 from wayloom.mapping.odometry_links import pose_key
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 GROUP_M = 10.0
 """Road, at both ends, over which closures are one witness."""
+VISIT_M = 50.0
+"""Road, at both ends, over which groups that agree belong to one visit."""
+AGREE_SIGMA, AGREE_SHARE, AGREE_RAD = 4.0, 0.03, 0.005
+"""How well they must: within so many sigma, and so much of the road between them, and so many radians, by the odometry."""
 OMEGA_FIRST = [3, 4, 5, 0, 1, 2]
 
 
 @dataclass(frozen=True, slots=True)
 class LoopLinks:
-    """L closures of a drive in G groups.
+    """L closures of a drive in G groups of V visits.
 
     first, second   (L,) rows of nodes
     T_first_second  (L, 4, 4); covariance (L, 6, 6) of its left perturbation (v, omega)
     group           (L,) 0 to G - 1
+    visit           (L,) 0 to V - 1, the same within a group
     """
 
     first: IntArray
@@ -42,67 +52,103 @@ class LoopLinks:
     T_first_second: FloatArray
     covariance: FloatArray
     group: IntArray
+    visit: IntArray
 
     def __len__(self) -> int:
         return len(self.first)
 
     @property
-    def groups(self) -> int:
-        """G."""
-        return int(self.group.max()) + 1 if len(self) else 0
+    def visits(self) -> int:
+        """V."""
+        return int(self.visit.max()) + 1 if len(self) else 0
 
     def at(self, nodes: IntArray) -> "LoopLinks":
         """The same closures over some of the nodes, those of every closure among them."""
         first, second = np.searchsorted(nodes, self.first), np.searchsorted(nodes, self.second)
-        return LoopLinks(first, second, self.T_first_second, self.covariance, self.group)
+        return LoopLinks(first, second, self.T_first_second, self.covariance, self.group, self.visit)
 
-    def take(self, groups: NDArray[np.bool_]) -> "LoopLinks":
-        """The closures of some groups (G,), numbered anew."""
+    def take(self, visits: BoolArray) -> "LoopLinks":
+        """The closures of some visits (V,), numbered anew."""
         if not len(self):
             return self
-        rows = groups[self.group]
-        number = np.cumsum(groups) - 1
-        parts = (self.first, self.second, self.T_first_second, self.covariance)
-        return LoopLinks(*(part[rows] for part in parts), number[self.group[rows]])
+        rows = visits[self.visit]
+        group, visit = (np.unique(part[rows], return_inverse=True)[1].astype(np.int64) for part in (self.group, self.visit))
+        return LoopLinks(self.first[rows], self.second[rows], self.T_first_second[rows], self.covariance[rows], group, visit)
 
     def price(self, probability: float) -> FloatArray:
-        """(G,) squared distance beyond which a group is worth leaving out: this quantile of chi-square (6)."""
-        return np.full(self.groups, float(chi2.ppf(probability, 6)))
+        """(V,) squared distance beyond which a visit is worth leaving out: this quantile of chi-square, six for each group."""
+        if not len(self):
+            return np.zeros(0)
+        _, first = np.unique(self.group, return_index=True)
+        return np.asarray(chi2.ppf(probability, 6 * np.bincount(self.visit[first])), np.float64)
 
     def distance2(self, T_enu_node: FloatArray) -> FloatArray:
-        """(G,) squared distance of each group in its sigmas, the mean over its closures."""
-        whitened = (self._roots() @ loop_errors(self, T_enu_node)[:, :, None])[:, :, 0]
-        return np.asarray(np.bincount(self.group, (whitened**2).sum(axis=1), self.groups), np.float64)
+        """(V,) squared distance of each visit in its sigmas: the sum over its groups of the mean over each."""
+        whitened = (self.roots() @ loop_errors(self, T_enu_node)[:, :, None])[:, :, 0]
+        return np.asarray(np.bincount(self.visit, (whitened**2).sum(axis=1), self.visits), np.float64)
 
-    def _roots(self) -> FloatArray:
+    def roots(self) -> FloatArray:
         """(L, 6, 6) S with S^T S the information of each closure, shared by its group."""
-        count = np.bincount(self.group, minlength=self.groups)[self.group]
+        count = np.bincount(self.group)[self.group] if len(self) else np.zeros(0)
         information = np.linalg.inv(self.covariance * count[:, None, None])
         return np.asarray(np.swapaxes(np.linalg.cholesky(information), 1, 2))
 
 
-def loop_links(first: IntArray, second: IntArray, T_first_second: FloatArray, covariance: FloatArray, road_m: FloatArray) -> LoopLinks:
-    """Closures in the order of the road and in groups: neighbours that lie within GROUP_M of a group's first one at both ends.
-
-    first, second : (L,) rows of nodes; road_m : (K,) m of road to each node
-    """
+def loop_links(
+    first: IntArray, second: IntArray, T_first_second: FloatArray, covariance: FloatArray, chain: OdometryChain
+) -> LoopLinks:
+    """Closures in the order of the road, in groups and visits. first, second : (L,) rows of the chain's nodes."""
+    road_m = np.concatenate([[0.0], np.cumsum(chain.length_m)])
     order = np.lexsort((second, first))
-    a, b = road_m[first[order]], road_m[second[order]]
-    group, starts = np.zeros(len(order), np.int64), []
-    for k in range(len(order)):
-        near = [g for g, s in starts if a[k] - a[s] <= GROUP_M and abs(b[k] - b[s]) <= GROUP_M]
+    first, second = first[order].astype(np.int64), second[order].astype(np.int64)
+    group = _groups(road_m[first], road_m[second])
+    links = LoopLinks(first, second, T_first_second[order], covariance[order], group, group)
+    return replace(links, visit=_visits(links, chain.T_world_node, road_m))
+
+
+def _groups(a_m: FloatArray, b_m: FloatArray) -> IntArray:
+    """(L,) the group of each closure between a_m (L,), increasing, and b_m (L,) m of road: within GROUP_M of its first."""
+    group, open_groups = np.zeros(len(a_m), np.int64), list[tuple[int, int]]()
+    for k in range(len(a_m)):
+        open_groups = [(g, s) for g, s in open_groups if a_m[k] - a_m[s] <= GROUP_M]
+        near = [g for g, s in open_groups if abs(b_m[k] - b_m[s]) <= GROUP_M]
+        group[k] = near[0] if near else (group[:k].max() + 1 if k else 0)
         if not near:
-            starts = [(g, s) for g, s in starts if a[k] - a[s] <= GROUP_M]
-            near = [int(group[:k].max()) + 1 if k else 0]
-            starts.append((near[0], k))
-        group[k] = near[0]
-    return LoopLinks(first[order].astype(np.int64), second[order].astype(np.int64), T_first_second[order], covariance[order], group)
+            open_groups.append((int(group[k]), k))
+    return group
+
+
+def _visits(links: LoopLinks, T_world_node: FloatArray, road_m: FloatArray) -> IntArray:
+    """(L,) the visit of each closure: groups near by and in agreement, joined one after another."""
+    if not len(links):
+        return links.group
+    groups, row = np.unique(links.group, return_index=True)
+    near = np.ones((len(groups), len(groups)), bool)
+    for end in (links.first[row], links.second[row]):
+        near &= np.abs(road_m[end][:, None] - road_m[end][None]) <= VISIT_M
+    i, j = np.nonzero(np.triu(near, 1))
+    agree = _agree(links, T_world_node, road_m, row[i], row[j])
+    joined = coo_matrix((np.ones(agree.sum()), (i[agree], j[agree])), near.shape)
+    return np.asarray(connected_components(joined, directed=False)[1][links.group], np.int64)
+
+
+def _agree(links: LoopLinks, T_world_node: FloatArray, road_m: FloatArray, i: IntArray, j: IntArray) -> BoolArray:
+    """(n,) whether closures of rows i and j (n,) say the same by the odometry between their ends."""
+    T_a_a = se3.inverse(T_world_node[links.first[i]]) @ T_world_node[links.first[j]]
+    T_b_b = se3.inverse(T_world_node[links.second[j]]) @ T_world_node[links.second[i]]
+    apart = T_a_a @ links.T_first_second[j] @ T_b_b @ se3.inverse(links.T_first_second[i])
+    twist = np.array([se3.log(T) for T in apart]).reshape(-1, 6)
+    road = np.abs(road_m[links.first[i]] - road_m[links.first[j]]) + np.abs(road_m[links.second[i]] - road_m[links.second[j]])
+    variance = np.diagonal(links.covariance[i] + links.covariance[j], axis1=1, axis2=2)
+    moved_m, turned_rad = (AGREE_SIGMA * np.sqrt(variance[:, part].sum(axis=1)) for part in (slice(3), slice(3, 6)))
+    good = np.linalg.norm(twist[:, :3], axis=1) <= moved_m + AGREE_SHARE * road + turned_rad * road
+    return np.asarray(good & (np.linalg.norm(twist[:, 3:], axis=1) <= turned_rad + AGREE_RAD))
 
 
 def no_loop_links() -> LoopLinks:
     """None."""
     none = np.zeros(0, np.int64)
-    return LoopLinks(none, none, np.zeros((0, 4, 4)), np.zeros((0, 6, 6)), none)
+    return LoopLinks(none, none, np.zeros((0, 4, 4)), np.zeros((0, 6, 6)), none, none)
 
 
 def loop_errors(loops: LoopLinks, T_enu_node: FloatArray) -> FloatArray:
@@ -119,17 +165,17 @@ def loop_jacobians(loops: LoopLinks, T_enu_node: FloatArray, errors: FloatArray)
 
 
 def inverse_left_jacobian(xi: FloatArray) -> FloatArray:
-    """J^-1 (N, 6, 6) of twists xi (N, 6) = (v, omega): Log(Exp(d) Exp(xi)) = xi + J^-1 d. Good to 1e-4 for turns under a radian."""
+    """J^-1 (N, 6, 6) of twists xi (N, 6) = (v, omega): Log(Exp(d) Exp(xi)) = xi + J^-1 d. For turns under a radian."""
     ad = np.zeros((len(xi), 6, 6))
     ad[:, :3, :3] = ad[:, 3:, 3:] = se3.hat(xi[:, 3:])
     ad[:, :3, 3:] = se3.hat(xi[:, :3])
     ad2 = ad @ ad
-    return np.asarray(np.eye(6) - ad / 2.0 + ad2 / 12.0 - ad2 @ ad2 / 720.0)
+    return np.asarray(np.eye(6) - ad / 2.0 + ad2 / 12.0 - ad2 @ ad2 / 720.0 + ad2 @ ad2 @ ad2 / 30240.0)
 
 
 @dataclass(frozen=True, slots=True)
 class LoopTerms:
-    """Closures in a drive's equations, each group with a weight (G,) > 0 of its information."""
+    """Closures in a drive's equations, each visit with a weight (V,) > 0 of its information."""
 
     loops: LoopLinks
     weight: FloatArray
@@ -159,4 +205,4 @@ class LoopTerms:
         return 0.5 * float(self.weight @ self.loops.distance2(T_enu_node)) if len(self.loops) else 0.0
 
     def _roots(self) -> FloatArray:
-        return np.asarray(np.sqrt(self.weight)[self.loops.group][:, None, None] * self.loops._roots())
+        return np.asarray(np.sqrt(self.weight)[self.loops.visit][:, None, None] * self.loops.roots())

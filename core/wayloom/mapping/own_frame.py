@@ -1,7 +1,7 @@
 """A drive without GNSS: odometry, loop closures and gravity, in a level frame of its own that begins at its first node.
 
-The frame is as a tangent plane: the first camera stands at its origin and looks along its second axis, up is the third. Position and
-heading of the first node are the gauge and certain; how level it is, gravity says.
+The frame is as a tangent plane: the first camera stands at its origin and looks along its second axis, up is the third. Position
+and heading of the first node are the gauge and certain; how level it is, gravity says.
 """
 
 from dataclasses import dataclass
@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from wayloom.mapping.drive_equations import DriveEquations, DriveState, NoFixes
 from wayloom.mapping.drive_types import DriveNoise, OdometryChain
 from wayloom.mapping.evidence import Evidence
-from wayloom.mapping.fix_screening import LEAST_WEIGHT, carried, coarse_chain, lowest
+from wayloom.mapping.fix_screening import carried, coarse_chain
 from wayloom.mapping.loop_factors import LoopTerms
 from wayloom.mapping.odometry_links import links_of, pose_key
+from wayloom.mapping.truncated_squares import LEAST_WEIGHT, lowest
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -53,17 +54,18 @@ class StartGauge:
 
 
 class LoopGraph:
-    """Odometry, gravity and weighted groups of closures over a part of the nodes, for `fix_screening.lowest`."""
+    """Odometry, gravity and weighted visits of closures over a part of the nodes, for `truncated_squares.lowest`."""
 
     def __init__(self, chain: OdometryChain, gauge: StartGauge, noise: DriveNoise, evidence: Evidence) -> None:
         self.nodes = np.union1d(_spaced(chain), np.concatenate([evidence.nodes(), chain.level]))
         self.price = evidence.loops.price(noise.gate_probability)
+        self.heard = np.arange(len(self.price))
         self.gauge, self.noise, self.evidence = gauge, noise, evidence.at(self.nodes)
         self.chain = coarse_chain(chain, self.nodes)
         self.links = links_of(self.chain, noise)
 
     def equations(self, weight: FloatArray) -> DriveEquations:
-        """With the weight (G,), 0 to 1, of each group's information."""
+        """With the weight (V,), 0 to 1, of each visit's information."""
         terms = (LoopTerms(self.evidence.loops, np.maximum(weight, LEAST_WEIGHT)), self.evidence.up, self.gauge)
         return DriveEquations(self.chain, self.links, NoFixes(), self.noise, terms)
 
@@ -72,11 +74,15 @@ class LoopGraph:
         return self.equations(weight).descend(start, solves)
 
     def distance2(self, at: DriveState) -> FloatArray:
-        """(G,) squared distance of each group, in its sigmas."""
+        """(V,) squared distance of each visit, in its sigmas."""
         return self.evidence.loops.distance2(at.T_enu_node)
 
+    def rivals(self, part: int) -> list[NDArray[np.int64]]:
+        """Nothing, and all others."""
+        return [np.zeros(0, np.int64), np.setdiff1d(self.heard, [part])]
+
     def truncated_cost(self, at: DriveState) -> float:
-        """Half the truncated squares of the groups plus what all else costs."""
+        """Half the truncated squares of the visits plus what all else costs."""
         distance2 = self.distance2(at)
         excess = np.maximum(distance2 - self.price, 0.0)
         return self.equations(np.ones(len(self.price))).cost(at) - 0.5 * float(excess.sum())
@@ -93,7 +99,7 @@ def _spaced(chain: OdometryChain) -> NDArray[np.int64]:
 def closed_in_own_frame(
     chain: OdometryChain, T_enu_node: FloatArray, noise: DriveNoise, evidence: Evidence
 ) -> tuple[BoolArray, FloatArray]:
-    """(G,) groups of closures that are believed, and T_enu_node (K, 4, 4) bent by them, from a level guess (K, 4, 4)."""
+    """(V,) visits whose closures are believed, and T_enu_node (K, 4, 4) bent by them, from a level guess (K, 4, 4)."""
     if not len(evidence.loops):
         return np.zeros(0, bool), T_enu_node
     graph = LoopGraph(chain, StartGauge(T_enu_node[0]), noise, evidence)

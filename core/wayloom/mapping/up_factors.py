@@ -2,7 +2,8 @@
 
 A witness w (an accelerometer, the street, upright walls) says u = R^T z + b_w + n of a node with rotation R = R_enu_cam; of it the
 components along the camera's x (roll) and z axes (pitch) count, as up is along -y. b_w is the witness's own lean, one for the whole
-drive, an unknown with a prior; n is new with each observation. The error and its Jacobians, by gtsam's right perturbation omega and b:
+drive, an unknown with a prior; n is new with each observation. The error and its Jacobians, by gtsam's right perturbation omega
+and by b:
     e = E (R^T z) + b - E u,   E hat(R^T z),   I,   E the rows x and z.
 """
 

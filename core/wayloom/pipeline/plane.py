@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 def T_plane_enu(geo: GeoReference) -> FloatArray:
     """(4, 4) from the frame of geo (the map's, which may stand askew far from its origin, or the drive's own) to the drive's plane.
 
-    With GNSS the plane is the tangent plane at the drive's start: east, north, up. Without, it is the drive's own: right, ahead, up.
+    With GNSS the plane is the tangent plane at the drive's start: east, north, up. Without, the drive's own: right, ahead, up.
     """
     start = geo.T_enu_cam[0]
     if geo.frame is None:
