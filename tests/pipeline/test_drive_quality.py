@@ -57,11 +57,12 @@ def test_the_drift_is_that_of_the_odometry_against_the_result(drive: MadeDrive, 
     assert drift["odometry_m"][-1] > 2.0
 
 
-def test_a_drive_without_gnss_has_no_grade_no_sigma_and_no_drift(drive: MadeDrive) -> None:
+def test_a_drive_without_gnss_has_no_grade_no_drift_and_a_sigma_that_grows_from_its_start(drive: MadeDrive) -> None:
     log = replace(drive.log, gnss=None)
     quality = drive_quality(drive.odometry, georeference(log, drive.odometry))  # type: ignore[arg-type]
     assert (quality["placed"], quality["grade"], quality["fixes"], quality["drift"]) == (False, None, None, None)
-    assert quality["track"]["sigma"] is None
+    east = quality["track"]["sigma"]["enu_m"][0]
+    assert east[0] < 0.01 < 0.1 < east[-1]
     assert quality["reasons"] == ["no GNSS: map in the drive's own frame"]
 
 

@@ -38,10 +38,10 @@ def test_bursts_and_loops_are_drawn_and_named_where_there_are_any(quality):
     assert "loop closures" not in without["track"]
 
 
-def test_a_drive_without_gnss_has_its_track_alone():
+def test_a_drive_without_gnss_has_its_track_and_its_own_sigma_alone():
     drive = made_drive()
     geo = georeference(replace(drive.log, gnss=None), drive.odometry)
-    assert list(quality_pictures(drive_quality(drive.odometry, geo))) == ["track"]
+    assert list(quality_pictures(drive_quality(drive.odometry, geo))) == ["sigma", "track"]
 
 
 def test_the_pictures_of_hours_are_no_larger_than_a_megabyte(quality):

@@ -26,6 +26,8 @@ IntArray = NDArray[np.int64]
 QUALITY_FILE: Final = "quality.json"
 FORMAT: Final = "wayloom-drive-quality"
 FORMAT_VERSION: Final = 1
+SAME_M: Final = 1e-3
+"""Where no fix and no loop moves it, the result is the odometry but for rounding and its levelling."""
 MOST: Final = 1500
 """Entries of a line, whatever the drive's length: more than a picture has pixels."""
 MOST_FIXES: Final = 800
@@ -116,7 +118,7 @@ def _track(trajectory: Trajectory, geo: GeoReference) -> dict[str, Any]:
         "plane_m": _rounded(place.T, 2),
         "sigma": None,
     }
-    if geo.frame is not None:
+    if np.isfinite(geo.covariance[rows]).all():  # without GNSS they are relative to the first frame
         covariance = moved_covariance(T_plane, geo.covariance[rows])
         variance = np.diagonal(position_covariance(T_plane @ geo.T_enu_cam[rows], covariance), axis1=1, axis2=2)
         sigma = np.sqrt(np.maximum(variance, 0.0))
@@ -131,7 +133,7 @@ def _drift(trajectory: Trajectory, geo: GeoReference) -> dict[str, Any] | None:
     """The odometry alone against the result: how far it is off along the road, and how fast that grows. None where both are one."""
     road = travelled(trajectory)
     apart = _apart(trajectory, geo, road)
-    if geo.frame is None and float(apart.max(initial=0.0)) < 1e-6:
+    if geo.frame is None and float(apart.max(initial=0.0)) < SAME_M:
         return None
     rows = thinned(len(trajectory))
     length_m = min(DRIFT_M, 0.5 * float(road[-1]))
@@ -179,7 +181,9 @@ def _loops(odometry: OdometryResult, geo: GeoReference, loops: LoopClosures) -> 
     place = se3.transform(T_plane_enu(geo), geo.T_enu_cam[odometry.keyframes.frame, :3, 3])[:, :2]
     rows = thinned(len(loops))
     ends = np.column_stack([place[loops.first[rows]], place[loops.second[rows]]])
-    return {"count": len(loops), "ends_m": _rounded(ends.T, 2)}
+    kept = geo.report.get("loops", {})
+    refused = sum(visit["closures"] for visit in kept.get("refused", ()))
+    return {"count": len(loops), "used": kept.get("used"), "refused": refused, "ends_m": _rounded(ends.T, 2)}
 
 
 def _rounded(values: FloatArray, digits: int) -> Any:
