@@ -40,7 +40,7 @@ def test_the_json_says_what_was_measured(folder, result):
     assert facts["georeference"]["origin"] == {"lon_deg": 8.5, "lat_deg": 49.5, "height_m": 0.0}
     assert facts["truth"]["length_ratio"] == pytest.approx(1.01, rel=1e-3)
     assert facts["cloud"]["points"] == sum(len(placed.submap) for placed in result.submaps)
-    assert list(facts["stages"]) == ["ingest", "odometry", "segmentation", "labelling", "georeference", "submaps"]
+    assert list(facts["stages"]) == ["ingest", "odometry", "segmentation", "labelling", "places", "georeference", "submaps"]
     assert facts["stages"]["ingest"] == {"seconds": 0.1, "reused": True}
 
 
