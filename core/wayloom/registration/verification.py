@@ -1,0 +1,53 @@
+"""Evidence for and against a pose: overlap, points where the other view saw through, classes of points that meet."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.geometry import se3
+from wayloom.registration.scene import GROUND, VOXEL_M, Scene
+from wayloom.registration.settings import RegistrationSettings
+
+FloatArray = NDArray[np.float64]
+SURE_M = 1.0
+"""Points less certain along their ray are no witnesses."""
+FREE_LINES = 3
+"""Lines of sight that make a voxel free."""
+
+
+def meeting(a: Scene, b: Scene, T_a_b: FloatArray) -> dict[str, float]:
+    """What a's voxels say of b's points, the ground left out: `overlap`, the share that stands where a saw anything; of those
+    `through`, the share that stands in free space; of those near a point of a `agreement`, the share with one of its own group."""
+    witnesses = (b.sigma_m < SURE_M) & (b.group != GROUND)
+    index = np.floor((se3.transform(T_a_b, b.xyz[witnesses]) - a.origin) / VOXEL_M).astype(np.int64)
+    inside = ((index >= 0) & (index < a.free.shape)).all(axis=1)
+    i, j, k = index[inside].T
+    free, near, group = a.free[i, j, k], a.near[i, j, k], b.group[witnesses][inside]
+    through = (free >= FREE_LINES) & (near == 0)
+    beside, own = near != 0, ((near >> group) & 1) != 0
+    seen = int(through.sum() + beside.sum())
+    return {
+        "overlap": seen / max(int(witnesses.sum()), 1),
+        "through": int(through.sum()) / max(seen, 1),
+        "agreement": int(own.sum()) / max(int(beside.sum()), 1),
+        "seen": float(seen),
+    }
+
+
+def both_ways(a: Scene, b: Scene, T_a_b: FloatArray) -> dict[str, float]:
+    """The worse of both directions."""
+    one, other = meeting(a, b, T_a_b), meeting(b, a, se3.inverse(T_a_b))
+    worse = {"overlap": min, "through": max, "agreement": min, "seen": min}
+    return {name: choose(one[name], other[name]) for name, choose in worse.items()}
+
+
+def refusal(evidence: dict[str, Any], settings: RegistrationSettings) -> str:
+    """Why the pose is not believed; empty where it is."""
+    checks = (
+        (evidence["overlap"] < settings.min_overlap, f"the views share {evidence['overlap']:.0%} of their points"),
+        (evidence["through"] > settings.max_seen_through, f"{evidence['through']:.0%} stand where the other view saw through"),
+        (evidence["agreement"] < settings.min_class_agreement, f"classes agree for {evidence['agreement']:.0%} of the points"),
+        (evidence["sigma_m"] > settings.max_sigma_m, f"it slides: one direction is known to {evidence['sigma_m']:.1f} m only"),
+    )
+    return next((words for refused, words in checks if refused), "")
