@@ -33,6 +33,46 @@ class PlaceFeatures:
 
 
 @dataclass(frozen=True, slots=True)
+class PlaceCloud:
+    """Static points, P of them, by the keyframe that hosts them.
+
+    keyframe  (P,) int32 row in Keyframes, not decreasing
+    p_cam     (P, 3) int16 cm in the host's left camera
+    label     (P,) uint8 train id
+    sigma_cm  (P,) uint8 cm, along the ray; 255 is that or more
+    """
+
+    keyframe: NDArray[np.int32]
+    p_cam: NDArray[np.int16]
+    label: NDArray[np.uint8]
+    sigma_cm: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.keyframe)
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """All that is kept of a drive to recognise and register its places when its images are gone; K keyframes.
+
+    T_world_keyframe  (K, 4, 4) as the odometry left them
+    segment           (K,) int32; keyframes of one segment are rigidly connected
+    camera            fx, fy, cx, cy, width, height of the left image, px
+    features          local features
+    cloud             static points
+    """
+
+    T_world_keyframe: FloatArray
+    segment: NDArray[np.int32]
+    camera: tuple[float, float, float, float, int, int]
+    features: PlaceFeatures
+    cloud: PlaceCloud
+
+    def __len__(self) -> int:
+        return len(self.segment)
+
+
+@dataclass(frozen=True, slots=True)
 class PlaceView:
     """Static surroundings of an anchor keyframe: P points, C cameras that saw them, F local features of the keyframes nearby.
 

@@ -1,0 +1,102 @@
+"""Extraction of a drive's places from its images: one pass over the keyframes that are chosen along the road."""
+
+from dataclasses import fields
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.progress import Progress, silent
+from wayloom.errors import StageError
+from wayloom.geometry import se3
+from wayloom.labelling.types import PointLabels
+from wayloom.logs.types import DriveLog
+from wayloom.odometry.frame_source import one_opencv_thread
+from wayloom.odometry.types import OdometryResult
+from wayloom.places.cloud import VoxelFilter, hosted_points, packed, pair_points, taken
+from wayloom.places.features import BYTES, describe
+from wayloom.places.settings import PlaceSettings
+from wayloom.places.stereo_pair import read_pair, right_rectifier
+from wayloom.places.types import PlaceCloud, PlaceFeatures, Places
+
+FloatArray = NDArray[np.float64]
+Table = TypeVar("Table", PlaceCloud, PlaceFeatures)
+
+
+class LeftLabels(Protocol):
+    """Label images of the keyframes, as `wayloom.segmentation.keyframe_labels.KeyframeLabels`."""
+
+    def left(self, keyframe: int, /) -> NDArray[np.uint8]:
+        """(h, w) uint8 train ids of the left image of the keyframe in this row."""
+        ...
+
+
+def make_places(
+    log: DriveLog,
+    odometry: OdometryResult,
+    labels: PointLabels,
+    images: LeftLabels,
+    settings: PlaceSettings = PlaceSettings(),
+    progress: Progress = silent,
+) -> Places:
+    """What is kept of the drive's places. Raises StageError when labels and points do not belong together, LogError as the log."""
+    if len(labels) != len(odometry.points):
+        raise StageError(f"{len(labels)} labels for {len(odometry.points)} points: labelling and odometry are of different runs")
+    keyframes, road = odometry.keyframes, road_m(odometry.keyframes.T_world_cam)
+    described = spaced(road, keyframes.segment, settings.feature_spacing_m)
+    matched = spaced(road, keyframes.segment, settings.cloud_spacing_m)
+    start, hosted = hosted_points(odometry, labels, settings)
+    rectifier, voxels = right_rectifier(odometry), VoxelFilter(settings.voxel_m, settings.reach_m)
+    features, clouds = [_no_features()], [_no_cloud()]
+    with one_opencv_thread():
+        for k in range(len(keyframes)):
+            clouds.append(_kept(voxels, taken(hosted, slice(start[k], start[k + 1])), keyframes.T_world_cam[k], road[k]))
+            if not (described[k] or matched[k]):
+                continue
+            pair = read_pair(log, int(keyframes.frame[k]), images.left(k), rectifier)
+            if described[k]:
+                features.append(describe(pair, k, odometry, settings))
+            if matched[k]:
+                more = pair_points(pair, k, odometry, settings)
+                clouds.append(_kept(voxels, more, keyframes.T_world_cam[k], road[k]))
+            progress(k / len(keyframes), f"keyframe {k + 1} of {len(keyframes)}")
+    c = odometry.rig.camera
+    camera = (float(c.fx), float(c.fy), float(c.cx), float(c.cy), int(c.width), int(c.height))
+    return Places(keyframes.T_world_cam, keyframes.segment, camera, joined(features), joined(clouds))
+
+
+def road_m(T_world_cam: FloatArray) -> FloatArray:
+    """(K,) m of road from the first of the cameras (K, 4, 4) to each."""
+    steps = np.linalg.norm(np.diff(T_world_cam[:, :3, 3], axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def spaced(road: FloatArray, segment: NDArray[np.int32], spacing_m: float) -> NDArray[np.bool_]:
+    """(K,) which keyframes to take so that of each segment the first is and the next ones are at least so far apart."""
+    chosen = np.zeros(len(road), bool)
+    last, of = -np.inf, -1
+    for k, (at, number) in enumerate(zip(road.tolist(), segment.tolist(), strict=True)):
+        if number != of or at - last >= spacing_m:
+            chosen[k], last, of = True, at, number
+    return chosen
+
+
+def joined(parts: list[Table]) -> Table:
+    """The tables (one at least) one behind the other."""
+    table = type(parts[0])
+    columns: dict[str, Any] = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(table)}
+    return table(**columns)
+
+
+def _kept(voxels: VoxelFilter, cloud: PlaceCloud, T_world_cam: FloatArray, road: float) -> PlaceCloud:
+    points = se3.transform(T_world_cam, 0.01 * cloud.p_cam.astype(np.float64))
+    return taken(cloud, voxels.rows(points, cloud.sigma_cm, float(road)))
+
+
+def _no_cloud() -> PlaceCloud:
+    return packed(np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros(0, np.uint8), np.zeros(0))
+
+
+def _no_features() -> PlaceFeatures:
+    none = np.zeros(0, np.float32)
+    return PlaceFeatures(np.zeros(0, np.int32), np.zeros((0, BYTES), np.uint8), none.reshape(0, 2), none.reshape(0, 3), none)
