@@ -17,14 +17,16 @@ from wayloom.registration.types import Registration
 from wayloom.registration.verification import both_ways, refusal
 
 FloatArray = NDArray[np.float64]
-COARSE_POINTS: Final = 700
+COARSE_POINTS: Final = 500
 """Points that weigh hypotheses against each other."""
-REFINED: Final = 3
+FINE_POINTS: Final = 2000
+REFINED: Final = 4
 """Hypotheses that are refined with all points and checked."""
 SAME_M, SAME_RAD = 1.5, np.deg2rad(5.0)
 """Poses nearer than this to each other are one."""
 POLISHING: Final = 8
-SURFACE_INFLATION, MATCH_INFLATION = 4.0, 4.0
+SEEN_THROUGH_POWER: Final = 5
+SURFACE_INFLATION, MATCH_INFLATION = 10.0, 4.0
 BEND_M, BEND_RAD = 0.02, np.deg2rad(0.05)
 
 
@@ -53,7 +55,7 @@ def register_scenes(a: Scene, b: Scene, prior: Prior | None, settings: Registrat
     if by_features is not None and by_features[1] >= settings.min_matches:
         starts.insert(0, by_features[0])
     coarse = [refine(a, b, with_height(a, b, T), STAGES[:2], COARSE_POINTS) for T in starts]
-    fits = [refine(a, b, fit.T_a_b, STAGES[1:]) for fit in distinct(coarse)[:REFINED]]
+    fits = [refine(a, b, fit.T_a_b, STAGES[1:], FINE_POINTS) for fit in distinct(coarse)[:REFINED]]
     judged = [judge(a, b, fit, matches, prior, settings) for fit in distinct(fits)]
     if not judged:
         return refused("no pose is near the prior", {})
@@ -122,7 +124,7 @@ def polish(
         inliers = int((errors2(T, *matches, SIGMA_PX) < GATE2).sum()) if count else 0
         if inliers < settings.min_matches:
             return T, covariance_of(fit.H, np.zeros((6, 6))), inliers
-        refined = refine(a, b, T, ((STAGES[-1][0], STAGES[-1][1], 0),))
+        refined = refine(a, b, T, ((STAGES[-1][0], STAGES[-1][1], 0),), FINE_POINTS)
         H_matches, g_matches = equations(T, *matches, SIGMA_PX)
         H, g = refined.H / SURFACE_INFLATION + H_matches / MATCH_INFLATION, refined.g / SURFACE_INFLATION + g_matches / MATCH_INFLATION
         xi = np.linalg.solve(H + 1e-3 * np.eye(6), g)
@@ -142,19 +144,28 @@ def covariance_of(H_surfaces: FloatArray, H_matches: FloatArray) -> FloatArray:
 
 
 def decide(judged: list[Registration], settings: RegistrationSettings) -> Registration:
-    """The pose that passes all checks, where no other one nearly as good does."""
-    passed = [r for r in judged if not r.refused]
-    if not passed:
-        return judged[0]
-    best, *others = passed
+    """The best pose, where it passes all checks and no other one is nearly as good, whether that passes them or not."""
+    best, *others = sorted(judged, key=lambda r: (-quality(r), *r.T_a_b.ravel()))
     for other in others:
-        by_features = best.evidence["inliers"] >= 2 * settings.min_matches and other.evidence["inliers"] < settings.min_matches
-        lead = best.evidence["score"] / max(other.evidence["score"], 1e-6)
-        if lead < settings.min_lead and not by_features:
-            apart = float(np.linalg.norm(best.T_a_b[:3, 3] - other.T_a_b[:3, 3]))
-            words = f"another pose {apart:.1f} m beside it fits nearly as well (scores {lead:.2f} to 1)"
-            return replace(best, refused=words, evidence=best.evidence | {"lead": round(lead, 3)})
+        lead = quality(best) / max(quality(other), 1e-6)
+        if best.refused or lead >= settings.min_lead or not is_other(other.T_a_b, best.T_a_b) or by_features(best, other, settings):
+            continue
+        apart = float(np.linalg.norm(best.T_a_b[:3, 3] - other.T_a_b[:3, 3]))
+        words = f"another pose, {apart:.1f} m beside it, is nearly as good (1 to {lead:.2f})"
+        return replace(best, refused=words, evidence=best.evidence | {"lead": round(lead, 3)})
     return best
+
+
+def quality(registration: Registration) -> float:
+    """How well a pose fits, less for classes that disagree, and much less for points where the other view saw through."""
+    found = registration.evidence
+    return float(found["score"] * found["agreement"] * (1.0 - found["through"]) ** SEEN_THROUGH_POWER)
+
+
+def by_features(best: Registration, other: Registration, settings: RegistrationSettings) -> bool:
+    """Whether local features tell two poses apart."""
+    inliers = best.evidence["inliers"]
+    return bool(inliers >= 2 * settings.min_matches and inliers >= 3 * other.evidence["inliers"])
 
 
 def refused(words: str, evidence: dict[str, Any]) -> Registration:

@@ -12,7 +12,7 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from wayloom.registration.scene import POLES, STRUCTURE, VEGETATION, VOXEL_M, Scene
+from wayloom.registration.scene import BAND_M, POLES, STRUCTURE, VEGETATION, VOXEL_M, Scene
 from wayloom.registration.settings import RegistrationSettings
 
 FloatArray = NDArray[np.float64]
@@ -23,10 +23,6 @@ SURE_M: Final = 1.0
 MOST_IN_CELL: Final = 4.0
 WEIGHTS: Final = {STRUCTURE: 1.0, POLES: 2.0, VEGETATION: 0.5}
 FREE_WEIGHT: Final = 1.0
-FREE_LINES: Final = 3
-"""Lines of sight that make a cell free."""
-BAND_M: Final = (-1.0, 1.0)
-"""Heights, from the camera's, at which free and occupied cells are compared."""
 APART_M, APART_RAD = 2.5, np.deg2rad(7.0)
 """Peaks nearer than this are one."""
 
@@ -86,17 +82,9 @@ def _layers(scene: Scene, yaw: float, blurred: bool) -> NDArray[np.float32]:
     z = scene.xyz[:, 2]
     low = sure & (z > BAND_M[0]) & (z < BAND_M[1]) & (scene.group != 0)
     occupied = _histogram(scene.xyz[low], c, s) > 0
-    layers[-2] = (_histogram(_free_cells(scene), c, s) > 0) & ~occupied
+    layers[-2] = (_histogram(scene.free_cells, c, s) > 0) & ~occupied
     layers[-1] = occupied
     return layers
-
-
-def _free_cells(scene: Scene) -> FloatArray:
-    """(N, 3) m centres of the cells of the band that lines of sight pass."""
-    low, high = (int((z - scene.origin[2]) / VOXEL_M) for z in BAND_M)
-    free = (scene.free[:, :, low:high] >= FREE_LINES).any(axis=2) & ~((scene.near[:, :, low:high] & 0xFE) > 0).any(axis=2)
-    cells = np.argwhere(free)
-    return np.column_stack([(cells + 0.5) * VOXEL_M + scene.origin[:2], np.zeros(len(cells))])
 
 
 def _histogram(points: FloatArray, c: float, s: float) -> NDArray[np.float32]:

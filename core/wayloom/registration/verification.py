@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geometry import se3
-from wayloom.registration.scene import GROUND, VOXEL_M, Scene
+from wayloom.registration.scene import FREE, GROUND, NEAR, VOXEL_M, Scene
 from wayloom.registration.settings import RegistrationSettings
 
 FloatArray = NDArray[np.float64]
 SURE_M = 1.0
 """Points less certain along their ray are no witnesses."""
-FREE_LINES = 3
-"""Lines of sight that make a voxel free."""
 
 
 def meeting(a: Scene, b: Scene, T_a_b: FloatArray) -> dict[str, float]:
@@ -21,10 +19,11 @@ def meeting(a: Scene, b: Scene, T_a_b: FloatArray) -> dict[str, float]:
     `through`, the share that stands in free space; of those near a point of a `agreement`, the share with one of its own group."""
     witnesses = (b.sigma_m < SURE_M) & (b.group != GROUND)
     index = np.floor((se3.transform(T_a_b, b.xyz[witnesses]) - a.origin) / VOXEL_M).astype(np.int64)
-    inside = ((index >= 0) & (index < a.free.shape)).all(axis=1)
+    inside = ((index >= 0) & (index < a.voxels.shape)).all(axis=1)
     i, j, k = index[inside].T
-    free, near, group = a.free[i, j, k], a.near[i, j, k], b.group[witnesses][inside]
-    through = (free >= FREE_LINES) & (near == 0)
+    voxel, group = a.voxels[i, j, k], b.group[witnesses][inside]
+    near = voxel & NEAR
+    through = voxel == FREE
     beside, own = near != 0, ((near >> group) & 1) != 0
     seen = int(through.sum() + beside.sum())
     return {
@@ -44,8 +43,9 @@ def both_ways(a: Scene, b: Scene, T_a_b: FloatArray) -> dict[str, float]:
 
 def refusal(evidence: dict[str, Any], settings: RegistrationSettings) -> str:
     """Why the pose is not believed; empty where it is."""
+    least = settings.min_overlap_features if evidence["inliers"] >= settings.many_matches else settings.min_overlap
     checks = (
-        (evidence["overlap"] < settings.min_overlap, f"the views share {evidence['overlap']:.0%} of their points"),
+        (evidence["overlap"] < least, f"the views share {evidence['overlap']:.0%} of their points"),
         (evidence["through"] > settings.max_seen_through, f"{evidence['through']:.0%} stand where the other view saw through"),
         (evidence["agreement"] < settings.min_class_agreement, f"classes agree for {evidence['agreement']:.0%} of the points"),
         (evidence["sigma_m"] > settings.max_sigma_m, f"it slides: one direction is known to {evidence['sigma_m']:.1f} m only"),
