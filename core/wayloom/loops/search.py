@@ -114,7 +114,7 @@ def closure_of(i: int, j: int, found: Registration, T_level_i: FloatArray, T_lev
 
 
 def follow(search: Search, start: Closure) -> None:
-    """Try the anchors before and behind the closure's second keyframe, each with the place that the last closure says is its own."""
+    """Try the anchors before and behind the closure's second keyframe, each with the place where the last closure puts it."""
     at = int(np.searchsorted(search.anchors, start.second))
     for steps in (range(at, len(search.anchors)), range(at - 1, -1, -1)):
         last, misses = start, 0
@@ -133,7 +133,8 @@ def partner(search: Search, closure: Closure, j: int) -> int | None:
     """The anchor nearest to where the closure puts j; None where none is near, or only such as are too near along the road."""
     T, road, settings = search.T_world_cam, search.road, search.settings
     i = search.anchors[
-        (search.places.segment[search.anchors] == search.places.segment[j]) & (road[j] - road[search.anchors] >= settings.min_road_m)
+        (search.places.segment[search.anchors] == search.places.segment[j])
+        & (road[j] - road[search.anchors] >= settings.min_road_m)
     ]
     if not len(i) or search.places.segment[j] != search.places.segment[closure.second]:
         return None

@@ -24,7 +24,8 @@ GROUND_RADIUS_M: Final = 15.0
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """T_a_b (4, 4); H (6, 6) and g (6,) of the left perturbation; score, mean log likelihood ratio of b's points against clutter."""
+    """T_a_b (4, 4); H (6, 6) and g (6,) of the left perturbation; score, the mean over b's points of the log
+    likelihood ratio against clutter; weight, how many of them fit."""
 
     T_a_b: FloatArray
     H: FloatArray
@@ -74,4 +75,4 @@ def with_height(a: Scene, b: Scene, T_a_b: FloatArray) -> FloatArray:
 
 def _ground_heights(scene: Scene, centre: FloatArray) -> FloatArray:
     near = np.linalg.norm(scene.xyz[:, :2] - centre, axis=1) < GROUND_RADIUS_M
-    return scene.xyz[near & (scene.group == GROUND), 2]
+    return np.asarray(scene.xyz[near & (scene.group == GROUND), 2])

@@ -14,7 +14,7 @@ from wayloom.registration.scene import Scene, prepare
 from wayloom.registration.search import Gate, hypotheses, level_pose, turn
 from wayloom.registration.settings import RegistrationSettings
 from wayloom.registration.types import Registration
-from wayloom.registration.verification import both_ways, refusal
+from wayloom.registration.verification import both_ways, refusal, soundness
 
 FloatArray = NDArray[np.float64]
 COARSE_POINTS: Final = 500
@@ -25,9 +25,10 @@ REFINED: Final = 4
 SAME_M, SAME_RAD = 1.5, np.deg2rad(5.0)
 """Poses nearer than this to each other are one."""
 POLISHING: Final = 8
-SEEN_THROUGH_POWER: Final = 5
 SURFACE_INFLATION, MATCH_INFLATION = 10.0, 4.0
-BEND_M, BEND_RAD = 0.02, np.deg2rad(0.05)
+BEND_M, BEND_SHARE = 0.02, 0.01
+BEND_RAD, BEND_RAD_PER_M = float(np.deg2rad(0.05)), float(np.deg2rad(0.03))
+"""Views bend by the drift of the odometry within them: so much, and more with the way between the two anchors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +107,7 @@ def judge(
         "inliers": inliers,
         "sigma_m": round(float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1])), 4),
     }
-    words = refusal(evidence, settings)
+    words = refusal(evidence, settings, prior is not None)
     if prior is not None:
         xi = se3.log(T @ se3.inverse(prior.T_a_b))
         evidence["prior_chi2"] = round(float(xi @ np.linalg.solve(prior.covariance + covariance, xi)), 2)
@@ -123,23 +124,28 @@ def polish(
     for _ in range(POLISHING):
         inliers = int((errors2(T, *matches, SIGMA_PX) < GATE2).sum()) if count else 0
         if inliers < settings.min_matches:
-            return T, covariance_of(fit.H, np.zeros((6, 6))), inliers
+            return T, covariance_of(T, fit.H, np.zeros((6, 6))), inliers
         refined = refine(a, b, T, ((STAGES[-1][0], STAGES[-1][1], 0),), FINE_POINTS)
         H_matches, g_matches = equations(T, *matches, SIGMA_PX)
-        H, g = refined.H / SURFACE_INFLATION + H_matches / MATCH_INFLATION, refined.g / SURFACE_INFLATION + g_matches / MATCH_INFLATION
-        xi = np.linalg.solve(H + 1e-3 * np.eye(6), g)
+        H, g = (
+            refined.H / SURFACE_INFLATION + H_matches / MATCH_INFLATION,
+            refined.g / SURFACE_INFLATION + g_matches / MATCH_INFLATION,
+        )
+        xi = np.asarray(np.linalg.solve(H + 1e-3 * np.eye(6), g), np.float64)
         T, fit = se3.exp(xi) @ T, refined
         if np.abs(xi).max() < 1e-4:
             break
-    return T, covariance_of(refined.H, H_matches), inliers
+    return T, covariance_of(T, refined.H, H_matches), inliers
 
 
-def covariance_of(H_surfaces: FloatArray, H_matches: FloatArray) -> FloatArray:
+def covariance_of(T_a_b: FloatArray, H_surfaces: FloatArray, H_matches: FloatArray) -> FloatArray:
     """(6, 6) of the left perturbation. Neighbouring points share their errors, so that their information counts for a part only,
     and both views have bent by their own drift, which no number of points shows."""
+    apart = float(np.linalg.norm(T_a_b[:3, 3]))
+    bend_m, bend_rad = BEND_M + BEND_SHARE * apart, BEND_RAD + BEND_RAD_PER_M * apart
     tilt = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 0.0]) / np.deg2rad(2.0) ** 2
     H = H_surfaces / SURFACE_INFLATION + H_matches / MATCH_INFLATION + tilt + 1e-6 * np.eye(6)
-    covariance: FloatArray = np.linalg.inv(H) + np.diag([BEND_M**2] * 3 + [BEND_RAD**2] * 3)
+    covariance: FloatArray = np.linalg.inv(H) + np.diag([bend_m**2] * 3 + [bend_rad**2] * 3)
     return 0.5 * (covariance + covariance.T)
 
 
@@ -158,8 +164,7 @@ def decide(judged: list[Registration], settings: RegistrationSettings) -> Regist
 
 def quality(registration: Registration) -> float:
     """How well a pose fits, less for classes that disagree, and much less for points where the other view saw through."""
-    found = registration.evidence
-    return float(found["score"] * found["agreement"] * (1.0 - found["through"]) ** SEEN_THROUGH_POWER)
+    return float(registration.evidence["score"]) * soundness(registration.evidence)
 
 
 def by_features(best: Registration, other: Registration, settings: RegistrationSettings) -> bool:

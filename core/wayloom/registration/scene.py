@@ -115,9 +115,7 @@ def prepare(view: PlaceView, settings: RegistrationSettings) -> Scene:
     surface = surfaces(xyz, group, noise) + noise
     rows = thinned(xyz, group, sigma_m)
     xyz = np.ascontiguousarray(xyz[rows])
-    return Scene(
-        view, xyz, group[rows], surface[rows], sigma_m[rows], cells_of(xyz), origin, voxels, free_cells(voxels, origin)
-    )
+    return Scene(view, xyz, group[rows], surface[rows], sigma_m[rows], cells_of(xyz), origin, voxels, free_cells(voxels, origin))
 
 
 def thinned(xyz: FloatArray, group: NDArray[np.int8], sigma_m: FloatArray) -> NDArray[np.int64]:

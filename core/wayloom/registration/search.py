@@ -1,7 +1,7 @@
 """Exhaustive search of heading and place: correlation of bird's-eye layers over all shifts, for each heading.
 
-A layer is the density of one group's points. Points of one view that stand where the other looked through count against a pose. Each heading
-takes one product in the Fourier domain for all shifts.
+A layer is the density of one group's points. Points of one view that stand where the other looked through count against a
+pose. Each heading takes one product in the Fourier domain for all shifts.
 """
 
 from dataclasses import dataclass
@@ -39,10 +39,10 @@ class Gate:
     def yaws(self, step: float) -> FloatArray:
         """Headings to try, rad."""
         if self.covariance is None:
-            return np.arange(round(2.0 * np.pi / step)) * step
+            return np.asarray(np.arange(round(2.0 * np.pi / step)) * step, np.float64)
         half = self.sigmas * float(np.sqrt(self.covariance[2, 2])) + step
         count = min(int(np.ceil(half / step)), int(np.pi / step))
-        return self.mean[2] + np.arange(-count, count + 1) * step
+        return np.asarray(self.mean[2] + np.arange(-count, count + 1) * step, np.float64)
 
     def allowed(self, x: FloatArray, y: FloatArray) -> NDArray[np.bool_]:
         """Whether shifts are near enough; x and y broadcast."""
@@ -57,7 +57,7 @@ class Gate:
 def hypotheses(a: Scene, b: Scene, gate: Gate, settings: RegistrationSettings) -> list[tuple[FloatArray, float]]:
     """The best T_a_b (4, 4), level, at most `settings.hypotheses`, with their scores, best first."""
     spectrum_a = scipy.fft.rfft2(_layers(a, 0.0, blurred=True))
-    shifts = np.fft.fftfreq(CELLS, 1.0 / CELLS) * VOXEL_M
+    shifts = np.asarray(np.fft.fftfreq(CELLS, 1.0 / CELLS) * VOXEL_M, np.float64)
     allowed = gate.allowed(shifts[:, None], shifts[None, :])
     peaks: list[tuple[float, float, float, float]] = []
     for yaw in gate.yaws(np.deg2rad(settings.yaw_step_deg)):

@@ -10,6 +10,7 @@ from wayloom.registration.scene import FREE, GROUND, NEAR, VOXEL_M, Scene
 from wayloom.registration.settings import RegistrationSettings
 
 FloatArray = NDArray[np.float64]
+SEEN_THROUGH_POWER = 5
 SURE_M = 1.0
 """Points less certain along their ray are no witnesses."""
 
@@ -41,13 +42,25 @@ def both_ways(a: Scene, b: Scene, T_a_b: FloatArray) -> dict[str, float]:
     return {name: choose(one[name], other[name]) for name, choose in worse.items()}
 
 
-def refusal(evidence: dict[str, Any], settings: RegistrationSettings) -> str:
+def soundness(evidence: dict[str, Any]) -> float:
+    """Class agreement, and much less where points stand in what the other view saw through."""
+    return float(evidence["agreement"] * (1.0 - evidence["through"]) ** SEEN_THROUGH_POWER)
+
+
+def refusal(evidence: dict[str, Any], settings: RegistrationSettings, has_prior: bool) -> str:
     """Why the pose is not believed; empty where it is."""
-    least = settings.min_overlap_features if evidence["inliers"] >= settings.many_matches else settings.min_overlap
+    many = evidence["inliers"] >= settings.many_matches
+    overlap, through, agreement = evidence["overlap"], evidence["through"], evidence["agreement"]
+    least = settings.min_soundness if has_prior else settings.min_soundness_alone
     checks = (
-        (evidence["overlap"] < least, f"the views share {evidence['overlap']:.0%} of their points"),
-        (evidence["through"] > settings.max_seen_through, f"{evidence['through']:.0%} stand where the other view saw through"),
-        (evidence["agreement"] < settings.min_class_agreement, f"classes agree for {evidence['agreement']:.0%} of the points"),
+        (
+            overlap < (settings.min_overlap_features if many else settings.min_overlap),
+            f"the views share {overlap:.0%} of their points",
+        ),
+        (through > settings.max_seen_through, f"{through:.0%} stand where the other view saw through"),
+        (agreement < settings.min_class_agreement, f"classes agree for {agreement:.0%} of the points"),
+        (soundness(evidence) < least, f"{through:.1%} are seen through and classes agree for {agreement:.0%} only"),
+        (not many and evidence["score"] < settings.min_score, f"surfaces fit badly (score {evidence['score']:.2f})"),
         (evidence["sigma_m"] > settings.max_sigma_m, f"it slides: one direction is known to {evidence['sigma_m']:.1f} m only"),
     )
     return next((words for refused, words in checks if refused), "")
