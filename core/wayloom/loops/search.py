@@ -13,7 +13,7 @@ from wayloom.loops.consistency import consistent
 from wayloom.loops.priors import Closure, around, by_odometry
 from wayloom.loops.settings import LoopSettings
 from wayloom.loops.types import LoopClosures
-from wayloom.places.extraction import road_m, spaced
+from wayloom.places.road import road_m, spaced
 from wayloom.places.types import Places
 from wayloom.places.views import view_at
 from wayloom.registration.register import Prior, register_scenes
