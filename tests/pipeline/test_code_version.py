@@ -83,7 +83,7 @@ def digests(package: Path) -> dict[str, str]:
         ("labelling/kernels/voting.py", {"labelling", "loops"}),
         ("labelling/files.py", {"labelling", "places", "submaps"}),
         ("places/features.py", {"places"}),
-        ("places/views.py", {"loops"}),
+        ("places/views.py", {"places", "loops"}),
         ("registration/search.py", {"loops"}),
         ("loops/consistency.py", {"loops"}),
         ("mapping/drive_graph.py", {"georeference"}),
