@@ -26,6 +26,7 @@ SAME_M, SAME_RAD = 1.5, np.deg2rad(5.0)
 """Poses nearer than this to each other are one."""
 POLISHING: Final = 8
 SURFACE_INFLATION, MATCH_INFLATION = 10.0, 4.0
+"""How many points share one error: of surfaces, and of features, each of which is seen from several keyframes."""
 BEND_M, BEND_SHARE = 0.02, 0.01
 BEND_RAD, BEND_RAD_PER_M = float(np.deg2rad(0.05)), float(np.deg2rad(0.03))
 """Views bend by the drift of the odometry within them: so much, and more with the way between the two anchors."""
