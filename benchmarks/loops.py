@@ -31,6 +31,7 @@ from wayloom.places.types import Places
 from wayloom.places.views import view_at
 from wayloom.registration.register import Prior, register_scenes
 from wayloom.registration.scene import prepare
+from wayloom.registration.search import level_pose
 from wayloom.registration.settings import RegistrationSettings
 
 SETTINGS = RegistrationSettings()
@@ -187,12 +188,13 @@ def made(pairs: int) -> list[dict[str, Any]]:
     look-alike blocks, two blocks apart, with an honest prior: by its covariance the alias, two blocks away, is no answer."""
     streets = max(4, round(pairs**0.5))
     views = [prepare(view_of(made_street(seed), 90.0, seed)[0], SETTINGS) for seed in range(streets)]
+    opposite = [prepare(view_of(made_street(seed), 92.0, seed + 500, False)[0], SETTINGS) for seed in range(streets)]
     alike = [prepare(view_of(made_street(seed, 6, alike=True), 90.0, seed)[0], SETTINGS) for seed in range(streets)]
     other_block = [prepare(view_of(made_street(seed, 6, alike=True), 210.0, seed + 999)[0], SETTINGS) for seed in range(streets)]
     rng, out = np.random.default_rng(0), []
     for name, count in (
         ("other streets, no prior", pairs // 4),
-        ("other streets, a prior", pairs // 2),
+        ("other streets, opposite, a prior", pairs // 2),
         ("look-alike blocks", pairs // 4),
     ):
         taken, start = 0, time.process_time()
@@ -202,10 +204,10 @@ def made(pairs: int) -> list[dict[str, Any]]:
                 a, b = alike[n % streets], other_block[n % streets]
             else:
                 i, step = n % streets, 1 + (n // streets) % (streets - 1)
-                a, b = views[i], views[(i + step) % streets]
+                a, b = views[i], (views if "no prior" in name else opposite)[(i + step) % streets]
             if "no prior" not in name:
-                T = np.eye(4)
-                T[:2, 3] = rng.normal([0.0, 120.0 if name == "look-alike blocks" else 0.0], 3.0)
+                T = level_pose(0.0, 0.0, 0.0, 0.0 if name == "look-alike blocks" else np.pi)
+                T[:2, 3] = rng.normal([0.0, 120.0] if name == "look-alike blocks" else [-3.6, 2.0], 3.0)
                 prior = Prior(T, WIDE)
             taken += not register_scenes(a, b, prior, SETTINGS).refused
         row = {"pairs": name, "count": count, "taken": taken, "cpu_s_a_pair": round((time.process_time() - start) / count, 3)}
