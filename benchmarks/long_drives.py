@@ -188,11 +188,13 @@ def child(text: str) -> None:
     else:
         run_stage(request["stage"], context, out)
     seconds = time.perf_counter() - start
-    own, children = (resource.getrusage(who).ru_maxrss / 1024 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    own, children = (usage.ru_maxrss / 1024 for usage in used)
     print(json.dumps({
         "stage": request["stage"], "frames": len(context.log),
         "how": "one piece" if request["part_frames"] == WHOLE else f"parts of {request['part_frames']}",
-        "processes": request["threads"], "seconds": round(seconds, 1), "peak MB": round(own),
+        "processes": request["threads"], "seconds": round(seconds, 1),
+        "CPU s": round(sum(usage.ru_utime + usage.ru_stime for usage in used), 1), "peak MB": round(own),
         "peak MB of a child": round(children) if request["threads"] > 1 else None,
         "result MB": round(sum(file.stat().st_size for file in out.rglob("*") if file.is_file()) / 2**20, 1),
     }))  # fmt: skip

@@ -3,8 +3,8 @@
 import threading
 
 import pytest
-
 from test_jobs import done, drive, job, new_drive, take
+
 from wayloom.errors import ConflictError, LeaseLostError, StageError
 from wayloom.store import drives, jobs, part_jobs, sweep
 from wayloom.store.database import Database
