@@ -99,6 +99,7 @@ def test_the_page_of_a_held_drive_tells_why_and_an_operator_releases_it_there(br
         page.fill("#why", "checked against the plan")
         page.click("#ask-release button")
         until(lambda: page.is_visible("#revoke"))
+        assert not page.is_visible("#ask-release")
         assert "Released by Ada" in page.inner_text("#release")
         assert wait_for_drive(api, held)["state"] == "done"
         assert said == []

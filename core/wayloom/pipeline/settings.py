@@ -12,6 +12,7 @@ from wayloom.config.sources import Loaded, Option, load
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.labelling.settings import LabellingSettings
+from wayloom.loops.settings import LoopSettings
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.places.settings import PlaceSettings
 from wayloom.segmentation.settings import SegmentationSettings
@@ -40,6 +41,7 @@ class ProcessSettings(Settings):
     segmentation: SegmentationSettings = SegmentationSettings()
     labelling: LabellingSettings = LabellingSettings()
     places: PlaceSettings = PlaceSettings()
+    loops: LoopSettings = LoopSettings()
     georeference: GeoReferenceSettings = GeoReferenceSettings()
     submaps: SubmapSettings = SubmapSettings()
 

@@ -88,6 +88,7 @@ def quality_facts(result: DriveResult) -> dict[str, Any]:
     return {
         "grade": quality["grade"],
         "reasons": quality["reasons"],
+        "bursts": quality["bursts"],
         "drift": drift and {name: drift[name] for name in ("over_m", "percent", "deg_per_100m")},
         "loops": loops["count"] if loops else 0,
     }
