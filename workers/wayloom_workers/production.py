@@ -23,10 +23,12 @@ from wayloom.submaps.files import load_submaps
 from wayloom.submaps.submap import PlacedSubmap
 from wayloom_workers.publishing import publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
+from wayloom_workers.rig_memory import forget, remember, remember_scale, rig_file_for
 from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, keyed_by_inputs
 from wayloom_workers.stitching import stitch
 
 TRACK_POINTS: Final = 2000
+ODOMETRY: Final = "odometry"
 
 
 def _settings(attempt: StageAttempt) -> ProcessSettings:
@@ -38,7 +40,10 @@ def _prepare(attempt: StageAttempt) -> PreparedStage:
     """The stage of the catalogue, on the drive's log, which is opened once."""
     assert attempt.log_path is not None
     source = LogSource(attempt.log_path, attempt.gnss_path)
-    context = StageContext(source, attempt.inputs_dir, _settings(attempt), attempt.claim.drive_id)
+    settings = _settings(attempt)
+    if attempt.claim.stage == ODOMETRY:
+        settings = settings.model_copy(update={"rig": rig_file_for(attempt, source.log)})
+    context = StageContext(source, attempt.inputs_dir, settings, attempt.claim.drive_id)
     key = stage_key(attempt.claim.stage, context)
 
     def run() -> None:
@@ -53,6 +58,18 @@ def _record_log(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     drive = drives.get(session, str(attempt.claim.drive_id))
     drive.facts = {**drive.facts, "log": _finite({name: content["log"][name] for name in content["log"].keys() - {"path", "name"}})}
     return []
+
+
+def _remember_rig(attempt: StageAttempt) -> None:
+    """What the drive says of its rig becomes the rig's."""
+    assert attempt.log_path is not None
+    remember(attempt, LogSource(attempt.log_path, attempt.gnss_path).log)
+
+
+def _remove(attempt: StageAttempt) -> None:
+    """The rig forgets the drive, and its files go."""
+    forget(attempt)
+    remove_files(attempt)
 
 
 def _record_track(session: Session, attempt: StageAttempt) -> list[JobMessage]:
@@ -111,11 +128,12 @@ def submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) 
 
 _HOOKS: Final = {
     "ingest": StageHooks(_prepare, record=_record_log),
-    "georeference": StageHooks(_prepare, record=_record_track),
+    ODOMETRY: StageHooks(_prepare, share=_remember_rig),
+    "georeference": StageHooks(_prepare, share=remember_scale, record=_record_track),
     "submaps": StageHooks(_prepare, share=_share_submaps, record=_record_submaps),
     "stitch": StageHooks(keyed_by_inputs(stitch), record=request_publish),
     "publish": StageHooks(keyed_by_inputs(tidy), record=publish),
-    REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=remove_files, record=remove_rows),
+    REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=_remove, record=remove_rows),
 }
 
 

@@ -14,10 +14,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.calibration.covariance import chi_square
+from wayloom.calibration.baseline import joint_covariance
+from wayloom.calibration.covariance import lens_covariance
 from wayloom.calibration.learn import learn_rig
+from wayloom.calibration.rig_file import RigFile
 from wayloom.calibration.sampling import Sampler
+from wayloom.calibration.scale import scale_facts
 from wayloom.calibration.settings import CalibrationSettings
+from wayloom.calibration.shrinkage import STEP
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry.lens import IDENTITY, RightLens, lens_from_values
 from wayloom.logs.types import DriveLog
@@ -50,8 +54,6 @@ SMALLEST_STEP: Final = 0.05
 BIAS_SIGMA_PX: Final = 0.025
 """Of the disparity bias beside a lens of the drive's own, whose shift of the columns holds the bias already: about what such a lens
 is off by."""
-STEP: Final = 1e-7
-"""Parameters are whole multiples of it, so that the last bits of a linear algebra library do not decide about a drive's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,7 @@ class SelfCalibration:
 
     reason : in words
     rms_px : how far the learnt lens moves pixels, the mean shift of the columns taken off; NaN where none was learnt
+    covariance : (10, 10) of what is known of the lens, whether it is used or not
     """
 
     lens: RightLens
@@ -67,14 +70,21 @@ class SelfCalibration:
     groups: int
     chi_square: float
     rms_px: float
+    covariance: FloatArray
 
 
 def track_calibrated(
     log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
     lens: RightLens | None = None, observers: Sequence[Observer] = (), matches: FloatArray | None = None,
+    rig: RigFile | None = None,
 ) -> OdometryResult:  # fmt: skip
-    """As `wayloom.odometry.odometry.track`; without a lens (of a rig's file) the drive's own is learnt first, and told in the
-    report. matches : of the first pairs, as of `frame_source.first_matches`, where the caller has them."""
+    """As `wayloom.odometry.odometry.track`, with what a rig's file knows, or with a lens; without either the drive's own is learnt
+    first, and told in the report. matches : of the first pairs, as of `frame_source.first_matches`, where the caller has them.
+
+    Where an ObservationCollector is among the observers, `report["scale"]` tells the scale's sigma (`scale.scale_facts`).
+    """
+    if rig is not None:
+        return _track_with_rig(log, settings, progress, threads, rig, observers, matches)
     if lens is not None or not settings.self_calibration:
         return track(log, settings, progress, threads, IDENTITY if lens is None else lens, observers, matches)
     frame_source.check_rig(log)
@@ -87,8 +97,7 @@ def track_calibrated(
     own = self_calibrated_lens(log, settings, matches)
     seconds = process_time() - start
     if not own.lens.is_ideal:
-        known = (settings.grey_sigma / BIAS_SIGMA_PX) ** 2
-        settings = settings.model_copy(update={"bias_prior": max(settings.bias_prior, known)})
+        settings = with_bias_sigma(settings, BIAS_SIGMA_PX)
     result = track(log, settings, progress, threads, own.lens, observers, matches)
     result.report["self_calibration"] = {
         "used": not own.lens.is_ideal, "why": own.reason, "match_groups": own.groups,
@@ -96,7 +105,45 @@ def track_calibrated(
         "moves_px": None if np.isnan(own.rms_px) else round(own.rms_px, 3),
     }  # fmt: skip
     result.report["seconds"]["own lens"] = round(seconds, 4)
+    learning = CalibrationSettings()
+    _tell_scale(result, log, observers, 1.0, joint_covariance(own.covariance, learning.baseline_sigma), learning)
     return result
+
+
+def _track_with_rig(
+    log: DriveLog, settings: OdometrySettings, progress: Progress, threads: int, rig: RigFile, observers: Sequence[Observer],
+    matches: FloatArray | None,
+) -> OdometryResult:  # fmt: skip
+    learning = CalibrationSettings()
+    bias_sigma_px = learning.drive.disparity_bias_px if rig.bias_sigma_px is None else rig.bias_sigma_px
+    if rig.bias_sigma_px is not None:
+        settings = with_bias_sigma(settings, bias_sigma_px)
+    covariance = rig.covariance
+    if covariance is None:
+        covariance = joint_covariance(lens_covariance(rig, learning)[0], learning.baseline_sigma)
+    result = track(log, settings, progress, threads, rig.lens, observers, matches, rig.baseline_ratio)
+    of_drive = learning.model_copy(update={"drive": learning.drive.model_copy(update={"disparity_bias_px": bias_sigma_px})})
+    _tell_scale(result, log, observers, rig.baseline_ratio, covariance, of_drive)
+    return result
+
+
+def with_bias_sigma(settings: OdometrySettings, sigma_px: float) -> OdometrySettings:
+    """The settings with a disparity bias that is known about zero to sigma_px at least."""
+    known = (settings.grey_sigma / sigma_px) ** 2
+    return settings.model_copy(update={"bias_prior": max(settings.bias_prior, known)})
+
+
+def _tell_scale(
+    result: OdometryResult, log: DriveLog, observers: Sequence[Observer], baseline_ratio: float, covariance: FloatArray,
+    settings: CalibrationSettings,
+) -> None:  # fmt: skip
+    """Write the scale's sigma into the report, as far as the drive's observations tell it; settings : those of the covariance."""
+    collector = next((observer for observer in observers if isinstance(observer, ObservationCollector)), None)
+    if collector is None:
+        return
+    observations = collector.observations(log)
+    if observations.groups:
+        result.report["scale"] = scale_facts(observations, result.lens, baseline_ratio, covariance, settings)
 
 
 def self_calibrated_lens(
@@ -107,10 +154,12 @@ def self_calibrated_lens(
         observations = sampled_observations(log, settings, matches)
     if observations.groups < LEAST_GROUPS:
         reason = f"{observations.groups} groups of matches are too few to tell a lens by"
-        return SelfCalibration(IDENTITY, reason, observations.groups, float("nan"), float("nan"))
+        unknown = np.diag(CalibrationSettings().lens.sigmas ** 2)
+        return SelfCalibration(IDENTITY, reason, observations.groups, float("nan"), float("nan"), unknown)
     learning = CalibrationSettings(smallest_step=SMALLEST_STEP)
     learnt = learn_rig([observations], learning)
-    against = chi_square(learnt.rig, learning)
+    covariance, x = lens_covariance(learnt.rig, learning)[0], learnt.rig.lens.values - RightLens().values
+    against = float(x @ np.linalg.solve(covariance, x))
     lens, reason = IDENTITY, ""
     if not learnt.converged:
         reason = "the matches did not settle on a lens"
@@ -121,7 +170,7 @@ def self_calibrated_lens(
     else:
         reason = "the drive's own images contradict the log's calibration"
         lens = lens_from_values(np.round(learnt.rig.lens.values / STEP) * STEP)
-    return SelfCalibration(lens, reason, observations.groups, against, learnt.rms_px)
+    return SelfCalibration(lens, reason, observations.groups, against, learnt.rms_px, covariance)
 
 
 def sampled_observations(log: DriveLog, settings: OdometrySettings, matches: FloatArray | None = None) -> CalibrationObservations:

@@ -46,6 +46,9 @@ class CalibrationSettings(Settings):
 
     lens: LensPrior = LensPrior()
     drive: DrivePrior = DrivePrior()
+    baseline_sigma: float = Field(
+        0.003, gt=0, description="share of the given baseline (and focal length) by which rigs are off; only GNSS can tell"
+    )
     common_radial: float = Field(0.02, gt=0, description="sigma of a k1 that both lenses share, which rectification left")
     iterations: int = Field(30, ge=1, le=200)
     smallest_step: float = Field(0.01, gt=0, description="sigmas: a smaller step of every lens parameter ends the iteration")

@@ -17,6 +17,7 @@ from wayloom.georeference.first_guess import guess_nodes
 from wayloom.georeference.fixes import UsableFixes, usable_fixes
 from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
 from wayloom.georeference.report import PlacedDrive, georeference_report
+from wayloom.georeference.scale_prior import scale_prior
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.types import GeoReference
 from wayloom.georeference.uncertainty import moved_covariance
@@ -62,7 +63,7 @@ def georeference(
     try:
         guess = guess_nodes(chain.T_world_node, trajectory.segment[nodes], fixes, travelled(trajectory)[nodes], settings)
         progress(0.3, "optimising")
-        solution = optimise_drive(chain, fixes, guess, _noise(settings, log))
+        solution = optimise_drive(chain, fixes, guess, _noise(settings, log, scale_prior(odometry.report, settings)))
     except np.linalg.LinAlgError:
         what = f"the {len(fixes)} GNSS fixes contradict each other and the odometry so much that no place fits them"
         raise StageError(f"{what}; look at them with `wayloom inspect`, or process the drive without GNSS") from None
@@ -88,13 +89,13 @@ def _frame_of_place(lon_lat_height: FloatArray) -> MapFrame:
     return MapFrame(lon, lat, height)
 
 
-def _noise(settings: GeoReferenceSettings, log: DriveLog) -> DriveNoise:
+def _noise(settings: GeoReferenceSettings, log: DriveLog, scale_sigma: float) -> DriveNoise:
     return DriveNoise(
         position_m=settings.position_noise_m,
         rotation_rad=float(np.radians(settings.rotation_noise_deg)),
         standing_position_m=settings.standing_position_m,
         standing_rotation_rad=float(np.radians(settings.standing_rotation_deg)),
-        scale_sigma=settings.scale_sigma,
+        scale_sigma=scale_sigma,
         scale_length_m=settings.scale_length_m,
         level_rad=float(np.radians(settings.level_sigma_deg)),
         correlation_s=settings.gnss_correlation_s,

@@ -12,10 +12,12 @@ from sqlalchemy import select, text
 
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database, Session
-from wayloom.store.tables import Drive, Job, SubmapRow, TileRow
+from wayloom.store.tables import Drive, Job, RigEvidence, RigVersion, SubmapRow, TileRow
 
-STORING: Final = ("submaps", "stitch")
+STORING: Final = ("odometry", "georeference", "submaps", "stitch", "remove")
 """The stages that store blobs."""
+NAMED: Final = (TileRow.digest, SubmapRow.digest, RigEvidence.digest, RigEvidence.own_digest, RigVersion.digest)
+"""Columns that name blobs."""
 GRACE_S: Final = 3600.0
 BATCH: Final = 100
 
@@ -29,7 +31,7 @@ def drop_unused(database: Database, blobs: BlobStore, listed: Callable[[], Itera
     unused = set(blobs.older_than(grace_s))
     unused.difference_update(listed())
     with database.read() as session:
-        for named in (TileRow.digest, SubmapRow.digest, Drive.facts["preview"].as_string()):
+        for named in (*NAMED, Drive.facts["preview"].as_string()):
             unused.difference_update(session.scalars(select(named).distinct().execution_options(yield_per=10_000)))
     found = sorted(unused)
     for start in range(0, len(found), BATCH):
