@@ -2,7 +2,8 @@
 
     python benchmarks/rig_memory.py [--size full] [--gnss] [--cache FOLDER] [--write]
 
-Each drive is uploaded to a service with processes of its own when the one before is done. The table gives, drive by drive, the
+Each drive is uploaded to a service with processes of its own when the one before is done; stages that have nothing to do with rigs
+are passed over. The table gives, drive by drive, the
 version of the rig's file that it was tracked with, the error of the odometry's scale against the truth and the sigma that was
 stated.
 
@@ -39,6 +40,8 @@ from wayloom.simulation.recording.presets import RIG, RIG_WAYS, DrivePlan, Prese
 from wayloom.simulation.recording.simulate import OutputSettings, simulate
 from wayloom.simulation.vehicle.rig_faults import WORN
 from wayloom.simulation.vehicle.vehicle_settings import RightLensSettings, VehicleSettings
+from wayloom_workers.production import stage_hooks
+from wayloom_workers.stage_hooks import StageAttempt, StageHooks, keyed_by_inputs
 
 PAGE = DOCS / "benchmarks" / "rig_memory.md"
 TURN = {"pitch_rad": 0.002, "yaw_rad": -0.003, "roll_rad": 0.0015}
@@ -47,6 +50,7 @@ KNOCKED = WORN.model_copy(update={name: getattr(WORN, name) + by for name, by in
 AFTER = (0, 3)
 """The ways, of RIG_WAYS, that are driven again after the knock."""
 LATER_S = 600.0
+PASSED_OVER = ("segmentation", "labelling", "submaps")
 SIZES = ("full", "half", "quarter")
 
 
@@ -101,12 +105,25 @@ def say(share: float, what: str) -> None:
     sys.stderr.write(f"rig memory: {100 * share:.0f} % {what}\n")
 
 
+def hooks(stage: str) -> StageHooks:
+    """The workers' own, but for stages that neither ask a rig nor tell anything of it: these are passed over."""
+    return StageHooks(keyed_by_inputs(_leave_mark)) if stage in PASSED_OVER else stage_hooks(stage)
+
+
+def _leave_mark(attempt: StageAttempt) -> None:
+    (attempt.out_dir / "passed-over").touch()
+
+
 @contextmanager
 def service(data: Path) -> Iterator[Api]:
     """A service of one worker in processes of its own."""
+    paths = os.pathsep.join([str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    variables = {**os.environ, "PYTHONPATH": paths, "WAYLOOM_STAGE_HOOKS": "rig_memory:hooks"}
     ready = data.parent / f"{data.name}.ready"
     command = [sys.executable, "-m", "wayloom.cli.main", "up", "--data", str(data), "--port", "0", "--ready-file", str(ready)]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=(data.parent / f"{data.name}.log").open("w"))
+    process = subprocess.Popen(
+        command, env=variables, stdout=subprocess.DEVNULL, stderr=(data.parent / f"{data.name}.log").open("w")
+    )
     try:
         while not ready.is_file():
             if process.poll() is not None:

@@ -20,7 +20,7 @@ from wayloom.calibration.memory import Epoch, RememberedDrive
 from wayloom.calibration.report import rig_facts
 from wayloom.calibration.rig_file import RigFile, rig_for_log, rig_from_text, text_of
 from wayloom.calibration.scale import scale_facts
-from wayloom.calibration.settings import CalibrationSettings
+from wayloom.calibration.settings import CalibrationSettings, with_bias_sigma
 from wayloom.errors import StageError
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.georeference.scale_prior import scale_by_gnss
@@ -129,7 +129,7 @@ def _version(blobs: BlobStore, epoch: Epoch, evidence: Sequence[Evidence], has_v
     rig = memory.learn_epoch(epoch)
     assert rig.covariance is not None
     assert rig.bias_sigma_px is not None
-    settings = memory.with_bias_sigma(CalibrationSettings(), rig.bias_sigma_px)
+    settings = with_bias_sigma(CalibrationSettings(), rig.bias_sigma_px)
     scale = scale_facts(epoch.drives[-1].observations(), rig.lens, rig.baseline_ratio, rig.covariance, settings) or {}
     facts = rig_facts(rig) | {"scale_sigma": scale.get("sigma"), "scale_sigma_of_lens": scale.get("lens_sigma")}
     reason = "first drive" if not has_versions else "the rig was knocked" if len(epoch.drives) == 1 else "evidence changed"

@@ -24,7 +24,7 @@ from wayloom.calibration.learn import learn_rig
 from wayloom.calibration.residuals import LENS
 from wayloom.calibration.rig_file import RigFile, differences
 from wayloom.calibration.score_moments import ScoreMoments
-from wayloom.calibration.settings import CalibrationSettings
+from wayloom.calibration.settings import CalibrationSettings, with_bias_sigma
 from wayloom.calibration.shrinkage import shrunk
 from wayloom.errors import CalibrationError
 from wayloom.geometry.lens import RightLens, lens_from_values
@@ -149,11 +149,6 @@ def learn_epoch(epoch: Epoch, settings: CalibrationSettings = CalibrationSetting
         learnt = learn_rig(observations, settings, known)
     scales = [drive.scale for drive in epoch.drives if drive.scale is not None]
     return with_scales(replace(learnt.rig, bias_sigma_px=bias_sigma), scales, settings)
-
-
-def with_bias_sigma(settings: CalibrationSettings, bias_sigma: float) -> CalibrationSettings:
-    """The settings for drives of a rig whose disparity biases differ by bias_sigma px."""
-    return settings.model_copy(update={"drive": settings.drive.model_copy(update={"disparity_bias_px": bias_sigma})})
 
 
 def bias_sigma_px(biases_px: Sequence[float], settings: CalibrationSettings = CalibrationSettings()) -> float:

@@ -7,9 +7,9 @@ loses nothing, to the bit. docs/calibration.md has the numbers.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from time import process_time
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,7 @@ from wayloom.calibration.learn import learn_rig
 from wayloom.calibration.rig_file import RigFile
 from wayloom.calibration.sampling import Sampler
 from wayloom.calibration.scale import scale_facts
-from wayloom.calibration.settings import CalibrationSettings
-from wayloom.calibration.shrinkage import STEP
+from wayloom.calibration.settings import CalibrationSettings, DrivePrior, with_bias_sigma
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry.lens import IDENTITY, RightLens, lens_from_values
 from wayloom.logs.types import DriveLog
@@ -54,6 +53,8 @@ SMALLEST_STEP: Final = 0.05
 BIAS_SIGMA_PX: Final = 0.025
 """Of the disparity bias beside a lens of the drive's own, whose shift of the columns holds the bias already: about what such a lens
 is off by."""
+STEP: Final = 1e-7
+"""Parameters are whole multiples of it, so that the last bits of a linear algebra library do not decide about a drive's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,20 +74,66 @@ class SelfCalibration:
     covariance: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class DriveCalibration:
+    """What the whole drive is tracked with, whether as one piece or in parts.
+
+    lens        of the right camera
+    matches     (n, 4) of the first pairs (`frame_source.first_matches`), which the rows are fitted to; None: not yet looked for
+    bias_prior  of the settings, for this lens
+    report      JSON-ready, what goes into the odometry's report
+    seconds     that it took to learn the lens
+    baseline_ratio  true baseline over that of the log
+    covariance  (11, 11) of lens and log baseline ratio; None where nobody asked
+    bias_sigma_px   with which that covariance was learnt, of the drive's own disparity bias
+    """
+
+    lens: RightLens
+    matches: FloatArray | None
+    bias_prior: float
+    report: dict[str, Any] = field(default_factory=dict)
+    seconds: float = 0.0
+    baseline_ratio: float = 1.0
+    covariance: FloatArray | None = None
+    bias_sigma_px: float = DrivePrior().disparity_bias_px
+
+    def settings(self, settings: OdometrySettings) -> OdometrySettings:
+        """Those that the drive is tracked with."""
+        return settings.model_copy(update={"bias_prior": self.bias_prior})
+
+    def complete(self, result: OdometryResult, observations: CalibrationObservations | None = None) -> OdometryResult:
+        """The result, its report with what was learnt before, and with the sigma of its scale (`scale.scale_facts`) where the
+        drive's observations are given."""
+        result.report.update(self.report)
+        if "self_calibration" in self.report:
+            result.report["seconds"]["own lens"] = round(self.seconds, 4)
+        if observations is not None and observations.groups and self.covariance is not None:
+            learning = with_bias_sigma(CalibrationSettings(), self.bias_sigma_px)
+            result.report["scale"] = scale_facts(observations, self.lens, self.baseline_ratio, self.covariance, learning)
+        return result
+
+
 def track_calibrated(
     log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
     lens: RightLens | None = None, observers: Sequence[Observer] = (), matches: FloatArray | None = None,
     rig: RigFile | None = None,
 ) -> OdometryResult:  # fmt: skip
-    """As `wayloom.odometry.odometry.track`, with what a rig's file knows, or with a lens; without either the drive's own is learnt
-    first, and told in the report. matches : of the first pairs, as of `frame_source.first_matches`, where the caller has them.
+    """As `wayloom.odometry.odometry.track`; without a rig's file or a lens the drive's own is learnt first, and told in the
+    report. matches : of the first pairs, as of `frame_source.first_matches`, where the caller has them."""
+    known = calibrate_drive(log, settings, progress, lens, matches, rig)
+    result = track(log, known.settings(settings), progress, threads, known.lens, observers, known.matches, known.baseline_ratio)
+    return known.complete(result)
 
-    Where an ObservationCollector is among the observers, `report["scale"]` tells the scale's sigma (`scale.scale_facts`).
-    """
+
+def calibrate_drive(
+    log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, lens: RightLens | None = None,
+    matches: FloatArray | None = None, rig: RigFile | None = None,
+) -> DriveCalibration:  # fmt: skip
+    """What is known of the rig, or else the drive's own lens, where the settings want it. Arguments as of `track_calibrated`."""
     if rig is not None:
-        return _track_with_rig(log, settings, progress, threads, rig, observers, matches)
+        return _known_rig(rig, settings, matches)
     if lens is not None or not settings.self_calibration:
-        return track(log, settings, progress, threads, IDENTITY if lens is None else lens, observers, matches)
+        return DriveCalibration(IDENTITY if lens is None else lens, matches, settings.bias_prior)
     frame_source.check_rig(log)
     warm_up.compile_odometry(False, progress)
     start = process_time()
@@ -95,55 +142,35 @@ def track_calibrated(
         with frame_source.one_opencv_thread():
             matches = frame_source.first_matches(log, settings.row_frames)
     own = self_calibrated_lens(log, settings, matches)
-    seconds = process_time() - start
+    seconds, bias_prior = process_time() - start, settings.bias_prior
     if not own.lens.is_ideal:
-        settings = with_bias_sigma(settings, BIAS_SIGMA_PX)
-    result = track(log, settings, progress, threads, own.lens, observers, matches)
-    result.report["self_calibration"] = {
+        bias_prior = max(bias_prior, _bias_information(settings, BIAS_SIGMA_PX))
+    facts = {
         "used": not own.lens.is_ideal, "why": own.reason, "match_groups": own.groups,
         "chi_square": None if np.isnan(own.chi_square) else round(own.chi_square, 1),
         "moves_px": None if np.isnan(own.rms_px) else round(own.rms_px, 3),
     }  # fmt: skip
-    result.report["seconds"]["own lens"] = round(seconds, 4)
-    learning = CalibrationSettings()
-    _tell_scale(result, log, observers, 1.0, joint_covariance(own.covariance, learning.baseline_sigma), learning)
-    return result
+    covariance = joint_covariance(own.covariance, CalibrationSettings().baseline_sigma)
+    return DriveCalibration(own.lens, matches, bias_prior, {"self_calibration": facts}, seconds, covariance=covariance)
 
 
-def _track_with_rig(
-    log: DriveLog, settings: OdometrySettings, progress: Progress, threads: int, rig: RigFile, observers: Sequence[Observer],
-    matches: FloatArray | None,
-) -> OdometryResult:  # fmt: skip
-    learning = CalibrationSettings()
-    bias_sigma_px = learning.drive.disparity_bias_px if rig.bias_sigma_px is None else rig.bias_sigma_px
-    if rig.bias_sigma_px is not None:
-        settings = with_bias_sigma(settings, bias_sigma_px)
-    covariance = rig.covariance
+def _known_rig(rig: RigFile, settings: OdometrySettings, matches: FloatArray | None) -> DriveCalibration:
+    """What a rig's file says; one of `wayloom calibrate` leaves the baseline and each drive's bias as uncertain as they are."""
+    learning, bias_prior = CalibrationSettings(), settings.bias_prior
+    covariance, bias_sigma_px = rig.covariance, learning.drive.disparity_bias_px
     if covariance is None:
         covariance = joint_covariance(lens_covariance(rig, learning)[0], learning.baseline_sigma)
-    result = track(log, settings, progress, threads, rig.lens, observers, matches, rig.baseline_ratio)
-    of_drive = learning.model_copy(update={"drive": learning.drive.model_copy(update={"disparity_bias_px": bias_sigma_px})})
-    _tell_scale(result, log, observers, rig.baseline_ratio, covariance, of_drive)
-    return result
+    if rig.bias_sigma_px is not None:
+        bias_sigma_px = rig.bias_sigma_px
+        bias_prior = max(bias_prior, _bias_information(settings, bias_sigma_px))
+    return DriveCalibration(
+        rig.lens, matches, bias_prior, baseline_ratio=rig.baseline_ratio, covariance=covariance, bias_sigma_px=bias_sigma_px
+    )
 
 
-def with_bias_sigma(settings: OdometrySettings, sigma_px: float) -> OdometrySettings:
-    """The settings with a disparity bias that is known about zero to sigma_px at least."""
-    known = (settings.grey_sigma / sigma_px) ** 2
-    return settings.model_copy(update={"bias_prior": max(settings.bias_prior, known)})
-
-
-def _tell_scale(
-    result: OdometryResult, log: DriveLog, observers: Sequence[Observer], baseline_ratio: float, covariance: FloatArray,
-    settings: CalibrationSettings,
-) -> None:  # fmt: skip
-    """Write the scale's sigma into the report, as far as the drive's observations tell it; settings : those of the covariance."""
-    collector = next((observer for observer in observers if isinstance(observer, ObservationCollector)), None)
-    if collector is None:
-        return
-    observations = collector.observations(log)
-    if observations.groups:
-        result.report["scale"] = scale_facts(observations, result.lens, baseline_ratio, covariance, settings)
+def _bias_information(settings: OdometrySettings, sigma_px: float) -> float:
+    """Of a disparity bias that is known about zero to sigma_px, as the odometry's settings want it."""
+    return (settings.grey_sigma / sigma_px) ** 2
 
 
 def self_calibrated_lens(

@@ -58,3 +58,8 @@ class CalibrationSettings(Settings):
         0.5, gt=0, lt=1, description="posterior over prior sigma from which on a parameter is undetermined"
     )
     least_groups: int = Field(3, ge=1, description="match groups of all drives together, without which nothing is learnt")
+
+
+def with_bias_sigma(settings: CalibrationSettings, bias_sigma: float) -> CalibrationSettings:
+    """The settings for drives of a rig whose disparity biases differ by bias_sigma px."""
+    return settings.model_copy(update={"drive": settings.drive.model_copy(update={"disparity_bias_px": bias_sigma})})

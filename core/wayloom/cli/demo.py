@@ -18,7 +18,8 @@ import typer
 
 from wayloom.cli.options import ConfigOption
 from wayloom.cli.progress_bars import ProgressBars
-from wayloom.cli.supervisor import compiling_kernels, ending_with_parent
+from wayloom.cli.supervisor import compiling_kernels
+from wayloom.config.child_processes import ending_with_parent
 from wayloom.errors import ConfigError, ServiceError, StageError
 
 if TYPE_CHECKING:

@@ -15,9 +15,10 @@ FloatArray = NDArray[np.float64]
 class GeoReference:
     """A drive in its map's frame, or, where it has no GNSS, in its own.
 
-    frame        the map frame, None without GNSS: then `enu` below is the drive's own world frame
+    frame        the map frame, None without GNSS: then `enu` below is the drive's own level frame, in which its first camera stands
+                 at the origin and looks along the second axis (`wayloom.mapping.own_frame`)
     T_enu_cam    (N, 4, 4) for every frame of the log
-    covariance   (N, 6, 6) of the left perturbation (v, omega) of T_enu_cam, m^2 and rad^2; NaN without GNSS
+    covariance   (N, 6, 6) of the left perturbation (v, omega) of T_enu_cam, m^2 and rad^2; without GNSS relative to the first
     report       JSON-ready facts: fixes used and rejected, residuals, honest sigma
     """
 

@@ -14,7 +14,9 @@ show begins a new stretch.
    receiver's time offset and lever arm, by graduated non-convexity (Yang et al., RA-L 2020). A stretch is left out for a price: the
    quantile of chi-square of its witnesses, and PRICE_S for each second, so that of two parts that contradict each other the longer
    is believed. It starts at the first guess; a second descent, which begins by leaving out what the guess itself denies, competes
-   with it, and the lower cost wins: the result is never worse than what the first guess says.
+   with it, and the lower cost wins (`truncated_squares`): the result is never worse than what the first guess says.
+4. Loop closures are judged in the same squares, each visit's against a price of their own: they unmask stretches that lie apart,
+   and those that contradict odometry and fixes are left out.
 """
 
 from dataclasses import dataclass, replace
@@ -26,8 +28,11 @@ from scipy.stats import chi2
 from wayloom.geometry import se3
 from wayloom.mapping.drive_equations import DriveEquations, DriveState, IndependentFixes
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain, ShiftedFixes
+from wayloom.mapping.evidence import Evidence
 from wayloom.mapping.gnss_factors import RECEIVER
+from wayloom.mapping.loop_factors import LoopTerms
 from wayloom.mapping.odometry_links import links_of
+from wayloom.mapping.truncated_squares import LEAST_WEIGHT, lowest
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -49,10 +54,6 @@ HEADING_RAD = 0.03
 """What the first guess's heading may be off by when neighbouring fixes are compared."""
 JUMP_PROBABILITY = 1.0 - 1e-5
 """Quantile of chi-square of a difference beyond which it is a jump: a cut too many costs nothing."""
-STEPS, SOLVES, FIRST_SOLVES, GROWTH, ALTERNATIONS = 40, 2, 6, 2.0, 10
-"""Steps of the graduation with growth of its parameter; Gauss-Newton iterations in each, and at a start; turns until all settle."""
-LEAST_WEIGHT = 1e-6
-"""Of a stretch that is left out: its nodes stay determined."""
 LEAST_DOUBT = 0.25
 """Share of the fixes' duration under which a part that lies apart at an end is no rival."""
 
@@ -60,7 +61,8 @@ LEAST_DOUBT = 0.25
 @dataclass(frozen=True, slots=True)
 class Screening:
     """fixes as they really scatter; inlier (M,); noise_ratio by kind; shifted stretches; T_enu_node
-    (K, 4, 4) of all nodes and receiver (4,) at the end of it; unconfirmed_m: see `DriveSolution`."""
+    (K, 4, 4) of all nodes and receiver (4,) at the end of it; unconfirmed_m: see `DriveSolution`; closed (V,) visits whose
+    closures are believed."""
 
     fixes: AntennaFixes
     inlier: BoolArray
@@ -69,6 +71,7 @@ class Screening:
     T_enu_node: FloatArray
     receiver: FloatArray
     unconfirmed_m: float
+    closed: BoolArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,15 +106,17 @@ class Witnesses:
         return np.stack([self.sums(column) / count for column in of_witness.T], axis=1)
 
 
-def screen(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise) -> Screening:
-    """Judge the fixes of a drive against its odometry, from a first guess T_enu_node (K, 4, 4)."""
+def screen(
+    chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise, evidence: Evidence = Evidence()
+) -> Screening:
+    """Judge the fixes and closures of a drive against its odometry, from a first guess T_enu_node (K, 4, 4)."""
     steps = _steps(chain, fixes, T_enu_node)
     fixes, ratios = _as_scattered(fixes, steps)
     jump = _jumps(fixes, steps)
     witnesses = _witnesses(fixes, jump, T_enu_node, noise)
-    graph = _WitnessGraph(chain, witnesses, noise)
-    weight, state = _lowest(graph, T_enu_node)
-    good = weight > 0.5
+    graph = _WitnessGraph(chain, witnesses, noise, evidence)
+    weight, state = lowest(graph, T_enu_node)
+    good, closed = np.split(weight > 0.5, [len(witnesses)])
     if not good.any():  # nothing agrees with the odometry: believe the fixes
         good[:] = True
     inlier = np.zeros(len(fixes), bool)
@@ -119,11 +124,11 @@ def screen(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, no
         inlier[first : last + 1] = True
     offset = witnesses.means(graph.fixes.residuals(state.T_enu_node, state.receiver))
     shifted = _shifted(witnesses, good, jump, offset)
-    T = _carried(chain, graph.nodes, state.T_enu_node)
-    return Screening(fixes, inlier, ratios, shifted, T, state.receiver, _unconfirmed_m(witnesses, good, offset))
+    T = carried(chain, graph.nodes, state.T_enu_node)
+    return Screening(fixes, inlier, ratios, shifted, T, state.receiver, _unconfirmed_m(witnesses, good, offset), closed)
 
 
-def _carried(chain: OdometryChain, nodes: IntArray, T_enu_coarse: FloatArray) -> FloatArray:
+def carried(chain: OdometryChain, nodes: IntArray, T_enu_coarse: FloatArray) -> FloatArray:
     """(K, 4, 4) all nodes, each carried by the last of `nodes` before it."""
     before = np.searchsorted(nodes, np.arange(len(chain.T_world_node)), side="right") - 1
     T_enu_world = T_enu_coarse @ se3.inverse(chain.T_world_node[nodes])
@@ -220,37 +225,51 @@ def _cuts(t_s: FloatArray) -> list[tuple[int, int]]:
 
 
 class _WitnessGraph:
-    """Witnesses and odometry over the nodes that witnesses are seen from."""
+    """Witnesses, closures and odometry over the nodes that they are seen from."""
 
-    def __init__(self, chain: OdometryChain, witnesses: Witnesses, noise: DriveNoise) -> None:
+    def __init__(self, chain: OdometryChain, witnesses: Witnesses, noise: DriveNoise, evidence: Evidence) -> None:
         ends, lost = np.array([0, len(chain.T_world_node) - 1], np.int64), np.flatnonzero(~chain.connected)
         self.chain, self.witnesses, self.noise = chain, witnesses, noise
-        self.nodes = np.unique(np.concatenate([ends, witnesses.fixes.node, lost, lost + 1, chain.level]))
+        self.nodes = np.unique(np.concatenate([ends, witnesses.fixes.node, lost, lost + 1, chain.level, evidence.nodes()]))
+        self.evidence = evidence.at(self.nodes)
+        self.price = np.concatenate([witnesses.price, evidence.loops.price(noise.gate_probability)])
+        self.importance = np.concatenate([witnesses.importance, np.ones(evidence.loops.visits)])
+        self.heard = np.arange(len(witnesses), len(self.price))
         self.coarse = coarse_chain(chain, self.nodes)
         self.links = links_of(self.coarse, noise)
         self.fixes = replace(witnesses.fixes, node=np.searchsorted(self.nodes, witnesses.fixes.node))
 
     def equations(self, weight: FloatArray) -> DriveEquations:
-        """With each stretch's weight (B,), 0 to 1, of its information."""
-        terms = IndependentFixes(self.fixes, (np.maximum(weight, LEAST_WEIGHT) * self.witnesses.importance)[self.witnesses.stretch])
-        return DriveEquations(self.coarse, self.links, terms, self.noise)
+        """With the weight (B + V,), 0 to 1, of each stretch's and each visit's information."""
+        of_fixes, of_loops = np.split(np.maximum(weight, LEAST_WEIGHT) * self.importance, [len(self.witnesses)])
+        fixes = IndependentFixes(self.fixes, of_fixes[self.witnesses.stretch])
+        terms = (LoopTerms(self.evidence.loops, of_loops), self.evidence.up)
+        return DriveEquations(self.coarse, self.links, fixes, self.noise, terms)
 
     def solve(self, weight: FloatArray, start: DriveState, solves: int) -> DriveState:
         """Descend from a state."""
         return self.equations(weight).descend(start, solves)
 
     def distance2(self, at: DriveState) -> FloatArray:
-        """(B,) sum of the squared distances of each stretch's witnesses from the antenna, in their sigmas."""
+        """(B + V,) of each stretch the sum of its witnesses' squared distances from the antenna, in their sigmas; of each visit its
+        own."""
         residual = self.fixes.residuals(at.T_enu_node, at.receiver)
         of_witness = np.einsum("ni,ni->n", residual, np.linalg.solve(self.fixes.covariance, residual[:, :, None])[:, :, 0])
-        return self.witnesses.sums(of_witness)
+        return np.concatenate([self.witnesses.sums(of_witness), self.evidence.loops.distance2(at.T_enu_node)])
+
+    def rivals(self, part: int) -> list[IntArray]:
+        """Of a visit's closures: the stretches of fixes at its earlier end, or those at its later one, may be wrong."""
+        loops = self.evidence.loops
+        rows = loops.visit == part - len(self.witnesses)
+        last = len(self.witnesses.stretch) - 1
+        after = [np.searchsorted(self.fixes.node, ends[rows]) for ends in (loops.first, loops.second)]
+        return [np.unique(self.witnesses.stretch[np.clip(np.concatenate([k - 1, k]), 0, last)]) for k in after]
 
     def truncated_cost(self, at: DriveState) -> float:
-        """Half the truncated squares of the stretches plus what all else costs."""
+        """Half the truncated squares of stretches and visits plus what all else costs."""
         distance2 = self.distance2(at)
-        importance = self.witnesses.importance
-        others = self.equations(np.ones(len(self.witnesses))).cost(at) - 0.5 * float(importance @ distance2)
-        return others + 0.5 * float(importance @ np.minimum(distance2, self.witnesses.price))
+        others = self.equations(np.ones(len(self.price))).cost(at) - 0.5 * float(self.importance @ distance2)
+        return others + 0.5 * float(self.importance @ np.minimum(distance2, self.price))
 
 
 def coarse_chain(chain: OdometryChain, nodes: IntArray) -> OdometryChain:
@@ -259,51 +278,6 @@ def coarse_chain(chain: OdometryChain, nodes: IntArray) -> OdometryChain:
     breaks = np.concatenate([[0], np.cumsum(~chain.connected)])
     level = np.flatnonzero(np.isin(nodes, chain.level))
     return OdometryChain(chain.T_world_node[nodes], np.diff(road[nodes]), np.diff(breaks[nodes]) == 0, level)
-
-
-def _lowest(graph: _WitnessGraph, T_enu_node: FloatArray) -> tuple[FloatArray, DriveState]:
-    """Weights (B,) and state of the cheaper of two descents: graduated from convex, and from what the first guess itself denies."""
-    start = graph.equations(np.ones(len(graph.witnesses))).first_state(T_enu_node[graph.nodes])
-    ends = [_graduated(graph, start), _alternated(graph, start)]
-    return ends[int(np.argmin([graph.truncated_cost(state) for _, state in ends]))]
-
-
-def _graduated(graph: _WitnessGraph, start: DriveState) -> tuple[FloatArray, DriveState]:
-    """Truncated least squares by graduated non-convexity (Yang et al. 2020, eqs. 12 to 14)."""
-    price = graph.witnesses.price
-    weight = np.ones(len(price))
-    state = graph.solve(weight, start, FIRST_SOLVES)
-    ratio = graph.distance2(state) / price
-    mu = 1.0 / max(2.0 * float(ratio.max()) - 1.0, 1.0)
-    for _ in range(STEPS):
-        low, high = mu / (mu + 1.0), (mu + 1.0) / mu
-        middle = np.sqrt(mu * (mu + 1.0) / np.maximum(ratio, 1e-12)) - mu
-        weight = np.where(ratio <= low, 1.0, np.where(ratio >= high, 0.0, middle))
-        if ((weight < 0.001) | (weight > 0.999)).all() and mu > 1.0:
-            break
-        state = graph.solve(weight, state, SOLVES)
-        ratio = graph.distance2(state) / price
-        mu *= GROWTH
-    return _settled(graph, state)
-
-
-def _alternated(graph: _WitnessGraph, start: DriveState) -> tuple[FloatArray, DriveState]:
-    """Leave out the half that the first guess fits worst, then what the others deny."""
-    ratio = graph.distance2(start) / graph.witnesses.price
-    weight = np.where(ratio <= max(1.0, float(np.median(ratio))), 1.0, 0.0)
-    return _settled(graph, graph.solve(weight, start, FIRST_SOLVES))
-
-
-def _settled(graph: _WitnessGraph, state: DriveState) -> tuple[FloatArray, DriveState]:
-    """Stretches worth their price and the poses that go with them, in turn, until neither changes."""
-    weight = np.where(graph.distance2(state) <= graph.witnesses.price, 1.0, 0.0)
-    for _ in range(ALTERNATIONS):
-        state = graph.solve(weight, state, FIRST_SOLVES)
-        again = np.where(graph.distance2(state) <= graph.witnesses.price, 1.0, 0.0)
-        if (again == weight).all():
-            break
-        weight = again
-    return weight, state
 
 
 def _shifted(witnesses: Witnesses, good: BoolArray, jump: BoolArray, offset: FloatArray) -> tuple[ShiftedFixes, ...]:

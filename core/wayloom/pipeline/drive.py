@@ -1,7 +1,8 @@
 """Embedded run of one drive on one page: check the log → its stages, in the catalogue's order → exports and report."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -35,6 +36,7 @@ from wayloom.submaps.submap import PlacedSubmap
 
 STAGES_DIR: Final = "stages"
 PRODUCTS_FILE: Final = "products.json"
+PARTS_SUFFIX: Final = ".parts"
 NEARLY_DONE: Final = 0.999
 
 
@@ -132,11 +134,24 @@ def _stage(name: str, context: StageContext, progress: NamedProgress) -> StageTi
     reused = finished_key(home) == key.hex and is_undamaged(home)
     progress(name)(0.0, "starting")
     if not reused:
-        with whole_folder(home) as folder:
-            run_stage(name, context, folder, _almost_done(progress(name)), key)
+        with _parts_folder(home, key.hex) as parts_dir, whole_folder(home) as folder:
+            run_stage(name, replace(context, parts_dir=parts_dir), folder, _almost_done(progress(name)), key)
     metadata = read_stage_file(home) or {}
     progress(name)(1.0, "done before" if reused else "done")
     return StageTime(float(metadata.get("seconds", 0.0)), reused)
+
+
+@contextmanager
+def _parts_folder(home: Path, key: str) -> Iterator[Path]:
+    """Where a stage may keep finished parts for a run after this one; gone with those of other keys when the block ends well."""
+    parts = home.with_name(home.name + PARTS_SUFFIX)
+    for other in parts.glob("*") if parts.is_dir() else ():
+        if other.name != key:
+            discard(other)
+    if (parts / key).is_dir():
+        sweep(parts / key)
+    yield parts / key
+    discard(parts)
 
 
 def _almost_done(progress: Progress) -> Progress:

@@ -12,6 +12,7 @@ from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.odometry.settings import OdometrySettings
+from wayloom.places.settings import PlaceSettings
 from wayloom.segmentation.settings import SegmentationSettings
 from wayloom.stitching.settings import MergeSettings
 from wayloom.submaps.settings import SubmapSettings
@@ -34,6 +35,7 @@ class ProcessSettings(Settings):
     odometry: OdometrySettings = OdometrySettings()
     segmentation: SegmentationSettings = SegmentationSettings()
     labelling: LabellingSettings = LabellingSettings()
+    places: PlaceSettings = PlaceSettings()
     georeference: GeoReferenceSettings = GeoReferenceSettings()
     submaps: SubmapSettings = SubmapSettings()
 
