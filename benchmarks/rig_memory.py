@@ -3,9 +3,8 @@
     python benchmarks/rig_memory.py [--size full] [--gnss] [--cache FOLDER] [--write]
 
 Each drive is uploaded to a service with processes of its own when the one before is done; stages that have nothing to do with rigs
-are passed over. The table gives, drive by drive, the
-version of the rig's file that it was tracked with, the error of the odometry's scale against the truth and the sigma that was
-stated.
+are passed over. The table gives, drive by drive, the version of the rig's file that it was tracked with, the error of the
+odometry's scale against the truth and the sigma that was stated.
 
 --gnss   with the drives' RTK; without, what images alone say: the logs are sent without their fixes
 --write  the table into docs/benchmarks/rig_memory.md
@@ -142,7 +141,7 @@ def outcome(api: Api, data: Path, folder: Path, with_gnss: bool) -> Outcome:
     if not with_gnss:
         folder = Path(shutil.copytree(folder, data.parent / folder.name, ignore=shutil.ignore_patterns("gnss*")))
     drive = wait_for_drive(api, upload(api, pack(folder, vehicle_id="taxi"))["id"])
-    if drive["state"] != "done":
+    if drive["state"] == "failed":
         raise RuntimeError(f"{folder.name}: {drive['error']}")
     results = (data / "drives" / drive["id"] / "stages" / "odometry").glob(f"*/{ODOMETRY_FILE}")
     odometry = load_odometry(max(results, key=lambda file: file.stat().st_mtime_ns))

@@ -25,7 +25,7 @@ from wayloom.segmentation.settings import SegmentationSettings
 
 PRODUCTS = {
     "trajectory.tum", "trajectory.kitti", "trajectory.geojson", "cloud.ply", "cloud.laz", "map.png", "overlays", "report.json",
-    "report.html", "stages",
+    "report.html", "quality.json", "stages",
 }  # fmt: skip
 
 
@@ -184,6 +184,12 @@ def test_nothing_is_written_into_the_log(settings, clip_a, tmp_path):
 def test_a_missing_network_is_told_before_the_work(log_path, tmp_path):
     with pytest.raises(ModelError, match="unknown network"):
         process_drive(log_path, tmp_path / "out", ProcessSettings(segmentation=SegmentationSettings(model="no-such-network")))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_geoid_grid_is_told_before_the_work(log_path, settings, tmp_path):
+    with pytest.raises(InputError, match="no such geoid grid"):
+        process_drive(log_path, tmp_path / "out", settings.model_copy(update={"geoid": tmp_path / "none.gtx"}))
     assert not list(tmp_path.iterdir())
 
 

@@ -3,10 +3,13 @@ import sys
 
 import cv2
 import laspy
+import numpy as np
 import pytest
 
+from geodesy.made_geoid import undulation, write_gtx
 from submaps.made_submaps import random_submap
 from wayloom.files.ply import read_ply
+from wayloom.geodesy import wgs84
 from wayloom.stitching.merge import merge
 from wayloom.submaps.files import save_submaps
 
@@ -61,3 +64,23 @@ def test_folders_without_submaps_and_unknown_formats_are_one_line_and_status_2(d
         assert said in done.stderr
         assert done.stderr.count("\n") == 1
         assert list(tmp_path.iterdir()) == []
+
+
+def test_with_a_geoid_grid_a_laz_states_heights_above_it_and_says_so(drives, tmp_path):
+    grid = write_gtx(tmp_path / "grid.gtx")
+    done = export(drives / "one", drives / "two", "--out", tmp_path / "map.laz", "--geoid", grid)
+    assert (done.returncode, done.stderr) == (0, "")
+    cloud, city = laspy.read(tmp_path / "map.laz"), voxels()
+    lon, lat, height = wgs84.lonlatheight_from_enu(city.points_enu, city.frame).T
+    assert cloud.header.system_identifier == "orthometric heights"
+    assert (
+        np.abs(np.array(cloud.z) - (height - undulation(lon, lat))).max() < 0.0005 + 2.0**-18
+    )  # half a step, and the grid's float32
+
+
+@pytest.mark.parametrize(("name", "grid", "said"), [("map.laz", "none.gtx", "no such geoid grid"), ("map.ply", "none.gtx", ".laz")])
+def test_a_geoid_that_cannot_be_used_is_refused_in_one_line(drives, tmp_path, name, grid, said):
+    done = export(drives / "one", "--out", tmp_path / name, "--geoid", tmp_path / grid)
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert said in done.stderr
+    assert not (tmp_path / name).exists()

@@ -59,6 +59,7 @@ STAGES: tuple[Stage, ...] = (
         "places", "odometry", inputs=("odometry", "segmentation", "labelling"), log_parts=("images",), settings=("places",),
         room=f"{_ROOMS}.places",
     ),
+    Stage("loops", "odometry", inputs=("places",), settings=("loops",), room=f"{_ROOMS}.loops"),
     Stage(
         "georeference", "odometry", inputs=("odometry",), log_parts=("gnss",), settings=("georeference", "map_origin"),
         room=f"{_ROOMS}.georeference",

@@ -138,7 +138,10 @@ class PlaceIndex:
     def candidates(
         self, query: PlaceQuery, count: int = 10, gate: Gate | None = None, without: Stretch | None = None
     ) -> list[Candidate]:
-        """At most `count` places, those found by appearance and by surroundings in turn, the best first."""
+        """At most `count` places, those found by appearance and by surroundings in turn, the best of each first.
+
+        The kind begins whose best one stands out more from its others.
+        """
         self._merge()
         rows = self._allowed(gate, without)
         votes = self.bits.votes(query.bits, len(self._used))[rows]
@@ -147,7 +150,7 @@ class PlaceIndex:
             self._apart(rows, votes.astype(np.float64), np.zeros(len(rows), bool), APPEARANCE, count),
             self._apart(rows, like, is_turned, SURROUNDINGS, count),
         ]
-        return self._in_turn(lists, count)
+        return self._in_turn(sorted(lists, key=lambda ranked: _prominence(ranked, count), reverse=True), count)
 
     @property
     def nbytes(self) -> int:
@@ -225,6 +228,12 @@ class PlaceIndex:
                     rows.append(row)
                     taken.append(candidate)
         return taken
+
+
+def _prominence(ranked: list[tuple[int, Candidate]], count: int) -> float:
+    """0 to 1: how far the best score lies over the middle one of `count`, of which missing ones are 0."""
+    scores = [candidate.score for _, candidate in ranked] + [0.0] * (count - len(ranked))
+    return 1.0 - float(np.median(scores)) / scores[0] if ranked else 0.0
 
 
 def query_at(places: Places, station: int) -> PlaceQuery:

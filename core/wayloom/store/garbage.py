@@ -31,7 +31,8 @@ def drop_unused(database: Database, blobs: BlobStore, listed: Callable[[], Itera
     unused = set(blobs.older_than(grace_s))
     unused.difference_update(listed())
     with database.read() as session:
-        for named in (*NAMED, Drive.facts["preview"].as_string()):
+        named_of_drives = (Drive.facts[name].as_string() for name in ("preview", "quality"))
+        for named in (*NAMED, *named_of_drives):
             unused.difference_update(session.scalars(select(named).distinct().execution_options(yield_per=10_000)))
     found = sorted(unused)
     for start in range(0, len(found), BATCH):

@@ -1,0 +1,64 @@
+"""Prior of the relative pose of two keyframes: by the odometry, or around a closure that is known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.geometry import se3
+from wayloom.loops.settings import LoopSettings
+from wayloom.registration.register import Prior
+
+FloatArray = NDArray[np.float64]
+LEAST_M, LEAST_RAD = 0.05, float(np.deg2rad(0.2))
+
+
+@dataclass(frozen=True, slots=True)
+class Closure:
+    """A verified pair: first < second, rows in Keyframes; T_first_second (4, 4) of the cameras and its covariance (6, 6)."""
+
+    first: int
+    second: int
+    T_first_second: FloatArray
+    covariance: FloatArray
+
+
+def drift_covariance(road_m: float, T: FloatArray, settings: LoopSettings) -> FloatArray:
+    """(6, 6) of the left perturbation of the odometry's T (4, 4) over so much road.
+
+    The place's error is stated at the far end; a left perturbation turns about the near one, hence the adjoint.
+    """
+    place = LEAST_M + settings.drift_share * road_m
+    angle = LEAST_RAD + np.deg2rad(settings.drift_deg_per_sqrt_m) * float(np.sqrt(road_m))
+    shift = np.eye(4)
+    shift[:3, 3] = T[:3, 3]
+    Ad = se3.adjoint(shift)
+    covariance: FloatArray = Ad @ np.diag([place**2] * 3 + [angle**2] * 3) @ Ad.T
+    return covariance
+
+
+def by_odometry(T_world_cam: FloatArray, road: FloatArray, i: int, j: int, settings: LoopSettings) -> Prior:
+    """T_i_j of the cameras, T_world_cam (K, 4, 4), road (K,) m."""
+    T = se3.inverse(T_world_cam[i]) @ T_world_cam[j]
+    return Prior(T, drift_covariance(abs(float(road[j] - road[i])), T, settings))
+
+
+def around(closure: Closure, T_world_cam: FloatArray, road: FloatArray, pair: tuple[int, int], settings: LoopSettings) -> Prior:
+    """T_i_j of the pair by way of a closure: from i to its first keyframe, over it, and from its second to j."""
+    i, j = pair
+    T_i_first, T_second_j = (se3.inverse(T_world_cam[a]) @ T_world_cam[b] for a, b in ((i, closure.first), (closure.second, j)))
+    T_i_second = T_i_first @ closure.T_first_second
+    Ad_first, Ad_second = se3.adjoint(T_i_first), se3.adjoint(T_i_second)
+    covariance = (
+        drift_covariance(abs(float(road[closure.first] - road[i])), T_i_first, settings)
+        + Ad_first @ closure.covariance @ Ad_first.T
+        + Ad_second @ drift_covariance(abs(float(road[j] - road[closure.second])), T_second_j, settings) @ Ad_second.T
+    )
+    return Prior(T_i_second @ T_second_j, covariance)
+
+
+def cycle_chi2(one: Closure, other: Closure, T_world_cam: FloatArray, road: FloatArray, settings: LoopSettings) -> float:
+    """Chi-square, 6 degrees of freedom, of the cycle of two closures and the odometry between their ends."""
+    prior = around(one, T_world_cam, road, (other.first, other.second), settings)
+    xi = se3.log(other.T_first_second @ se3.inverse(prior.T_a_b))
+    return float(xi @ np.linalg.solve(prior.covariance + other.covariance, xi))
