@@ -1,12 +1,13 @@
 """Rig memory on rendered drives, through the service: a worn rig's five drives one after another, then two after a knock.
 
-    python benchmarks/rig_memory.py [--size full] [--gnss] [--cache FOLDER] [--write]
+    python benchmarks/rig_memory.py [--size full] [--gnss] [--no-knock] [--cache FOLDER] [--write]
 
 Each drive is uploaded to a service with processes of its own when the one before is done; stages that have nothing to do with rigs
 are passed over. The table gives, drive by drive, the version of the rig's file that it was tracked with, the error of the
 odometry's scale against the truth and the sigma that was stated.
 
 --gnss   with the drives' RTK; without, what images alone say: the logs are sent without their fixes
+--no-knock  only the five drives before the knock
 --write  the table into docs/benchmarks/rig_memory.md
 
 Drives are drawn where they do not yet lie in the cache folder: about a minute of processor time for each of full size.
@@ -91,10 +92,10 @@ def _plan(name: str, way: int, lens: RightLensSettings, later_s: float) -> Drive
     )  # fmt: skip
 
 
-def drawn(cache: Path, size: str) -> list[Path]:
+def drawn(cache: Path, size: str, with_knock: bool) -> list[Path]:
     """The drives' folders, in the order in which they are driven."""
     folders = []
-    for part, knocked in (("worn", False), ("knocked", True)):
+    for part, knocked in (("worn", False), ("knocked", True))[: 1 + with_knock]:
         folders += simulate(taxi(knocked), cache / f"rig-memory-{size}-{part}", OutputSettings(size=size), progress=say)
     return folders
 
@@ -163,10 +164,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", default="full", choices=SIZES)
     parser.add_argument("--gnss", action="store_true")
+    parser.add_argument("--no-knock", action="store_true")
     parser.add_argument("--cache", type=Path, default=cache, help="of simulated drives")
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
-    folders = drawn(options.cache, options.size)
+    folders = drawn(options.cache, options.size, not options.no_knock)
     with tempfile.TemporaryDirectory() as temporary:
         data = Path(temporary) / "data"
         with service(data) as api:
