@@ -158,6 +158,59 @@ class SubmapList(BaseModel):
     submaps: list[SubmapOut]
 
 
+class RigDriveOut(BaseModel):
+    """A drive that says something of its rig."""
+
+    drive_id: str
+    recorded_at: float
+    epoch_from: float
+    gnss_ratio: float | None = Field(
+        description="metres of road per metre of odometry, by GNSS alone; None where it says too little"
+    )
+    gnss_ratio_sigma: float | None
+
+
+class RigEpochOut(BaseModel):
+    """A stretch of a rig's life in which its drives agree."""
+
+    from_time: float
+    drives: int
+    chi_square: float | None = Field(
+        description="of ten, by which its first drive contradicts the epoch before; None for the first"
+    )
+    stray: bool = Field(description="one drive that agrees with nothing before and after")
+
+
+class RigVersionOut(BaseModel):
+    """A version of a rig's file: what was known, from which drives."""
+
+    version: int
+    sha256: str
+    epoch_from: float
+    drives: list[str]
+    reason: str
+    facts: dict[str, Any] = Field(description="lens and baseline with sigmas; scale_sigma of its newest drive")
+    created_at: float
+
+
+class RigOut(BaseModel):
+    """A rig, all that its drives say of it, and the versions of its file, newest first."""
+
+    id: str
+    vehicle_id: str | None
+    rig_id: str | None
+    created_at: float
+    drives: list[RigDriveOut]
+    epochs: list[RigEpochOut]
+    versions: list[RigVersionOut]
+
+
+class RigList(BaseModel):
+    """Every rig."""
+
+    rigs: list[RigOut]
+
+
 class Feature(BaseModel):
     """A GeoJSON feature."""
 

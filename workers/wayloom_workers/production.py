@@ -28,10 +28,12 @@ from wayloom.submaps.files import load_submaps
 from wayloom.submaps.submap import PlacedSubmap
 from wayloom_workers.publishing import publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
+from wayloom_workers.rig_memory import forget, remember, remember_scale, rig_file_for
 from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, StageParts, keyed_by_inputs
 from wayloom_workers.stitching import stitch
 
 TRACK_POINTS: Final = 2000
+ODOMETRY: Final = "odometry"
 
 
 def _settings(attempt: StageAttempt) -> ProcessSettings:
@@ -43,7 +45,10 @@ def _prepare(attempt: StageAttempt) -> PreparedStage:
     """The stage of the catalogue, on the drive's log, which is opened once."""
     assert attempt.log_path is not None
     source = LogSource(attempt.log_path, attempt.gnss_path)
-    stage, context = attempt.claim.stage, StageContext(source, attempt.inputs_dir, _settings(attempt), attempt.claim.drive_id)
+    stage, settings = attempt.claim.stage, _settings(attempt)
+    if stage == ODOMETRY:
+        settings = settings.model_copy(update={"rig": rig_file_for(attempt, source.log)})
+    context = StageContext(source, attempt.inputs_dir, settings, attempt.claim.drive_id)
     key = stage_key(stage, context)
     context = replace(context, parts_dir=attempt.context.folders.drive(str(attempt.claim.drive_id)) / "parts" / stage / key.hex)
 
@@ -73,6 +78,24 @@ def _record_log(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     drive = drives.get(session, str(attempt.claim.drive_id))
     drive.facts = {**drive.facts, "log": _finite({name: content["log"][name] for name in content["log"].keys() - {"path", "name"}})}
     return []
+
+
+def _remember_rig(attempt: StageAttempt) -> None:
+    """What the drive says of its rig becomes the rig's."""
+    assert attempt.log_path is not None
+    remember(attempt, LogSource(attempt.log_path, attempt.gnss_path).log)
+
+
+def _share_georeference(attempt: StageAttempt) -> None:
+    """The pictures of the drive's quality, and what GNSS says of the rig."""
+    _share_quality(attempt)
+    remember_scale(attempt)
+
+
+def _remove(attempt: StageAttempt) -> None:
+    """The rig forgets the drive, and its files go."""
+    forget(attempt)
+    remove_files(attempt)
 
 
 def _record_track(session: Session, attempt: StageAttempt) -> list[JobMessage]:
@@ -144,11 +167,12 @@ def submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) 
 
 _HOOKS: Final = {
     "ingest": StageHooks(_prepare, record=_record_log),
-    "georeference": StageHooks(_prepare, share=_share_quality, record=_record_track),
+    ODOMETRY: StageHooks(_prepare, share=_remember_rig),
+    "georeference": StageHooks(_prepare, share=_share_georeference, record=_record_track),
     "submaps": StageHooks(_prepare, share=_share_submaps, record=_record_submaps),
     "stitch": StageHooks(keyed_by_inputs(stitch), record=request_publish),
     "publish": StageHooks(keyed_by_inputs(tidy), record=publish),
-    REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=remove_files, record=remove_rows),
+    REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=_remove, record=remove_rows),
 }
 
 

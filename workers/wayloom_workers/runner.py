@@ -16,7 +16,7 @@ from wayloom.store.jobs import Claim, JobMessage
 from wayloom.store.processes import identity
 from wayloom_workers.completion import complete_drive
 from wayloom_workers.heartbeat import Heartbeat, StopRequestedError
-from wayloom_workers.stage_hooks import HookTable, PreparedStage, StageAttempt, StageHooks, WorkerContext
+from wayloom_workers.stage_hooks import HookTable, PreparedStage, RepeatStageError, StageAttempt, StageHooks, WorkerContext
 
 log = structlog.get_logger()
 
@@ -34,6 +34,9 @@ def run_job(context: WorkerContext, hooks: HookTable, notify: Callable[[Iterable
             log.info("stage done", seconds=round(time.monotonic() - started, 3))
         except LeaseLostError as error:
             log.warning("lease lost", error=str(error))
+        except RepeatStageError as error:
+            log.warning("stage is repeated", why=str(error))
+            _give_back(context, held)
         except StopRequestedError:
             _give_back(context, held)
         except Exception as error:

@@ -6,13 +6,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wayloom.config.progress import Progress
-from wayloom.errors import ConfigError
+from wayloom.errors import ConfigError, WayloomError
 from wayloom.pipeline.digests import sha256_of_json
 from wayloom.pipeline.settings import WayloomSettings
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database, Session
 from wayloom.store.folders import Folders
 from wayloom.store.jobs import Claim, JobMessage
+
+
+class RepeatStageError(WayloomError):
+    """What the stage has found out shows that it must be run again, with other inputs. The attempt does not count."""
+
+    code = "repeat-stage"
 
 
 @dataclass(frozen=True, slots=True)

@@ -137,6 +137,16 @@ def group_scores(fit: Adjustment, d: int, settings: CalibrationSettings) -> tupl
     return scores, curvatures
 
 
+def drive_offsets(fit: Adjustment, d: int, settings: CalibrationSettings) -> tuple[FloatArray, FloatArray]:
+    """How a drive's offsets follow the lens, -do/dx (3, 10), and their covariance (3, 3) at that lens by the groups' scores."""
+    H = _drive_sums(fit, d, settings, curvature_ratio(fit.weights[d]))[0]
+    own = H[np.ix_(LEAVE, LEAVE)]
+    scores = np.array([e.g[LEAVE] for e in fit.equations[d]]).reshape(-1, len(LEAVE))
+    inverse = np.linalg.inv(own)
+    meat = scores.T @ scores + np.diag(1.0 / settings.drive.sigmas**2)
+    return np.asarray(np.linalg.solve(own, H[LEAVE, :LENS])), np.asarray(inverse @ meat @ inverse)
+
+
 def _sum_of(parts: list[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
     return sum((H for H, _ in parts), np.zeros((len(STAY), len(STAY)))), sum((g for _, g in parts), np.zeros(len(STAY)))
 

@@ -118,7 +118,7 @@ def _region_errors(fit: Adjustment, d: int, drive: Drive, settings: CalibrationS
     U, size, _ = np.linalg.svd(np.array(rows) * settings.lens.sigmas, full_matrices=False)
     fitted = U[:, size > SEEN_BY_ROWS]
     P, m = np.eye(len(means)) - fitted @ fitted.T, np.array(means)
-    return float(m @ P @ m - np.diag(P) @ variances) / curvature_ratio(fit.weights[d]) ** 2, float(np.trace(P))
+    return float(m @ P @ m - np.diag(P) @ variances) / curvature_ratio(fit.weights[d]) ** 2, max(float(np.trace(P)), 0.0)
 
 
 def _region(pixels: FloatArray, camera: PinholeCamera) -> NDArray[np.intp]:
@@ -142,12 +142,6 @@ def shared_covariance(rig: RigFile, settings: CalibrationSettings) -> FloatArray
         J = parameter_jacobian(rig.lens, camera, rig.rig.baseline_m, uv, 1.0 / depth_m)
         H += np.einsum("nki,nkj->ij", J, J) / (len(REGION_DEPTHS_M) * shared_px2)
     return np.asarray(np.linalg.inv(H), np.float64)
-
-
-def chi_square(rig: RigFile, settings: CalibrationSettings) -> float:
-    """x^T C^-1 x of the lens's difference x (10,) from the ideal camera's: ten or so where the ideal one is the true one."""
-    x = rig.lens.values - RightLens().values
-    return float(x @ np.linalg.solve(lens_covariance(rig, settings)[0], x))
 
 
 def field_sigma(lens: RightLens, camera: PinholeCamera, covariance: FloatArray, step: int = 64) -> float:

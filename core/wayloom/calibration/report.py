@@ -3,7 +3,10 @@
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from wayloom.calibration.learn import BAD_PX, DRIVE_MORE, Calibration, undetermined
+from wayloom.calibration.rig_file import RigFile
 from wayloom.geometry.lens import PARAMETERS
 
 POOR_WEIGHT = 0.4
@@ -44,18 +47,28 @@ def warnings(calibration: Calibration) -> list[str]:
     return out
 
 
-def facts(calibration: Calibration) -> dict[str, Any]:
-    """JSON-ready: the lens with sigmas, the drives, sizes in px, warnings."""
-    rig = calibration.rig
+def rig_facts(rig: RigFile) -> dict[str, Any]:
+    """JSON-ready: the lens and the baseline with sigmas, and how much they rest on."""
+    ratio_sigma = None if rig.covariance is None else rig.baseline_ratio * float(np.sqrt(rig.covariance[-1, -1]))
     return {
-        "rig_id": rig.rig_id,
-        "drives": list(rig.drives),
         "matches": rig.matches,
         "noise_px": rig.noise_px,
         "right_lens": {
             name: {"value": float(getattr(rig.lens, name)), "sigma": float(sigma), "determined": bool(known)}
             for name, sigma, known in zip(PARAMETERS, rig.sigma, rig.determined, strict=True)
         },
+        "baseline_ratio": {"value": rig.baseline_ratio, "sigma": ratio_sigma, "drives_with_gnss": rig.scales},
+        "bias_sigma_px": rig.bias_sigma_px,
+    }
+
+
+def facts(calibration: Calibration) -> dict[str, Any]:
+    """JSON-ready: the lens with sigmas, the drives, sizes in px, warnings."""
+    rig = calibration.rig
+    return {
+        "rig_id": rig.rig_id,
+        "drives": list(rig.drives),
+        **rig_facts(rig),
         "used": [asdict(drive) for drive in calibration.drives],
         "worst_px": calibration.worst_px,
         "rms_px": calibration.rms_px,

@@ -45,6 +45,9 @@ class RigFile:
                  of the parameters' difference from the ideal camera's and a radial error k1 of both lenses; later drives are added
     scores       moments of the match groups' scores, for the sigmas; None in a file of format 1; those of later drives are added
     matches, noise_px   how many matches it rests on, and how well one fits, px
+    baseline_ratio   true baseline over the given one, as far as drives with GNSS know it (`scales` of them)
+    covariance   (11, 11) of lens and log baseline ratio; None in a file of `wayloom calibrate`
+    bias_sigma_px how much the disparity bias differs from drive to drive, where the drives tell
     """
 
     rig_id: str | None
@@ -58,6 +61,10 @@ class RigFile:
     scores: ScoreMoments | None = field(default_factory=ScoreMoments)
     matches: int = 0
     noise_px: float = 0.0
+    baseline_ratio: float = 1.0
+    covariance: FloatArray | None = None
+    scales: int = 0
+    bias_sigma_px: float | None = None
 
 
 def write_rig_file(rig: RigFile, file: Path) -> None:
@@ -67,8 +74,13 @@ def write_rig_file(rig: RigFile, file: Path) -> None:
 
 def read_rig_file(file: Path) -> RigFile:
     """Raises CalibrationError naming the key that is missing, of the wrong kind or impossible."""
+    return rig_from_text(read_text(file, remedy=REMEDY, error=CalibrationError), file)
+
+
+def rig_from_text(text: str, file: Path) -> RigFile:
+    """As `read_rig_file`, of the text of a file that errors name."""
     try:
-        content = tomllib.loads(read_text(file, remedy=REMEDY, error=CalibrationError))
+        content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:
         raise CalibrationError(f"is no TOML ({problem})", file=file, remedy=REMEDY) from None
     version = content.get("format_version")
@@ -104,7 +116,13 @@ def differences(rig: RigFile, log_rig: StereoRig, rig_id: str | None, *, file: P
 
 
 def lens_for_log(path: Path | None, log: DriveLog) -> tuple[RightLens | None, tuple[str, ...]]:
-    """The lens of a log's rig, and doubts about it in words; None where nothing is known.
+    """The lens of a log's rig, and doubts about it in words; None where nothing is known. As `rig_for_log`."""
+    rig, doubts = rig_for_log(path, log)
+    return None if rig is None else rig.lens, doubts
+
+
+def rig_for_log(path: Path | None, log: DriveLog) -> tuple[RigFile | None, tuple[str, ...]]:
+    """What is known of a log's rig, and doubts about it in words; None where nothing is known.
 
     path : a rig file, or a folder that holds one named `<rig_id>.toml` for each rig that is known, or None
     Raises CalibrationError where the file cannot be used for this log.
@@ -116,7 +134,7 @@ def lens_for_log(path: Path | None, log: DriveLog) -> tuple[RightLens | None, tu
     if file is None:
         return None, ()
     rig = read_rig_file(file)
-    return rig.lens, differences(rig, log.rig, log.rig_id, file=file)
+    return rig, differences(rig, log.rig, log.rig_id, file=file)
 
 
 def _numbers(a: StereoRig, b: StereoRig) -> list[tuple[str, float, float]]:
@@ -158,9 +176,26 @@ def text_of(rig: RigFile) -> str:
         "information = [",
         *(f"  {_row(row)}," for row in rig.information),
         "]",
+        *_scale_lines(rig),
         *_score_lines(rig.scores or ScoreMoments()),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _scale_lines(rig: RigFile) -> list[str]:
+    if rig.covariance is None:
+        return []
+    return [
+        "",
+        "# The true baseline over the given one, and the covariance of lens and log of that ratio (the lower triangle).",
+        "[scale]",
+        f"drives_with_gnss = {rig.scales}",
+        f"baseline_ratio = {rig.baseline_ratio!r}",
+        *([] if rig.bias_sigma_px is None else [f"bias_sigma_px = {rig.bias_sigma_px!r}"]),
+        "covariance = [",
+        *(f"  {_row(row[: k + 1])}," for k, row in enumerate(rig.covariance)),
+        "]",
+    ]
 
 
 def _score_lines(scores: ScoreMoments) -> list[str]:
@@ -206,6 +241,7 @@ class _Reader:
         return RigFile(
             self._rig_id(), self._rig(), self._drives(), lens_from_values(values), sigma, self._determined(), information, pull,
             None if version == WITHOUT_SCORES else self._scores(), int(self._number("matches", 0.0)), self._number("noise_px", 0.0),
+            *self._scale(),
         )  # fmt: skip
 
     def _get(self, key: str) -> Any:
@@ -261,6 +297,17 @@ class _Reader:
         if (np.diag(scores.moments) < 0).any():
             raise self._bad("scores.moments", "has a negative sum of squares")
         return scores
+
+    def _scale(self) -> tuple[float, FloatArray | None, int, float | None]:
+        if "scale" not in self.content:
+            return 1.0, None, 0, None
+        ratio, covariance = self._number("scale.baseline_ratio"), self._triangle("scale.covariance", SAID)
+        if not abs(ratio - 1.0) <= SAME_RIG:
+            raise self._bad("scale.baseline_ratio", "is another rig's")
+        if not np.linalg.eigvalsh(covariance)[0] >= -1e-9 * np.abs(covariance).max():
+            raise self._bad("scale.covariance", "is no covariance")
+        bias = self._number("scale.bias_sigma_px", 0.0) if "bias_sigma_px" in self._get("scale") else None
+        return ratio, covariance, int(self._number("scale.drives_with_gnss", 0.0)), bias
 
     def _determined(self) -> NDArray[np.bool_]:
         known = [self._get(f"right_lens.determined.{name}") for name in PARAMETERS]

@@ -14,10 +14,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.calibration.covariance import chi_square
+from wayloom.calibration.baseline import joint_covariance
+from wayloom.calibration.covariance import lens_covariance
 from wayloom.calibration.learn import learn_rig
+from wayloom.calibration.rig_file import RigFile
 from wayloom.calibration.sampling import Sampler
-from wayloom.calibration.settings import CalibrationSettings
+from wayloom.calibration.scale import scale_facts
+from wayloom.calibration.settings import CalibrationSettings, DrivePrior, with_bias_sigma
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry.lens import IDENTITY, RightLens, lens_from_values
 from wayloom.logs.types import DriveLog
@@ -60,6 +63,7 @@ class SelfCalibration:
 
     reason : in words
     rms_px : how far the learnt lens moves pixels, the mean shift of the columns taken off; NaN where none was learnt
+    covariance : (10, 10) of what is known of the lens, whether it is used or not
     """
 
     lens: RightLens
@@ -67,6 +71,7 @@ class SelfCalibration:
     groups: int
     chi_square: float
     rms_px: float
+    covariance: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +83,9 @@ class DriveCalibration:
     bias_prior  of the settings, for this lens
     report      JSON-ready, what goes into the odometry's report
     seconds     that it took to learn the lens
+    baseline_ratio  true baseline over that of the log
+    covariance  (11, 11) of lens and log baseline ratio; None where nobody asked
+    bias_sigma_px   with which that covariance was learnt, of the drive's own disparity bias
     """
 
     lens: RightLens
@@ -85,35 +93,45 @@ class DriveCalibration:
     bias_prior: float
     report: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
+    baseline_ratio: float = 1.0
+    covariance: FloatArray | None = None
+    bias_sigma_px: float = DrivePrior().disparity_bias_px
 
     def settings(self, settings: OdometrySettings) -> OdometrySettings:
         """Those that the drive is tracked with."""
         return settings.model_copy(update={"bias_prior": self.bias_prior})
 
-    def complete(self, result: OdometryResult) -> OdometryResult:
-        """The result, its report with what was learnt before."""
+    def complete(self, result: OdometryResult, observations: CalibrationObservations | None = None) -> OdometryResult:
+        """The result, its report with what was learnt before, and with the sigma of its scale (`scale.scale_facts`) where the
+        drive's observations are given."""
         result.report.update(self.report)
-        if self.report:
+        if "self_calibration" in self.report:
             result.report["seconds"]["own lens"] = round(self.seconds, 4)
+        if observations is not None and observations.groups and self.covariance is not None:
+            learning = with_bias_sigma(CalibrationSettings(), self.bias_sigma_px)
+            result.report["scale"] = scale_facts(observations, self.lens, self.baseline_ratio, self.covariance, learning)
         return result
 
 
 def track_calibrated(
     log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
     lens: RightLens | None = None, observers: Sequence[Observer] = (), matches: FloatArray | None = None,
+    rig: RigFile | None = None,
 ) -> OdometryResult:  # fmt: skip
-    """As `wayloom.odometry.odometry.track`; without a lens (of a rig's file) the drive's own is learnt first, and told in the
+    """As `wayloom.odometry.odometry.track`; without a rig's file or a lens the drive's own is learnt first, and told in the
     report. matches : of the first pairs, as of `frame_source.first_matches`, where the caller has them."""
-    known = calibrate_drive(log, settings, progress, lens, matches)
-    result = track(log, known.settings(settings), progress, threads, known.lens, observers, known.matches)
+    known = calibrate_drive(log, settings, progress, lens, matches, rig)
+    result = track(log, known.settings(settings), progress, threads, known.lens, observers, known.matches, known.baseline_ratio)
     return known.complete(result)
 
 
 def calibrate_drive(
     log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, lens: RightLens | None = None,
-    matches: FloatArray | None = None,
+    matches: FloatArray | None = None, rig: RigFile | None = None,
 ) -> DriveCalibration:  # fmt: skip
-    """The lens that is known, or else the drive's own, where the settings want it. Arguments as of `track_calibrated`."""
+    """What is known of the rig, or else the drive's own lens, where the settings want it. Arguments as of `track_calibrated`."""
+    if rig is not None:
+        return _known_rig(rig, settings, matches)
     if lens is not None or not settings.self_calibration:
         return DriveCalibration(IDENTITY if lens is None else lens, matches, settings.bias_prior)
     frame_source.check_rig(log)
@@ -126,13 +144,33 @@ def calibrate_drive(
     own = self_calibrated_lens(log, settings, matches)
     seconds, bias_prior = process_time() - start, settings.bias_prior
     if not own.lens.is_ideal:
-        bias_prior = max(bias_prior, (settings.grey_sigma / BIAS_SIGMA_PX) ** 2)
+        bias_prior = max(bias_prior, _bias_information(settings, BIAS_SIGMA_PX))
     facts = {
         "used": not own.lens.is_ideal, "why": own.reason, "match_groups": own.groups,
         "chi_square": None if np.isnan(own.chi_square) else round(own.chi_square, 1),
         "moves_px": None if np.isnan(own.rms_px) else round(own.rms_px, 3),
     }  # fmt: skip
-    return DriveCalibration(own.lens, matches, bias_prior, {"self_calibration": facts}, seconds)
+    covariance = joint_covariance(own.covariance, CalibrationSettings().baseline_sigma)
+    return DriveCalibration(own.lens, matches, bias_prior, {"self_calibration": facts}, seconds, covariance=covariance)
+
+
+def _known_rig(rig: RigFile, settings: OdometrySettings, matches: FloatArray | None) -> DriveCalibration:
+    """What a rig's file says; one of `wayloom calibrate` leaves the baseline and each drive's bias as uncertain as they are."""
+    learning, bias_prior = CalibrationSettings(), settings.bias_prior
+    covariance, bias_sigma_px = rig.covariance, learning.drive.disparity_bias_px
+    if covariance is None:
+        covariance = joint_covariance(lens_covariance(rig, learning)[0], learning.baseline_sigma)
+    if rig.bias_sigma_px is not None:
+        bias_sigma_px = rig.bias_sigma_px
+        bias_prior = max(bias_prior, _bias_information(settings, bias_sigma_px))
+    return DriveCalibration(
+        rig.lens, matches, bias_prior, baseline_ratio=rig.baseline_ratio, covariance=covariance, bias_sigma_px=bias_sigma_px
+    )
+
+
+def _bias_information(settings: OdometrySettings, sigma_px: float) -> float:
+    """Of a disparity bias that is known about zero to sigma_px, as the odometry's settings want it."""
+    return (settings.grey_sigma / sigma_px) ** 2
 
 
 def self_calibrated_lens(
@@ -143,10 +181,12 @@ def self_calibrated_lens(
         observations = sampled_observations(log, settings, matches)
     if observations.groups < LEAST_GROUPS:
         reason = f"{observations.groups} groups of matches are too few to tell a lens by"
-        return SelfCalibration(IDENTITY, reason, observations.groups, float("nan"), float("nan"))
+        unknown = np.diag(CalibrationSettings().lens.sigmas ** 2)
+        return SelfCalibration(IDENTITY, reason, observations.groups, float("nan"), float("nan"), unknown)
     learning = CalibrationSettings(smallest_step=SMALLEST_STEP)
     learnt = learn_rig([observations], learning)
-    against = chi_square(learnt.rig, learning)
+    covariance, x = lens_covariance(learnt.rig, learning)[0], learnt.rig.lens.values - RightLens().values
+    against = float(x @ np.linalg.solve(covariance, x))
     lens, reason = IDENTITY, ""
     if not learnt.converged:
         reason = "the matches did not settle on a lens"
@@ -157,7 +197,7 @@ def self_calibrated_lens(
     else:
         reason = "the drive's own images contradict the log's calibration"
         lens = lens_from_values(np.round(learnt.rig.lens.values / STEP) * STEP)
-    return SelfCalibration(lens, reason, observations.groups, against, learnt.rms_px)
+    return SelfCalibration(lens, reason, observations.groups, against, learnt.rms_px, covariance)
 
 
 def sampled_observations(log: DriveLog, settings: OdometrySettings, matches: FloatArray | None = None) -> CalibrationObservations:

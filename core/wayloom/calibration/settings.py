@@ -46,6 +46,9 @@ class CalibrationSettings(Settings):
 
     lens: LensPrior = LensPrior()
     drive: DrivePrior = DrivePrior()
+    baseline_sigma: float = Field(
+        0.003, gt=0, description="share of the given baseline (and focal length) by which rigs are off; only GNSS can tell"
+    )
     common_radial: float = Field(0.02, gt=0, description="sigma of a k1 that both lenses share, which rectification left")
     iterations: int = Field(30, ge=1, le=200)
     smallest_step: float = Field(0.01, gt=0, description="sigmas: a smaller step of every lens parameter ends the iteration")
@@ -55,3 +58,8 @@ class CalibrationSettings(Settings):
         0.5, gt=0, lt=1, description="posterior over prior sigma from which on a parameter is undetermined"
     )
     least_groups: int = Field(3, ge=1, description="match groups of all drives together, without which nothing is learnt")
+
+
+def with_bias_sigma(settings: CalibrationSettings, bias_sigma: float) -> CalibrationSettings:
+    """The settings for drives of a rig whose disparity biases differ by bias_sigma px."""
+    return settings.model_copy(update={"drive": settings.drive.model_copy(update={"disparity_bias_px": bias_sigma})})

@@ -46,7 +46,7 @@ def odometry_command(
     config: ConfigOption = None,
 ) -> None:
     """Track a drive by its stereo pairs, and its IMU if it has one. Exit status 0 with a warning where parts of it were lost."""
-    from wayloom.calibration.rig_file import lens_for_log
+    from wayloom.calibration.rig_file import rig_for_log
     from wayloom.calibration.self_calibration import track_calibrated
     from wayloom.config.sources import Option
     from wayloom.files.atomic import check_writable
@@ -63,7 +63,7 @@ def odometry_command(
     settings = loaded.settings
     drive = open_log(log, gnss=gnss)
     check_outside(drive, out, points, json, evidence, debug)
-    lens, doubts = lens_for_log(settings.rig, drive)
+    known, doubts = rig_for_log(settings.rig, drive)
     for doubt in doubts:
         sys.stderr.write(f"wayloom: warning: {doubt}\n")
     collector = None if evidence is None else ObservationCollector(drive.rig)
@@ -72,7 +72,7 @@ def odometry_command(
             check_writable(file)
         observers = [observer for observer in (collector, None if debug is None else DebugRecorder(debug)) if observer is not None]
         with ProgressBars(quarters=True) as bars:
-            result = track_calibrated(drive, settings.odometry, bars("odometry"), settings.threads, lens=lens, observers=observers)
+            result = track_calibrated(drive, settings.odometry, bars("odometry"), settings.threads, observers=observers, rig=known)
         write_results(result, out, format, points, json)
         if collector is not None and evidence is not None:
             save_observations(collector.observations(drive), evidence)

@@ -36,6 +36,7 @@ class ServiceSettings(Settings):
     stage_hooks: str = Field(
         "wayloom_workers.production:stage_hooks", description="module:NAME of the function that gives the workers' hooks of a stage"
     )
+    rig_memory: bool = Field(True, description="learn each rig from its drives, and track the next ones with what is known")
     lease_s: float = Field(90.0, gt=0.5, description="seconds without a heartbeat after which a job is taken from its worker")
     heartbeat_s: float = Field(3.0, gt=0.05, description="seconds between heartbeats")
     sweep_s: float = Field(2.0, gt=0.05, description="seconds between two looks of the sweeper")

@@ -78,3 +78,10 @@ class StereoRig:
     def bf(self) -> float:
         """Baseline times focal length, px m: disparity = bf * inverse depth."""
         return self.baseline_m * self.camera.fx
+
+    def with_baseline(self, ratio: float) -> "StereoRig":
+        """The rig with a baseline `ratio` times as long."""
+        if ratio == 1.0:
+            return self
+        tx, ty, tz = self.t_right_left
+        return StereoRig(self.camera, (ratio * tx, ratio * ty, ratio * tz))

@@ -19,6 +19,7 @@ from wayloom.georeference.first_guess import guess_nodes, level_world
 from wayloom.georeference.fixes import UsableFixes, usable_fixes
 from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
 from wayloom.georeference.report import PlacedDrive, georeference_report
+from wayloom.georeference.scale_prior import scale_prior
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.types import FixResiduals, GeoReference
 from wayloom.georeference.uncertainty import moved_covariance
@@ -59,12 +60,16 @@ def georeference(
     chain = odometry_chain(trajectory, nodes, settings.level_every_m)
     evidence = Evidence(closure_links(closures or no_loops(), odometry.keyframes, nodes, chain))
     if log.gnss is None or len(log.gnss) == 0:
-        return _in_own_frame(trajectory, nodes, chain, evidence, _noise(settings, log), NO_GNSS)
+        return _in_own_frame(
+            trajectory, nodes, chain, evidence, _noise(settings, log, scale_prior(odometry.report, settings)), NO_GNSS
+        )
     progress(0.0, "choosing fixes")
     usable = usable_fixes(log.gnss, trajectory, settings.max_fix_rate_hz)
     if len(usable.rows) == 0:
         message = f"none of {len(log.gnss)} GNSS fixes can be used; {NO_GNSS}"
-        geo = _in_own_frame(trajectory, nodes, chain, evidence, _noise(settings, log), message)
+        geo = _in_own_frame(
+            trajectory, nodes, chain, evidence, _noise(settings, log, scale_prior(odometry.report, settings)), message
+        )
         geo.report["fixes"]["unusable"] = usable.unusable
         return geo
     local = median_place(log.gnss.lon_lat_height[usable.rows])
@@ -73,7 +78,7 @@ def georeference(
     try:
         guess = guess_nodes(chain.T_world_node, trajectory.segment[nodes], fixes, road_m, settings)
         progress(0.3, "optimising")
-        solution = optimise_drive(chain, fixes, guess, _noise(settings, log), evidence)
+        solution = optimise_drive(chain, fixes, guess, _noise(settings, log, scale_prior(odometry.report, settings)), evidence)
     except np.linalg.LinAlgError:
         what = f"the {len(fixes)} GNSS fixes contradict each other and the odometry so much that no place fits them"
         raise StageError(f"{what}; look at them with `wayloom inspect`, or process the drive without GNSS") from None
@@ -108,13 +113,13 @@ def _in_own_frame(
     return GeoReference(None, T, spread_covariances(len(trajectory), nodes, solution.covariance), report)
 
 
-def _noise(settings: GeoReferenceSettings, log: DriveLog) -> DriveNoise:
+def _noise(settings: GeoReferenceSettings, log: DriveLog, scale_sigma: float) -> DriveNoise:
     return DriveNoise(
         position_m=settings.position_noise_m,
         rotation_rad=float(np.radians(settings.rotation_noise_deg)),
         standing_position_m=settings.standing_position_m,
         standing_rotation_rad=float(np.radians(settings.standing_rotation_deg)),
-        scale_sigma=settings.scale_sigma,
+        scale_sigma=scale_sigma,
         scale_length_m=settings.scale_length_m,
         level_rad=float(np.radians(settings.level_sigma_deg)),
         correlation_s=settings.gnss_correlation_s,

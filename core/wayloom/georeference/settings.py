@@ -19,6 +19,9 @@ class GeoReferenceSettings(Settings):
         0.01, gt=0.0, le=5.0, description="odometry: sigma of rotation between nodes at one place, degrees"
     )
     scale_sigma: float = Field(0.02, gt=0.0, le=0.5, description="odometry: sigma of its scale, as a share; it varies slowly")
+    local_scale_sigma: float = Field(
+        0.002, gt=0.0, le=0.5, description="odometry: what its scale wanders by from street to street, of a rig that is known well"
+    )
     scale_length_m: float = Field(
         100.0, gt=0.0, le=1e5, description="road over which the odometry's scale becomes another, m (correlation 1/e)"
     )

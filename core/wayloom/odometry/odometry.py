@@ -36,12 +36,13 @@ FloatArray = NDArray[np.float64]
 
 def track(
     log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
-    lens: RightLens = IDENTITY, observers: Sequence[Observer] = (), matches: FloatArray | None = None,
+    lens: RightLens = IDENTITY, observers: Sequence[Observer] = (), matches: FloatArray | None = None, baseline_ratio: float = 1.0,
 ) -> OdometryResult:  # fmt: skip
     """Track a whole drive. One pose for every frame; the result is the same, bit for bit, for any number of threads.
 
     With threads > 1 the next pair is decoded while this one is tracked. lens : of the rig, where it is known; observers : told of
-    every frame in this order; matches : `frame_source.first_matches` of the settings' row_frames, where they are known already.
+    every frame in this order; matches : `frame_source.first_matches` of the settings' row_frames, where they are known already;
+    baseline_ratio : true baseline over that of the log, where the rig's file knows it.
 
     Raises LogError for frames that cannot be read or that do not have the rig's size.
     """
@@ -50,7 +51,8 @@ def track(
     warm_up.compile_odometry(imu is not None, progress)
     with frame_source.one_opencv_thread():
         progress(0.0, "aligning the rows of left and right")
-        right_rectifier = rows.RightRectifier(log.rig, lens, frame_source.fit_rows(log, settings.row_frames, lens, matches))
+        first_rows = frame_source.fit_rows(log, settings.row_frames, lens, matches)
+        right_rectifier = rows.RightRectifier(log.rig.with_baseline(baseline_ratio), lens, first_rows)
         odometry = Odometry(right_rectifier, settings, imu, observers)
         for pair in frame_source.frames(log, threads, odometry.stopwatch, odometry.tracker.levels):
             status = odometry.process(pair)

@@ -5,6 +5,7 @@ part a folder by its number with odometry.npz, evidence.npz and, written last, s
 parts that are whole, and several processes or workers can track parts of one drive: what they make does not depend on who does.
 """
 
+import hashlib
 import json
 import time
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from wayloom.calibration.rig_file import lens_for_log
+from wayloom.calibration.rig_file import RigFile, rig_for_log, text_of
 from wayloom.calibration.self_calibration import DriveCalibration, calibrate_drive
 from wayloom.config.progress import Progress
 from wayloom.errors import StageError
@@ -60,9 +61,16 @@ def missing_parts(context: StageContext, parts_dir: Path) -> list[DrivePart]:
 
 
 def calibrate(context: StageContext, progress: Progress) -> DriveCalibration:
-    """What the drive is tracked with: the rig's lens, or its own. Raises LogError, CalibrationError."""
-    lens = lens_for_log(context.settings.rig, context.log)[0]
-    return calibrate_drive(context.log, context.settings.odometry, progress, lens, context.first_matches)
+    """What the drive is tracked with: what is known of its rig, or its own lens. Raises LogError, CalibrationError."""
+    rig = rig_for_log(context.settings.rig, context.log)[0]
+    found = calibrate_drive(context.log, context.settings.odometry, progress, matches=context.first_matches, rig=rig)
+    return replace(found, report=found.report | {"rig": None if rig is None else rig_version(rig)})
+
+
+def rig_version(rig: RigFile) -> dict[str, Any]:
+    """What a result says of the rig file that it was made with."""
+    sha256 = hashlib.sha256(text_of(rig).encode()).hexdigest()
+    return {"sha256": sha256, "drives": len(rig.drives), "drives_with_gnss": rig.scales, "baseline_ratio": rig.baseline_ratio}
 
 
 def prepare_parts(context: StageContext, parts_dir: Path, progress: Progress) -> None:
@@ -71,9 +79,11 @@ def prepare_parts(context: StageContext, parts_dir: Path, progress: Progress) ->
     if not file.exists():
         found = calibrate(context, progress)
         matches = np.zeros((0, 4)) if found.matches is None else found.matches
-        about = json.dumps({"bias_prior": found.bias_prior, "report": found.report, "has_matches": found.matches is not None})
+        covariance = np.zeros((0, 0)) if found.covariance is None else found.covariance
+        numbers = {name: getattr(found, name) for name in ("bias_prior", "baseline_ratio", "bias_sigma_px")}
+        about = json.dumps({**numbers, "report": found.report, "has_matches": found.matches is not None})
         with replacing(file) as stream:
-            np.savez(stream, lens=found.lens.values, matches=matches, about=np.array(about))
+            np.savez(stream, lens=found.lens.values, matches=matches, covariance=covariance, about=np.array(about))
 
 
 def load_calibration(parts_dir: Path) -> DriveCalibration:
@@ -83,7 +93,9 @@ def load_calibration(parts_dir: Path) -> DriveCalibration:
         with np.load(file) as content:
             about = json.loads(str(content["about"]))
             matches = content["matches"] if about["has_matches"] else None
-            return DriveCalibration(lens_from_values(content["lens"]), matches, float(about["bias_prior"]), about["report"])
+            lens, covariance = lens_from_values(content["lens"]), content["covariance"] if content["covariance"].size else None
+            numbers = {name: float(about[name]) for name in ("bias_prior", "baseline_ratio", "bias_sigma_px")}
+            return DriveCalibration(lens, matches, report=about["report"], covariance=covariance, **numbers)
     except (OSError, ValueError, KeyError) as problem:
         raise StageError(f"{file} cannot be read ({problem}): run the odometry again") from problem
 
@@ -93,7 +105,8 @@ def track_part(context: StageContext, part: DrivePart, known: DriveCalibration, 
     start = time.perf_counter()
     view, collector = log_view(context.log, part.first, part.stop), ObservationCollector(context.log.rig)
     settings = known.settings(context.settings.odometry)
-    result = track(view, settings, progress, context.settings.threads, known.lens, (collector,), known.matches)
+    threads, ratio = context.settings.threads, known.baseline_ratio
+    result = track(view, settings, progress, threads, known.lens, (collector,), known.matches, ratio)
     write_result(result, collector.observations(view), out_dir)
     metadata = {"key": part.number, "digest": digest_of_folder(out_dir), "seconds": round(time.perf_counter() - start, 3)}
     (out_dir / STAGE_FILE).write_text(json.dumps(metadata) + "\n")
@@ -111,7 +124,8 @@ def join(context: StageContext, parts_dir: Path, out_dir: Path) -> None:
     homes = {part.number: part_folder(parts_dir, part) for part in parts}
     result = join_parts(parts, lambda part: _with_times(homes[part.number]))
     evidence = [(part, load_observations(homes[part.number] / EVIDENCE_FILE)) for part in parts]
-    write_result(load_calibration(parts_dir).complete(result), join_observations(context.log, evidence), out_dir)
+    observations = join_observations(context.log, evidence)
+    write_result(load_calibration(parts_dir).complete(result, observations), observations, out_dir)
 
 
 def write_result(result: OdometryResult, observations: CalibrationObservations, out_dir: Path) -> None:

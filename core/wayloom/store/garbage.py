@@ -12,10 +12,12 @@ from sqlalchemy import select, text
 
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database, Session
-from wayloom.store.tables import Drive, Job, SubmapRow, TileRow
+from wayloom.store.tables import Drive, Job, RigEvidence, RigVersion, SubmapRow, TileRow
 
-STORING: Final = ("georeference", "submaps", "stitch")
+STORING: Final = ("odometry", "georeference", "submaps", "stitch", "remove")
 """The stages that store blobs."""
+NAMED: Final = (TileRow.digest, SubmapRow.digest, RigEvidence.digest, RigEvidence.own_digest, RigVersion.digest)
+"""Columns that name blobs."""
 GRACE_S: Final = 3600.0
 BATCH: Final = 100
 
@@ -30,7 +32,7 @@ def drop_unused(database: Database, blobs: BlobStore, listed: Callable[[], Itera
     unused.difference_update(listed())
     with database.read() as session:
         named_of_drives = (Drive.facts[name].as_string() for name in ("preview", "quality"))
-        for named in (TileRow.digest, SubmapRow.digest, *named_of_drives):
+        for named in (*NAMED, *named_of_drives):
             unused.difference_update(session.scalars(select(named).distinct().execution_options(yield_per=10_000)))
     found = sorted(unused)
     for start in range(0, len(found), BATCH):

@@ -50,8 +50,17 @@ def save_observations(observations: CalibrationObservations, file: Path) -> None
 
 def load_observations(file: Path) -> CalibrationObservations:
     """Read what save_observations wrote. Raises InputError naming the file where it is none, of another version or damaged."""
+    return _load(file, file)
+
+
+def observations_from_bytes(content: bytes, file: Path) -> CalibrationObservations:
+    """As `load_observations`, of the bytes of a file that errors name."""
+    return _load(io.BytesIO(content), file)
+
+
+def _load(source: Path | io.BytesIO, file: Path) -> CalibrationObservations:
     try:
-        with zipfile.ZipFile(file) as archive:
+        with zipfile.ZipFile(source) as archive:
             meta = json.loads(archive.read(META))
             if meta.get("format") != FORMAT or meta.get("version") != VERSION:
                 what = f"is {meta.get('format')} version {meta.get('version')}, not {FORMAT} version {VERSION}"

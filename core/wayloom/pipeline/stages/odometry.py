@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from wayloom.calibration.rig_file import lens_for_log
+from wayloom.calibration.rig_file import rig_for_log
 from wayloom.config.progress import Progress
 from wayloom.odometry.odometry import track
 from wayloom.odometry.rig.calibration_observations import ObservationCollector
@@ -56,8 +56,10 @@ def part_name(number: int) -> str:
 def _track_whole(context: StageContext, out_dir: Path, progress: Progress) -> None:
     log, known = context.log, odometry_parts.calibrate(context, progress)
     settings, collector = known.settings(context.settings.odometry), ObservationCollector(log.rig)
-    result = track(log, settings, progress, context.settings.threads, known.lens, (collector,), known.matches)
-    odometry_parts.write_result(known.complete(result), collector.observations(log), out_dir)
+    threads, ratio = context.settings.threads, known.baseline_ratio
+    result = track(log, settings, progress, threads, known.lens, (collector,), known.matches, ratio)
+    observations = collector.observations(log)
+    odometry_parts.write_result(known.complete(result, observations), observations, out_dir)
 
 
 def _track_in_parts(context: StageContext, parts_dir: Path, out_dir: Path, progress: Progress) -> None:
@@ -74,6 +76,6 @@ def _track_in_parts(context: StageContext, parts_dir: Path, out_dir: Path, progr
 
 
 def key_parts(context: StageContext) -> dict[str, Any]:
-    """The lens of the rig file, whatever the file's name. Raises CalibrationError for another rig's file."""
-    lens, _ = lens_for_log(context.settings.rig, context.log)
-    return {"lens": None if lens is None else lens.values.tolist()}
+    """The rig file by what it says, whatever its name. Raises CalibrationError for another rig's file."""
+    rig, _ = rig_for_log(context.settings.rig, context.log)
+    return {"rig": None if rig is None else odometry_parts.rig_version(rig)["sha256"]}
