@@ -1,0 +1,1 @@
+"""Compiled kernels of the pose graph: ordering, sparse factorisation, edges; arrays in, arrays out."""

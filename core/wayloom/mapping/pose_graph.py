@@ -1,0 +1,121 @@
+"""Pose graph optimisation: first guesses, descent, robust weights of loops.
+
+- First guesses: the caller's, the chordal relaxation over all edges, and that over the trusted ones
+  (`wayloom.mapping.initialisation`).
+- Descent: Gauss-Newton, then Levenberg-Marquardt (`wayloom.mapping.descent`), over our own sparse Cholesky
+  (`wayloom.mapping.block_cholesky`).
+- Loops: graduated non-convexity from what the trusted edges say (`wayloom.mapping.robust`).
+- Covariances of the poses: `wayloom.mapping.marginals`.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.stats import chi2 as chi_square
+
+from wayloom.mapping.descent import Descent, descend, place_at
+from wayloom.mapping.initialisation import chordal_poses
+from wayloom.mapping.pose_graph_checks import check_graph
+from wayloom.mapping.pose_graph_equations import GraphEquations, graph_equations
+from wayloom.mapping.pose_graph_types import PoseGraph, PoseGraphSolution, SolverSettings
+from wayloom.mapping.robust import Weighed, graduate, settle
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+DEFAULTS = SolverSettings()
+MOST_RESTARTS = 5
+MOST_SYSTEMS = 20  # of a descent among doubtful loops: those that need more are on the wrong way
+
+
+def optimise_pose_graph(
+    graph: PoseGraph, T_world_node: FloatArray | None = None, settings: SolverSettings = DEFAULTS
+) -> PoseGraphSolution:
+    """The most likely poses.
+
+    T_world_node : (N, 4, 4) first guess, if there is one; without priors its first pose stays (the identity without a guess)
+    Where all edges agree as their information says, that is the solution; otherwise loops are weighed (unless
+    settings.robust is off).
+    Raises InputError where the graph cannot be solved (`wayloom.mapping.pose_graph_checks`).
+    """
+    check_graph(graph)
+    equations = graph_equations(graph)
+    loops = np.zeros(len(equations.first), np.bool_)
+    loops[: len(graph)] = graph.is_loop & settings.robust
+    c2 = float(chi_square.ppf(settings.confidence, equations.block))
+    plain, start = _least_squares(equations, T_world_node, settings)
+    chi2 = equations.chi2(equations.errors(plain.state))
+    if not (chi2[loops] > c2).any():
+        return _solution(graph, equations, Weighed(plain.state, np.ones(len(chi2)), plain.cost, plain.iterations), start)
+    weighed = _without_false_loops(equations, T_world_node, loops, c2, settings)
+    return _solution(graph, equations, weighed, "trusted edges", plain.iterations)
+
+
+def _least_squares(equations: GraphEquations, T_world_node: FloatArray | None, settings: SolverSettings) -> tuple[Descent, str]:
+    """The descent with all edges trusted, from the better of the caller's guess and the chordal one, and which that was."""
+    every = np.ones(len(equations.first))
+    guesses = {"chordal": chordal_poses(equations, _held(equations, T_world_node), every)}
+    if T_world_node is not None:
+        guesses["given"] = T_world_node
+    states = {name: equations.state(T) for name, T in guesses.items()}
+    start = min(states, key=lambda name: place_at(equations, states[name], every).cost)
+    return descend(equations, states[start], every, settings.max_iterations, settings.converged), start
+
+
+def _without_false_loops(
+    equations: GraphEquations, T_world_node: FloatArray | None, loops: BoolArray, c2: float, settings: SolverSettings
+) -> Weighed:
+    """Truncated least squares: from the trusted edges by graduation, then from the chordal relaxation over what that
+    kept, as long as the
+    cost falls; and from the caller's guess, where that ends lower.
+    """
+    limits = (min(MOST_SYSTEMS, settings.max_iterations), settings.converged)
+    tree = np.where(loops & ~_spanning(equations, loops), 0.0, 1.0)
+    T_held = _held(equations, T_world_node)
+    first = descend(equations, equations.state(chordal_poses(equations, T_held, tree)), tree, *limits)
+    state, systems = graduate(equations, first.state, loops, c2)
+    best = settle(equations, state, loops, c2, *limits)
+    systems += first.iterations + best.iterations
+    for _ in range(MOST_RESTARTS):
+        kept = np.maximum(best.weight, tree)
+        again = settle(equations, equations.state(chordal_poses(equations, T_held, kept)), loops, c2, *limits)
+        systems += again.iterations
+        if again.cost >= best.cost * (1.0 - settings.converged):
+            break
+        best = again
+    if T_world_node is not None:
+        other = settle(equations, equations.state(T_world_node), loops, c2, *limits)
+        systems += other.iterations
+        best = other if other.cost < best.cost else best
+    return replace(best, iterations=systems)
+
+
+def _spanning(equations: GraphEquations, loops: BoolArray) -> BoolArray:
+    """(E + P,) edges of a tree over all that edges connect, with as few loops in it as can be."""
+    n, e = len(equations.held), np.arange(len(loops))
+    low, high = np.minimum(equations.first, equations.second), np.maximum(equations.first, equations.second)
+    order = np.lexsort((e, loops, high, low))  # of edges between the same two poses, a trusted one
+    pair = low[order] * n + high[order]
+    one = order[np.flatnonzero(np.diff(pair, prepend=-1))]
+    tree = minimum_spanning_tree(coo_matrix((1.0 + loops[one], (low[one], high[one])), shape=(n, n)).tocsr()).tocoo()
+    taken = np.isin(low[one] * n + high[one], tree.row.astype(np.int64) * n + tree.col)
+    out = np.zeros(len(loops), np.bool_)
+    out[one[taken]] = True
+    return out
+
+
+def _held(equations: GraphEquations, T_world_node: FloatArray | None) -> FloatArray:
+    """(N + 1, 4, 4): where held poses are."""
+    T = np.tile(np.eye(4), (len(equations.held), 1, 1))
+    if T_world_node is not None:
+        T[:-1] = T_world_node
+    return T
+
+
+def _solution(graph: PoseGraph, equations: GraphEquations, weighed: Weighed, start: str, before: int = 0) -> PoseGraphSolution:
+    place = place_at(equations, weighed.state, weighed.weight)
+    chi2 = equations.chi2(place.errors)[: len(graph)]
+    T = np.ascontiguousarray(equations.poses(weighed.state))
+    return PoseGraphSolution(T, place.cost, weighed.weight[: len(graph)], chi2, weighed.iterations + before, start)
