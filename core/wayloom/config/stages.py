@@ -60,7 +60,7 @@ STAGES: tuple[Stage, ...] = (
         room=f"{_ROOMS}.places",
     ),
     Stage(
-        "georeference", "odometry", inputs=("odometry",), log_parts=("gnss",), settings=("georeference", "map_origin"),
+        "georeference", "odometry", inputs=("odometry", "labelling"), log_parts=("gnss", "imu"), settings=("georeference", "map_origin"),
         room=f"{_ROOMS}.georeference",
     ),
     Stage(

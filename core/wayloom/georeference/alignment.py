@@ -16,11 +16,13 @@ from wayloom.geometry import se3
 from wayloom.georeference.closures import closure_links, closures_report
 from wayloom.georeference.first_guess import guess_nodes, level_world
 from wayloom.georeference.fixes import UsableFixes, usable_fixes
+from wayloom.georeference.gravity.witnesses import observed_up
 from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
 from wayloom.georeference.report import PlacedDrive, georeference_report
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.types import GeoReference
 from wayloom.georeference.uncertainty import moved_covariance
+from wayloom.labelling.types import PointLabels
 from wayloom.logs.types import DriveLog, GnssTrack
 from wayloom.loops.types import LoopClosures, no_loops
 from wayloom.mapping.drive_graph import optimise_drive, optimise_without_fixes
@@ -39,12 +41,14 @@ def georeference(
     settings: GeoReferenceSettings = GeoReferenceSettings(),
     progress: Progress = silent,
     closures: LoopClosures | None = None,
+    labels: PointLabels | None = None,
 ) -> GeoReference:
     """T_enu_cam and its covariance for every frame of the log.
 
     frame : the map's frame; None takes the one of the place (`map_frame_for`). Without a usable fix the result has no frame: its
             poses are in the drive's own (`wayloom.mapping.own_frame`), covariances relative to the first frame.
     closures : loops between keyframes; None has none
+    labels : of the odometry's points, by which walls and streets say where up is
     Raises StageError when nothing was tracked, a pose is not finite, or no place fits the fixes.
     """
     trajectory = odometry.trajectory
@@ -56,7 +60,9 @@ def georeference(
     nodes = choose_nodes(trajectory, odometry.keyframes.frame, settings.node_spacing_m)
     road_m = travelled(trajectory)[nodes]
     chain = odometry_chain(trajectory, nodes, settings.level_every_m)
-    evidence = Evidence(closure_links(closures or no_loops(), odometry.keyframes, nodes, chain))
+    evidence = Evidence(
+        closure_links(closures or no_loops(), odometry.keyframes, nodes, chain), observed_up(log, odometry, labels, nodes, settings)
+    )
     if log.gnss is None or len(log.gnss) == 0:
         return _in_own_frame(trajectory, nodes, chain, evidence, _noise(settings, log), NO_GNSS)
     progress(0.0, "choosing fixes")
