@@ -1,10 +1,10 @@
-"""Made straight streets with exact truth: facades on both sides, a road with cross fall, poles, a camera that rolls a little."""
+"""Made straight streets with exact truth: facades on both sides, a road with cross fall, a camera that rolls a little."""
 
 import dataclasses
 
 import numpy as np
 
-from georeference.made_city_drives import antennas
+from georeference.made_city_drives import antennas, city_path
 from georeference.made_gnss_drives import LEVER, PLACE, RIG, MadeDrive, MadeLog, drifting, odometry_of
 from wayloom.config.classes import CLASS_ID
 from wayloom.geodesy import wgs84
@@ -14,7 +14,6 @@ from wayloom.logs.sidecars.oxts import UP_FACTOR
 from wayloom.logs.types import FixType, GnssTrack, ImuTrack
 from wayloom.odometry.types import Points
 from wayloom.simulation.sensors.gnss import SIGMA_M, fix_errors
-from georeference.made_city_drives import city_path
 
 CROSS_FALL = 0.02
 GRAVITY = np.array([0.0, 0.0, 9.81])
@@ -41,8 +40,10 @@ def street_drive(seed: int = 0, length_m: float = 1000.0, roll_deg: float = 1.6,
     return dataclasses.replace(drive, log=dataclasses.replace(drive.log, gnss=GnssTrack(t_ns, places, covariance, kinds)))
 
 
-def with_surroundings(drive: MadeDrive, seed: int = 0, facades: bool = True, lean_deg: float = 0.6) -> tuple[MadeDrive, PointLabels]:
-    """Points of facades (each of 15 m leans by lean_deg) 8 to 11 m beside the track, of poles, and of a road that falls to the right."""
+def with_surroundings(
+    drive: MadeDrive, seed: int = 0, facades: bool = True, lean_deg: float = 0.6
+) -> tuple[MadeDrive, PointLabels]:
+    """Points of facades (each of 15 m leans by lean_deg) about 10 m beside the track, and of a road that falls to the right."""
     rng, keyframes = np.random.default_rng(1000 + seed), drive.odometry.keyframes
     host, place, label = [], [], []
     for row, frame in enumerate(keyframes.frame.tolist()):
@@ -51,7 +52,7 @@ def with_surroundings(drive: MadeDrive, seed: int = 0, facades: bool = True, lea
         side = rng.choice([-1.0, 1.0], POINTS_EACH)
         height = rng.uniform(-1.5, 5.0, POINTS_EACH)
         house = np.floor((T[1, 3] + ahead) / 15.0) * side
-        of_house = np.array([np.random.default_rng(int(abs(k)) * 2 + (k > 0) + 10_000 * seed).normal(size=2) for k in house])
+        of_house = np.array([_of_house(int(k), seed) for k in house])
         right = side * (9.5 + 0.7 * of_house[:, 0]) + np.radians(lean_deg) * of_house[:, 1] * height
         kind = np.full(POINTS_EACH, CLASS_ID["building"], np.uint8)
         road = np.arange(POINTS_EACH) % 3 == 0
@@ -69,14 +70,19 @@ def with_surroundings(drive: MadeDrive, seed: int = 0, facades: bool = True, lea
     return _hosting(drive, hosts, p_cam), _labelled(labels)
 
 
+def _of_house(house: int, seed: int) -> np.ndarray:
+    """(2,) how far it stands back and how it leans, in sigmas."""
+    return np.random.default_rng([seed, abs(house), int(house > 0)]).normal(size=2)
+
+
 def _hosting(drive: MadeDrive, host: np.ndarray, p_cam: np.ndarray) -> MadeDrive:
     camera, n = RIG.camera, len(host)
     uv = p_cam[:, :2] / p_cam[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
     none = np.zeros(0, bool)
     points = Points(
         host.astype(np.int32), uv.astype(np.float32), (1.0 / p_cam[:, 2]).astype(np.float32),
-        ((0.01 / p_cam[:, 2]) ** 2).astype(np.float32), np.zeros(n, np.uint8), np.zeros(n + 1, np.int64), np.zeros(0, np.int32), none,
-        np.zeros(n, bool),
+        ((0.01 / p_cam[:, 2]) ** 2).astype(np.float32), np.zeros(n, np.uint8), np.zeros(n + 1, np.int64),
+        np.zeros(0, np.int32), none, np.zeros(n, bool),
     )  # fmt: skip
     return dataclasses.replace(drive, odometry=dataclasses.replace(drive.odometry, points=points))
 

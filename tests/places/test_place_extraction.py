@@ -13,9 +13,10 @@ from wayloom.errors import StageError
 from wayloom.geometry.lens import displaced
 from wayloom.odometry.rig.rows import RightRectifier
 from wayloom.places.cloud import VoxelFilter
-from wayloom.places.extraction import make_places, spaced
+from wayloom.places.extraction import make_places
 from wayloom.places.features import spread
 from wayloom.places.files import encode_places
+from wayloom.places.road import spaced
 from wayloom.places.settings import PlaceSettings
 from wayloom.places.stereo_pair import read_pair, right_rectifier
 from wayloom.places.types import Places

@@ -60,8 +60,8 @@ STAGES: tuple[Stage, ...] = (
         room=f"{_ROOMS}.places",
     ),
     Stage(
-        "georeference", "odometry", inputs=("odometry", "labelling"), log_parts=("gnss", "imu"), settings=("georeference", "map_origin"),
-        room=f"{_ROOMS}.georeference",
+        "georeference", "odometry", inputs=("odometry", "labelling"), log_parts=("gnss", "imu"),
+        settings=("georeference", "map_origin"), room=f"{_ROOMS}.georeference",
     ),
     Stage(
         "submaps", "odometry", inputs=("odometry", "labelling", "georeference"), log_parts=("drive",), settings=("submaps",),

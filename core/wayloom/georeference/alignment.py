@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError
 from wayloom.geodesy import wgs84
+from wayloom.geodesy.antimeridian import median_place
 from wayloom.geodesy.map_frame import MapFrame, map_frame_for
 from wayloom.geometry import se3
 from wayloom.georeference.closures import closure_links, closures_report
 from wayloom.georeference.first_guess import guess_nodes, level_world
 from wayloom.georeference.fixes import UsableFixes, usable_fixes
-from wayloom.georeference.gravity.witnesses import observed_up
+from wayloom.georeference.gravity.witnesses import observed_up, witnesses_report
 from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
 from wayloom.georeference.report import PlacedDrive, georeference_report
 from wayloom.georeference.settings import GeoReferenceSettings
-from wayloom.georeference.types import GeoReference
+from wayloom.georeference.types import FixResiduals, GeoReference
 from wayloom.georeference.uncertainty import moved_covariance
 from wayloom.labelling.types import PointLabels
 from wayloom.logs.types import DriveLog, GnssTrack
@@ -72,7 +73,7 @@ def georeference(
         geo = _in_own_frame(trajectory, nodes, chain, evidence, _noise(settings, log), message)
         geo.report["fixes"]["unusable"] = usable.unusable
         return geo
-    local = _frame_of_place(log.gnss.lon_lat_height[usable.rows])
+    local = median_place(log.gnss.lon_lat_height[usable.rows])
     fixes = _antenna_fixes(log, log.gnss, usable, trajectory, nodes, local, settings)
     progress(0.2, "first alignment")
     try:
@@ -89,9 +90,12 @@ def georeference(
     covariance = spread_covariances(len(trajectory), nodes, solution.covariance)
     placed = PlacedDrive(T_local_cam, covariance, trajectory)
     report = georeference_report(log.gnss, usable, fixes, solution, placed, settings)
+    report["up"] = witnesses_report(evidence.up)
     report["loops"] = closures_report(evidence.loops, solution.closed, solution.T_enu_node, nodes)
     progress(1.0, "geo-referenced")
-    return GeoReference(target, T_target_local @ T_local_cam, moved_covariance(T_target_local, covariance), report)
+    sigma_enu = np.sqrt(np.diagonal(fixes.covariance, axis1=1, axis2=2))
+    residuals = FixResiduals(log.gnss.t_ns[usable.rows], solution.residual_enu, sigma_enu, solution.inlier)
+    return GeoReference(target, T_target_local @ T_local_cam, moved_covariance(T_target_local, covariance), report, residuals)
 
 
 def _in_own_frame(
@@ -105,16 +109,11 @@ def _in_own_frame(
         "geo_referenced": False,
         "messages": [message],
         "fixes": {"used": 0, "unusable": {}},
+        "up": witnesses_report(evidence.up),
         "loops": closures_report(evidence.loops, solution.closed, solution.T_enu_node, nodes),
     }
     T = spread_poses(trajectory, nodes, solution.T_enu_node)
     return GeoReference(None, T, spread_covariances(len(trajectory), nodes, solution.covariance), report)
-
-
-def _frame_of_place(lon_lat_height: FloatArray) -> MapFrame:
-    """The tangent plane at the median fix: no outlier moves it far."""
-    lon, lat, height = np.median(lon_lat_height, axis=0).tolist()
-    return MapFrame(lon, lat, height)
 
 
 def _noise(settings: GeoReferenceSettings, log: DriveLog) -> DriveNoise:

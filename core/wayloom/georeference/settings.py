@@ -30,7 +30,10 @@ class GeoReferenceSettings(Settings):
     accelerometer_floor_deg: float = Field(0.1, gt=0.0, le=10.0, description="accelerometer: sigma of up over 4 s at best, degrees")
     uprights_lean_deg: float = Field(0.15, gt=0.0, le=10.0, description="walls and poles: how far all may lean sideways, degrees")
     uprights_pitch_deg: float = Field(
-        1.5, gt=0.0, le=10.0, description="walls and poles: how far all may lean along the view, where depths err with the row, degrees"
+        1.5,
+        gt=0.0,
+        le=10.0,
+        description="walls and poles: how far all may lean along the view, where depths err with the row, degrees",
     )
     street_lean_deg: float = Field(1.0, gt=0.0, le=10.0, description="streets: cross fall on the side that is driven, degrees")
     gnss_correlation_s: float = Field(20.0, gt=0.0, le=3600.0, description="time after which GNSS errors are independent, s")

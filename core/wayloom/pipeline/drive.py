@@ -10,6 +10,7 @@ from typing import Any, Final
 from wayloom.config.progress import NamedProgress, Progress, silent_for_each
 from wayloom.config.stages import drive_stages
 from wayloom.files.atomic import write_atomically
+from wayloom.geodesy.geoid import GeoidGrid
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.georeference.types import GeoReference
 from wayloom.labelling.files import LABELS_FILE, load_labels
@@ -19,6 +20,7 @@ from wayloom.logs.types import DriveLog
 from wayloom.odometry.frame_source import first_matches, one_opencv_thread
 from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
 from wayloom.odometry.types import OdometryResult
+from wayloom.pipeline.drive_quality import QUALITY_FILE, read_quality
 from wayloom.pipeline.exports import write_exports
 from wayloom.pipeline.folders import discard, new_folders, put_in_place, sole_writer, sweep, whole_folder, writing_to
 from wayloom.pipeline.log_parts import read_log_file
@@ -55,6 +57,7 @@ class DriveResult:
     log_facts       content of ingest's log.json
     model           content of the segmentation's model.json
     images          the label images of the keyframes
+    quality         content of the geo-reference's quality.json
     times           for each stage, in order
     """
 
@@ -66,6 +69,7 @@ class DriveResult:
     labels: PointLabels
     geo: GeoReference
     submaps: list[PlacedSubmap]
+    quality: dict[str, Any]
     times: dict[str, StageTime]
 
 
@@ -87,6 +91,7 @@ def process_drive(
     stages_dir = out_dir / STAGES_DIR
     context = StageContext(LogSource(log_path, gnss_path), stages_dir, settings)
     check_outside(context.log, out_dir)
+    geoid = None if settings.geoid is None else GeoidGrid(settings.geoid)
     context = _checked(context, progress)
     with writing_to(out_dir), new_folders(stages_dir), sole_writer(stages_dir):
         sweep(stages_dir)
@@ -94,7 +99,7 @@ def process_drive(
         result = _load(context, times)
         progress("exports")(0.0, "writing trajectory, cloud and pictures")
         with whole_folder(stages_dir / "exports") as folder:
-            write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder)
+            write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder, geoid)
             progress("exports")(0.6, "writing the report")
             write_more(result, folder)
         _publish(stages_dir / "exports", out_dir)
@@ -171,5 +176,6 @@ def _load(context: StageContext, times: dict[str, StageTime]) -> DriveResult:
         labels=load_labels(stages_dir / "labelling" / LABELS_FILE),
         geo=load_georeference(stages_dir / "georeference" / GEOREFERENCE_FILE),
         submaps=load_submaps(stages_dir / "submaps"),
+        quality=read_quality(stages_dir / "georeference" / QUALITY_FILE),
         times=times,
     )

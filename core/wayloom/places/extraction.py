@@ -1,6 +1,6 @@
 """Extraction of a drive's places from its images: one pass over the keyframes that are chosen along the road."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -13,11 +13,14 @@ from wayloom.labelling.types import PointLabels
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.frame_source import one_opencv_thread
 from wayloom.odometry.types import OdometryResult
+from wayloom.places.birds_eye import SHAPE, birds_eye
 from wayloom.places.cloud import VoxelFilter, hosted_points, packed, pair_points, taken
 from wayloom.places.features import BYTES, describe
+from wayloom.places.road import road_m, spaced
 from wayloom.places.settings import PlaceSettings
 from wayloom.places.stereo_pair import read_pair, right_rectifier
-from wayloom.places.types import PlaceCloud, PlaceFeatures, Places
+from wayloom.places.types import PlaceCloud, PlaceFeatures, Places, PlaceStations
+from wayloom.places.views import view_at
 
 FloatArray = NDArray[np.float64]
 Table = TypeVar("Table", PlaceCloud, PlaceFeatures)
@@ -62,23 +65,14 @@ def make_places(
             progress(k / len(keyframes), f"keyframe {k + 1} of {len(keyframes)}")
     c = odometry.rig.camera
     camera = (float(c.fx), float(c.fy), float(c.cx), float(c.cy), int(c.width), int(c.height))
-    return Places(keyframes.T_world_cam, keyframes.segment, camera, joined(features), joined(clouds))
+    places = Places(keyframes.T_world_cam, keyframes.segment, camera, joined(features), joined(clouds))
+    return replace(places, stations=make_stations(places, settings))
 
 
-def road_m(T_world_cam: FloatArray) -> FloatArray:
-    """(K,) m of road from the first of the cameras (K, 4, 4) to each."""
-    steps = np.linalg.norm(np.diff(T_world_cam[:, :3, 3], axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def spaced(road: FloatArray, segment: NDArray[np.int32], spacing_m: float) -> NDArray[np.bool_]:
-    """(K,) which keyframes to take so that of each segment the first is and the next ones are at least so far apart."""
-    chosen = np.zeros(len(road), bool)
-    last, of = -np.inf, -1
-    for k, (at, number) in enumerate(zip(road.tolist(), segment.tolist(), strict=True)):
-        if number != of or at - last >= spacing_m:
-            chosen[k], last, of = True, at, number
-    return chosen
+def make_stations(places: Places, settings: PlaceSettings) -> PlaceStations:
+    """The stations of places that have none yet."""
+    rows = np.flatnonzero(spaced(road_m(places.T_world_keyframe), places.segment, settings.station_spacing_m)).astype(np.int32)
+    return PlaceStations(rows, np.array([birds_eye(view_at(places, int(k), settings.reach_m)) for k in rows]).reshape(-1, *SHAPE))
 
 
 def joined(parts: list[Table]) -> Table:

@@ -14,7 +14,7 @@ from wayloom.errors import InputError
 from wayloom.files.atomic import write_atomically
 from wayloom.files.blob import decode_blob, encode_blob
 from wayloom.geometry.camera import PinholeCamera
-from wayloom.places.types import PlaceCloud, PlaceFeatures, Places
+from wayloom.places.types import PlaceCloud, PlaceFeatures, Places, PlaceStations
 
 PLACES_FILE: Final = "drive.places"
 MAGIC: Final = b"WLPLACES"
@@ -25,6 +25,7 @@ DTYPES: Final = {
     "T_world_keyframe": "<f8", "segment": "<i4",
     "feature_start": "<u4", "feature_bits": "|u1", "feature_uv": "<u2", "feature_inverse_depth": "<f4", "feature_sigma": "<f2",
     "cloud_start": "<u4", "cloud_xyz": "<i2", "cloud_label": "|u1", "cloud_sigma": "|u1",
+    "station_keyframe": "<u4", "station_grid": "|u1",
 }  # fmt: skip
 
 
@@ -57,6 +58,8 @@ def encode_places(places: Places) -> bytes:
         "cloud_xyz": cloud.p_cam,
         "cloud_label": cloud.label,
         "cloud_sigma": cloud.sigma_cm,
+        "station_keyframe": places.stations.keyframe,
+        "station_grid": places.stations.grid,
     }
     typed = {name: np.asarray(arrays[name]).astype(dtype) for name, dtype in DTYPES.items()}
     return encode_blob(MAGIC, VERSION, {"camera": list(places.camera)}, typed)
@@ -82,7 +85,8 @@ def _places(camera: tuple[float, float, float, float, int, int], a: dict[str, ND
     cloud = PlaceCloud(_keyframes(a["cloud_start"]), a["cloud_xyz"], a["cloud_label"], a["cloud_sigma"])
     if not (len(features) == len(features.bits) and len(cloud) == len(cloud.p_cam)):
         raise ValueError("its tables do not fit each other")
-    return Places(a["T_world_keyframe"], a["segment"], camera, features, cloud)
+    stations = PlaceStations(a["station_keyframe"].astype(np.int32), a["station_grid"])
+    return Places(a["T_world_keyframe"], a["segment"], camera, features, cloud, stations)
 
 
 def _starts(keyframe: NDArray[np.int32], count: int) -> NDArray[np.int64]:

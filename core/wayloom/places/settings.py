@@ -21,4 +21,5 @@ class PlaceSettings(Settings):
         0.15, gt=0.0, description="features whose depth's sigma is over this share of it are left out"
     )
     voxel_m: float = Field(0.2, gt=0.0, description="one static point a cube of this side, within the reach of road, m")
+    station_spacing_m: float = Field(10.0, gt=0.0, description="road between the keyframes by which an index knows the drive, m")
     reach_m: float = Field(30.0, gt=0.0, description="road before and behind a keyframe that its surroundings are gathered from, m")

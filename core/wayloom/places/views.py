@@ -4,16 +4,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geometry import se3
-from wayloom.places.extraction import road_m
+from wayloom.places.road import road_m
 from wayloom.places.types import PlaceFeatures, Places, PlaceView
 
 FloatArray = NDArray[np.float64]
+LOOK_AHEAD_M = 10.0
+"""Cameras look forward: what lies around a keyframe was seen, on the mean, from so far behind it."""
 
 
 def view_at(
     places: Places, anchor: int, reach_m: float = 30.0, T_world_cam: FloatArray | None = None, up_world: FloatArray | None = None
 ) -> PlaceView:
-    """The view of a keyframe: what its segment's keyframes within `reach_m` of road host.
+    """The view of a keyframe: what its segment's keyframes within `reach_m` of road around the one LOOK_AHEAD_M behind it host, so
+    that it reaches as far back as forward, and a view from the other direction has the same surroundings.
 
     T_world_cam : (K, 4, 4) poses of the keyframes; None takes the odometry's
     up_world    : (3,) where up is; None takes the mean upward axis of the cameras within reach
@@ -50,6 +53,10 @@ def level_from_cam(T_world_cam: FloatArray, up_world: FloatArray) -> FloatArray:
 
 
 def within_reach(road: FloatArray, segment: NDArray[np.int32], anchor: int, reach_m: float) -> tuple[int, int]:
-    """First keyframe and the one behind the last of the anchor's segment within `reach_m` of road (K,) m."""
-    members = np.flatnonzero((segment == segment[anchor]) & (np.abs(road - road[anchor]) <= reach_m))
-    return int(members[0]), int(members[-1]) + 1
+    """First keyframe and the one behind the last of the anchor's segment that a view takes; the anchor itself always is between.
+
+    road : (K,) m
+    """
+    ahead = road - road[anchor] + LOOK_AHEAD_M
+    members = np.flatnonzero((segment == segment[anchor]) & (np.abs(ahead) <= reach_m))
+    return min([anchor, *members[:1].tolist()]), max([anchor, *members[-1:].tolist()]) + 1

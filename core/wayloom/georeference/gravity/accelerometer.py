@@ -1,7 +1,7 @@
 """Up by an accelerometer: its specific force, less the acceleration that the odometry saw, over windows of time.
 
-With C the rotation of the IMU in the odometry's world, the mean of C f over a window is g up + (v_1 - v_0) / T: what shakes within the
-window falls out, and of the odometry only its velocities at both ends count.
+With C the rotation of the IMU in the odometry's world, the mean of C f over a window is g up + (v_1 - v_0) / T: what shakes within
+the window falls out, and of the odometry only its velocities at both ends count.
 """
 
 from dataclasses import dataclass

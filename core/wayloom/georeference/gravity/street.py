@@ -1,7 +1,7 @@
 """Up by the street under the car: its cross fall is small, its slope is not.
 
-A plane through the points of the road near the camera says how the camera rolls against the street; how far the street itself leans to
-a side (1 to 2.5 % for the rain, the same way all along it) is the noise, so neighbouring sections are no new witnesses.
+A plane through the points of the road near the camera says how the camera rolls against the street; how far the street itself leans
+to a side (1 to 2.5 % for the rain, the same way all along it) is the noise, so neighbouring sections are no new witnesses.
 """
 
 import numpy as np

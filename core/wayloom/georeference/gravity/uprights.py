@@ -7,7 +7,7 @@ that grows with the image row tilts walls that are seen from the front by its wh
 sides: along the view uprights say little. A pole along (bx, by, 1) says (dx, dy) = (bx, by).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,14 +51,15 @@ def lean_by_uprights(section: Section) -> Lean | None:
     Points are taken into a plane by their distance to an upright one, which holds the slope near nothing where up leans; so it is
     done again in the frame that has been set upright.
     """
-    total = np.zeros(2)
+    found: Lean | None = None
     for _ in range(UPRIGHTENINGS):
-        points = section.points_level - section.points_level[:, 2:] * [*total, 0.0]
+        so_far = np.zeros(2) if found is None else found.right_ahead
+        points = section.points_level - section.points_level[:, 2:] * [*so_far, 0.0]
         lean = _lean(points, section.label, section.T_level_cam[:2, 2])
         if lean is None:
             return None
-        total = total + lean.right_ahead
-    return Lean(total, lean.covariance, lean.differs)
+        found = replace(lean, right_ahead=so_far + lean.right_ahead)
+    return found
 
 
 def scatter_ratio(leans: list[Lean]) -> float:
@@ -90,7 +91,7 @@ def _lean(points: FloatArray, label: NDArray[np.uint8], ahead: FloatArray) -> Le
 
 
 def _facades(left: FloatArray) -> list[list[float]]:
-    """[nx, ny, n.lean, sigma] of each plane among points (n, 3), the fullest first (RANSAC on the ground plan, then least squares)."""
+    """[nx, ny, n.lean, sigma] of each plane among points (n, 3), the fullest first (RANSAC on the plan, then least squares)."""
     rng, found = np.random.default_rng(0), []
     for _ in range(PLANES):
         if len(left) < MIN_POINTS:
@@ -134,15 +135,15 @@ def _slope(points: FloatArray) -> list[float] | None:
 
 
 def fitted(A: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """x (k,) of A x = b by Cauchy's weights, and its covariance by the residuals' own scatter."""
+    """x (k,) of A x = b, A (n, k), by Cauchy's weights, and its covariance by the residuals' own scatter."""
     weight = np.ones(len(b))
     for _ in range(ITERATIONS):
         information = (A * weight[:, None]).T @ A
-        x = np.linalg.solve(information, A.T @ (weight * b))
+        x = np.asarray(np.linalg.solve(information, A.T @ (weight * b)), np.float64)
         residual = b - A @ x
         scale = max(1.4826 * float(np.median(np.abs(residual))), 0.01)
         weight = 1.0 / (1.0 + (residual / (CAUCHY * scale)) ** 2)
-    return x, scale**2 * np.linalg.inv(information)
+    return x, np.asarray(scale**2 * np.linalg.inv(information))
 
 
 def _poles(points: FloatArray) -> list[list[float]]:

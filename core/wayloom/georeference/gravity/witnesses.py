@@ -28,7 +28,7 @@ Observation = tuple[int, FloatArray, FloatArray, int]
 def observed_up(
     log: DriveLog, odometry: OdometryResult, labels: PointLabels | None, nodes: IntArray, settings: GeoReferenceSettings
 ) -> UpObservations:
-    """What the drive's sensors and surroundings say of up at its nodes (K,) frames. Without labels the accelerometer alone speaks."""
+    """What sensors and surroundings say of up at a drive's nodes (K,) frames. Without labels the accelerometer alone speaks."""
     found = list(_of_accelerometer(log, odometry, settings))
     if labels is not None and len(labels) == len(odometry.points):
         found += _of_surroundings(odometry, labels.stereo)
@@ -44,6 +44,11 @@ def observed_up(
         witness=np.array([row[3] for row in found], np.int64),
         bias_sigma=np.radians(np.array(lean_deg)),
     )
+
+
+def witnesses_report(up: UpObservations) -> dict[str, int]:
+    """JSON-ready: how often each witness spoke."""
+    return {name: int((up.witness == row).sum()) for row, name in enumerate(WITNESSES)}
 
 
 def _of_accelerometer(log: DriveLog, odometry: OdometryResult, settings: GeoReferenceSettings) -> Iterator[Observation]:

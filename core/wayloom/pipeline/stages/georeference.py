@@ -1,4 +1,7 @@
-"""Geo-reference stage: the drive's trajectory in the map's ENU frame. Leaves georeference.npz and report.json."""
+"""Geo-reference stage: the drive's trajectory in the map's ENU frame.
+
+Leaves georeference.npz, quality.json and report.json.
+"""
 
 from pathlib import Path
 
@@ -6,6 +9,8 @@ from wayloom.config.progress import Progress
 from wayloom.georeference.alignment import georeference
 from wayloom.georeference.files import GEOREFERENCE_FILE, save_georeference
 from wayloom.labelling.files import LABELS_FILE, load_labels
+from wayloom.loops.files import LOOPS_FILE, load_loops
+from wayloom.pipeline.drive_quality import QUALITY_FILE, drive_quality, write_quality
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stage_report import write_report
 from wayloom.pipeline.tracked_drive import tracked_drive
@@ -14,9 +19,11 @@ from wayloom.pipeline.tracked_drive import tracked_drive
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises StageError where no place fits the fixes."""
     settings = context.settings
+    odometry = tracked_drive(context)
     labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE)
-    geo = georeference(
-        context.log, tracked_drive(context), settings.map_frame(), settings.georeference, progress, labels=labels
-    )
+    loops = context.inputs_dir / "loops" / LOOPS_FILE
+    closures = load_loops(loops) if loops.exists() else None
+    geo = georeference(context.log, odometry, settings.map_frame(), settings.georeference, progress, closures, labels)
     save_georeference(geo, out_dir / GEOREFERENCE_FILE)
+    write_quality(out_dir / QUALITY_FILE, drive_quality(odometry, geo))
     write_report(out_dir, geo.report)
