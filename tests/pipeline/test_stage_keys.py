@@ -85,7 +85,7 @@ def test_a_finished_stage_says_what_it_is(tmp_path):
 
 
 def keys_of(log_path: Path, folder: Path, gnss: Path | None = None) -> dict[str, str]:
-    """The keys of ingest and of the stages that read the log, after ingest; the results of odometry and labelling are always the same."""
+    """The keys of ingest and of stages that read the log, after ingest; odometry and labelling always leave the same."""
     context = StageContext(LogSource(log_path, gnss), folder, ProcessSettings())
     (folder / "ingest").mkdir(parents=True)
     for name in ("odometry", "labelling"):
