@@ -10,7 +10,7 @@ from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.georeference.rigid import R_ENU_LEVELCAM
-from wayloom.logs.types import FixType, GnssTrack
+from wayloom.logs.types import FixType, GnssTrack, ImuTrack
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -26,6 +26,8 @@ class MadeLog:
     gnss: GnssTrack | None
     p_cam_gnss: FloatArray
     name: str = "made"
+    imu: ImuTrack | None = None
+    T_cam_imu: FloatArray | None = None
 
 
 @dataclass

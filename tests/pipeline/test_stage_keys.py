@@ -85,11 +85,12 @@ def test_a_finished_stage_says_what_it_is(tmp_path):
 
 
 def keys_of(log_path: Path, folder: Path, gnss: Path | None = None) -> dict[str, str]:
-    """The keys of ingest and of the stages that read the log, after ingest; the odometry's result is always the same."""
+    """The keys of ingest and of stages that read the log, after ingest; odometry and labelling always leave the same."""
     context = StageContext(LogSource(log_path, gnss), folder, ProcessSettings())
     (folder / "ingest").mkdir(parents=True)
-    (folder / "odometry").mkdir()
-    (folder / "odometry" / STAGE_FILE).write_text('{"key": "k", "digest": "d", "seconds": 1.0}')
+    for name in ("odometry", "labelling"):
+        (folder / name).mkdir()
+        (folder / name / STAGE_FILE).write_text('{"key": "k", "digest": "d", "seconds": 1.0}')
     run_stage("ingest", context, folder / "ingest")
     return {name: stage_key(name, context).hex for name in ("ingest", "odometry", "segmentation", "georeference")}
 
@@ -115,7 +116,7 @@ def test_an_imu_that_a_gnss_log_brings_from_outside_is_in_the_odometrys_key(tmp_
     one, other = extract(tmp_path / "one", 0.5), extract(tmp_path / "other", 0.7)
     assert open_log(log_path, gnss=one).imu is not None
     before, after = keys_of(log_path, tmp_path / "a", one), keys_of(log_path, tmp_path / "b", other)
-    assert changed(before, after) == {"ingest", "odometry"}
+    assert changed(before, after) == {"ingest", "odometry", "georeference"}
     assert before == keys_of(log_path, tmp_path / "c", one)
 
 

@@ -188,3 +188,17 @@ def test_random_submaps_survive_their_bytes():
     for seed in range(5):
         submap = random_submap(seed, points=50 * seed + 1).submap
         assert decode_submap(submap.encoded).digest == submap.digest
+
+
+def test_other_poses_of_the_drive_move_submaps_and_change_nothing_inside(odometry, labels, placed):
+    geo = made_geo(odometry)
+    bend = se3.exp(np.linspace(0.0, 1.0, len(geo.T_enu_cam))[:, None] * np.array([3.0, -1.0, 0.5, 0.01, 0.02, 0.3]))
+    moved = make_submaps(NamedLog(), odometry, labels, dataclasses.replace(geo, T_enu_cam=bend @ geo.T_enu_cam))
+    assert [item.submap.digest for item in moved] == [item.submap.digest for item in placed]
+    assert all(not np.allclose(a.T_enu_submap, b.T_enu_submap) for a, b in zip(moved[1:], placed[1:], strict=True))
+
+
+def test_another_odometry_makes_other_submaps(odometry, labels, placed):
+    points = dataclasses.replace(odometry.points, inverse_depth=odometry.points.inverse_depth * np.float32(1.001))
+    again = make_submaps(NamedLog(), dataclasses.replace(odometry, points=points), labels, made_geo(odometry))
+    assert not {item.submap.digest for item in again} & {item.submap.digest for item in placed}

@@ -61,8 +61,8 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage("loops", "odometry", inputs=("places",), settings=("loops",), room=f"{_ROOMS}.loops"),
     Stage(
-        "georeference", "odometry", inputs=("odometry",), log_parts=("gnss",), settings=("georeference", "map_origin"),
-        room=f"{_ROOMS}.georeference",
+        "georeference", "odometry", inputs=("odometry", "labelling"), log_parts=("gnss", "imu"),
+        settings=("georeference", "map_origin"), room=f"{_ROOMS}.georeference",
     ),
     Stage(
         "submaps", "odometry", inputs=("odometry", "labelling", "georeference"), log_parts=("drive",), settings=("submaps",),

@@ -17,12 +17,14 @@ from wayloom.geometry import se3
 from wayloom.georeference.closures import closure_links, closures_report
 from wayloom.georeference.first_guess import guess_nodes, level_world
 from wayloom.georeference.fixes import UsableFixes, usable_fixes
+from wayloom.georeference.gravity.witnesses import observed_up, witnesses_report
 from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
 from wayloom.georeference.report import PlacedDrive, georeference_report
 from wayloom.georeference.scale_prior import scale_prior
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.types import FixResiduals, GeoReference
 from wayloom.georeference.uncertainty import moved_covariance
+from wayloom.labelling.types import PointLabels
 from wayloom.logs.types import DriveLog, GnssTrack
 from wayloom.loops.types import LoopClosures, no_loops
 from wayloom.mapping.drive_graph import optimise_drive, optimise_without_fixes
@@ -41,12 +43,14 @@ def georeference(
     settings: GeoReferenceSettings = GeoReferenceSettings(),
     progress: Progress = silent,
     closures: LoopClosures | None = None,
+    labels: PointLabels | None = None,
 ) -> GeoReference:
     """T_enu_cam and its covariance for every frame of the log.
 
     frame : the map's frame; None takes the one of the place (`map_frame_for`). Without a usable fix the result has no frame: its
             poses are in the drive's own (`wayloom.mapping.own_frame`), covariances relative to the first frame.
     closures : loops between keyframes; None has none
+    labels : of the odometry's points, by which walls and streets say where up is
     Raises StageError when nothing was tracked, a pose is not finite, or no place fits the fixes.
     """
     trajectory = odometry.trajectory
@@ -58,7 +62,9 @@ def georeference(
     nodes = choose_nodes(trajectory, odometry.keyframes.frame, settings.node_spacing_m)
     road_m = travelled(trajectory)[nodes]
     chain = odometry_chain(trajectory, nodes, settings.level_every_m)
-    evidence = Evidence(closure_links(closures or no_loops(), odometry.keyframes, nodes, chain))
+    evidence = Evidence(
+        closure_links(closures or no_loops(), odometry.keyframes, nodes, chain), observed_up(log, odometry, labels, nodes, settings)
+    )
     if log.gnss is None or len(log.gnss) == 0:
         return _in_own_frame(
             trajectory, nodes, chain, evidence, _noise(settings, log, scale_prior(odometry.report, settings)), NO_GNSS
@@ -89,6 +95,7 @@ def georeference(
     covariance = spread_covariances(len(trajectory), nodes, solution.covariance)
     placed = PlacedDrive(T_local_cam, covariance, trajectory)
     report = georeference_report(log.gnss, usable, fixes, solution, placed, settings)
+    report["up"] = witnesses_report(evidence.up)
     report["loops"] = closures_report(evidence.loops, solution.closed, solution.T_enu_node, nodes)
     progress(1.0, "geo-referenced")
     sigma_enu = np.sqrt(np.diagonal(fixes.covariance, axis1=1, axis2=2))
@@ -107,6 +114,7 @@ def _in_own_frame(
         "geo_referenced": False,
         "messages": [message],
         "fixes": {"used": 0, "unusable": {}},
+        "up": witnesses_report(evidence.up),
         "loops": closures_report(evidence.loops, solution.closed, solution.T_enu_node, nodes),
     }
     T = spread_poses(trajectory, nodes, solution.T_enu_node)

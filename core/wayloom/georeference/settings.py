@@ -27,6 +27,18 @@ class GeoReferenceSettings(Settings):
     )
     level_sigma_deg: float = Field(3.0, gt=0.0, le=45.0, description="how level the camera is, sigma of roll and pitch, degrees")
     level_every_m: float = Field(500.0, gt=0.0, description="one level prior each such stretch of road, m")
+    accelerometer_lean_deg: float = Field(
+        0.5, gt=0.0, le=10.0, description="accelerometer: how far it may be off as a whole, bias and mounting, degrees"
+    )
+    accelerometer_floor_deg: float = Field(0.1, gt=0.0, le=10.0, description="accelerometer: sigma of up over 4 s at best, degrees")
+    uprights_lean_deg: float = Field(0.15, gt=0.0, le=10.0, description="walls and poles: how far all may lean sideways, degrees")
+    uprights_pitch_deg: float = Field(
+        1.5,
+        gt=0.0,
+        le=10.0,
+        description="walls and poles: how far all may lean along the view, where depths err with the row, degrees",
+    )
+    street_lean_deg: float = Field(1.0, gt=0.0, le=10.0, description="streets: cross fall on the side that is driven, degrees")
     gnss_correlation_s: float = Field(20.0, gt=0.0, le=3600.0, description="time after which GNSS errors are independent, s")
     gnss_white_share: float = Field(
         0.5, gt=0.0, lt=1.0, description="share of a fix's sigma that is independent from fix to fix, where too few fixes tell"

@@ -8,6 +8,8 @@ from pathlib import Path
 from wayloom.config.progress import Progress
 from wayloom.georeference.alignment import georeference
 from wayloom.georeference.files import GEOREFERENCE_FILE, save_georeference
+from wayloom.labelling.files import LABELS_FILE, load_labels
+from wayloom.loops.files import LOOPS_FILE, load_loops
 from wayloom.pipeline.drive_quality import QUALITY_FILE, drive_quality, write_quality
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stage_report import write_report
@@ -18,7 +20,10 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises StageError where no place fits the fixes."""
     settings = context.settings
     odometry = tracked_drive(context)
-    geo = georeference(context.log, odometry, settings.map_frame(), settings.georeference, progress)
+    labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE)
+    loops = context.inputs_dir / "loops" / LOOPS_FILE
+    closures = load_loops(loops) if loops.exists() else None
+    geo = georeference(context.log, odometry, settings.map_frame(), settings.georeference, progress, closures, labels)
     save_georeference(geo, out_dir / GEOREFERENCE_FILE)
     write_quality(out_dir / QUALITY_FILE, drive_quality(odometry, geo))
     write_report(out_dir, geo.report)

@@ -1,0 +1,1 @@
+"""The direction of up, as accelerometers, streets and upright walls and poles show it."""

@@ -1,0 +1,52 @@
+"""Sections of a drive's road with the points seen from them, in a nearly level frame of their own."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.geometry import se3
+from wayloom.georeference.first_guess import level_world
+from wayloom.georeference.nodes import travelled
+from wayloom.odometry.types import OdometryResult
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+MAX_SIGMA_SHARE, MAX_DISTANCE_M = 0.05, 30.0
+"""Points whose depth is worse, or that are further from their host, say nothing of walls."""
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A piece of road.
+
+    keyframe       row of the one in its middle
+    T_level_cam    (4, 4) of that keyframe: first axis right of the road, second ahead, third up, as level as the cameras are
+    points_level   (n, 3) m, label (n,)
+    """
+
+    keyframe: int
+    T_level_cam: FloatArray
+    points_level: FloatArray
+    label: NDArray[np.uint8]
+
+
+def sections(odometry: OdometryResult, label: NDArray[np.uint8], length_m: float) -> Iterator[Section]:
+    """Each segment of the track in pieces of about length_m; label (P,) of the odometry's points."""
+    keyframes, points = odometry.keyframes, odometry.points
+    road = travelled(odometry.trajectory)[keyframes.frame]
+    d = points.inverse_depth.astype(np.float64)
+    sigma_share = np.sqrt(points.variance.astype(np.float64)) / np.maximum(d, 1e-9)
+    good = (d > 1.0 / MAX_DISTANCE_M) & (sigma_share < MAX_SIGMA_SHARE)
+    world = odometry.points_world()
+    for segment in np.unique(keyframes.segment):
+        members = np.flatnonzero(keyframes.segment == segment)
+        piece = ((road[members] - road[members[0]]) // length_m).astype(np.int64)
+        for number in np.unique(piece):
+            rows = members[piece == number]
+            middle = int(rows[np.argmin(np.abs(road[rows] - 0.5 * (road[rows[0]] + road[rows[-1]])))])
+            inside = np.flatnonzero(good & (points.host >= rows[0]) & (points.host <= rows[-1]))
+            T_level_world = level_world(keyframes.T_world_cam[rows])
+            T_level_cam = T_level_world @ keyframes.T_world_cam[middle]
+            yield Section(middle, T_level_cam, se3.transform(T_level_world, world[inside]), label[inside])

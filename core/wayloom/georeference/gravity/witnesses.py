@@ -1,0 +1,91 @@
+"""Witnesses of up along a drive: accelerometer, uprights and street, each with a lean of its own, as terms of the drive's graph."""
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.georeference.gravity.accelerometer import up_by_accelerometer
+from wayloom.georeference.gravity.sections import Section, sections
+from wayloom.georeference.gravity.street import lean_by_street
+from wayloom.georeference.gravity.uprights import Lean, lean_by_uprights, scatter_ratio
+from wayloom.georeference.nodes import nearest_node
+from wayloom.georeference.settings import GeoReferenceSettings
+from wayloom.labelling.types import PointLabels
+from wayloom.logs.types import DriveLog
+from wayloom.mapping.up_factors import ROLL_PITCH, UpObservations
+from wayloom.odometry.types import OdometryResult, Trajectory
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+WITNESSES: Final = ("accelerometer", "uprights", "street")
+SECTION_M, STREET_EVERY_M = 25.0, 100.0
+Observation = tuple[int, FloatArray, FloatArray, int]
+"""Frame, up in its camera (3,), covariance (2, 2), row of WITNESSES."""
+
+
+def observed_up(
+    log: DriveLog, odometry: OdometryResult, labels: PointLabels | None, nodes: IntArray, settings: GeoReferenceSettings
+) -> UpObservations:
+    """What sensors and surroundings say of up at a drive's nodes (K,) frames. Without labels the accelerometer alone speaks."""
+    found = list(_of_accelerometer(log, odometry, settings))
+    if labels is not None and len(labels) == len(odometry.points):
+        found += _of_surroundings(odometry, labels.stereo)
+    frames = np.array([row[0] for row in found], np.int64)
+    lean_deg = [[settings.accelerometer_lean_deg] * 2, [settings.uprights_lean_deg, settings.uprights_pitch_deg]]
+    lean_deg.append([settings.street_lean_deg] * 2)
+    node, turn = _nearest(odometry.trajectory, nodes, frames)
+    up = np.array([row[1] for row in found]).reshape(-1, 3)
+    return UpObservations(
+        node=node,
+        up_node=np.einsum("nij,nj->ni", turn, up),
+        covariance=np.array([row[2] for row in found]).reshape(-1, 2, 2),
+        witness=np.array([row[3] for row in found], np.int64),
+        bias_sigma=np.radians(np.array(lean_deg)),
+    )
+
+
+def witnesses_report(up: UpObservations) -> dict[str, int]:
+    """JSON-ready: how often each witness spoke."""
+    return {name: int((up.witness == row).sum()) for row, name in enumerate(WITNESSES)}
+
+
+def _of_accelerometer(log: DriveLog, odometry: OdometryResult, settings: GeoReferenceSettings) -> Iterator[Observation]:
+    if log.imu is None or log.T_cam_imu is None:
+        return
+    windows = up_by_accelerometer(
+        log.imu, log.T_cam_imu, odometry.trajectory, settings.scale_sigma, settings.standing_position_m + settings.position_noise_m
+    )
+    floor = np.radians(settings.accelerometer_floor_deg)
+    for frame, up, sigma in zip(windows.frame.tolist(), windows.up_cam, windows.sigma_rad.tolist(), strict=True):
+        yield frame, up, (sigma**2 + floor**2) * np.eye(2), 0
+
+
+def _of_surroundings(odometry: OdometryResult, label: NDArray[np.uint8]) -> Iterator[Observation]:
+    pieces = list(sections(odometry, label, SECTION_M))
+    uprights = [(section, lean) for section in pieces if (lean := lean_by_uprights(section)) is not None]
+    ratio = scatter_ratio([lean for _, lean in uprights])
+    for section, lean in uprights:
+        yield int(odometry.keyframes.frame[section.keyframe]), *_in_camera(section, lean, ratio**2), 1
+    for section in pieces:
+        street = lean_by_street(section)
+        if street is not None:
+            yield int(odometry.keyframes.frame[section.keyframe]), *_in_camera(section, street, STREET_EVERY_M / SECTION_M), 2
+
+
+def _in_camera(section: Section, lean: Lean, times: float) -> tuple[FloatArray, FloatArray]:
+    """Up in the camera's frame, and the covariance of its x and z components, so many times as large."""
+    up = np.array([*lean.right_ahead, 1.0])
+    turn = section.T_level_cam[:2][:, ROLL_PITCH]
+    up_cam = section.T_level_cam[:3, :3].T @ (up / np.linalg.norm(up))
+    return up_cam, times * turn.T @ lean.covariance @ turn
+
+
+def _nearest(trajectory: Trajectory, nodes: IntArray, frames: IntArray) -> tuple[IntArray, FloatArray]:
+    """(n,) row of the node nearest to each frame, and (n, 3, 3) the rotation to its camera."""
+    if not len(frames):
+        return np.zeros(0, np.int64), np.zeros((0, 3, 3))
+    node = nearest_node(nodes, trajectory.segment, frames)
+    R_world_node, R_world_cam = (trajectory.T_world_cam[rows, :3, :3] for rows in (nodes[node], frames))
+    return node, np.swapaxes(R_world_node, 1, 2) @ R_world_cam
