@@ -61,7 +61,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage("loops", "odometry", inputs=("places",), settings=("loops",), room=f"{_ROOMS}.loops"),
     Stage(
-        "georeference", "odometry", inputs=("odometry", "labelling"), log_parts=("gnss", "imu"),
+        "georeference", "odometry", inputs=("odometry", "labelling", "loops"), log_parts=("gnss", "imu"),
         settings=("georeference", "map_origin"), room=f"{_ROOMS}.georeference",
     ),
     Stage(

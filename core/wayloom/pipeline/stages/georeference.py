@@ -21,9 +21,8 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     settings = context.settings
     odometry = tracked_drive(context)
     labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE)
-    loops = context.inputs_dir / "loops" / LOOPS_FILE
-    closures = load_loops(loops) if loops.exists() else None
+    closures = load_loops(context.inputs_dir / "loops" / LOOPS_FILE)
     geo = georeference(context.log, odometry, settings.map_frame(), settings.georeference, progress, closures, labels)
     save_georeference(geo, out_dir / GEOREFERENCE_FILE)
-    write_quality(out_dir / QUALITY_FILE, drive_quality(odometry, geo))
+    write_quality(out_dir / QUALITY_FILE, drive_quality(odometry, geo, closures))
     write_report(out_dir, geo.report)
