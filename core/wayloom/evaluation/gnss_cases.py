@@ -109,7 +109,9 @@ def burst_cases() -> list[Case]:
     ]
     for size in (1.0, 3.0, 15.0):
         ramp = (GnssBurst(share=0.4, duration_s=20.0, size_m=size, wander_share=0.0, ramp_s=8.0),)
-        found.append(Case(f"ramp to {size:g} m and back, 20 s", lambda s, r=ramp: made_drive(city_way(100.0), Receiver(bursts=r), s)))
+        found.append(
+            Case(f"ramp to {size:g} m and back, 20 s", lambda s, r=ramp: made_drive(city_way(100.0), Receiver(bursts=r), s))
+        )
     return found
 
 

@@ -24,21 +24,15 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from wayloom.geometry import se3
-from wayloom.mapping.drive_equations import DriveEquations, DriveState, IndependentFixes
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain, ShiftedFixes
+from wayloom.mapping.fix_witnesses import Witnesses, witnesses_of
 from wayloom.mapping.gnss_factors import RECEIVER
-from wayloom.mapping.odometry_links import links_of
+from wayloom.mapping.heavy_tails import heavy_tailed
+from wayloom.mapping.stretch_choice import WitnessGraph, choose
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
-STRETCH_S = 20.0
-WITNESS_S = (0.4, 0.8, 1.6, 3.2)
-"""Durations of the witnesses from each end of a stretch inwards, s; the last one repeats."""
-PRICE_S = 1.0
-"""Added to the price of a stretch for each second that it lasts: of two parts the longer is believed."""
-IMPORTANT_S, LEAST_IMPORTANCE = 2.0, 0.05
-"""A stretch counts in full from this duration on; a fix that is alone between two jumps counts the least share."""
 LEAST_FOR_SCATTER = 20
 """Second differences of one kind of fix from which its scatter is judged."""
 WHITE_SHARES = (0.1, 0.95)
@@ -49,10 +43,8 @@ HEADING_RAD = 0.03
 """What the first guess's heading may be off by when neighbouring fixes are compared."""
 JUMP_PROBABILITY = 1.0 - 1e-5
 """Quantile of chi-square of a difference beyond which it is a jump: a cut too many costs nothing."""
-STEPS, SOLVES, FIRST_SOLVES, GROWTH, ALTERNATIONS = 40, 2, 6, 2.0, 10
-"""Steps of the graduation with growth of its parameter; Gauss-Newton iterations in each, and at a start; turns until all settle."""
-LEAST_WEIGHT = 1e-6
-"""Of a stretch that is left out: its nodes stay determined."""
+MAJORITY = 0.4
+"""Share of the fixes' duration that must agree with the odometry for the others to be called bursts."""
 LEAST_DOUBT = 0.25
 """Share of the fixes' duration under which a part that lies apart at an end is no rival."""
 
@@ -71,49 +63,17 @@ class Screening:
     unconfirmed_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class Witnesses:
-    """W means of neighbouring fixes, in time order, and the B stretches that they belong to.
-
-    fixes        the middle fix of each witness with the mean of all, and the covariance of that
-    stretch      (W,) row of the stretch
-    first, last  (B,) rows of the fixes of each stretch, inclusive
-    price        (B,) twice what leaving it out costs; duration_s (B,)
-    importance   (B,) 0 to 1: share of its information that counts: a fix that is alone between two jumps is no witness of a second
-    """
-
-    fixes: AntennaFixes
-    stretch: IntArray
-    first: IntArray
-    last: IntArray
-    price: FloatArray
-    duration_s: FloatArray
-    importance: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.first)
-
-    def sums(self, of_witness: FloatArray) -> FloatArray:
-        """(B,) sums over the witnesses (W,) of each stretch."""
-        return np.asarray(np.bincount(self.stretch, of_witness, len(self.first)), np.float64)
-
-    def means(self, of_witness: FloatArray) -> FloatArray:
-        """(B, 3) means over the witnesses (W, 3) of each stretch."""
-        count = np.bincount(self.stretch, minlength=len(self.first))
-        return np.stack([self.sums(column) / count for column in of_witness.T], axis=1)
-
-
 def screen(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise) -> Screening:
     """Judge the fixes of a drive against its odometry, from a first guess T_enu_node (K, 4, 4)."""
     steps = _steps(chain, fixes, T_enu_node)
     fixes, ratios = _as_scattered(fixes, steps)
     jump = _jumps(fixes, steps)
-    witnesses = _witnesses(fixes, jump, T_enu_node, noise)
-    graph = _WitnessGraph(chain, witnesses, noise)
-    weight, state = _lowest(graph, T_enu_node)
-    good = weight > 0.5
-    if not good.any():  # nothing agrees with the odometry: believe the fixes
-        good[:] = True
+    witnesses = witnesses_of(fixes, jump, T_enu_node, noise)
+    graph = WitnessGraph(chain, witnesses, noise)
+    choice = choose(graph, T_enu_node)
+    good, state = choice.believed, choice.state
+    if witnesses.duration_s[good].sum() < MAJORITY * witnesses.duration_s.sum() or not good.any():
+        return _of_heavy_tails(chain, fixes, T_enu_node, noise, ratios)
     inlier = np.zeros(len(fixes), bool)
     for first, last in zip(witnesses.first[good], witnesses.last[good], strict=True):
         inlier[first : last + 1] = True
@@ -121,6 +81,15 @@ def screen(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, no
     shifted = _shifted(witnesses, good, jump, offset)
     T = _carried(chain, graph.nodes, state.T_enu_node)
     return Screening(fixes, inlier, ratios, shifted, T, state.receiver, _unconfirmed_m(witnesses, good, offset))
+
+
+def _of_heavy_tails(
+    chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise, ratios: dict[int, float]
+) -> Screening:
+    """No majority agrees with the odometry: every fix counts, with a variance that its residual tells."""
+    tails = heavy_tailed(chain, fixes, T_enu_node, noise)
+    every = {kind: ratios.get(kind, 1.0) * tails.inflation for kind in np.unique(fixes.kind).tolist()}
+    return Screening(tails.fixes, np.ones(len(fixes), bool), every, (), tails.T_enu_node, tails.receiver, 0.0)
 
 
 def _carried(chain: OdometryChain, nodes: IntArray, T_enu_coarse: FloatArray) -> FloatArray:
@@ -139,7 +108,7 @@ def _steps(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray) ->
 
 def _as_scattered(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> tuple[AntennaFixes, dict[int, float]]:
     """The fixes with the white share that their differences show, kind by kind, and covariances inflated where even wholly white
-    noise of them would differ less. How many times less, by kind."""
+    noise of them would differ less: by as much, over the share that is white by default. How many times, by kind."""
     covariance, share, ratios = fixes.covariance.copy(), fixes.white_share.copy(), {}
     distance2 = _scatter2(fixes.covariance, steps[0])
     same = (fixes.kind[2:] == fixes.kind[1:-1]) & (fixes.kind[1:-1] == fixes.kind[:-2])
@@ -149,9 +118,11 @@ def _as_scattered(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> 
             continue
         ratio = float(np.sqrt(np.median(distance2[rows]) / chi2.ppf(0.5, 3)))
         share[fixes.kind == kind] = np.clip(ratio, *WHITE_SHARES)
-        if ratio > SCATTER_SLACK:
-            ratios[kind] = ratio
-            covariance[fixes.kind == kind] *= ratio**2
+        if ratio > SCATTER_SLACK:  # what it says is wrong, and its differences do not tell the part that changes slowly
+            share[fixes.kind == kind] = fixes.white_share[fixes.kind == kind]
+            inflation = ratio / fixes.white_share[fixes.kind == kind]
+            ratios[kind] = float(np.median(inflation))
+            covariance[fixes.kind == kind] *= inflation[:, None, None] ** 2
     return replace(fixes, covariance=covariance, white_share=share), ratios
 
 
@@ -175,135 +146,6 @@ def _jumps(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> BoolArr
     jump = np.ones(len(fixes), bool)
     jump[1:] = (fixes.kind[1:] != fixes.kind[:-1]) | (_whitened2(fixes.covariance, steps) > chi2.ppf(JUMP_PROBABILITY, 3))
     return jump
-
-
-def _witnesses(fixes: AntennaFixes, jump: BoolArray, T_enu_node: FloatArray, noise: DriveNoise) -> Witnesses:
-    """Cut the fixes at jumps and every STRETCH_S, and each stretch into witnesses."""
-    starts, parts = [0], []
-    for k in range(1, len(fixes)):
-        if jump[k] or fixes.t_s[k] - fixes.t_s[starts[-1]] > STRETCH_S:
-            starts.append(k)
-    ends = np.append(np.array(starts[1:], np.int64), len(fixes)) - 1
-    for row, (first, last) in enumerate(zip(starts, ends.tolist(), strict=True)):
-        parts += [(row, first + a, first + b) for a, b in _cuts(fixes.t_s[first : last + 1])]
-    stretch, a, b = np.array(parts, np.int64).reshape(-1, 3).T
-    middle, count = (a + b) // 2, (b - a + 1).astype(np.float64)
-    residual = fixes.residuals(T_enu_node, np.zeros(RECEIVER))
-    offset = np.array([np.median(residual[i : j + 1], axis=0) for i, j in zip(a, b, strict=True)]) - residual[middle]
-    white2 = fixes.white_share[middle] ** 2
-    share = white2 / count + (1.0 - white2)
-    spread = share[:, None, None] * fixes.covariance[middle] + noise.gate_floor_m**2 * np.eye(3)
-    taken = fixes.take(middle)
-    duration = fixes.t_s[ends] - fixes.t_s[starts]
-    price = chi2.ppf(noise.gate_probability, 3 * np.bincount(stretch)) + PRICE_S * duration
-    return Witnesses(
-        replace(taken, position_enu=taken.position_enu + offset, covariance=spread), stretch, np.array(starts, np.int64), ends,
-        price, duration, np.clip(duration / IMPORTANT_S, LEAST_IMPORTANCE, 1.0),
-    )  # fmt: skip
-
-
-def _cuts(t_s: FloatArray) -> list[tuple[int, int]]:
-    """First and last (inclusive) of the witnesses of a stretch of fixes at t_s (n,): short ones near both ends."""
-    head, tail, low, high = [], [], 0, len(t_s) - 1
-    for step in range(len(t_s)):
-        width = WITNESS_S[min(step, len(WITNESS_S) - 1)]
-        if t_s[high] - t_s[low] <= 2.0 * width:
-            break
-        to = low + int(np.searchsorted(t_s[low:high], t_s[low] + width))
-        back = high - int(np.searchsorted(-t_s[low : high + 1][::-1], -t_s[high] + width)) + 1
-        head.append((low, max(to - 1, low)))
-        tail.append((min(back, high), high))
-        low, high = head[-1][1] + 1, tail[-1][0] - 1
-        if low > high:
-            break
-    return head + ([(low, high)] if low <= high else []) + tail[::-1]
-
-
-class _WitnessGraph:
-    """Witnesses and odometry over the nodes that witnesses are seen from."""
-
-    def __init__(self, chain: OdometryChain, witnesses: Witnesses, noise: DriveNoise) -> None:
-        ends, lost = np.array([0, len(chain.T_world_node) - 1], np.int64), np.flatnonzero(~chain.connected)
-        self.chain, self.witnesses, self.noise = chain, witnesses, noise
-        self.nodes = np.unique(np.concatenate([ends, witnesses.fixes.node, lost, lost + 1, chain.level]))
-        self.coarse = coarse_chain(chain, self.nodes)
-        self.links = links_of(self.coarse, noise)
-        self.fixes = replace(witnesses.fixes, node=np.searchsorted(self.nodes, witnesses.fixes.node))
-
-    def equations(self, weight: FloatArray) -> DriveEquations:
-        """With each stretch's weight (B,), 0 to 1, of its information."""
-        terms = IndependentFixes(self.fixes, (np.maximum(weight, LEAST_WEIGHT) * self.witnesses.importance)[self.witnesses.stretch])
-        return DriveEquations(self.coarse, self.links, terms, self.noise)
-
-    def solve(self, weight: FloatArray, start: DriveState, solves: int) -> DriveState:
-        """Descend from a state."""
-        return self.equations(weight).descend(start, solves)
-
-    def distance2(self, at: DriveState) -> FloatArray:
-        """(B,) sum of the squared distances of each stretch's witnesses from the antenna, in their sigmas."""
-        residual = self.fixes.residuals(at.T_enu_node, at.receiver)
-        of_witness = np.einsum("ni,ni->n", residual, np.linalg.solve(self.fixes.covariance, residual[:, :, None])[:, :, 0])
-        return self.witnesses.sums(of_witness)
-
-    def truncated_cost(self, at: DriveState) -> float:
-        """Half the truncated squares of the stretches plus what all else costs."""
-        distance2 = self.distance2(at)
-        importance = self.witnesses.importance
-        others = self.equations(np.ones(len(self.witnesses))).cost(at) - 0.5 * float(importance @ distance2)
-        return others + 0.5 * float(importance @ np.minimum(distance2, self.witnesses.price))
-
-
-def coarse_chain(chain: OdometryChain, nodes: IntArray) -> OdometryChain:
-    """The chain over some of its nodes, both ends among them."""
-    road = np.concatenate([[0.0], np.cumsum(chain.length_m)])
-    breaks = np.concatenate([[0], np.cumsum(~chain.connected)])
-    level = np.flatnonzero(np.isin(nodes, chain.level))
-    return OdometryChain(chain.T_world_node[nodes], np.diff(road[nodes]), np.diff(breaks[nodes]) == 0, level)
-
-
-def _lowest(graph: _WitnessGraph, T_enu_node: FloatArray) -> tuple[FloatArray, DriveState]:
-    """Weights (B,) and state of the cheaper of two descents: graduated from convex, and from what the first guess itself denies."""
-    start = graph.equations(np.ones(len(graph.witnesses))).first_state(T_enu_node[graph.nodes])
-    ends = [_graduated(graph, start), _alternated(graph, start)]
-    return ends[int(np.argmin([graph.truncated_cost(state) for _, state in ends]))]
-
-
-def _graduated(graph: _WitnessGraph, start: DriveState) -> tuple[FloatArray, DriveState]:
-    """Truncated least squares by graduated non-convexity (Yang et al. 2020, eqs. 12 to 14)."""
-    price = graph.witnesses.price
-    weight = np.ones(len(price))
-    state = graph.solve(weight, start, FIRST_SOLVES)
-    ratio = graph.distance2(state) / price
-    mu = 1.0 / max(2.0 * float(ratio.max()) - 1.0, 1.0)
-    for _ in range(STEPS):
-        low, high = mu / (mu + 1.0), (mu + 1.0) / mu
-        middle = np.sqrt(mu * (mu + 1.0) / np.maximum(ratio, 1e-12)) - mu
-        weight = np.where(ratio <= low, 1.0, np.where(ratio >= high, 0.0, middle))
-        if ((weight < 0.001) | (weight > 0.999)).all() and mu > 1.0:
-            break
-        state = graph.solve(weight, state, SOLVES)
-        ratio = graph.distance2(state) / price
-        mu *= GROWTH
-    return _settled(graph, state)
-
-
-def _alternated(graph: _WitnessGraph, start: DriveState) -> tuple[FloatArray, DriveState]:
-    """Leave out the half that the first guess fits worst, then what the others deny."""
-    ratio = graph.distance2(start) / graph.witnesses.price
-    weight = np.where(ratio <= max(1.0, float(np.median(ratio))), 1.0, 0.0)
-    return _settled(graph, graph.solve(weight, start, FIRST_SOLVES))
-
-
-def _settled(graph: _WitnessGraph, state: DriveState) -> tuple[FloatArray, DriveState]:
-    """Stretches worth their price and the poses that go with them, in turn, until neither changes."""
-    weight = np.where(graph.distance2(state) <= graph.witnesses.price, 1.0, 0.0)
-    for _ in range(ALTERNATIONS):
-        state = graph.solve(weight, state, FIRST_SOLVES)
-        again = np.where(graph.distance2(state) <= graph.witnesses.price, 1.0, 0.0)
-        if (again == weight).all():
-            break
-        weight = again
-    return weight, state
 
 
 def _shifted(witnesses: Witnesses, good: BoolArray, jump: BoolArray, offset: FloatArray) -> tuple[ShiftedFixes, ...]:
