@@ -84,19 +84,27 @@ def cases() -> list[Case]:
 def plain_cases() -> list[Case]:
     """Receivers that are as good as they say."""
     return [
-        Case("RTK", lambda seed: made_drive(city_way(60.0), Receiver(), seed)),
-        Case("RTK, straight at one speed", lambda seed: made_drive(straight_way(30.0), Receiver(), seed)),
-        Case("float", lambda seed: made_drive(city_way(60.0), Receiver(FixType.FLOAT), seed)),
-        Case("single point", lambda seed: made_drive(city_way(60.0), Receiver(FixType.SINGLE), seed)),
-        Case("RTK, outage of 30 s", lambda seed: made_drive(city_way(90.0), Receiver(outages=((30.0, 30.0),)), seed)),
+        _city_case("RTK", Receiver(), 60.0),
+        _straight_case("RTK, straight at 10 m/s", Receiver(), 10.0),
+        _city_case("float", Receiver(FixType.FLOAT), 60.0),
+        _city_case("single point", Receiver(FixType.SINGLE), 60.0),
+        _city_case("outage of 30 s", Receiver(outages=((30.0, 30.0),)), 90.0),
     ]
+
+
+def _city_case(name: str, receiver: Receiver, seconds: float) -> Case:
+    return Case(name, lambda seed: made_drive(city_way(seconds), receiver, seed))
+
+
+def _straight_case(name: str, receiver: Receiver, speed_m_s: float) -> Case:
+    return Case(name, lambda seed: made_drive(straight_way(30.0, speed_m_s), receiver, seed))
 
 
 def burst_case(size_m: float, length_s: float, wander_share: float) -> Case:
     """RTK with bursts over a fifth of a city drive of 100 s."""
     kind = "wandering" if wander_share else "constant"
     receiver = with_bursts(Receiver(), 100.0, size_m, length_s, wander_share)
-    return Case(f"bursts {size_m:g} m, {length_s:g} s, {kind}", lambda seed: made_drive(city_way(100.0), receiver, seed))
+    return _city_case(f"bursts {size_m:g} m, {length_s:g} s, {kind}", receiver, 100.0)
 
 
 def burst_cases() -> list[Case]:
@@ -109,9 +117,7 @@ def burst_cases() -> list[Case]:
     ]
     for size in (1.0, 3.0, 15.0):
         ramp = (GnssBurst(share=0.4, duration_s=20.0, size_m=size, wander_share=0.0, ramp_s=8.0),)
-        found.append(
-            Case(f"ramp to {size:g} m and back, 20 s", lambda s, r=ramp: made_drive(city_way(100.0), Receiver(bursts=r), s))
-        )
+        found.append(_city_case(f"ramp to {size:g} m and back, 20 s", Receiver(bursts=ramp), 100.0))
     return found
 
 
@@ -121,30 +127,20 @@ def receiver_cases() -> list[Case]:
         outages=((20.0, 15.0), (70.0, 15.0)),
         bursts=(GnssBurst(share=0.4, duration_s=8.0, size_m=8.0), GnssBurst(share=0.9, duration_s=8.0, size_m=15.0)),
     )
+    shifted, high = Receiver(shift_from=0.667, shift_enu_m=(1.2, -0.9, 0.0)), Receiver(shift_from=0.5, shift_enu_m=(0.0, 0.0, 13.0))
+    thrown = Receiver(FixType.FLOAT, shift_from=0.6, shift_enu_m=(70.0, 70.0, 0.0))
     return [
-        Case("clock 50 ms late, city", lambda seed: made_drive(city_way(60.0), Receiver(late_s=0.05), seed)),
-        Case("clock 50 ms late, straight at 15 m/s", lambda s: made_drive(straight_way(30.0, 15.0), Receiver(late_s=0.05), s)),
-        Case("clock 80 ms late, straight at 17 m/s", lambda s: made_drive(straight_way(30.0, 17.0), Receiver(late_s=0.08), s)),
-        Case("clock 80 ms late, city", lambda seed: made_drive(city_way(60.0), Receiver(late_s=0.08), seed)),
-        Case("lever arm not given, city", lambda seed: made_drive(city_way(60.0), Receiver(lever_given=False), seed)),
-        Case("lever arm not given, straight", lambda seed: made_drive(straight_way(30.0), Receiver(lever_given=False), seed)),
-        Case("1 km, two outages, bursts of 8 and 15 m", lambda seed: made_drive(city_way(110.0), km, seed)),
-        Case(
-            "RTK, last third shifted by 1.5 m",
-            lambda seed: made_drive(city_way(60.0), Receiver(shift_from=0.667, shift_enu_m=(1.2, -0.9, 0.0)), seed),
-        ),
-        Case(
-            "sigma 0.3 m, last 40 % shifted by 100 m",
-            lambda s: made_drive(city_way(60.0), Receiver(FixType.FLOAT, shift_from=0.6, shift_enu_m=(70.0, 70.0, 0.0)), s),
-        ),
-        Case(
-            "single point that claims 2 cm",
-            lambda seed: made_drive(city_way(60.0), Receiver(FixType.SINGLE, stated_ratio=0.0125), seed),
-        ),
-        Case(
-            "heights 13 m off for the last half",
-            lambda seed: made_drive(city_way(60.0), Receiver(shift_from=0.5, shift_enu_m=(0.0, 0.0, 13.0)), seed),
-        ),
+        _city_case("clock 50 ms late", Receiver(late_s=0.05), 60.0),
+        _city_case("clock 80 ms late", Receiver(late_s=0.08), 60.0),
+        _straight_case("clock 50 ms late, straight at 15 m/s", Receiver(late_s=0.05), 15.0),
+        _straight_case("clock 80 ms late, straight at 17 m/s", Receiver(late_s=0.08), 17.0),
+        _city_case("lever arm not given", Receiver(lever_given=False), 60.0),
+        _straight_case("lever arm not given, straight at 10 m/s", Receiver(lever_given=False), 10.0),
+        _city_case("1 km, two outages, bursts of 8 and 15 m", km, 110.0),
+        _city_case("last third shifted by 1.5 m", shifted, 60.0),
+        _city_case("float, last 40 % shifted by 100 m", thrown, 60.0),
+        _city_case("single point that claims 2 cm", Receiver(FixType.SINGLE, stated_ratio=0.0125), 60.0),
+        _city_case("heights 13 m off for the last half", high, 60.0),
     ]
 
 

@@ -1,8 +1,8 @@
 """Made drives with exact truth for the geo-reference: ways through a city, odometry and GNSS with modelled noise.
 
 The odometry errs as docs/decisions/0008 measured it: white noise that grows with the root of the road, and a scale that wanders
-(Ornstein-Uhlenbeck over SCALE_LENGTH_M). GNSS errs as the simulator's receiver does (`wayloom.simulation.sensors.gnss`): no parameter
-of the geo-reference is used to make a drive.
+(Ornstein-Uhlenbeck over SCALE_LENGTH_M). GNSS errs as the simulator's receiver does (`wayloom.simulation.sensors.gnss`): no
+parameter of the geo-reference is used to make a drive.
 """
 
 from dataclasses import dataclass, replace
@@ -150,10 +150,12 @@ def made_drive(T: FloatArray, receiver: Receiver, seed: int, scale_sigma: float 
     return MadeDrive(MadeLog(received(T, receiver, rng), lever), odometry_of(T_world_cam), T)
 
 
-def odometry_of(T_world_cam: FloatArray) -> OdometryResult:
-    """Poses (N, 4, 4) at RATE_HZ as an odometry's result without points."""
+def odometry_of(T_world_cam: FloatArray, t_s: FloatArray | None = None) -> OdometryResult:
+    """Poses (N, 4, 4) at t_s (N,), or from START_NS on at RATE_HZ, as an odometry's result without points."""
     n = len(T_world_cam)
-    t_ns = START_NS + np.rint(np.arange(n) * (1e9 / RATE_HZ)).astype(np.int64)
+    t_ns = (
+        START_NS + np.rint(np.arange(n) * (1e9 / RATE_HZ)).astype(np.int64) if t_s is None else np.rint(t_s * 1e9).astype(np.int64)
+    )
     frame, segment = np.arange(0, n, 3, dtype=np.int32), np.zeros(n, np.int32)
     keyframes = Keyframes(frame, T_world_cam[frame], np.zeros((len(frame), 4)), segment[frame])
     f, i, b = np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(0, bool)

@@ -1,8 +1,8 @@
 """Screening of GNSS fixes: how much they scatter, where they jump, and which stretches of them lie apart from the drive.
 
-GNSS errors come in stretches (a reflected signal, a wrong integer), not fix by fix; so fixes are judged by *stretches*, runs
-without a jump of at most STRETCH_S. Odometry is good to millimetres from fix to fix: a jump between two fixes that it does not
-show begins a new stretch.
+GNSS errors come in stretches (a reflected signal, a wrong integer), not fix by fix; so fixes are judged by *stretches*
+(`wayloom.mapping.fix_witnesses`), runs without a jump. Odometry is good to millimetres from fix to fix: a jump between two fixes
+that it does not show begins a new stretch.
 
 1. Scatter: the differences of neighbouring fixes against the odometry's say how much a receiver's fixes really scatter. Where that
    is more than white noise of the claimed covariance, the covariance is inflated by it (median: up to half of the fixes may be
@@ -10,11 +10,12 @@ show begins a new stretch.
 2. Jumps: differences beyond the gate of the noise so found cut the fixes into stretches, and each stretch into *witnesses*, the
    means of few fixes near its ends and of more inside: a jump is only seen where both sides are near by, as the odometry's scale
    may explain the same distance over a hundred metres.
-3. Stretches: truncated least squares with one weight a stretch, on a graph of the odometry with its slowly varying scale, the
-   receiver's time offset and lever arm, by graduated non-convexity (Yang et al., RA-L 2020). A stretch is left out for a price: the
-   quantile of chi-square of its witnesses, and PRICE_S for each second, so that of two parts that contradict each other the longer
-   is believed. It starts at the first guess; a second descent, which begins by leaving out what the guess itself denies, competes
-   with it, and the lower cost wins: the result is never worse than what the first guess says.
+3. Ramps: where fixes leave the odometry within a second without a jump, or by many, each of them stands alone, and neighbours that
+   all stand alone are one stretch.
+4. Stretches: truncated least squares with one weight a stretch, on a graph of the odometry with its slowly varying scale, the
+   receiver's time offset and lever arm (`wayloom.mapping.stretch_choice`). A stretch is left out for a price: the quantile of
+   chi-square of its witnesses, and PRICE_S for each second, so that of two parts that contradict each other the longer is believed.
+5. Where hardly any stretch agrees with the odometry, the receiver is wrong everywhere: `wayloom.mapping.heavy_tails`.
 """
 
 from dataclasses import dataclass, replace
@@ -43,7 +44,13 @@ HEADING_RAD = 0.03
 """What the first guess's heading may be off by when neighbouring fixes are compared."""
 JUMP_PROBABILITY = 1.0 - 1e-5
 """Quantile of chi-square of a difference beyond which it is a jump: a cut too many costs nothing."""
-MAJORITY = 0.4
+RAMP_S, RAMP_HEADING_RAD = 1.0, 0.01
+"""Over how long fixes may leave the odometry without a jump, and what the first guess's heading may be off by then."""
+GUARD_S = 0.5
+"""Fixes so near to such ones are judged with them."""
+RESTLESS_JUMPS = 3
+"""Jumps within RAMP_S from which on they are one error that changes, and no coming and going."""
+MAJORITY = 0.25
 """Share of the fixes' duration that must agree with the odometry for the others to be called bursts."""
 LEAST_DOUBT = 0.25
 """Share of the fixes' duration under which a part that lies apart at an end is no rival."""
@@ -68,6 +75,7 @@ def screen(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, no
     steps = _steps(chain, fixes, T_enu_node)
     fixes, ratios = _as_scattered(fixes, steps)
     jump = _jumps(fixes, steps)
+    jump |= _ramps(chain, fixes, jump, T_enu_node, noise)
     witnesses = witnesses_of(fixes, jump, T_enu_node, noise)
     graph = WitnessGraph(chain, witnesses, noise)
     choice = choose(graph, T_enu_node)
@@ -81,6 +89,32 @@ def screen(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, no
     shifted = _shifted(witnesses, good, jump, offset)
     T = _carried(chain, graph.nodes, state.T_enu_node)
     return Screening(fixes, inlier, ratios, shifted, T, state.receiver, _unconfirmed_m(witnesses, good, offset))
+
+
+def _ramps(chain: OdometryChain, fixes: AntennaFixes, jump: BoolArray, T_enu_node: FloatArray, noise: DriveNoise) -> BoolArray:
+    """(M,) whether a fix lies within GUARD_S of a time of RAMP_S in which the fixes leave the odometry without a jump or by
+    many. Each then stands alone, so that together they are judged as one."""
+    first, out = np.arange(len(fixes)), np.zeros(len(fixes), bool)
+    last = np.searchsorted(fixes.t_s, fixes.t_s + RAMP_S, side="right") - 1
+    so_far = np.cumsum(jump)
+    jumps: IntArray = so_far[last] - so_far
+    calm, restless = (jumps == 0) & (last > first), jumps >= RESTLESS_JUMPS
+    of_jumps = first[restless], last[restless]
+    first, last = first[calm], last[calm]
+    antenna = fixes.antenna_enu(T_enu_node, np.zeros(RECEIVER))
+    moved = antenna[last] - antenna[first]
+    step = fixes.position_enu[last] - fixes.position_enu[first] - moved
+    R = chain.T_world_node[fixes.node, :3, :3]
+    turned = np.linalg.norm(R[last] - R[first], axis=(1, 2)) / np.sqrt(2.0)
+    length = np.linalg.norm(moved, axis=1)
+    loose = (RAMP_HEADING_RAD * length) ** 2 + (turned * (noise.lever_m + noise.time_offset_s * length / RAMP_S)) ** 2
+    spread = fixes.covariance[first] + fixes.covariance[last] + loose[:, None, None] * np.eye(3)
+    far = np.einsum("ni,ni->n", step, np.linalg.solve(spread, step[:, :, None])[:, :, 0]) > chi2.ppf(JUMP_PROBABILITY, 3)
+    begin = np.searchsorted(fixes.t_s, fixes.t_s[np.concatenate([first[far], of_jumps[0]])] - GUARD_S)
+    end = np.searchsorted(fixes.t_s, fixes.t_s[np.concatenate([last[far], of_jumps[1]])] + GUARD_S, side="right")
+    for a, b in zip(begin.tolist(), end.tolist(), strict=True):
+        out[a:b] = True
+    return out
 
 
 def _of_heavy_tails(
@@ -166,14 +200,15 @@ def _unconfirmed_m(witnesses: Witnesses, good: BoolArray, offset: FloatArray) ->
     """How far the drive would lie elsewhere if the lesser part of its fixes were right, m, root of the expected square.
 
     Where good fixes stand on both sides of a shifted stretch, the place is confirmed: the shift came and went. Where the fixes
-    changed once and for all, the greater part is believed, but the lesser may be right in proportion to its duration.
+    changed once and for all, or more are left out than believed, the others may be right in proportion to their duration.
     """
-    rows = np.flatnonzero(good)
-    outside = np.ones(len(good), bool)
-    outside[rows[0] : rows[-1] + 1] = False
+    duration_s = witnesses.duration_s
+    rows, outside = np.flatnonzero(good), ~good
+    if duration_s[good].sum() > duration_s[~good].sum():
+        outside[rows[0] : rows[-1] + 1] = False
     if not outside.any():
         return 0.0
-    believed, lesser = float(witnesses.duration_s[good].sum()), float(witnesses.duration_s[outside].sum())
+    believed, lesser = float(duration_s[good].sum()), float(duration_s[outside].sum())
     share = lesser / max(believed + lesser, 1e-9)
     if share <= LEAST_DOUBT:
         return 0.0

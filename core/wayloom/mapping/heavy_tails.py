@@ -1,8 +1,8 @@
 """GNSS fixes whose errors have heavy tails: Student's t by expectation and maximisation (Lange, Little and Taylor, JASA 1989).
 
-Where most fixes contradict the odometry there are no bursts among good fixes: the receiver stands between houses, and its claims are
-wrong everywhere. Then no fix is left out. Each has a variance of its own about a common one that the residuals tell, so that the
-drive lies where fixes are dense, not at their mean.
+Where most fixes contradict the odometry there are no bursts among good fixes: the receiver stands between houses, and its claims
+are wrong everywhere. Then no fix is left out. Each has a variance of its own about a common one that the residuals tell, so that
+the drive lies where fixes are dense, not at their mean.
 
 With d_k^2 the squared residual in claimed sigmas and kappa^2 the common inflation,
     u_k = (nu + 3) / (nu + d_k^2 / kappa^2),    kappa^2 = mean(u_k d_k^2) / 3,

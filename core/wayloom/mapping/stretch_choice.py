@@ -7,6 +7,7 @@ The lowest cost wins: the result is never worse than what the first guess says.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +31,11 @@ NEIGHBOUR_ROUNDS, MOST_TURNS = 3, 4
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Which stretches are believed (B,), the state with them, its cost, and the other choices that were looked at."""
+    """Which stretches are believed (B,), the state with them, and its cost."""
 
     believed: BoolArray
     state: DriveState
     cost: float
-    rivals: tuple["Choice", ...] = ()
 
 
 class WitnessGraph:
@@ -65,8 +65,8 @@ class WitnessGraph:
         return self.witnesses.sums(of_witness)
 
     def cost(self, believed: BoolArray, at: DriveState) -> float:
-        """Half the squares of the stretches that are believed (B,), the price of the others and of every turn that no jump explains,
-        and what all else costs."""
+        """Half the squares of the stretches that are believed (B,), the price of the others, that of every turn which no jump
+        explains, and what all else costs."""
         distance2, importance = self.distance2(at), self.witnesses.importance
         others = self.equations(np.ones(len(believed))).cost(at) - 0.5 * float(importance @ distance2)
         turns = int((self.witnesses.cut[1:] & (believed[1:] != believed[:-1])).sum())
@@ -98,7 +98,7 @@ def choose(graph: WitnessGraph, T_enu_node: FloatArray) -> Choice:
         if cheapest is best:
             break
         best = cheapest
-    return replace(best, rivals=tuple(choice for choice in tried.values() if choice is not best))
+    return best
 
 
 def _neighbours(believed: BoolArray, cut: BoolArray) -> list[BoolArray]:
@@ -109,9 +109,7 @@ def _neighbours(believed: BoolArray, cut: BoolArray) -> list[BoolArray]:
     for turn in turns[:MOST_TURNS].tolist():
         k = int(np.searchsorted(edges, turn))
         runs = [slice(bounds[j], bounds[j + 1]) for j in range(max(k - 2, 0), min(k + 2, len(edges)))]
-        found += [_turned(believed, [run]) for run in runs] + [
-            _turned(believed, pair) for pair in zip(runs, runs[1:], strict=False)
-        ]
+        found += [_turned(believed, [run]) for run in runs] + [_turned(believed, pair) for pair in pairwise(runs)]
     return found
 
 
