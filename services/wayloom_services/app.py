@@ -14,6 +14,7 @@ from wayloom import __version__
 from wayloom.config.service import ServiceSettings
 from wayloom_services import drives, errors, events, health, maps, tus
 from wayloom_services.context import make_service
+from wayloom_services.drives import DriveId
 from wayloom_services.events import Feed
 from wayloom_services.limits import LimitBodies
 from wayloom_services.metrics import CountRequests
@@ -49,6 +50,10 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     @app.get("/", include_in_schema=False)
     async def dashboard() -> FileResponse:
         return FileResponse(STATIC / "index.html")
+
+    @app.get("/drives/{drive_id}", include_in_schema=False)
+    async def page_of_drive(drive_id: DriveId) -> FileResponse:
+        return FileResponse(STATIC / "drive.html")
 
     app.add_middleware(LimitBodies, settings=settings)
     app.add_middleware(SecurityHeaders)

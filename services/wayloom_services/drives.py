@@ -1,16 +1,18 @@
 """Drive endpoints: registration, listing, state, track, preview, retry, removal."""
 
+import json
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Query, Response
 
-from wayloom.store import drives, jobs, uploads
+from wayloom.geodesy.antimeridian import line_geometry
+from wayloom.store import drives, gate, jobs, uploads
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.manifest import Manifest
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem, ProtocolError
-from wayloom_services.schemas import DriveList, DriveOut, DriveState, Feature, MissingFile, Registration
+from wayloom_services.schemas import DriveList, DriveOut, DriveState, Feature, MissingFile, Registration, ReleaseIn
 from wayloom_services.views import drives_out
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {404: {"model": Problem}, 409: {"model": Problem}, 401: {"model": Problem}}
@@ -56,9 +58,9 @@ async def one(drive_id: DriveId, service: ServiceDep) -> DriveOut:
 
 @router.get("/{drive_id}/track")
 async def track(drive_id: DriveId, service: ServiceDep) -> Feature:
-    """Track of the drive as a GeoJSON LineString in WGS84; no geometry until the drive is geo-referenced."""
+    """Track of the drive as a GeoJSON LineString in WGS84, cut at the antimeridian; no geometry until it is geo-referenced."""
     drive = await service.read(lambda session: drives.get(session, drive_id))
-    geometry = {"type": "LineString", "coordinates": drive.track} if drive.track else None
+    geometry = line_geometry(drive.track) if drive.track else None
     return Feature(geometry=geometry, properties={"id": drive.id, "name": drive.name, "state": drive.state})
 
 
@@ -71,6 +73,38 @@ async def preview(drive_id: DriveId, service: ServiceDep) -> Response:
         raise ProtocolError(404, "not-found", f"drive {drive_id[:12]} has no picture yet: its submaps are not cut")
     content = await service.in_thread(lambda: service.blobs.get(digest))
     return Response(content, headers={"ETag": f'"{digest}"', "Cache-Control": "no-cache"}, media_type="image/png")
+
+
+@router.get("/{drive_id}/quality")
+async def quality(drive_id: DriveId, service: ServiceDep) -> dict[str, Any]:
+    """Quality report of the drive: docs/formats.md, "Quality of a drive"; 404 until it is geo-referenced."""
+    report = await _quality(drive_id, service)
+    return {name: value for name, value in report.items() if name != "pictures"} | {"pictures": sorted(report["pictures"])}
+
+
+@router.get("/{drive_id}/quality/{picture}.svg", response_class=Response, responses={200: {"content": {"image/svg+xml": {}}}})
+async def quality_picture(
+    drive_id: DriveId, picture: Annotated[str, Path(pattern="^[a-z]{1,32}$")], service: ServiceDep
+) -> Response:
+    """A picture of the quality report, of those that it names; 404 where the drive has none of the kind."""
+    pictures = (await _quality(drive_id, service))["pictures"]
+    if picture not in pictures:
+        raise ProtocolError(404, "not-found", f"drive {drive_id[:12]} has no picture {picture!r}; it has {', '.join(pictures)}")
+    return Response(pictures[picture], headers={"Cache-Control": "no-cache"}, media_type="image/svg+xml")
+
+
+@router.post("/{drive_id}/release")
+async def release(drive_id: DriveId, release: ReleaseIn, service: ServiceDep) -> DriveOut:
+    """Merge a held or quarantined drive all the same; who said so and why is kept with it."""
+    await service.notify(await service.write(lambda session: gate.release(session, drive_id, release.by, release.why)))
+    return await one(drive_id, service)
+
+
+@router.delete("/{drive_id}/release")
+async def revoke(drive_id: DriveId, service: ServiceDep) -> DriveOut:
+    """Take the release back: the drive leaves the map with its next version."""
+    await service.notify(await service.write(lambda session: gate.revoke(session, drive_id)))
+    return await one(drive_id, service)
 
 
 @router.post("/{drive_id}/retry")
@@ -92,6 +126,15 @@ async def remove(drive_id: DriveId, service: ServiceDep) -> DriveOut:
     view = await one(drive_id, service)
     await service.notify(removal)
     return view
+
+
+async def _quality(drive_id: str, service: Service) -> dict[str, Any]:
+    drive = await service.read(lambda session: drives.get(session, drive_id))
+    digest = drive.facts.get("quality")
+    if digest is None:
+        raise ProtocolError(404, "not-found", f"drive {drive_id[:12]} has no quality report yet: it is not geo-referenced")
+    found: dict[str, Any] = json.loads(await service.in_thread(lambda: service.blobs.get(digest)))
+    return found
 
 
 def _check_size(service: Service, manifest: Manifest) -> None:

@@ -71,7 +71,9 @@ async def coverage(map_id: MapId, service: ServiceDep) -> FeatureCollection:
 async def submaps(
     map_id: MapId,
     service: ServiceDep,
-    bbox: Annotated[str | None, Query(description="west,south,east,north in degrees", max_length=120)] = None,
+    bbox: Annotated[
+        str | None, Query(description="west,south,east,north in degrees; west > east: across the antimeridian", max_length=120)
+    ] = None,
 ) -> SubmapList:
     """The submaps of the map, or those that touch the box."""
     box = None if bbox is None else _box(bbox)
@@ -148,9 +150,9 @@ def _box(text: str) -> maps.Box:
         west, south, east, north = (float(part) for part in text.split(","))
     except ValueError:
         raise ProtocolError(400, "bad-request", "bbox is west,south,east,north in degrees") from None
-    if not (-180 <= west <= east <= 180 and -90 <= south <= north <= 90):
-        raise ProtocolError(400, "bad-request", "bbox: west <= east within 180 degrees, south <= north within 90")
-    return west, south, east, north
+    if not (abs(west) <= 180 and abs(east) <= 180 and -90 <= south <= north <= 90):
+        raise ProtocolError(400, "bad-request", "bbox: west and east within 180 degrees, south <= north within 90")
+    return west, south, east if west <= east else east + 360.0, north
 
 
 def _square(z: int, x: int, y: int) -> dict[str, object]:

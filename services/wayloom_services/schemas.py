@@ -2,9 +2,11 @@
 
 from typing import Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
-DriveState = Literal["uploading", "queued", "running", "stitching", "done", "failed", "removing"]
+from wayloom.config.gate import Gate, Grade
+
+DriveState = Literal["uploading", "queued", "running", "stitching", "done", "held", "quarantined", "failed", "removing"]
 StageState = Literal["waiting", "queued", "running", "done", "failed"]
 
 
@@ -20,6 +22,31 @@ class StageOut(BaseModel):
     started_at: float | None
     finished_at: float | None
     seconds: float | None = Field(description="how long it took, or has run so far")
+
+
+class ReleaseOut(BaseModel):
+    """An operator's word that the drive is merged in spite of its grade."""
+
+    by: str
+    why: str
+    at: float
+
+
+class QualityOut(BaseModel):
+    """What the geo-reference says of the drive, and what the map does with it."""
+
+    grade: Grade | None = Field(description="A to E; None: the drive has no place on Earth")
+    reasons: list[str]
+    gate: Gate = Field(description="merge; hold: waits for an operator; quarantine: nothing but an operator's word merges it")
+    release: ReleaseOut | None
+
+
+class ReleaseIn(BaseModel):
+    """Who releases a drive, and why."""
+
+    model_config = ConfigDict(extra="forbid", str_strip_whitespace=True)
+    by: str = Field(min_length=1, max_length=128, pattern=r"^[^\x00]*$")
+    why: str = Field(min_length=1, max_length=2000, pattern=r"^[^\x00]*$")
 
 
 class DriveOut(BaseModel):
@@ -43,6 +70,7 @@ class DriveOut(BaseModel):
     received_files: int
     received_bytes: int
     placed: bool | None
+    quality: QualityOut | None = Field(description="None until the geo-reference is done")
     facts: dict[str, Any]
     created_at: float
     uploaded_at: float | None

@@ -8,8 +8,9 @@ from wayloom.config.stages import drive_stages, map_stages
 from wayloom.store import drives
 from wayloom.store.database import Session
 from wayloom.store.drives import Received
+from wayloom.store.gate import STATE_OUTSIDE, passes
 from wayloom.store.tables import Drive, Job, MapVersion, SubmapRow
-from wayloom_services.schemas import DriveOut, StageOut, SubmapOut, VersionOut
+from wayloom_services.schemas import DriveOut, QualityOut, ReleaseOut, StageOut, SubmapOut, VersionOut
 
 
 def drives_out(session: Session, rows: Sequence[Drive]) -> list[DriveOut]:
@@ -28,12 +29,33 @@ def drive_out(drive: Drive, jobs: Sequence[Job], received: Received, usual: Mapp
     return DriveOut(
         id=drive.id, name=drive.name, vehicle_id=drive.vehicle_id, map_id=drive.map_id, state=drive.state,
         error=drive.error,
-        note="not geo-referenced: no place in the map" if drive.placed is False else None,
-        stage=None if current is None or drive.state in ("done", "uploading", "removing") else current.stage,
+        note=_note(drive), quality=_quality(drive),
+        stage=None if current is None or drive.state in (*STATE_OUTSIDE.values(), "uploading", "removing") else current.stage,
         progress=_share_done(drive, stages, received), eta_s=_eta(drive, stages, usual), stages=stages, files=drive.file_count,
         bytes=drive.byte_count, received_files=received.files, received_bytes=received.bytes, placed=drive.placed,
         facts=drive.facts, created_at=drive.created_at, uploaded_at=drive.uploaded_at, finished_at=drive.finished_at,
     )  # fmt: skip
+
+
+def _quality(drive: Drive) -> QualityOut | None:
+    """The verdict of the gate, and its release."""
+    if drive.gate is None:
+        return None
+    released = (drive.released_by, drive.released_why, drive.released_at)
+    release = None if None in released else ReleaseOut(by=released[0], why=released[1], at=released[2])
+    return QualityOut(grade=drive.grade, reasons=drive.reasons or [], gate=drive.gate, release=release)
+
+
+def _note(drive: Drive) -> str | None:
+    """A few words on why a drive is not in the map, or is there in spite of its grade."""
+    if drive.gate in (None, "merge"):
+        return "not geo-referenced: no place in the map" if drive.placed is False else None
+    if drive.released_at is not None:
+        return f"grade {drive.grade}, released by {drive.released_by}: {drive.released_why}"
+    why = "; ".join(drive.reasons or ())
+    if drive.placed is False:
+        return f"held: not geo-referenced, no place in the map: {why}"
+    return f"{STATE_OUTSIDE[drive.gate or 'hold']}: grade {drive.grade}: {why}"
 
 
 def version_out(row: MapVersion) -> VersionOut:
@@ -56,7 +78,11 @@ def submap_out(row: SubmapRow) -> SubmapOut:
 def _stages(drive: Drive, jobs: Sequence[Job], now: float) -> list[StageOut]:
     """Every stage that the drive will have, those without a row yet as waiting."""
     found = {job.stage: job for job in jobs}
-    names = drive_stages() if drive.placed is False else (*drive_stages(), *map_stages())
+    names = (
+        drive_stages()
+        if drive.placed is False or (drive.gate is not None and not passes(drive))
+        else (*drive_stages(), *map_stages())
+    )
     return [_stage(found[name], now) if name in found else _waiting(name) for name in names]
 
 

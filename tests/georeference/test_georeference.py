@@ -141,12 +141,15 @@ def test_poses_that_are_not_finite_are_refused_by_frame():
         georeference(drive.log, drive.odometry)
 
 
-def test_without_gnss_the_map_is_in_the_drives_own_frame_and_says_so():
+def test_without_gnss_the_map_is_in_the_drives_own_level_frame_and_says_so():
     drive = made_drive()
     geo = georeference(dataclasses.replace(drive.log, gnss=None), drive.odometry)
     assert geo.frame is None
-    assert np.array_equal(geo.T_enu_cam, drive.odometry.trajectory.T_world_cam)
-    assert np.isnan(geo.covariance).all()
+    T_own_world = geo.T_enu_cam @ se3.inverse(drive.odometry.trajectory.T_world_cam)
+    assert np.allclose(T_own_world, T_own_world[0], atol=1e-3)
+    assert np.abs(geo.T_enu_cam[0, :3, 3]).max() < 1e-6
+    assert abs(geo.T_enu_cam[0, 0, 2]) < 1e-3
+    assert np.degrees(np.arccos(-geo.T_enu_cam[:, 2, 1].mean())) < 3.0
     assert geo.report["messages"] == ["no GNSS: map in the drive's own frame"]
 
 

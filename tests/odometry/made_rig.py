@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from made_street import PLANES, TEXELS_PER_M, TEXTURES, MadeLog, bilinear, render
 
+from odometry.made_street import PLANES, TEXELS_PER_M, TEXTURES, MadeLog, bilinear, render
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import IDENTITY, RightLens, at_infinity
 from wayloom.logs.types import StereoFrame

@@ -76,7 +76,8 @@ def test_an_added_stage_runs_embedded_and_the_log_is_opened_once(clip_a, room, t
     settings = ProcessSettings(segmentation=SegmentationSettings(model=str(colour_network(tmp_path / "network"))))
     result = process_drive(log_path, out, settings, write_more=write_report)
     assert (len(opened), len(matched) + len(matched_first)) == (1, 1)
-    assert list(result.times) == ["ingest", "odometry", "count", "segmentation", "labelling", "georeference", "submaps"]
+    assert list(result.times) == list(stages.drive_stages())
+    assert "count" in result.times
     assert json.loads((out / "stages" / "count" / "count.json").read_text()) == {"files": 18, "earlier": ["ingest", "odometry"]}
     assert list(json.loads((out / "report.json").read_text())["stages"]) == list(result.times)
     again = process_drive(log_path, out, settings)

@@ -15,7 +15,7 @@ from wayloom.pipeline.code_version import PACKAGE, code_version, library_version
 READERS = {name: f"wayloom.logs.{name}" for name in ("kitti.kitti_odometry", "kitti.kitti_raw", "kitti.kitti_360", "ros2.mcap_log")}
 ROOTS = {stage.name: str(stage.room) for stage in STAGES} | READERS
 BEHIND = {"georeference", "submaps"}
-TRACKED = {"odometry", "segmentation", "labelling", *BEHIND}
+TRACKED = {"odometry", "segmentation", "labelling", "places", *BEHIND}
 ALL_READERS = set(READERS)
 READER_ROOMS = ("wayloom.logs.kitti", "wayloom.logs.ros2")
 
@@ -56,11 +56,11 @@ def digests(package: Path) -> dict[str, str]:
     ("file", "expected"),
     [
         ("errors.py", {*ROOTS}),
-        ("config/classes.py", {"segmentation", "labelling", "submaps"}),
-        ("config/settings.py", {"odometry", "segmentation", "labelling", "georeference", "submaps", *ALL_READERS}),
+        ("config/classes.py", {"segmentation", "labelling", "places", "submaps"}),
+        ("config/settings.py", {"odometry", "segmentation", "labelling", "places", "georeference", "submaps", *ALL_READERS}),
         ("config/stages.py", set()),
         ("config/service.py", set()),
-        ("geometry/se3.py", {"ingest", "odometry", "labelling", *BEHIND, *ALL_READERS}),
+        ("geometry/se3.py", {"ingest", "odometry", "labelling", "places", *BEHIND, *ALL_READERS}),
         ("geodesy/wgs84.py", {"ingest", *BEHIND, *ALL_READERS}),
         ("files/ply.py", {"kitti.kitti_360"}),
         ("logs/inspection.py", {"ingest"}),
@@ -74,15 +74,16 @@ def digests(package: Path) -> dict[str, str]:
         ("odometry/kernels/tracking.py", {"odometry"}),
         ("odometry/result/odometry_file.py", TRACKED),
         ("calibration/learn.py", {"odometry"}),
-        ("segmentation/scores.py", {"segmentation", "labelling"}),
+        ("segmentation/scores.py", {"segmentation", "labelling", "places"}),
         ("segmentation/network.py", {"segmentation"}),
         ("segmentation/download.py", set()),
         ("labelling/kernels/voting.py", {"labelling"}),
-        ("labelling/files.py", {"labelling", "submaps"}),
+        ("labelling/files.py", {"labelling", "places", "submaps"}),
+        ("places/features.py", {"places"}),
         ("mapping/drive_graph.py", {"georeference"}),
         ("georeference/rigid.py", {"georeference", "submaps"}),
         ("georeference/alignment.py", {"georeference"}),
-        ("submaps/blob.py", {"submaps"}),
+        ("files/blob.py", {"places", "submaps"}),
         ("tiles/preview.py", {"submaps"}),
         ("tiles/pyramid.py", set()),
         ("stitching/merge.py", set()),

@@ -88,5 +88,5 @@ def test_the_plane_of_a_drive_of_its_own_looks_ahead(tmp_path):
     track = se3.transform(T_plane_enu(result.geo), result.geo.T_enu_cam[:, :3, 3])
     assert track[-1, 1] > 55
     assert track[-1, 0] > 5
-    np.testing.assert_allclose(track[:, 2], 0.0, atol=1e-9)
+    assert np.abs(track[:, 2]).max() < 0.1  # level is what the cameras are in the mean
     assert axis_labels(result.geo) == ("right of the start", "ahead of the start")

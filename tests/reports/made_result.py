@@ -18,8 +18,10 @@ from wayloom.logs.kitti.kitti_odometry_writer import KittiOdometryWriter
 from wayloom.logs.registry import open_log
 from wayloom.logs.sidecars.oxts_writer import OxtsPacket
 from wayloom.logs.types import FixType, StereoFrame
+from wayloom.loops.types import LoopClosures
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 from wayloom.pipeline.drive import DriveResult, StageTime
+from wayloom.pipeline.drive_quality import drive_quality
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.submaps.split import make_submaps
 
@@ -102,7 +104,13 @@ def write_label_images(folder: Path, frames: np.ndarray) -> KeyframeLabels:
 
 
 def made_result(
-    folder: Path, *, gnss: bool = True, truth: bool = True, lost: tuple[int, ...] = (), name: str = "made"
+    folder: Path,
+    *,
+    gnss: bool = True,
+    truth: bool = True,
+    lost: tuple[int, ...] = (),
+    name: str = "made",
+    loops: LoopClosures | None = None,
 ) -> DriveResult:
     T = made_path()
     write_log(folder / name, T, gnss=gnss, truth=truth)
@@ -111,6 +119,7 @@ def made_result(
     drift[:, :3, 3] *= 1.01
     odometry = made_odometry(drift, lost)
     labels, geo = made_labels(), georeference(log, odometry)
+    quality = drive_quality(odometry, geo, loops)
     return DriveResult(
         log=log,
         log_facts={"name": log.name, "log": inspect_log(log).model_dump(mode="json")},
@@ -120,6 +129,7 @@ def made_result(
         labels=labels,
         geo=geo,
         submaps=make_submaps(log, odometry, labels, geo),
+        quality=quality,
         times={stage: StageTime(1.5 * i + 0.1, stage == "ingest") for i, stage in enumerate(drive_stages())},
     )
 

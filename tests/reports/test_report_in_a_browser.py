@@ -48,7 +48,7 @@ def test_the_report_shows_everything_without_network_or_scripts(browser, page_fi
     assert [url for url in asked if not url.startswith(("data:", "file:"))] == []
     assert complaints == []
     assert page.evaluate("[...document.images].every(image => image.complete && image.naturalWidth > 0)")
-    assert page.locator("svg").count() == 2
+    assert page.locator("svg").count() == 4
     assert page.locator("svg").first.bounding_box()["height"] > 100
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     context.close()

@@ -1,6 +1,7 @@
 """Real but small stages for the tests of the service: they take a moment, leave files, and write down that they ran.
 
-The drive says what shall happen: its `log/play.json` names for each stage its `seconds`, `fail` (how many attempts), or `bad`.
+The drive says what shall happen: its `log/play.json` names for each stage its `seconds`, `fail` (how many attempts), or `bad`;
+for the drive its `grade` (A), or `placed` false. A map job waits as long as there is a file `stitch-waits` in the data folder.
 """
 
 import json
@@ -10,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from wayloom.config.gate import gate_of
 from wayloom.config.stages import REMOVAL
 from wayloom.errors import LogError
-from wayloom.store import drives, maps
+from wayloom.store import drives, gate, maps
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.tables import SubmapRow
@@ -23,6 +25,10 @@ from wayloom_workers.stage_hooks import StageAttempt, StageHooks, keyed_by_input
 
 LON, LAT = 8.4, 49.01
 RUNS = "runs.txt"
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="80" height="40"><rect width="80" height="40" style="fill: #1264a3"/></svg>'
+QUALITY = json.dumps(
+    {"fixes": None, "bursts": [], "receiver": None, "scale": None, "drift": None, "loops": None, "pictures": {"track": SVG}}
+).encode()
 
 
 def note(attempt: StageAttempt, what: str) -> None:
@@ -51,14 +57,25 @@ def run(attempt: StageAttempt) -> None:
     note(attempt, "end")
 
 
+def judge(session: Session, attempt: StageAttempt) -> list[JobMessage]:
+    """The grade that the drive asks for, and a quality report with one picture."""
+    drive = drives.get(session, str(attempt.claim.drive_id))
+    play = json.loads((Path(str(attempt.log_path)) / "play.json").read_text())
+    drive.placed = play.get("placed", True)
+    grade = play.get("grade", "A") if drive.placed else None
+    reasons = ["sigma of the position 2.00 m in the median"] if drive.placed else ["no GNSS"]
+    gate.judge(session, drive.id, grade, reasons, gate_of(grade, attempt.context.settings.gate))
+    drive.facts = {**drive.facts, "quality": attempt.context.blobs.put(QUALITY)}
+    return []
+
+
 def place(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     """One submap of 100 m beside the others."""
     drive = drives.get(session, str(attempt.claim.drive_id))
     play = json.loads((Path(str(attempt.log_path)) / "play.json").read_text())
     if play.get("placed") is False:
-        drive.placed = False
         return []
-    drive.placed, drive.track = True, [[LON, LAT, 100.0], [LON + 0.001, LAT + 0.0005, 100.0]]
+    drive.track = [[LON, LAT, 100.0], [LON + 0.001, LAT + 0.0005, 100.0]]
     place_row(session, drive.id, drive.map_id)
     return []
 
@@ -78,6 +95,8 @@ def stitch(attempt: StageAttempt) -> None:
     note(attempt, "start")
     with attempt.context.database.read() as session:
         rows = maps.submaps(session, str(attempt.claim.map_id))
+    while (attempt.context.folders.root / "stitch-waits").exists():
+        time.sleep(0.02)
     rgba = np.zeros((256, 256, 4), np.uint8)
     rgba[64:192, 32:224] = (128, 64 + 10 * len(rows), 128, 255)
     content = png_bytes(rgba)
@@ -102,6 +121,7 @@ def tile(zoom: int, digest: str, size: int) -> dict[str, object]:
 
 
 _HOOKS = {
+    "georeference": StageHooks(keyed_by_inputs(run), record=judge),
     "submaps": StageHooks(keyed_by_inputs(run), record=place),
     "stitch": StageHooks(keyed_by_inputs(stitch), record=request_publish),
     "publish": StageHooks(keyed_by_inputs(tidy), record=publish),
@@ -124,12 +144,15 @@ def place_easily(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     """As `place`, whatever the log is."""
     drive = drives.get(session, str(attempt.claim.drive_id))
     drive.placed = True
+    gate.judge(session, drive.id, "A", [], "merge")
     place_row(session, drive.id, drive.map_id)
     return []
 
 
 def easy_hooks(stage: str) -> StageHooks:
     """As `hooks`, for real logs."""
+    if stage == "georeference":
+        return StageHooks(keyed_by_inputs(easy))
     if stage == "submaps":
         return StageHooks(keyed_by_inputs(easy), record=place_easily)
     return _HOOKS.get(stage) or StageHooks(keyed_by_inputs(easy))

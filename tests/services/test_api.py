@@ -11,7 +11,7 @@ import pytest
 
 from service_kit.running import ApiAlone
 from service_kit.tus import CHUNK, V, checksum, create, head, register
-from wayloom.store import drives, maps
+from wayloom.store import drives, gate, maps
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.manifest import Manifest
@@ -190,6 +190,7 @@ def test_submaps_of_a_box_and_their_bytes(http: httpx2.Client, api_process: ApiA
             T_enu_submap=np.eye(4).tolist(), covariance=np.eye(6).tolist(), min_lon=8.0, min_lat=49.0, max_lon=8.1, max_lat=49.1,
         )  # fmt: skip
         maps.place_submaps(session, drive, [row])
+        gate.judge(session, drive, "A", [], "merge")
         drives.get(session, drive).track = [[8.0, 49.0, 1.0], [8.1, 49.1, 1.0]]
     database.close()
     (found,) = http.get("/v1/maps/city/submaps?bbox=8.05,49.05,9,50").json()["submaps"]
@@ -200,7 +201,7 @@ def test_submaps_of_a_box_and_their_bytes(http: httpx2.Client, api_process: ApiA
     assert http.get(f"/v1/drives/{drive}/track").json()["geometry"] == line
 
 
-@pytest.mark.parametrize("box", ["", "1,2,3", "a,b,c,d", "9,49,8,50", "8,50,9,49", "-999,0,999,1", "nan,0,1,1"])
+@pytest.mark.parametrize("box", ["", "1,2,3", "a,b,c,d", "8,50,9,49", "8,49,190,50", "-999,0,999,1", "nan,0,1,1"])
 def test_a_box_that_is_none_is_refused(http: httpx2.Client, box: str) -> None:
     assert http.get("/v1/maps/city/submaps", params={"bbox": box}).status_code == 400
 

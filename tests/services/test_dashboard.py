@@ -78,6 +78,34 @@ def test_the_dashboard_shows_map_and_drives_and_follows_them(browser: Any, tmp_p
 
 
 @pytest.mark.browser
+def test_the_page_of_a_held_drive_tells_why_and_an_operator_releases_it_there(browser: Any, tmp_path: Path) -> None:
+    with service(tmp_path / "data") as up:
+        api, url = up.api(), up.url
+        held = upload(api, packed_drive(tmp_path / "a", "narrow street", {"grade": "D"}))["id"]
+        wait_for_drive(api, held)
+        page = browser.new_page(viewport={"width": 1000, "height": 900})
+        said: list[str] = []
+        page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.goto(url)
+        page.wait_for_selector(f"[data-id='{held}'][data-state=held]")
+        assert "grade D: sigma of the position 2.00 m" in page.inner_text(f"[data-id='{held}'] .words")
+        assert page.inner_text(f"[data-id='{held}'] .grade") == "D"
+        page.click(f"[data-id='{held}'] .report")
+        page.wait_for_selector("img.plot")
+        until(lambda: page.evaluate("document.querySelector('img.plot').naturalWidth") == 80)
+        assert page.inner_text("#verdict") == "Grade D, held: it waits for an operator"
+        page.fill("#by", "Ada")
+        page.fill("#why", "checked against the plan")
+        page.click("#ask-release button")
+        until(lambda: page.is_visible("#revoke"))
+        assert "Released by Ada" in page.inner_text("#release")
+        assert wait_for_drive(api, held)["state"] == "done"
+        assert said == []
+        page.close()
+
+
+@pytest.mark.browser
 def test_the_dashboard_asks_for_the_key_where_the_server_wants_one(browser: Any, tmp_path: Path) -> None:
     key = "correct horse battery"
     with service(tmp_path / "data", WAYLOOM_API_KEY=key) as up:

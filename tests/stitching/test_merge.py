@@ -155,8 +155,8 @@ def test_drives_without_gnss_are_merged_alone():
 
 def test_a_submap_beyond_the_grid_is_refused():
     item = random_submap(0)
-    item.T_enu_submap[0, 3] = 200_000.0
-    with pytest.raises(StageError, match="200 km from its frame's origin"):
+    item.T_enu_submap[0, 3] = 210_000.0
+    with pytest.raises(StageError, match="210 km from its frame's origin"):
         merge([item])
 
 
@@ -166,7 +166,7 @@ def test_nothing_merges_to_nothing():
 
 def test_packed_keys_sort_as_the_keys_do_and_come_back():
     rng = np.random.default_rng(0)
-    keys = rng.integers(-(2**20), 2**20, (1000, 3))
+    keys = rng.integers(-(2**18), 2**18, (1000, 3)) * [8, 8, 1]
     packed = pack(keys)
     assert np.array_equal(unpack(packed), keys)
     assert np.array_equal(np.argsort(packed), np.lexsort((keys[:, 2], keys[:, 1], keys[:, 0])))

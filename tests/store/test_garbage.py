@@ -46,17 +46,18 @@ def test_a_tile_lives_as_long_as_a_version_that_shows_it(database: Database, blo
 
 def test_a_drives_submaps_and_picture_go_with_the_drive(database: Database, blobs: BlobStore) -> None:
     drive_id, submap, picture = new_drive(database), blobs.put(b"points"), blobs.put(b"picture")
+    quality = blobs.put(b"quality")
     with database.write() as session:
         row = SubmapRow(
             drive_id=drive_id, map_id="city", position=0, digest=submap, point_count=1, frame=[8.5, 49.5, 0.0],
             T_enu_submap=[], covariance=[], min_lon=8.0, min_lat=49.0, max_lon=8.1, max_lat=49.1,
         )  # fmt: skip
         maps.place_submaps(session, drive_id, [row])
-        drives.get(session, drive_id).facts = {"preview": picture, "log": {"frames": 3}}
+        drives.get(session, drive_id).facts = {"preview": picture, "quality": quality, "log": {"frames": 3}}
     assert drop_unused(database, blobs, list, grace_s=0.0) == 0
     with database.write() as session:
         drives.delete_rows(session, drive_id)
-    assert drop_unused(database, blobs, list, grace_s=0.0) == 2
+    assert drop_unused(database, blobs, list, grace_s=0.0) == 3
 
 
 def test_tiles_that_wait_for_their_publication_and_young_blobs_are_kept(database: Database, blobs: BlobStore) -> None:

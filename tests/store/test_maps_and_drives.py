@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wayloom.errors import ConflictError, NotFoundError
-from wayloom.store import drives, maps, uploads
+from wayloom.store import drives, gate, maps, uploads
 from wayloom.store.database import Database
 from wayloom.store.folders import Folders
 from wayloom.store.manifest import Manifest, ManifestFile
@@ -25,7 +25,9 @@ def manifest(name: str, count: int = 3) -> Manifest:
 
 def register(database: Database, name: str) -> str:
     with database.write() as session:
-        return drives.register(session, manifest(name), "city")[0].id
+        drive_id = drives.register(session, manifest(name), "city")[0].id
+        gate.judge(session, drive_id, "A", [], "merge")
+        return drive_id
 
 
 def version(*tiles: TileEntry, drives: tuple[str, ...] = ()) -> NewVersion:

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wayloom.config.gate import gate_of
 from wayloom.config.progress import silent
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame, map_frame_for
 from wayloom.pipeline.settings import WayloomSettings
-from wayloom.store import drives, maps
+from wayloom.store import drives, gate, maps
 from wayloom.store.jobs import Claim
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.migrate import upgrade
@@ -52,14 +53,15 @@ def placed(drive_id: str, seed: int, lat: float = LAT) -> PlacedSubmap:
     return PlacedSubmap(submap, T_enu_submap, np.eye(6) * 0.01, drive_id, frame)
 
 
-def add(context: WorkerContext, name: str, seed: int, lat: float = LAT) -> str:
-    """A drive with one placed submap."""
+def add(context: WorkerContext, name: str, seed: int, lat: float = LAT, grade: str = "A") -> str:
+    """A drive of a grade, with one placed submap."""
     with context.database.write() as session:
         manifest = Manifest(name=name, files=(ManifestFile(path="log/a", size=1, sha256="0" * 64),))
         drive_id = drives.register(session, manifest, "city")[0].id
         item = placed(drive_id, seed, lat)
         context.blobs.put(item.submap.encoded)
         maps.place_submaps(session, drive_id, [submap_row(drive_id, "city", 0, item)])
+        gate.judge(session, drive_id, grade, [], gate_of(grade))
     return drive_id
 
 
@@ -90,6 +92,18 @@ def test_a_map_from_which_a_drive_was_removed_is_the_map_without_it(context: Wor
     with context.database.write() as session:
         drives.request_removal(session, removed)
     assert stitched(context, tmp_path / "3") == without
+
+
+def test_a_map_without_the_held_and_the_quarantined_drives_is_the_map_of_the_others(context: WorkerContext, tmp_path: Path) -> None:
+    add(context, "a", 1)
+    alone = stitched(context, tmp_path / "1")
+    held, quarantined = add(context, "b", 2, grade="D"), add(context, "c", 3, lat=LAT + 3.0, grade="E")
+    assert stitched(context, tmp_path / "2") == alone
+    with context.database.write() as session:
+        gate.release(session, held, "Ada", "looked at it")
+    assert held in stitched(context, tmp_path / "3")["drives"]  # type: ignore[operator]
+    with context.database.read() as session:
+        assert drives.get(session, quarantined).gate == "quarantine"
 
 
 def test_drives_on_both_sides_of_a_degree_lie_side_by_side_in_one_frame(context: WorkerContext, tmp_path: Path) -> None:

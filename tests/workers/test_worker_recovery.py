@@ -196,7 +196,7 @@ def test_a_stage_that_fails_is_tried_again_and_then_given_up_with_its_reason(up:
 def test_a_drive_without_a_place_on_earth_ends_outside_of_the_map_and_says_so(up: Up, tmp_path: Path) -> None:
     api = up.api()
     drive = wait_for_drive(api, upload(api, packed_drive(tmp_path / "a", play={"placed": False}))["id"])
-    assert (drive["state"], drive["placed"]) == ("done", False)
+    assert (drive["state"], drive["placed"], drive["quality"]["gate"]) == ("held", False, "hold")
     assert "not geo-referenced" in drive["note"]
     assert drive["stages"][-1]["stage"] == "submaps"
 

@@ -1,13 +1,16 @@
-"""Completion of a drive: after its last stage it goes into the map, or, without a place on Earth, ends outside of it."""
+"""Completion of a drive: after its last stage it goes into the map, or, where the gate keeps it, ends outside of it."""
 
-from wayloom.store import drives, jobs, maps
+from wayloom.store import gate, jobs, maps
 from wayloom.store.database import Session, now_s
 from wayloom.store.jobs import JobMessage
 
 
 def complete_drive(session: Session, drive_id: str) -> list[JobMessage]:
-    """Have the map stitched with the drive's submaps; a drive without any is done."""
-    drive = drives.get(session, drive_id)
+    """Have the map stitched with the drive's submaps; a drive that does not pass waits outside, and the map never for it."""
+    drive = gate.lock(session, drive_id)
+    if not gate.passes(drive):
+        again = gate.leave_out(session, drive)
+        return [] if again is None else [again]
     if not maps.has_submaps(session, drive_id):
         drive.state, drive.finished_at = "done", now_s(session)
         return []

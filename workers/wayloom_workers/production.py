@@ -6,16 +6,20 @@ from typing import Any, Final
 
 import numpy as np
 
+from wayloom.config.gate import gate_of
 from wayloom.config.stages import REMOVAL
 from wayloom.geodesy import wgs84
+from wayloom.geodesy.antimeridian import box_of
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
+from wayloom.pipeline.drive_quality import QUALITY_FILE, read_quality
 from wayloom.pipeline.log_parts import LOG_FILE
 from wayloom.pipeline.log_source import LogSource
 from wayloom.pipeline.running import run_stage, stage_key
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stages.submaps import PREVIEW_FILE
-from wayloom.store import drives, maps
+from wayloom.reports.quality_plots import quality_pictures
+from wayloom.store import drives, gate, maps
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.tables import SubmapRow
@@ -64,8 +68,22 @@ def _record_track(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     if geo.frame is not None:
         rows = np.unique(np.linspace(0, len(geo.T_enu_cam) - 1, TRACK_POINTS).round().astype(int))
         lon_lat_height = wgs84.lonlatheight_from_enu(geo.T_enu_cam[rows, :3, 3], geo.frame)
-        drive.track = np.column_stack([lon_lat_height[:, :2].round(7), lon_lat_height[:, 2].round(2)]).tolist()
+        drive.track = np.column_stack([lon_lat_height[:, :2].round(9), lon_lat_height[:, 2].round(4)]).tolist()
+    quality = read_quality(attempt.out_dir / QUALITY_FILE)
+    verdict = gate_of(quality["grade"], attempt.context.settings.gate)
+    gate.judge(session, drive.id, quality["grade"], quality["reasons"], verdict)
+    drive.facts = {**drive.facts, "quality": hashlib.sha256(_quality(attempt)).hexdigest()}
     return []
+
+
+def _share_quality(attempt: StageAttempt) -> None:
+    attempt.context.blobs.put(_quality(attempt))
+
+
+def _quality(attempt: StageAttempt) -> bytes:
+    """The quality report with its pictures: one blob, so that the API needs nothing of the drive's folder."""
+    quality = read_quality(attempt.out_dir / QUALITY_FILE)
+    return json.dumps({**quality, "pictures": quality_pictures(quality)}, separators=(",", ":")).encode()
 
 
 def _finite(facts: dict[str, Any]) -> dict[str, Any]:
@@ -100,8 +118,7 @@ def submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) 
     assert placed.frame is not None
     covariance = np.where(np.isfinite(placed.covariance), placed.covariance, 0.0)
     corners = placed.points_enu() if len(placed.submap) else placed.track_enu()
-    lon_lat = wgs84.lonlatheight_from_enu(corners, placed.frame)[:, :2]
-    (west, south), (east, north) = lon_lat.min(axis=0).tolist(), lon_lat.max(axis=0).tolist()
+    west, south, east, north = box_of(wgs84.lonlatheight_from_enu(corners, placed.frame)[:, :2])
     return SubmapRow(
         drive_id=drive_id, map_id=map_id, position=position, digest=placed.submap.digest, point_count=len(placed.submap),
         frame=[placed.frame.lon_deg, placed.frame.lat_deg, placed.frame.height_m], T_enu_submap=placed.T_enu_submap.tolist(),
@@ -111,7 +128,7 @@ def submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) 
 
 _HOOKS: Final = {
     "ingest": StageHooks(_prepare, record=_record_log),
-    "georeference": StageHooks(_prepare, record=_record_track),
+    "georeference": StageHooks(_prepare, share=_share_quality, record=_record_track),
     "submaps": StageHooks(_prepare, share=_share_submaps, record=_record_submaps),
     "stitch": StageHooks(keyed_by_inputs(stitch), record=request_publish),
     "publish": StageHooks(keyed_by_inputs(tidy), record=publish),

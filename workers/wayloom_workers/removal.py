@@ -2,7 +2,7 @@
 
 import shutil
 
-from wayloom.store import drives, jobs, maps
+from wayloom.store import drives, gate, jobs, maps
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom_workers.stage_hooks import StageAttempt
@@ -20,9 +20,10 @@ def remove_files(attempt: StageAttempt) -> None:
 def remove_rows(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     """Forget the drive; where it was in the map, the map is stitched without it."""
     drive = drives.get(session, str(attempt.claim.drive_id))
-    map_id, was_placed = drive.map_id, drive.stitch_job_id is not None or maps.has_submaps(session, drive.id)
+    map_id = drive.map_id
+    was_merged = drive.stitch_job_id is not None or (gate.passes(drive) and maps.has_submaps(session, drive.id))
     drives.delete_rows(session, drive.id)
-    if not was_placed:
+    if not was_merged:
         return []
     job = jobs.request_stitch(session, map_id)
     return [JobMessage(job.id, job.queue)]

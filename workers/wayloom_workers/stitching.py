@@ -6,11 +6,13 @@ from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wayloom.geodesy import wgs84
+from wayloom.geodesy.antimeridian import rolled, union_of
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.uncertainty import moved_covariance
-from wayloom.stitching.merge import KEY_LIMIT, merge
+from wayloom.stitching.merge import KEY_LIMITS, merge
 from wayloom.store import maps
 from wayloom.store.maps import TileEntry
 from wayloom.store.tables import SubmapRow
@@ -19,8 +21,8 @@ from wayloom.tiles.pyramid import Track, build_tiles
 from wayloom_workers.publishing import TILES_FILE
 from wayloom_workers.stage_hooks import StageAttempt
 
-REACH: Final = 0.95 * KEY_LIMIT
-"""How far from its frame's origin a map goes, voxels: the grid's end (105 km at 0.1 m), less a margin for the submaps' own size."""
+MARGIN_M: Final = 500.0
+"""Of the submaps' own size: they are judged by the place of their origin, and reach 100 m of road and 60 m of sight from it."""
 
 
 def stitch(attempt: StageAttempt) -> None:
@@ -48,19 +50,19 @@ def _within_reach(attempt: StageAttempt, rows: Sequence[SubmapRow]) -> tuple[Map
     exactly: both frames are rigid.
     """
     settings = attempt.context.settings
-    origin, reach_m = settings.map_origin, REACH * settings.merge.voxel_m
+    origin, reach_m = settings.map_origin, KEY_LIMITS * settings.merge.voxel_m - MARGIN_M
     cells = {tuple(row.frame) for row in rows} if origin is None else {origin}
     reached = [(MapFrame(*cell), _reached(MapFrame(*cell), rows, reach_m)) for cell in sorted(cells)]
     return max(reached, key=lambda item: len(item[1]), default=(MapFrame(0.0, 0.0, 0.0), []))
 
 
-def _reached(frame: MapFrame, rows: Sequence[SubmapRow], reach_m: float) -> list[SubmapRow]:
-    """The submaps, each by the place of its origin, that lie within reach_m of the frame's origin along every axis."""
+def _reached(frame: MapFrame, rows: Sequence[SubmapRow], reach_m: NDArray[np.float64]) -> list[SubmapRow]:
+    """The submaps, each by the place of its origin, that lie within reach_m (3,) of the frame's origin along every axis."""
     if not rows:
         return []
     places = [(wgs84.T_enu_enu(frame, MapFrame(*row.frame)) @ np.array(row.T_enu_submap, np.float64))[:3, 3] for row in rows]
-    near = np.abs(np.array(places)).max(axis=1) < reach_m
-    return [row for row, is_near in zip(rows, near.tolist(), strict=True) if is_near]
+    near = np.flatnonzero((np.abs(np.array(places)) < reach_m).all(axis=1))
+    return [rows[i] for i in near.tolist()]
 
 
 def _tiles(attempt: StageAttempt, rows: Sequence[SubmapRow], frame: MapFrame) -> list[TileEntry]:
@@ -93,12 +95,8 @@ def _placed(
 
 
 def _bounds(rows: Sequence[SubmapRow]) -> maps.Box | None:
-    """The box around all submaps, degrees."""
+    """The box around all submaps, degrees; as in GeoJSON, across the antimeridian west is the greater."""
     if not rows:
         return None
-    return (
-        min(row.min_lon for row in rows),
-        min(row.min_lat for row in rows),
-        max(row.max_lon for row in rows),
-        max(row.max_lat for row in rows),
-    )
+    west, south, east, north = union_of([(row.min_lon, row.min_lat, row.max_lon, row.max_lat) for row in rows])
+    return west, south, rolled(east), north

@@ -7,9 +7,9 @@ loses nothing, to the bit. docs/calibration.md has the numbers.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from time import process_time
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,14 +69,53 @@ class SelfCalibration:
     rms_px: float
 
 
+@dataclass(frozen=True, slots=True)
+class DriveCalibration:
+    """What the whole drive is tracked with, whether as one piece or in parts.
+
+    lens        of the right camera
+    matches     (n, 4) of the first pairs (`frame_source.first_matches`), which the rows are fitted to; None: not yet looked for
+    bias_prior  of the settings, for this lens
+    report      JSON-ready, what goes into the odometry's report
+    seconds     that it took to learn the lens
+    """
+
+    lens: RightLens
+    matches: FloatArray | None
+    bias_prior: float
+    report: dict[str, Any] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    def settings(self, settings: OdometrySettings) -> OdometrySettings:
+        """Those that the drive is tracked with."""
+        return settings.model_copy(update={"bias_prior": self.bias_prior})
+
+    def complete(self, result: OdometryResult) -> OdometryResult:
+        """The result, its report with what was learnt before."""
+        result.report.update(self.report)
+        if self.report:
+            result.report["seconds"]["own lens"] = round(self.seconds, 4)
+        return result
+
+
 def track_calibrated(
     log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, threads: int = 1,
     lens: RightLens | None = None, observers: Sequence[Observer] = (), matches: FloatArray | None = None,
 ) -> OdometryResult:  # fmt: skip
     """As `wayloom.odometry.odometry.track`; without a lens (of a rig's file) the drive's own is learnt first, and told in the
     report. matches : of the first pairs, as of `frame_source.first_matches`, where the caller has them."""
+    known = calibrate_drive(log, settings, progress, lens, matches)
+    result = track(log, known.settings(settings), progress, threads, known.lens, observers, known.matches)
+    return known.complete(result)
+
+
+def calibrate_drive(
+    log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, lens: RightLens | None = None,
+    matches: FloatArray | None = None,
+) -> DriveCalibration:  # fmt: skip
+    """The lens that is known, or else the drive's own, where the settings want it. Arguments as of `track_calibrated`."""
     if lens is not None or not settings.self_calibration:
-        return track(log, settings, progress, threads, IDENTITY if lens is None else lens, observers, matches)
+        return DriveCalibration(IDENTITY if lens is None else lens, matches, settings.bias_prior)
     frame_source.check_rig(log)
     warm_up.compile_odometry(False, progress)
     start = process_time()
@@ -85,18 +124,15 @@ def track_calibrated(
         with frame_source.one_opencv_thread():
             matches = frame_source.first_matches(log, settings.row_frames)
     own = self_calibrated_lens(log, settings, matches)
-    seconds = process_time() - start
+    seconds, bias_prior = process_time() - start, settings.bias_prior
     if not own.lens.is_ideal:
-        known = (settings.grey_sigma / BIAS_SIGMA_PX) ** 2
-        settings = settings.model_copy(update={"bias_prior": max(settings.bias_prior, known)})
-    result = track(log, settings, progress, threads, own.lens, observers, matches)
-    result.report["self_calibration"] = {
+        bias_prior = max(bias_prior, (settings.grey_sigma / BIAS_SIGMA_PX) ** 2)
+    facts = {
         "used": not own.lens.is_ideal, "why": own.reason, "match_groups": own.groups,
         "chi_square": None if np.isnan(own.chi_square) else round(own.chi_square, 1),
         "moves_px": None if np.isnan(own.rms_px) else round(own.rms_px, 3),
     }  # fmt: skip
-    result.report["seconds"]["own lens"] = round(seconds, 4)
-    return result
+    return DriveCalibration(own.lens, matches, bias_prior, {"self_calibration": facts}, seconds)
 
 
 def self_calibrated_lens(

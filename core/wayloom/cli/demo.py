@@ -18,7 +18,8 @@ import typer
 
 from wayloom.cli.options import ConfigOption
 from wayloom.cli.progress_bars import ProgressBars
-from wayloom.cli.supervisor import compiling_kernels, ending_with_parent
+from wayloom.cli.supervisor import compiling_kernels
+from wayloom.config.child_processes import ending_with_parent
 from wayloom.errors import ConfigError, ServiceError, StageError
 
 if TYPE_CHECKING:
@@ -174,9 +175,9 @@ def write_map(api: "Api", drives: list[dict[str, Any]], path: Path) -> None:
     from wayloom.files.atomic import write_atomically
     from wayloom.reports.map_picture import map_picture
 
-    placed = [drive for drive in drives if drive["placed"]]
+    placed = [drive for drive in drives if drive["state"] == "done"]
     if not placed:
-        say("no drive has GNSS: each is mapped in its own frame, and none has a place on the map")
+        say(f"no drive is in the map; the first is {drives[0]['note']}")
         write_atomically(path, api.once("GET", f"/v1/drives/{drives[0]['id']}/preview.png").content)
         return
     version = api.json("GET", f"/v1/maps/{placed[0]['map_id']}")

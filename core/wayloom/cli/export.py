@@ -8,6 +8,7 @@ import typer
 from wayloom.errors import InputError, UnknownFormatError
 
 if TYPE_CHECKING:
+    from wayloom.geodesy.geoid import GeoidGrid
     from wayloom.stitching.voxel_map import VoxelMap
     from wayloom.submaps.submap import PlacedSubmap
 
@@ -19,17 +20,22 @@ def export_command(
     folders: Annotated[list[Path], typer.Argument(help="Folders of submaps, or folders that `wayloom process` wrote.")],
     out: Annotated[Path, typer.Option(help=f"File or folder to write: {KNOWN}.")],
     voxel: Annotated[float, typer.Option(min=0.01, max=10.0, help="Edge of a voxel of the merged map, m.")] = 0.1,
+    geoid: Annotated[Path | None, typer.Option(help="Geoid grid (.gtx, .tif): a LAZ states heights above it.")] = None,
 ) -> None:
     """Merge submaps into the static map, and write it as LAZ, PLY, a picture from above, or XYZ tiles."""
     if out.suffix not in ("", ".laz", ".ply", ".png"):
         raise UnknownFormatError(f"{out.suffix} is no format that is written", file=out, remedy=f"known are {KNOWN}")
+    from wayloom.geodesy.geoid import GeoidGrid
     from wayloom.stitching.merge import merge
     from wayloom.stitching.settings import MergeSettings
     from wayloom.submaps.files import load_submaps
 
+    if geoid is not None and out.suffix != ".laz":
+        raise InputError("states no heights above a geoid", file=out, remedy="write a .laz, or leave --geoid away")
+    grid = None if geoid is None else GeoidGrid(geoid)
     placed = [item for folder in folders for item in load_submaps(submap_folder(folder))]
     voxel_map = merge(placed, MergeSettings(voxel_m=voxel))
-    written = _write(voxel_map, placed, out)
+    written = _write(voxel_map, placed, out, grid)
     typer.echo(f"{len(voxel_map)} voxels of {len(placed)} submaps and {len({p.drive_id for p in placed})} drives: {written}")
 
 
@@ -41,14 +47,14 @@ def submap_folder(folder: Path) -> Path:
     raise InputError("holds no submaps", file=folder, remedy="give the folder that `wayloom process` wrote")
 
 
-def _write(voxel_map: "VoxelMap", placed: list["PlacedSubmap"], out: Path) -> str:
+def _write(voxel_map: "VoxelMap", placed: list["PlacedSubmap"], out: Path, geoid: "GeoidGrid | None") -> str:
     """Write in the format that the suffix names; what was written, in words."""
     from wayloom.tiles import exports
     from wayloom.tiles.pyramid import tracks_of
 
     points, labels, frame = voxel_map.points_enu, voxel_map.label, voxel_map.frame
     if out.suffix == ".laz":
-        exports.export_laz(out, points, labels, frame)
+        exports.export_laz(out, points, labels, frame, geoid)
     elif out.suffix == ".ply":
         exports.export_ply(out, points, labels, frame)
     elif out.suffix == ".png":

@@ -25,6 +25,7 @@ def process_command(
     origin: Annotated[
         str | None, typer.Option(metavar="LON,LAT,H", help="Origin of the map frame; default the centre of the degree cell.")
     ] = None,
+    geoid: Annotated[Path | None, typer.Option(help="Geoid grid (.gtx, .tif): cloud.laz states heights above it.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
     config: ConfigOption = None,
 ) -> None:
@@ -39,6 +40,7 @@ def process_command(
     given = (
         Option("--model", "segmentation.model", model), Option("--threads", "threads", threads),
         Option("--origin", "map_origin", origin), Option("--rig", "rig", rig),
+        Option("--geoid", "geoid", geoid),
     )  # fmt: skip
     loaded = load_settings(config, *given, threads=default_threads())
     check_usable(loaded)

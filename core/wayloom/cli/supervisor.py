@@ -1,18 +1,17 @@
 """Child processes that are kept running, and none of which outlives the one that started them."""
 
 import contextlib
-import ctypes
-import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 from wayloom.config.backoff import Backoff
+from wayloom.config.child_processes import ending_with_parent
 
 STOP_GRACE_S: Final = 8.0
 RESTARTS: Final = Backoff(first_s=0.5, longest_s=15.0)
@@ -112,17 +111,3 @@ def compiling_kernels() -> Iterator[None]:
     finally:
         child.kill()
         child.wait()
-
-
-def ending_with_parent(number: signal.Signals) -> Callable[[], None] | None:
-    """What a child does first: ask Linux to send it a signal when this process ends, even by kill -9. (Elsewhere None: nothing.)"""
-    if sys.platform != "linux":
-        return None
-    parent, prctl = os.getpid(), ctypes.CDLL(None).prctl
-
-    def ask() -> None:
-        prctl(1, number)  # PR_SET_PDEATHSIG
-        if os.getppid() != parent:  # it ended before we asked
-            os._exit(1)
-
-    return ask

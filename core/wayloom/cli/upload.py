@@ -78,5 +78,7 @@ def follow(api: "Api", drive_id: str, bars: ProgressBars, before: set[str]) -> d
 
 def summary(drive: dict[str, Any]) -> str:
     """One line on a drive."""
-    words = {"done": "in the map", "failed": f"failed: {drive['error']}"}.get(drive["state"], drive["state"])
+    grade = (drive.get("quality") or {}).get("grade")
+    merged = f"in the map, grade {grade}" if grade else "in the map"
+    words = {"done": merged, "failed": f"failed: {drive['error']}"}.get(drive["state"], drive["state"])
     return f"{drive['name']} ({drive['id'][:12]}): {drive['note'] or words}"

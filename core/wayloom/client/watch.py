@@ -1,4 +1,4 @@
-"""Progress of a drive on the server, until it is in the map."""
+"""Progress of a drive on the server, until it is in the map or stays outside of it."""
 
 import time
 from collections.abc import Set
@@ -7,7 +7,7 @@ from typing import Any
 from wayloom.client.api import Api
 from wayloom.config.progress import NamedProgress, silent_for_each
 
-OVER = ("done", "failed")
+OVER = ("done", "held", "quarantined", "failed")
 
 
 def wait_for_drive(
@@ -17,7 +17,7 @@ def wait_for_drive(
     done_before: Set[str] = frozenset(),
     poll_s: float = 0.5,
 ) -> dict[str, Any]:
-    """Ask until the drive is done or has failed. Returns the last answer. Raises NotFoundError, ServiceError.
+    """Ask until the drive is done, held, quarantined or has failed. Returns the last answer. Raises NotFoundError, ServiceError.
 
     progress    : of each stage by its name
     done_before : stages that an earlier upload of the drive has been through, of which no time is told

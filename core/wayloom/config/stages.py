@@ -56,6 +56,10 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage("labelling", "odometry", inputs=("odometry", "segmentation"), settings=("labelling",), room=f"{_ROOMS}.labelling"),
     Stage(
+        "places", "odometry", inputs=("odometry", "segmentation", "labelling"), log_parts=("images",), settings=("places",),
+        room=f"{_ROOMS}.places",
+    ),
+    Stage(
         "georeference", "odometry", inputs=("odometry",), log_parts=("gnss",), settings=("georeference", "map_origin"),
         room=f"{_ROOMS}.georeference",
     ),

@@ -3,9 +3,10 @@
 import errno
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import IO, Final
 
 
 def _umask() -> int:
@@ -26,13 +27,23 @@ def write_atomically(file: Path, data: bytes | Iterable[bytes]) -> None:
 
     Raises OSError that names `file`.
     """
+    with replacing(file) as stream:
+        for part in (data,) if isinstance(data, bytes) else data:
+            stream.write(part)
+
+
+@contextmanager
+def replacing(file: Path) -> Iterator[IO[bytes]]:
+    """A stream under a temporary name beside `file`, which it replaces in one step when the block ends well; else it vanishes.
+
+    Missing parent folders are made. Raises OSError that names `file`.
+    """
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=UNFINISHED, dir=file.parent)
         try:
-            with os.fdopen(handle, "wb") as stream:
-                for part in (data,) if isinstance(data, bytes) else data:
-                    stream.write(part)
+            with os.fdopen(handle, "w+b") as stream:
+                yield stream
             os.chmod(name, 0o666 & ~UMASK)
             os.replace(name, file)
         except BaseException:

@@ -11,18 +11,22 @@ from numpy.typing import NDArray
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError
 from wayloom.geodesy import wgs84
+from wayloom.geodesy.antimeridian import median_place
 from wayloom.geodesy.map_frame import MapFrame, map_frame_for
 from wayloom.geometry import se3
-from wayloom.georeference.first_guess import guess_nodes
+from wayloom.georeference.closures import closure_links, closures_report
+from wayloom.georeference.first_guess import guess_nodes, level_world
 from wayloom.georeference.fixes import UsableFixes, usable_fixes
 from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
 from wayloom.georeference.report import PlacedDrive, georeference_report
 from wayloom.georeference.settings import GeoReferenceSettings
-from wayloom.georeference.types import GeoReference
+from wayloom.georeference.types import FixResiduals, GeoReference
 from wayloom.georeference.uncertainty import moved_covariance
 from wayloom.logs.types import DriveLog, GnssTrack
-from wayloom.mapping.drive_graph import optimise_drive
-from wayloom.mapping.drive_types import AntennaFixes, DriveNoise
+from wayloom.loops.types import LoopClosures, no_loops
+from wayloom.mapping.drive_graph import optimise_drive, optimise_without_fixes
+from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain
+from wayloom.mapping.evidence import Evidence
 from wayloom.odometry.types import OdometryResult, Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -35,11 +39,13 @@ def georeference(
     frame: MapFrame | None = None,
     settings: GeoReferenceSettings = GeoReferenceSettings(),
     progress: Progress = silent,
+    closures: LoopClosures | None = None,
 ) -> GeoReference:
     """T_enu_cam and its covariance for every frame of the log.
 
-    frame : the map's frame; None takes the one of the place (`map_frame_for`). Without a usable fix the result has no frame, and
-            its poses are the odometry's own.
+    frame : the map's frame; None takes the one of the place (`map_frame_for`). Without a usable fix the result has no frame: its
+            poses are in the drive's own (`wayloom.mapping.own_frame`), covariances relative to the first frame.
+    closures : loops between keyframes; None has none
     Raises StageError when nothing was tracked, a pose is not finite, or no place fits the fixes.
     """
     trajectory = odometry.trajectory
@@ -48,21 +54,26 @@ def georeference(
     finite = np.isfinite(trajectory.T_world_cam).all(axis=(1, 2))
     if not finite.all():
         raise StageError(f"the odometry's pose of frame {int(np.argmin(finite))} is not finite: track the drive again")
+    nodes = choose_nodes(trajectory, odometry.keyframes.frame, settings.node_spacing_m)
+    road_m = travelled(trajectory)[nodes]
+    chain = odometry_chain(trajectory, nodes, settings.level_every_m)
+    evidence = Evidence(closure_links(closures or no_loops(), odometry.keyframes, nodes, chain))
     if log.gnss is None or len(log.gnss) == 0:
-        return _in_own_frame(trajectory, NO_GNSS, {})
+        return _in_own_frame(trajectory, nodes, chain, evidence, _noise(settings, log), NO_GNSS)
     progress(0.0, "choosing fixes")
     usable = usable_fixes(log.gnss, trajectory, settings.max_fix_rate_hz)
     if len(usable.rows) == 0:
-        return _in_own_frame(trajectory, f"none of {len(log.gnss)} GNSS fixes can be used; {NO_GNSS}", usable.unusable)
-    local = _frame_of_place(log.gnss.lon_lat_height[usable.rows])
-    nodes = choose_nodes(trajectory, odometry.keyframes.frame, settings.node_spacing_m)
-    chain = odometry_chain(trajectory, nodes, settings.level_every_m)
+        message = f"none of {len(log.gnss)} GNSS fixes can be used; {NO_GNSS}"
+        geo = _in_own_frame(trajectory, nodes, chain, evidence, _noise(settings, log), message)
+        geo.report["fixes"]["unusable"] = usable.unusable
+        return geo
+    local = median_place(log.gnss.lon_lat_height[usable.rows])
     fixes = _antenna_fixes(log, log.gnss, usable, trajectory, nodes, local, settings)
     progress(0.2, "first alignment")
     try:
-        guess = guess_nodes(chain.T_world_node, trajectory.segment[nodes], fixes, travelled(trajectory)[nodes], settings)
+        guess = guess_nodes(chain.T_world_node, trajectory.segment[nodes], fixes, road_m, settings)
         progress(0.3, "optimising")
-        solution = optimise_drive(chain, fixes, guess, _noise(settings, log))
+        solution = optimise_drive(chain, fixes, guess, _noise(settings, log), evidence)
     except np.linalg.LinAlgError:
         what = f"the {len(fixes)} GNSS fixes contradict each other and the odometry so much that no place fits them"
         raise StageError(f"{what}; look at them with `wayloom inspect`, or process the drive without GNSS") from None
@@ -73,19 +84,28 @@ def georeference(
     covariance = spread_covariances(len(trajectory), nodes, solution.covariance)
     placed = PlacedDrive(T_local_cam, covariance, trajectory)
     report = georeference_report(log.gnss, usable, fixes, solution, placed, settings)
+    report["loops"] = closures_report(evidence.loops, solution.closed, solution.T_enu_node, nodes)
     progress(1.0, "geo-referenced")
-    return GeoReference(target, T_target_local @ T_local_cam, moved_covariance(T_target_local, covariance), report)
+    sigma_enu = np.sqrt(np.diagonal(fixes.covariance, axis1=1, axis2=2))
+    residuals = FixResiduals(log.gnss.t_ns[usable.rows], solution.residual_enu, sigma_enu, solution.inlier)
+    return GeoReference(target, T_target_local @ T_local_cam, moved_covariance(T_target_local, covariance), report, residuals)
 
 
-def _in_own_frame(trajectory: Trajectory, message: str, unusable: dict[str, int]) -> GeoReference:
-    report: dict[str, Any] = {"geo_referenced": False, "messages": [message], "fixes": {"used": 0, "unusable": unusable}}
-    return GeoReference(None, trajectory.T_world_cam.copy(), np.full((len(trajectory), 6, 6), np.nan), report)
-
-
-def _frame_of_place(lon_lat_height: FloatArray) -> MapFrame:
-    """The tangent plane at the median fix: no outlier moves it far."""
-    lon, lat, height = np.median(lon_lat_height, axis=0).tolist()
-    return MapFrame(lon, lat, height)
+def _in_own_frame(
+    trajectory: Trajectory, nodes: NDArray[np.int64], chain: OdometryChain, evidence: Evidence, noise: DriveNoise, message: str
+) -> GeoReference:
+    """The drive by odometry, loops and gravity alone, level, its first frame at the origin."""
+    T_level_world = level_world(chain.T_world_node)
+    T_level_world[:3, 3] = -T_level_world[:3, :3] @ chain.T_world_node[0, :3, 3]
+    solution = optimise_without_fixes(chain, T_level_world @ chain.T_world_node, noise, evidence)
+    report: dict[str, Any] = {
+        "geo_referenced": False,
+        "messages": [message],
+        "fixes": {"used": 0, "unusable": {}},
+        "loops": closures_report(evidence.loops, solution.closed, solution.T_enu_node, nodes),
+    }
+    T = spread_poses(trajectory, nodes, solution.T_enu_node)
+    return GeoReference(None, T, spread_covariances(len(trajectory), nodes, solution.covariance), report)
 
 
 def _noise(settings: GeoReferenceSettings, log: DriveLog) -> DriveNoise:

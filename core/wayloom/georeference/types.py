@@ -12,16 +12,43 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
+class FixResiduals:
+    """Every fix that was looked at, against the result, in the tangent plane of the drive's own place.
+
+    t_ns          (M,) int64, increasing
+    residual_enu  (M, 3) m: fix minus antenna
+    sigma_enu     (M, 3) m, of the fix as the receiver states it
+    used          (M,) whether the place rests on it
+    """
+
+    t_ns: NDArray[np.int64]
+    residual_enu: FloatArray
+    sigma_enu: FloatArray
+    used: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+
+def no_residuals() -> FixResiduals:
+    """Those of a drive without usable fixes."""
+    return FixResiduals(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.bool_))
+
+
+@dataclass(frozen=True, slots=True)
 class GeoReference:
     """A drive in its map's frame, or, where it has no GNSS, in its own.
 
-    frame        the map frame, None without GNSS: then `enu` below is the drive's own world frame
+    frame        the map frame, None without GNSS: then `enu` below is the drive's own level frame, in which its first camera stands
+                 at the origin and looks along the second axis (`wayloom.mapping.own_frame`)
     T_enu_cam    (N, 4, 4) for every frame of the log
-    covariance   (N, 6, 6) of the left perturbation (v, omega) of T_enu_cam, m^2 and rad^2; NaN without GNSS
+    covariance   (N, 6, 6) of the left perturbation (v, omega) of T_enu_cam, m^2 and rad^2; without GNSS relative to the first
     report       JSON-ready facts: fixes used and rejected, residuals, honest sigma
+    fixes        residuals of the fixes, none without GNSS
     """
 
     frame: MapFrame | None
     T_enu_cam: FloatArray
     covariance: FloatArray
     report: dict[str, Any] = field(default_factory=dict)
+    fixes: FixResiduals = field(default_factory=no_residuals)

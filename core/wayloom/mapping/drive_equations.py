@@ -57,6 +57,40 @@ class FixTerms(Protocol):
     def cost(self, at: DriveState) -> float: ...
 
 
+class PoseTerms(Protocol):
+    """What else speaks of the poses T_enu_node (K, 4, 4), closures or gravity: nonlinear factors that stay, its own unknowns, which
+    live in gtsam's values, and factors and cost at a state."""
+
+    def constant(self) -> gtsam.NonlinearFactorGraph: ...
+
+    def start(self, values: gtsam.Values) -> None: ...
+
+    def factors(self, T_enu_node: FloatArray, values: gtsam.Values) -> gtsam.GaussianFactorGraph: ...
+
+    def cost(self, T_enu_node: FloatArray, values: gtsam.Values) -> float: ...
+
+
+@dataclass(frozen=True, slots=True)
+class NoFixes:
+    """A drive without GNSS."""
+
+    def constant(self) -> gtsam.NonlinearFactorGraph:
+        """Nothing."""
+        return gtsam.NonlinearFactorGraph()
+
+    def places(self, T_enu_node: FloatArray, receiver: FloatArray) -> FloatArray:
+        """(0, 3): none."""
+        return np.zeros((0, 3))
+
+    def factors(self, at: DriveState) -> gtsam.GaussianFactorGraph:
+        """Nothing."""
+        return gtsam.GaussianFactorGraph()
+
+    def cost(self, at: DriveState) -> float:
+        """None."""
+        return 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class CorrelatedFixes:
     """Fixes whose noise is correlated over time: `wayloom.mapping.gnss_factors`."""
@@ -117,13 +151,17 @@ def _half_square(covariance: FloatArray, errors: FloatArray) -> float:
 
 
 class DriveEquations:
-    """What the unknowns must agree with: gravity and gauge, the odometry's links, the receiver's prior and the fixes."""
+    """What the unknowns must agree with: level and gauge, the odometry's links, the receiver's prior, the fixes and other terms."""
 
-    def __init__(self, chain: OdometryChain, links: OdometryLinks, fixes: FixTerms, noise: DriveNoise) -> None:
-        self.links, self.fixes, self.noise = links, fixes, noise
+    def __init__(
+        self, chain: OdometryChain, links: OdometryLinks, fixes: FixTerms, noise: DriveNoise, terms: tuple[PoseTerms, ...] = ()
+    ) -> None:
+        self.links, self.fixes, self.noise, self.terms = links, fixes, noise, terms
         self._graph = _anchor_factors(chain, noise)
         add_scale_factors(self._graph, links)
         self._graph.push_back(fixes.constant())
+        for term in terms:
+            self._graph.push_back(term.constant())
 
     def first_state(self, T_enu_node: FloatArray, receiver: FloatArray | None = None) -> DriveState:
         """True scale, the receiver as told, every antenna where its node has it."""
@@ -135,6 +173,8 @@ class DriveEquations:
             values.insert(scale_key(k), 0.0)
         for k, place in enumerate(places):
             values.insert(antenna_key(k), gtsam.Point3(*place))
+        for term in self.terms:
+            term.start(values)
         return DriveState(T_enu_node, np.zeros(self.links.stretches), receiver, places, values)
 
     def tree(self, at: DriveState) -> gtsam.GaussianBayesTree:
@@ -142,6 +182,8 @@ class DriveEquations:
         linear = self._graph.linearize(at.values)
         linear.push_back(link_factors(self.links, at.T_enu_node, at.scale))
         linear.push_back(self.fixes.factors(at))
+        for term in self.terms:
+            linear.push_back(term.factors(at.T_enu_node, at.values))
         linear.push_back(receiver_prior(self.noise, at.receiver))
         return linear.eliminateMultifrontal(function=gtsam.EliminateQR)
 
@@ -149,7 +191,8 @@ class DriveEquations:
         """Half the sum of squares, as gtsam counts."""
         prior = 0.5 * float(((at.receiver / receiver_sigmas(self.noise)) ** 2).sum())
         own = float(self._graph.error(at.values))
-        return own + link_cost(self.links, at.T_enu_node, at.scale) + self.fixes.cost(at) + prior
+        others = sum(term.cost(at.T_enu_node, at.values) for term in self.terms)
+        return own + link_cost(self.links, at.T_enu_node, at.scale) + self.fixes.cost(at) + others + prior
 
     def descend(self, state: DriveState, iterations: int = MAX_ITERATIONS) -> DriveState:
         """Gauss-Newton, with halved steps while the cost would grow."""

@@ -7,19 +7,35 @@ and for every fix that is kept the true place g of the antenna at that time.
   After a loss the link is the constant-motion guess and nearly free, so the segments are held together by GNSS.
 - GNSS: correlated noise, time offset and lever arm (`wayloom.mapping.gnss_factors`); stretches of fixes that lie apart are found
   first (`wayloom.mapping.fix_screening`) and left out.
-- Gravity: a camera is roughly level. On a straight road GNSS cannot tell the roll about the track; this weak prior does.
+- Loop closures between any two nodes (`wayloom.mapping.loop_factors`), judged together with the fixes, or, where there are none,
+  against the odometry alone (`wayloom.mapping.own_frame`).
+- Gravity: what accelerometers, streets and walls say of up (`wayloom.mapping.up_factors`), and a camera is roughly level: on a
+  straight road GNSS cannot tell the roll about the track.
 """
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.mapping.drive_equations import CorrelatedFixes, DriveEquations, DriveState, left_covariances, marginal, scale_sigmas
+from wayloom.mapping.drive_equations import (
+    CorrelatedFixes,
+    DriveEquations,
+    DriveState,
+    NoFixes,
+    PoseTerms,
+    left_covariances,
+    marginal,
+    scale_sigmas,
+)
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, DriveSolution, OdometryChain
+from wayloom.mapping.evidence import Evidence
 from wayloom.mapping.fix_screening import screen
 from wayloom.mapping.gnss_factors import receiver_key
-from wayloom.mapping.odometry_links import OdometryLinks, links_of
+from wayloom.mapping.loop_factors import LoopTerms
+from wayloom.mapping.odometry_links import links_of
+from wayloom.mapping.own_frame import StartGauge, closed_in_own_frame
 
 FloatArray = NDArray[np.float64]
 CLOCK_SIGMAS = 3.0
@@ -28,21 +44,24 @@ HELD_CLOCK_S = 1e-6
 """Prior sigma of a clock that is held."""
 
 
-def optimise_drive(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise) -> DriveSolution:
+def optimise_drive(
+    chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise, evidence: Evidence = Evidence()
+) -> DriveSolution:
     """The most likely poses of a drive and their covariance.
 
     T_enu_node : (K, 4, 4) first guess
-    Fixes that are found to lie apart are left out altogether; at least one fix is needed.
+    Fixes and closures that are found to lie apart are left out altogether; at least one fix is needed.
     """
-    screened = screen(chain, fixes, T_enu_node, noise)
+    screened = screen(chain, fixes, T_enu_node, noise, evidence)
     kept = screened.fixes.take(np.flatnonzero(screened.inlier))
     links = links_of(chain, noise)
-    equations = DriveEquations(chain, links, CorrelatedFixes(kept, noise), noise)
+    terms = _terms(evidence, screened.closed)
+    equations = DriveEquations(chain, links, CorrelatedFixes(kept, noise), noise, terms)
     state = equations.descend(equations.first_state(screened.T_enu_node, screened.receiver))
     tree = equations.tree(state)
     receiver_covariance = marginal(tree, receiver_key())
     if not clock_is_told(state.receiver[0], receiver_covariance[0, 0], noise):
-        state = _with_clock_held(chain, links, kept, noise, state)
+        state = _with_clock_held(equations, state)
     covariance = left_covariances(tree, state.T_enu_node)
     covariance[:, :3, :3] += screened.unconfirmed_m**2 * np.eye(3)
     return DriveSolution(
@@ -57,6 +76,7 @@ def optimise_drive(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatA
         screened.noise_ratio,
         screened.shifted,
         screened.unconfirmed_m,
+        screened.closed,
     )
 
 
@@ -72,10 +92,43 @@ def clock_is_told(time_offset_s: float, variance_s2: float, noise: DriveNoise) -
     return (time_offset_s / variance_s2) ** 2 / information > CLOCK_SIGMAS**2
 
 
-def _with_clock_held(
-    chain: OdometryChain, links: OdometryLinks, fixes: AntennaFixes, noise: DriveNoise, state: DriveState
-) -> DriveState:
+def _with_clock_held(equations: DriveEquations, state: DriveState) -> DriveState:
     """The most likely state with the receiver's stamps as they are."""
-    held = replace(noise, time_offset_s=HELD_CLOCK_S)
-    equations = DriveEquations(chain, links, CorrelatedFixes(fixes, held), held)
-    return equations.descend(replace(state, receiver=state.receiver * [0.0, 1.0, 1.0, 1.0]))
+    held = copy(equations)
+    held.noise = replace(equations.noise, time_offset_s=HELD_CLOCK_S)
+    return held.descend(replace(state, receiver=state.receiver * [0.0, 1.0, 1.0, 1.0]))
+
+
+def optimise_without_fixes(
+    chain: OdometryChain, T_enu_node: FloatArray, noise: DriveNoise, evidence: Evidence = Evidence()
+) -> DriveSolution:
+    """As `optimise_drive` in the drive's own level frame: covariances are relative to its first node.
+
+    T_enu_node : (K, 4, 4) the odometry, levelled; the first node at the origin
+    """
+    closed, T_closed = closed_in_own_frame(chain, T_enu_node, noise, evidence)
+    links = links_of(chain, noise)
+    terms = (*_terms(evidence, closed), StartGauge(T_enu_node[0]))
+    equations = DriveEquations(chain, links, NoFixes(), noise, terms)
+    state = equations.descend(equations.first_state(T_closed))
+    tree = equations.tree(state)
+    return DriveSolution(
+        state.T_enu_node,
+        left_covariances(tree, state.T_enu_node),
+        1.0 + state.scale,
+        scale_sigmas(tree, links.stretches),
+        np.zeros(0, bool),
+        np.zeros((0, 3)),
+        state.receiver,
+        marginal(tree, receiver_key()),
+        {},
+        (),
+        0.0,
+        closed,
+    )
+
+
+def _terms(evidence: Evidence, closed: NDArray[np.bool_]) -> tuple[PoseTerms, ...]:
+    """The closures of the visits (V,) that are believed, and gravity."""
+    loops = evidence.loops.take(closed)
+    return LoopTerms(loops, np.ones(loops.visits)), evidence.up

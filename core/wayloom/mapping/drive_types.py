@@ -102,6 +102,7 @@ class DriveSolution:
     noise_ratio   for each kind of fix that scatters more than it says: how many times
     shifted       stretches of fixes that lie apart from the others
     unconfirmed_m metres by which the drive would lie elsewhere if the lesser part of its fixes were right; see `fix_screening`
+    closed        (V,) whether the loop closures of each visit were used
     """
 
     T_enu_node: FloatArray
@@ -115,6 +116,7 @@ class DriveSolution:
     noise_ratio: dict[int, float]
     shifted: tuple["ShiftedFixes", ...]
     unconfirmed_m: float
+    closed: BoolArray
 
 
 @dataclass(frozen=True, slots=True)

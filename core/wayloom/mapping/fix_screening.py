@@ -15,7 +15,9 @@ that it does not show begins a new stretch.
 4. Stretches: truncated least squares with one weight a stretch, on a graph of the odometry with its slowly varying scale, the
    receiver's time offset and lever arm (`wayloom.mapping.stretch_choice`). A stretch is left out for a price: the quantile of
    chi-square of its witnesses, and PRICE_S for each second, so that of two parts that contradict each other the longer is believed.
-5. Where hardly any stretch agrees with the odometry, the receiver is wrong everywhere: `wayloom.mapping.heavy_tails`.
+5. Loop closures are judged in the same squares, each visit's against a price of their own: they unmask stretches that lie apart,
+   and those that contradict odometry and fixes are left out.
+6. Where hardly any stretch agrees with the odometry, the receiver is wrong everywhere: `wayloom.mapping.heavy_tails`.
 """
 
 from dataclasses import dataclass, replace
@@ -24,12 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from wayloom.geometry import se3
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain, ShiftedFixes
+from wayloom.mapping.evidence import Evidence
 from wayloom.mapping.fix_witnesses import Witnesses, witnesses_of
 from wayloom.mapping.gnss_factors import RECEIVER
 from wayloom.mapping.heavy_tails import heavy_tailed
-from wayloom.mapping.stretch_choice import WitnessGraph, choose
+from wayloom.mapping.stretch_choice import choose
+from wayloom.mapping.witness_graph import WitnessGraph, carried
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -59,7 +62,8 @@ LEAST_DOUBT = 0.25
 @dataclass(frozen=True, slots=True)
 class Screening:
     """fixes as they really scatter; inlier (M,); noise_ratio by kind; shifted stretches; T_enu_node
-    (K, 4, 4) of all nodes and receiver (4,) at the end of it; unconfirmed_m: see `DriveSolution`."""
+    (K, 4, 4) of all nodes and receiver (4,) at the end of it; unconfirmed_m: see `DriveSolution`; closed (V,) visits whose
+    closures are believed."""
 
     fixes: AntennaFixes
     inlier: BoolArray
@@ -68,27 +72,30 @@ class Screening:
     T_enu_node: FloatArray
     receiver: FloatArray
     unconfirmed_m: float
+    closed: BoolArray
 
 
-def screen(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise) -> Screening:
-    """Judge the fixes of a drive against its odometry, from a first guess T_enu_node (K, 4, 4)."""
+def screen(
+    chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise, evidence: Evidence = Evidence()
+) -> Screening:
+    """Judge the fixes and closures of a drive against its odometry, from a first guess T_enu_node (K, 4, 4)."""
     steps = _steps(chain, fixes, T_enu_node)
     fixes, ratios = _as_scattered(fixes, steps)
     jump = _jumps(fixes, steps)
     jump |= _ramps(chain, fixes, jump, T_enu_node, noise)
     witnesses = witnesses_of(fixes, jump, T_enu_node, noise)
-    graph = WitnessGraph(chain, witnesses, noise)
+    graph = WitnessGraph(chain, witnesses, noise, evidence)
     choice = choose(graph, T_enu_node)
-    good, state = choice.believed, choice.state
+    state, (good, closed) = choice.state, np.split(choice.believed, [len(witnesses)])
     if witnesses.duration_s[good].sum() < MAJORITY * witnesses.duration_s.sum() or not good.any():
-        return _of_heavy_tails(chain, fixes, T_enu_node, noise, ratios)
+        return _of_heavy_tails(chain, fixes, T_enu_node, noise, ratios, closed)
     inlier = np.zeros(len(fixes), bool)
     for first, last in zip(witnesses.first[good], witnesses.last[good], strict=True):
         inlier[first : last + 1] = True
     offset = witnesses.means(graph.fixes.residuals(state.T_enu_node, state.receiver))
     shifted = _shifted(witnesses, good, jump, offset)
-    T = _carried(chain, graph.nodes, state.T_enu_node)
-    return Screening(fixes, inlier, ratios, shifted, T, state.receiver, _unconfirmed_m(witnesses, good, offset))
+    T = carried(chain, graph.nodes, state.T_enu_node)
+    return Screening(fixes, inlier, ratios, shifted, T, state.receiver, _unconfirmed_m(witnesses, good, offset), closed)
 
 
 def _ramps(chain: OdometryChain, fixes: AntennaFixes, jump: BoolArray, T_enu_node: FloatArray, noise: DriveNoise) -> BoolArray:
@@ -118,19 +125,17 @@ def _ramps(chain: OdometryChain, fixes: AntennaFixes, jump: BoolArray, T_enu_nod
 
 
 def _of_heavy_tails(
-    chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise, ratios: dict[int, float]
+    chain: OdometryChain,
+    fixes: AntennaFixes,
+    T_enu_node: FloatArray,
+    noise: DriveNoise,
+    ratios: dict[int, float],
+    closed: BoolArray,
 ) -> Screening:
     """No majority agrees with the odometry: every fix counts, with a variance that its residual tells."""
     tails = heavy_tailed(chain, fixes, T_enu_node, noise)
     every = {kind: ratios.get(kind, 1.0) * tails.inflation for kind in np.unique(fixes.kind).tolist()}
-    return Screening(tails.fixes, np.ones(len(fixes), bool), every, (), tails.T_enu_node, tails.receiver, 0.0)
-
-
-def _carried(chain: OdometryChain, nodes: IntArray, T_enu_coarse: FloatArray) -> FloatArray:
-    """(K, 4, 4) all nodes, each carried by the last of `nodes` before it."""
-    before = np.searchsorted(nodes, np.arange(len(chain.T_world_node)), side="right") - 1
-    T_enu_world = T_enu_coarse @ se3.inverse(chain.T_world_node[nodes])
-    return np.asarray(T_enu_world[before] @ chain.T_world_node)
+    return Screening(tails.fixes, np.ones(len(fixes), bool), every, (), tails.T_enu_node, tails.receiver, 0.0, closed)
 
 
 def _steps(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray) -> tuple[FloatArray, FloatArray]:

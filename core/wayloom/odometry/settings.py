@@ -1,6 +1,8 @@
 """Settings of the odometry. docs/odometry.md says which matter, docs/results.md on what the defaults were chosen."""
 
-from pydantic import Field
+from typing import Self
+
+from pydantic import Field, model_validator
 
 from wayloom.config.settings import Settings
 
@@ -90,5 +92,13 @@ class OdometrySettings(Settings):
     disparity_sigma: float = Field(0.15, ge=0, description="px, the part of a point's sigma that more views do not lower")
     max_relative_sigma: float = Field(0.2, gt=0, description="sigma of a kept point's inverse depth over the inverse depth")
     seed: int = Field(0, ge=0, lt=2**31, description="of the choice among equal points; results of other seeds show the noise")
+    part_frames: int = Field(3000, ge=40, description="frames of a part: longer drives are tracked in parts that overlap")
+    part_overlap: int = Field(80, ge=10, description="frames that a part and the next share")
     imu: ImuSettings = ImuSettings()
     ablation: Ablation = Ablation()
+
+    @model_validator(mode="after")
+    def _check_parts(self) -> Self:
+        if 2 * self.part_overlap > self.part_frames:
+            raise ValueError(f"part_overlap {self.part_overlap} is more than half of part_frames {self.part_frames}")
+        return self

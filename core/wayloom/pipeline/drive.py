@@ -1,7 +1,8 @@
 """Embedded run of one drive on one page: check the log → its stages, in the catalogue's order → exports and report."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -9,6 +10,7 @@ from typing import Any, Final
 from wayloom.config.progress import NamedProgress, Progress, silent_for_each
 from wayloom.config.stages import drive_stages
 from wayloom.files.atomic import write_atomically
+from wayloom.geodesy.geoid import GeoidGrid
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.georeference.types import GeoReference
 from wayloom.labelling.files import LABELS_FILE, load_labels
@@ -18,6 +20,7 @@ from wayloom.logs.types import DriveLog
 from wayloom.odometry.frame_source import first_matches, one_opencv_thread
 from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
 from wayloom.odometry.types import OdometryResult
+from wayloom.pipeline.drive_quality import QUALITY_FILE, read_quality
 from wayloom.pipeline.exports import write_exports
 from wayloom.pipeline.folders import discard, new_folders, put_in_place, sole_writer, sweep, whole_folder, writing_to
 from wayloom.pipeline.log_parts import read_log_file
@@ -35,6 +38,7 @@ from wayloom.submaps.submap import PlacedSubmap
 
 STAGES_DIR: Final = "stages"
 PRODUCTS_FILE: Final = "products.json"
+PARTS_SUFFIX: Final = ".parts"
 NEARLY_DONE: Final = 0.999
 
 
@@ -53,6 +57,7 @@ class DriveResult:
     log_facts       content of ingest's log.json
     model           content of the segmentation's model.json
     images          the label images of the keyframes
+    quality         content of the geo-reference's quality.json
     times           for each stage, in order
     """
 
@@ -64,6 +69,7 @@ class DriveResult:
     labels: PointLabels
     geo: GeoReference
     submaps: list[PlacedSubmap]
+    quality: dict[str, Any]
     times: dict[str, StageTime]
 
 
@@ -85,6 +91,7 @@ def process_drive(
     stages_dir = out_dir / STAGES_DIR
     context = StageContext(LogSource(log_path, gnss_path), stages_dir, settings)
     check_outside(context.log, out_dir)
+    geoid = None if settings.geoid is None else GeoidGrid(settings.geoid)
     context = _checked(context, progress)
     with writing_to(out_dir), new_folders(stages_dir), sole_writer(stages_dir):
         sweep(stages_dir)
@@ -92,7 +99,7 @@ def process_drive(
         result = _load(context, times)
         progress("exports")(0.0, "writing trajectory, cloud and pictures")
         with whole_folder(stages_dir / "exports") as folder:
-            write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder)
+            write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder, geoid)
             progress("exports")(0.6, "writing the report")
             write_more(result, folder)
         _publish(stages_dir / "exports", out_dir)
@@ -132,11 +139,24 @@ def _stage(name: str, context: StageContext, progress: NamedProgress) -> StageTi
     reused = finished_key(home) == key.hex and is_undamaged(home)
     progress(name)(0.0, "starting")
     if not reused:
-        with whole_folder(home) as folder:
-            run_stage(name, context, folder, _almost_done(progress(name)), key)
+        with _parts_folder(home, key.hex) as parts_dir, whole_folder(home) as folder:
+            run_stage(name, replace(context, parts_dir=parts_dir), folder, _almost_done(progress(name)), key)
     metadata = read_stage_file(home) or {}
     progress(name)(1.0, "done before" if reused else "done")
     return StageTime(float(metadata.get("seconds", 0.0)), reused)
+
+
+@contextmanager
+def _parts_folder(home: Path, key: str) -> Iterator[Path]:
+    """Where a stage may keep finished parts for a run after this one; gone with those of other keys when the block ends well."""
+    parts = home.with_name(home.name + PARTS_SUFFIX)
+    for other in parts.glob("*") if parts.is_dir() else ():
+        if other.name != key:
+            discard(other)
+    if (parts / key).is_dir():
+        sweep(parts / key)
+    yield parts / key
+    discard(parts)
 
 
 def _almost_done(progress: Progress) -> Progress:
@@ -156,5 +176,6 @@ def _load(context: StageContext, times: dict[str, StageTime]) -> DriveResult:
         labels=load_labels(stages_dir / "labelling" / LABELS_FILE),
         geo=load_georeference(stages_dir / "georeference" / GEOREFERENCE_FILE),
         submaps=load_submaps(stages_dir / "submaps"),
+        quality=read_quality(stages_dir / "georeference" / QUALITY_FILE),
         times=times,
     )

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from wayloom.files.trajectory_files import write_kitti, write_tum
+from wayloom.geodesy.geoid import GeoidGrid
 from wayloom.georeference.types import GeoReference
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.types import OdometryResult
@@ -27,8 +28,12 @@ def write_exports(
     geo: GeoReference,
     submaps: list[PlacedSubmap],
     folder: Path,
+    geoid: GeoidGrid | None = None,
 ) -> None:
-    """Write trajectory.tum, .kitti and, with GNSS, .geojson; cloud.ply and cloud.laz; map.png; overlays/."""
+    """Write trajectory.tum, .kitti and, with GNSS, .geojson; cloud.ply and cloud.laz; map.png; overlays/.
+
+    geoid : the LAZ states heights above it
+    """
     trajectory = odometry.trajectory
     write_tum(folder / "trajectory.tum", trajectory.t_ns, trajectory.T_world_cam, trajectory.tracked)
     write_kitti(folder / "trajectory.kitti", trajectory.T_world_cam)
@@ -36,7 +41,7 @@ def write_exports(
         export_geojson_track(folder / "trajectory.geojson", geo.T_enu_cam, geo.frame, log.name)
     points, labels = cloud(submaps)
     export_ply(folder / "cloud.ply", points, labels, geo.frame)
-    export_laz(folder / "cloud.laz", points, labels, geo.frame)
+    export_laz(folder / "cloud.laz", points, labels, geo.frame, geoid)
     write_image(folder / MAP_FILE, drive_map(geo, points, labels))
     write_overlays(log, odometry, images, folder / OVERLAYS_DIR)
 

@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geodesy.wgs84 import T_enu_enu, lonlatheight_from_enu
 from wayloom.geometry import se3
-from wayloom.georeference.rigid import R_ENU_LEVELCAM
 from wayloom.georeference.types import GeoReference
 
 FloatArray = NDArray[np.float64]
@@ -15,13 +14,11 @@ FloatArray = NDArray[np.float64]
 def T_plane_enu(geo: GeoReference) -> FloatArray:
     """(4, 4) from the frame of geo (the map's, which may stand askew far from its origin, or the drive's own) to the drive's plane.
 
-    With GNSS the plane is the tangent plane at the drive's start: east, north, up. Without, it is the first camera's, taken as
-    level: right, ahead, up.
+    With GNSS the plane is the tangent plane at the drive's start: east, north, up. Without, the drive's own: right, ahead, up.
     """
     start = geo.T_enu_cam[0]
     if geo.frame is None:
-        turn = se3.from_rotation_translation(R_ENU_LEVELCAM, np.zeros(3))
-        return np.asarray(turn @ se3.inverse(start), dtype=np.float64)
+        return se3.from_rotation_translation(np.eye(3), -start[:3, 3])
     place = MapFrame(*lonlatheight_from_enu(start[None, :3, 3], geo.frame)[0].tolist())
     return T_enu_enu(place, geo.frame)
 

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from wayloom.config.gate import GateSettings
 from wayloom.config.service import ServiceSettings
 from wayloom.config.settings import Settings
 from wayloom.config.sources import Loaded, Option, load
@@ -12,6 +13,7 @@ from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.odometry.settings import OdometrySettings
+from wayloom.places.settings import PlaceSettings
 from wayloom.segmentation.settings import SegmentationSettings
 from wayloom.stitching.settings import MergeSettings
 from wayloom.submaps.settings import SubmapSettings
@@ -31,9 +33,13 @@ class ProcessSettings(Settings):
         None,
         description="LON,LAT,HEIGHT of the map frame's origin: degrees, degrees, ellipsoidal metres; default the place's own cell",
     )
+    geoid: Path | None = Field(
+        None, description="geoid grid of PROJ, .gtx or .tif: exported clouds state heights above it; default ellipsoidal heights"
+    )
     odometry: OdometrySettings = OdometrySettings()
     segmentation: SegmentationSettings = SegmentationSettings()
     labelling: LabellingSettings = LabellingSettings()
+    places: PlaceSettings = PlaceSettings()
     georeference: GeoReferenceSettings = GeoReferenceSettings()
     submaps: SubmapSettings = SubmapSettings()
 
@@ -45,6 +51,7 @@ class ProcessSettings(Settings):
 class WayloomSettings(ServiceSettings, ProcessSettings):
     """All settings: those of a drive's stages, of the map's, and of the service."""
 
+    gate: GateSettings = GateSettings()
     merge: MergeSettings = MergeSettings()
     tiles: TileSettings = TileSettings()
 

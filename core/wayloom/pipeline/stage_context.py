@@ -23,6 +23,7 @@ class StageContext:
     source         the drive's log, opened once, when the first stage asks for it
     inputs_dir     the folders of finished stages lie (or are linked) there under their stages' names
     drive_id       the name that the map shall keep for the drive; None takes the log's
+    parts_dir      where a stage that works in parts keeps those that are finished, of its key; None: nowhere beyond its run
     first_matches  (n, 4) stereo matches of the first pairs (`odometry.frame_source.first_matches`) where the caller has them
     """
 
@@ -31,6 +32,7 @@ class StageContext:
     settings: "ProcessSettings"
     drive_id: str | None = None
     first_matches: NDArray[np.float64] | None = None
+    parts_dir: Path | None = None
 
     @property
     def log(self) -> "DriveLog":

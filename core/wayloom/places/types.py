@@ -3,7 +3,7 @@
 A level frame has its origin at the camera, z up by gravity, y along the level heading of the camera's axis, x to its right.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,68 @@ class PlaceFeatures:
 
     def __len__(self) -> int:
         return len(self.keyframe)
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceCloud:
+    """Static points, P of them, by the keyframe that hosts them.
+
+    keyframe  (P,) int32 row in Keyframes, not decreasing
+    p_cam     (P, 3) int16 cm in the host's left camera
+    label     (P,) uint8 train id
+    sigma_cm  (P,) uint8 cm, along the ray; 255 is that or more
+    """
+
+    keyframe: NDArray[np.int32]
+    p_cam: NDArray[np.int16]
+    label: NDArray[np.uint8]
+    sigma_cm: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.keyframe)
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceStations:
+    """Keyframes about ten metres of road apart, N of them, by which a place index knows the drive.
+
+    keyframe  (N,) int32 row in Keyframes, increasing
+    grid      (N, C, A, L) uint8 bird's-eye descriptor (`wayloom.places.birds_eye`)
+    """
+
+    keyframe: NDArray[np.int32]
+    grid: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.keyframe)
+
+
+def no_stations() -> PlaceStations:
+    """None."""
+    return PlaceStations(np.zeros(0, np.int32), np.zeros((0, 3, 32, 24), np.uint8))
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """All that is kept of a drive to recognise and register its places when its images are gone; K keyframes.
+
+    T_world_keyframe  (K, 4, 4) as the odometry left them
+    segment           (K,) int32; keyframes of one segment are rigidly connected
+    camera            fx, fy, cx, cy, width, height of the left image, px
+    features          local features
+    cloud             static points
+    stations          keyframes by which an index knows the drive
+    """
+
+    T_world_keyframe: FloatArray
+    segment: NDArray[np.int32]
+    camera: tuple[float, float, float, float, int, int]
+    features: PlaceFeatures
+    cloud: PlaceCloud
+    stations: PlaceStations = field(default_factory=no_stations)
+
+    def __len__(self) -> int:
+        return len(self.segment)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,13 +15,14 @@ from wayloom.config.classes import CLASS_NAMES, PALETTE
 from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
-from wayloom.georeference.uncertainty import position_covariance
 from wayloom.pipeline.drive import DriveResult
 from wayloom.pipeline.drive_map import read_image
+from wayloom.pipeline.drive_quality import QUALITY_FILE, write_quality
 from wayloom.pipeline.exports import MAP_FILE, OVERLAYS_DIR
 from wayloom.pipeline.plane import T_plane_enu, axis_labels
 from wayloom.reports import plots, views
 from wayloom.reports.facts import concatenated, drive_facts
+from wayloom.reports.quality_plots import PICTURES, quality_pictures
 
 FloatArray = NDArray[np.float64]
 JSON_FILE: Final = "report.json"
@@ -39,8 +40,9 @@ class Picture:
 
 
 def write_report(result: DriveResult, folder: Path) -> None:
-    """Write report.html, with the pictures that `write_exports` left in the folder, and report.json."""
+    """Write report.html, with the pictures that `write_exports` left in the folder, quality.json and report.json."""
     facts = drive_facts(result)
+    write_quality(folder / QUALITY_FILE, result.quality)
     write_atomically(folder / HTML_FILE, render(facts, pictures(result, folder)).encode())
     write_atomically(folder / JSON_FILE, (json.dumps(facts, indent=1, allow_nan=False) + "\n").encode())
 
@@ -64,9 +66,10 @@ def pictures(result: DriveResult, folder: Path) -> dict[str, Any]:
     labels = concatenated(placed.submap.label for placed in result.submaps)
     track = se3.transform(T, result.geo.T_enu_cam[:, :3, 3])
     side = views.side_view(points, labels, track)
+    drawn = quality_pictures(result.quality)
     return {
         "track": Markup(plots.track_svg(track_picture(result, track, T))),  # noqa: S704  drawn here, from numbers
-        "sigma": sigma_drawing(result),
+        "quality": {name: Markup(drawn[name]) if name in drawn else None for name in PICTURES},  # noqa: S704  likewise
         "map": Picture(data_uri(views.png_bytes(views.shrunk(read_image(folder / MAP_FILE), MAP_WIDTH_PX)), "png"), ""),
         "side": Picture(data_uri(views.png_bytes(side.image), "png"), f"{side.width_m:.0f} m of road, {side.height_m:.0f} m high"),
         "overlays": overlays(result, folder),
@@ -90,17 +93,8 @@ def track_picture(result: DriveResult, track: FloatArray, T: FloatArray) -> plot
         fix_type=None if fixes is None or gnss is None else gnss.fix_type,
         truth=truth,
         labels=axis_labels(result.geo),
+        loops=result.quality["loops"],
     )
-
-
-def sigma_drawing(result: DriveResult) -> Markup | None:
-    """Plot of the position's uncertainty over time; None without GNSS."""
-    if result.geo.frame is None:
-        return None
-    covariance = position_covariance(result.geo.T_enu_cam, result.geo.covariance)
-    sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
-    t_ns = result.odometry.trajectory.t_ns
-    return Markup(plots.sigma_svg((t_ns - t_ns[0]) * 1e-9, sigma))  # noqa: S704  drawn here, from numbers
 
 
 def overlays(result: DriveResult, folder: Path) -> list[tuple[Picture, Picture]]:

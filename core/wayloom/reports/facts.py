@@ -31,6 +31,7 @@ def drive_facts(result: DriveResult) -> dict[str, Any]:
         "model": result.model,
         "odometry": odometry_facts(result),
         "georeference": georeference_facts(result),
+        "quality": quality_facts(result),
         "cloud": cloud_facts(result),
         "classes": class_counts(result),
         "stages": {name: {"seconds": time.seconds, "reused": time.reused} for name, time in result.times.items()},
@@ -78,6 +79,18 @@ def georeference_facts(result: DriveResult) -> dict[str, Any]:
     frame = result.geo.frame
     origin = None if frame is None else {"lon_deg": frame.lon_deg, "lat_deg": frame.lat_deg, "height_m": frame.height_m}
     return {"origin": origin, **result.geo.report}
+
+
+def quality_facts(result: DriveResult) -> dict[str, Any]:
+    """The quality report without its series, which stand in quality.json."""
+    quality = result.quality
+    drift, loops = quality["drift"], quality["loops"]
+    return {
+        "grade": quality["grade"],
+        "reasons": quality["reasons"],
+        "drift": drift and {name: drift[name] for name in ("over_m", "percent", "deg_per_100m")},
+        "loops": loops["count"] if loops else 0,
+    }
 
 
 def cloud_facts(result: DriveResult) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from wayloom.georeference.rigid import align_rigid
 from wayloom.logs.types import FixType
 
 FloatArray = NDArray[np.float64]
-INK, MUTED, ACCENT, TRUTH, LOST = "#1d2733", "#8a96a3", "#1264a3", "#2e8540", "#c0392b"
+INK, MUTED, ACCENT, TRUTH, LOST, LOOP = "#1d2733", "#8a96a3", "#1264a3", "#2e8540", "#c0392b", "#8e44ad"
 FIX_COLOURS: Final[Mapping[int, str]] = {
     FixType.NONE: "#b0b7bf",
     FixType.SINGLE: "#d9822b",
@@ -49,6 +49,7 @@ class TrackPicture:
     fixes     (M, 2) GNSS fixes, fix_type (M,); None without GNSS
     truth     (N, 2) the log's truth, rigidly aligned to the track; None where it has none
     labels    what the two axes are
+    loops     loop closures as in `pipeline.drive_quality`; None where there are none
     """
 
     track: FloatArray
@@ -58,6 +59,7 @@ class TrackPicture:
     fix_type: NDArray[np.uint8] | None
     truth: FloatArray | None
     labels: tuple[str, str]
+    loops: Mapping[str, Any] | None = None
 
 
 def aligned_truth(T_truth: FloatArray, T_estimate: FloatArray) -> FloatArray:
@@ -77,6 +79,7 @@ def track_svg(picture: TrackPicture) -> str:
         if picture.truth is not None:
             axes.plot(*picture.truth.T, color=TRUTH, linewidth=1.4, linestyle=(0, (4, 3)), label="truth, aligned", zorder=3)
         _draw_track(axes, picture)
+        draw_loops(axes, picture.loops)
         axes.set_xlabel(f"{picture.labels[0]} (m)")
         axes.set_ylabel(f"{picture.labels[1]} (m)")
         axes.set_aspect("equal", adjustable="datalim")
@@ -117,20 +120,13 @@ def _draw_track(axes: Axes, picture: TrackPicture) -> None:
     axes.scatter(x, y, s=46, color="white", edgecolors=ACCENT, linewidths=1.8, zorder=6, label="start")
 
 
-def sigma_svg(t_s: FloatArray, sigma_enu_m: FloatArray) -> str:
-    """One-sigma uncertainty of the mapped position over time. t_s (N,), sigma_enu_m (N, 3) east, north, up."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(7.4, 2.1), layout="constrained")
-        FigureCanvasSVG(figure)
-        axes = figure.add_subplot()
-        for column, colour, name in zip(sigma_enu_m.T, (ACCENT, "#d9822b", MUTED), ("east", "north", "up"), strict=True):
-            axes.plot(t_s, column, color=colour, linewidth=1.6, label=name)
-        axes.set_xlabel("time (s)")
-        axes.set_ylabel("σ (m)")
-        axes.set_ylim(bottom=0.0)
-        axes.grid(color="#eef1f4", linewidth=0.8)
-        axes.legend(ncols=3, loc="best", fontsize=8.5)
-        return svg_text(figure, "Uncertainty of the mapped position over time")
+def draw_loops(axes: Axes, loops: Mapping[str, Any] | None) -> None:
+    """A line for each closure, between the two places that were found to be one, with a dot at both."""
+    if loops is None:
+        return
+    x1, y1, x2, y2 = np.array(loops["ends_m"])
+    axes.plot([x1, x2], [y1, y2], "-", color=LOOP, linewidth=1.0, alpha=0.7, zorder=4)
+    axes.plot(np.r_[x1, x2], np.r_[y1, y2], ".", color=LOOP, markersize=3, zorder=4, label=f"loop closures ({loops['count']})")
 
 
 def svg_text(figure: Figure, title: str) -> str:

@@ -28,8 +28,9 @@ IntArray = NDArray[np.int64]
 OFFSET_STEPS = 4096
 WEIGHT_STEPS, MAX_WEIGHT = 16.0, 160_000  # of 1/m^2: a sigma of 1 cm
 VOTE_STEPS = 65_536.0
-KEY_BITS = 21
-KEY_LIMIT = 1 << (KEY_BITS - 1)
+KEY_BITS, KEY_BITS_UP = 22, 19  # 63 in all: 209 km east and north, 26 km up at 0.1 m, where the plane has left the Earth by 3 km
+KEY_LIMIT, KEY_LIMIT_UP = 1 << (KEY_BITS - 1), 1 << (KEY_BITS_UP - 1)
+KEY_LIMITS = np.array([KEY_LIMIT, KEY_LIMIT, KEY_LIMIT_UP])
 STATIC_CLASSES = np.array([c for c in range(CLASS_COUNT) if c not in MOVING_CLASSES and c != SKY])
 ADD_AFTER = 16  # submaps; so memory stays near that of the voxels, not of the points
 NEVER_NS = np.iinfo(np.int64).min
@@ -64,7 +65,7 @@ def merge(placed: Iterable[PlacedSubmap], settings: MergeSettings = MergeSetting
     """The static layer of all submaps.
 
     placed : each submap of each drive; one that comes twice counts once
-    Raises StageError when the submaps are of different frames, or lie more than 2^20 voxels from the frame's origin.
+    Raises StageError when the submaps are of different frames, or lie beyond KEY_LIMITS voxels from the frame's origin.
     """
     frame: MapFrame | None = None
     keys_of_drive: dict[str, list[IntArray]] = {}
@@ -98,21 +99,22 @@ def _check_frame(item: PlacedSubmap, frame: MapFrame | None, drives: Collection[
 
 def pack(keys: IntArray) -> IntArray:
     """keys (V, 3) to one sortable whole number each."""
-    shifted = keys + KEY_LIMIT
-    return np.asarray((shifted[:, 0] << (2 * KEY_BITS)) | (shifted[:, 1] << KEY_BITS) | shifted[:, 2])
+    shifted = keys + KEY_LIMITS
+    return np.asarray((shifted[:, 0] << (KEY_BITS + KEY_BITS_UP)) | (shifted[:, 1] << KEY_BITS_UP) | shifted[:, 2])
 
 
 def unpack(packed: IntArray) -> IntArray:
     """The inverse of `pack`."""
-    mask = (1 << KEY_BITS) - 1
-    return np.column_stack([packed >> (2 * KEY_BITS), (packed >> KEY_BITS) & mask, packed & mask]) - KEY_LIMIT
+    mask, mask_up = (1 << KEY_BITS) - 1, (1 << KEY_BITS_UP) - 1
+    shifted = np.column_stack([packed >> (KEY_BITS + KEY_BITS_UP), (packed >> KEY_BITS_UP) & mask, packed & mask_up])
+    return np.asarray(shifted - KEY_LIMITS)
 
 
 def _sum_submap(item: PlacedSubmap, voxel_m: float, left_out: dict[str, int]) -> _Sums:
     submap = item.submap
     in_voxels = item.points_enu() / voxel_m
     keys = np.floor(in_voxels).astype(np.int64)
-    if len(keys) and np.abs(keys).max() >= KEY_LIMIT:
+    if len(keys) and (np.abs(keys).max(axis=0) >= KEY_LIMITS).any():
         far_km = np.abs(in_voxels).max() * voxel_m / 1e3
         raise StageError(
             f"submap {submap.digest[:12]} lies {far_km:.0f} km from its frame's origin: use the map frame of its own place"

@@ -14,7 +14,7 @@ from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database, Session
 from wayloom.store.tables import Drive, Job, SubmapRow, TileRow
 
-STORING: Final = ("submaps", "stitch")
+STORING: Final = ("georeference", "submaps", "stitch")
 """The stages that store blobs."""
 GRACE_S: Final = 3600.0
 BATCH: Final = 100
@@ -29,7 +29,8 @@ def drop_unused(database: Database, blobs: BlobStore, listed: Callable[[], Itera
     unused = set(blobs.older_than(grace_s))
     unused.difference_update(listed())
     with database.read() as session:
-        for named in (TileRow.digest, SubmapRow.digest, Drive.facts["preview"].as_string()):
+        named_of_drives = (Drive.facts[name].as_string() for name in ("preview", "quality"))
+        for named in (TileRow.digest, SubmapRow.digest, *named_of_drives):
             unused.difference_update(session.scalars(select(named).distinct().execution_options(yield_per=10_000)))
     found = sorted(unused)
     for start in range(0, len(found), BATCH):

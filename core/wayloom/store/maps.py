@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
-from sqlalchemy import Update, delete, func, insert, select, update
+from sqlalchemy import Update, delete, func, insert, or_, select, update
 from sqlalchemy.orm import Session
 
 from wayloom.errors import ConflictError, NotFoundError
@@ -13,7 +13,9 @@ from wayloom.store.tables import Drive, Map, MapVersion, SubmapRow, TileRow
 
 OUT_OF_REACH = "lies too far from the map's origin for one grid: give it a map of its own (WAYLOOM_MAP_ID)"
 Box = tuple[float, float, float, float]
-"""West, south, east, north in degrees."""
+"""West, south, east, north in degrees; across the antimeridian east is over 180 (`geodesy.antimeridian.box_of`)."""
+PASSES: Final = or_(Drive.gate == "merge", Drive.released_at.is_not(None))
+"""Of a drive: it was found good enough for the map, or an operator released it. As `gate.passes`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,15 +118,16 @@ def has_submaps(session: Session, drive_id: str) -> bool:
 
 
 def submaps(session: Session, map_id: str, box: Box | None = None) -> Sequence[SubmapRow]:
-    """The submaps of a map, or those that touch the box, in an order that does not depend on when they came."""
-    query = (
-        select(SubmapRow).join(Drive, Drive.id == SubmapRow.drive_id).where(SubmapRow.map_id == map_id, Drive.state != "removing")
-    )
+    """The submaps of a map, or those that touch the box, in an order that does not depend on when they came.
+
+    Those of held and quarantined drives are not of the map.
+    """
+    query = select(SubmapRow).join(Drive, Drive.id == SubmapRow.drive_id)
+    query = query.where(SubmapRow.map_id == map_id, Drive.state != "removing", PASSES)
     if box is not None:
         west, south, east, north = box
-        query = query.where(
-            SubmapRow.min_lon <= east, SubmapRow.max_lon >= west, SubmapRow.min_lat <= north, SubmapRow.max_lat >= south
-        )
+        turns = ((SubmapRow.min_lon <= east + turn) & (SubmapRow.max_lon >= west + turn) for turn in (0.0, 360.0, -360.0))
+        query = query.where(or_(*turns), SubmapRow.min_lat <= north, SubmapRow.max_lat >= south)
     return session.scalars(query.order_by(SubmapRow.digest, SubmapRow.drive_id, SubmapRow.position)).all()
 
 

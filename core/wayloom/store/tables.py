@@ -38,8 +38,11 @@ class Vehicle(Base):
 class Drive(Base):
     """One drive of one vehicle: its manifest, and how far it is.
 
-    state    uploading, queued, running, stitching, done, failed, removing
+    state    uploading, queued, running, stitching, done, held, quarantined, failed, removing
     placed   whether it has a place on Earth (None until the geo-reference is done)
+    grade    A to E by the geo-reference (None: without a place, or not judged yet), and its reasons in words
+    gate     merge, hold or quarantine (None until the drive is judged); only `merge` and released drives are in the map
+    released_at, released_by, released_why  an operator's word that a held or quarantined drive is merged all the same
     """
 
     __tablename__ = "drives"
@@ -53,6 +56,12 @@ class Drive(Base):
     state: Mapped[str] = mapped_column(String(16), index=True)
     error: Mapped[str | None] = mapped_column(Text)
     placed: Mapped[bool | None]
+    grade: Mapped[str | None] = mapped_column(String(1))
+    gate: Mapped[str | None] = mapped_column(String(16))
+    reasons: Mapped[list[Any] | None]
+    released_at: Mapped[float | None]
+    released_by: Mapped[str | None] = mapped_column(String(128))
+    released_why: Mapped[str | None] = mapped_column(Text)
     facts: Mapped[dict[str, Any]] = mapped_column(default=dict)
     track: Mapped[list[Any] | None]
     stitch_job_id: Mapped[int | None]

@@ -3,7 +3,7 @@
 Its frame is the left camera of its anchor, the keyframe in its middle. Its points come from the odometry alone, so nothing that is
 optimised later changes them: where a submap lies (`PlacedSubmap`) is kept beside it.
 
-Its bytes are a `wayloom.submaps.blob` (`docs/formats.md`, "Submaps").
+Its bytes are a `wayloom.files.blob` (`docs/formats.md`, "Submaps").
 """
 
 import hashlib
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import InputError
+from wayloom.files.blob import decode_blob, encode_blob
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.submaps.blob import decode_blob, encode_blob
 
 FloatArray = NDArray[np.float64]
 MAGIC: Final = b"WLSUBMAP"

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT
 from wayloom.errors import InputError
+from wayloom.files.blob import decode_blob, encode_blob
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.submaps.blob import decode_blob, encode_blob
 from wayloom.tiles.grid import TileAddress, check_tile, tile_bounds, tile_centre
 
 FloatArray = NDArray[np.float64]

@@ -17,7 +17,8 @@ export class Refused extends Error {
 }
 
 export async function ask(path, options = {}) {
-  const answer = await fetch(path, { ...options, headers: headers() });
+  const typed = options.body === undefined ? {} : { "Content-Type": "application/json" };
+  const answer = await fetch(path, { ...options, headers: { ...headers(), ...typed } });
   if (!answer.ok) {
     const body = await answer.json().catch(() => ({}));
     throw new Refused(answer.status, body.detail ?? answer.statusText);

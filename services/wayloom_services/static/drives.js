@@ -1,8 +1,10 @@
 // The list of drives: one card each, changed in place as its drive goes on.
 
-const WORDS = { uploading: "arriving", queued: "waiting", running: "working", stitching: "joining the map", done: "in the map", failed: "failed", removing: "being removed" };
+const WORDS = { uploading: "arriving", queued: "waiting", running: "working", stitching: "joining the map", done: "in the map", held: "held", quarantined: "quarantined", failed: "failed", removing: "being removed" };
 
-const element = (tag, className, text) => {
+const OVER = ["done", "held", "quarantined", "failed"];
+
+export const element = (tag, className, text) => {
   const made = document.createElement(tag);
   if (className) made.className = className;
   if (text !== undefined) made.textContent = text;
@@ -19,7 +21,7 @@ const size = (bytes) => (bytes < 1e6 ? `${Math.ceil(bytes / 1e3)} kB` : bytes < 
 function words(drive) {
   if (drive.state === "uploading") return `${drive.received_files} of ${drive.files} files, ${size(drive.received_bytes)} of ${size(drive.bytes)}`;
   const stage = drive.stages.find((one) => one.state === "running") ?? drive.stages.find((one) => one.state === "queued");
-  if (drive.state === "done" || drive.state === "failed" || !stage) {
+  if (OVER.includes(drive.state) || !stage) {
     const took = drive.finished_at && drive.uploaded_at ? `, took ${duration(drive.finished_at - drive.uploaded_at)}` : "";
     return `${drive.files} files, ${size(drive.bytes)}${took}`;
   }
@@ -41,17 +43,34 @@ function stageBar(stage) {
   return bar;
 }
 
+// A drive's grade as a badge; nothing before it is judged.
+export function gradeBadge(quality) {
+  if (!quality) return "";
+  const badge = element("span", `grade ${quality.gate}`, quality.grade ?? "–");
+  badge.title = quality.grade ? `grade ${quality.grade}` : "no place on Earth";
+  return badge;
+}
+
+function report(drive) {
+  const link = element("a", "report", "Quality report");
+  link.href = `/drives/${drive.id}`;
+  link.addEventListener("click", (event) => event.stopPropagation());
+  return link;
+}
+
 // The content of a drive's card. retry() is called when the drive shall be tried again.
 export function fillCard(card, drive, retry) {
   const top = element("div", "top");
   const name = element("span", "name", drive.name);
   name.title = drive.id;
-  top.append(name, element("span", `state ${drive.state}`, drive.note && drive.state === "done" ? "not in the map" : WORDS[drive.state]));
+  top.append(name, gradeBadge(drive.quality), element("span", `state ${drive.state}`, WORDS[drive.state]));
   const stages = element("div", "stages");
   stages.append(...drive.stages.map(stageBar));
-  card.replaceChildren(top, stages, element("div", "words", drive.state === "done" && drive.note ? drive.note : words(drive)));
+  const told = OVER.includes(drive.state) && drive.note;
+  card.replaceChildren(top, stages, element("div", "words", told ? drive.note : words(drive)));
   card.dataset.id = drive.id;
   card.dataset.state = drive.state;
+  if (drive.quality) card.append(report(drive));
   if (drive.state === "failed") {
     const button = element("button", "", "Try again");
     button.type = "button";

@@ -25,6 +25,14 @@ maplibregl.addProtocol("grid", async () => {
   return { data: await (await canvas.convertToBlob({ type: "image/png" })).arrayBuffer() };
 });
 
+// Every place of a track, which the antimeridian may cut in two lines.
+const placesOf = (feature) => {
+  if (!feature) return [];
+  const { type, coordinates } = feature.geometry;
+  if (type === "LineString") return coordinates;
+  return coordinates.flat().map(([lon, ...rest]) => [lon < 0 ? lon + 360 : lon, ...rest]);
+};
+
 const grid = () => ({ type: "raster", tiles: ["grid://{z}/{x}/{y}"], tileSize: 256, maxzoom: 22 });
 
 export class CityMap {
@@ -89,7 +97,8 @@ export class CityMap {
     if (layer) {
       const tiles = [`${location.origin}/v1/maps/${version.map_id}/versions/${version.version}/tiles/semantic/{z}/{x}/{y}.png`];
       this.map.addSource("semantic", {
-        type: "raster", tiles, tileSize: 256, minzoom: layer.min_zoom, maxzoom: layer.max_zoom, bounds: version.bounds,
+        type: "raster", tiles, tileSize: 256, minzoom: layer.min_zoom, maxzoom: layer.max_zoom,
+        ...(version.bounds[0] <= version.bounds[2] ? { bounds: version.bounds } : {}),
       });
       this.map.addLayer(
         { id: "semantic", type: "raster", source: "semantic", layout: { visibility }, paint: { "raster-resampling": "nearest" } },
@@ -125,12 +134,13 @@ export class CityMap {
     const feature = this.tracks.get(id);
     if (!feature) return;
     this.map.setFeatureState({ source: "tracks", id }, { chosen: true });
-    this.#fitTo(feature.geometry.coordinates);
+    this.#fitTo(placesOf(feature));
   }
 
   fit() {
     const [west, south, east, north] = this.bounds ?? [];
-    const corners = this.bounds ? [[west, south], [east, north]] : [...this.tracks.values()].flatMap((one) => one?.geometry.coordinates ?? []);
+    // Across the antimeridian west is the greater.
+    const corners = this.bounds ? [[west, south], [east < west ? east + 360 : east, north]] : [...this.tracks.values()].flatMap(placesOf);
     this.#fitTo(corners);
   }
 

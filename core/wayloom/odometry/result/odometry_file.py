@@ -4,15 +4,18 @@
 """
 
 import io
+import itertools
 import json
 import zipfile
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wayloom.errors import InputError
-from wayloom.files.atomic import write_atomically
+from wayloom.files.atomic import replacing
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import PARAMETERS, RightLens
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
@@ -23,21 +26,23 @@ VERSION = 1
 META = "meta.json"
 EPOCH = (1980, 1, 1, 0, 0, 0)
 GROUPS: dict[str, Any] = {"trajectory": Trajectory, "keyframes": Keyframes, "points": Points}
+PIECE_BYTES = 1 << 22
 NOT_OF_THE_DRIVE = ("seconds",)
 """Keys of the report that differ from run to run; they are not stored."""
 
 
 def save_odometry(result: OdometryResult, path: Path) -> None:
-    """Write the result to `path`, whole or not at all. The report's times are left out: they are of the run, not of the drive."""
+    """Write the result to `path`, whole or not at all. The report's times are left out: they are of the run, not of the drive.
+
+    Arrays are written in pieces: those that lie in files (`growing_arrays`) are never in memory as a whole.
+    """
     arrays = {f"{name}.{field}": getattr(getattr(result, name), field) for name, cls in GROUPS.items() for field in cls.__slots__}
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
-        _add(archive, META, json.dumps(_meta(result), sort_keys=True, indent=1).encode())
+    with replacing(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
+        meta = json.dumps(_meta(result), sort_keys=True, indent=1).encode()
+        _add(archive, META, len(meta), [meta])
         for name, array in sorted(arrays.items()):
-            stream = io.BytesIO()
-            np.lib.format.write_array(stream, np.ascontiguousarray(array), version=(1, 0), allow_pickle=False)
-            _add(archive, f"{name}.npy", stream.getvalue())
-    write_atomically(path, buffer.getvalue())
+            header = _npy_header(array)
+            _add(archive, f"{name}.npy", len(header) + array.nbytes, itertools.chain([header], _pieces(array)))
 
 
 def load_odometry(path: Path) -> OdometryResult:
@@ -83,12 +88,30 @@ def _meta(result: OdometryResult) -> dict[str, Any]:
     }
 
 
-def _add(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
-    """One member with a fixed time and mode, so that equal content gives equal bytes."""
+def _add(archive: zipfile.ZipFile, name: str, size: int, pieces: Iterable[bytes]) -> None:
+    """One member of `size` bytes with a fixed time and mode, so that equal content gives equal bytes."""
     info = zipfile.ZipInfo(name, EPOCH)
-    info.external_attr = 0o644 << 16
-    archive.writestr(info, data)
+    info.external_attr, info.file_size = 0o644 << 16, size
+    with archive.open(info, "w") as member:
+        for piece in pieces:
+            member.write(piece)
+
+
+def _npy_header(array: NDArray[Any]) -> bytes:
+    """What an npy file of version 1.0 has before the array's bytes, rows first."""
+    header = io.BytesIO()
+    about = {"descr": np.lib.format.dtype_to_descr(array.dtype), "fortran_order": False, "shape": array.shape}
+    np.lib.format.write_array_header_1_0(header, about)
+    return header.getvalue()
+
+
+def _pieces(array: NDArray[Any]) -> Iterator[bytes]:
+    """The array's bytes, some rows at a time."""
+    rows = max(1, PIECE_BYTES // max(1, array[:1].nbytes))
+    for first in range(0, len(array), rows):
+        yield np.ascontiguousarray(array[first : first + rows]).tobytes()
 
 
 def _array(archive: zipfile.ZipFile, name: str) -> Any:
-    return np.lib.format.read_array(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)
+    with archive.open(f"{name}.npy") as member:
+        return np.lib.format.read_array(member, allow_pickle=False)

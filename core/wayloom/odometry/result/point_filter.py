@@ -78,6 +78,14 @@ class KeptPoints:
         self.obs_keyframe.append(seen[correlated, 1])
         self.obs_right.append(seen[correlated, 2] & RIGHT_ALIKE > 0)
 
+    def extend(self, points: Points) -> None:
+        """Append points that passed the filter elsewhere, by rows of the same keyframes."""
+        self.obs_start.append(len(self.obs_keyframe) + points.obs_start[1:])
+        columns = ("host", points.host), ("uv", points.uv_host), ("rho", points.inverse_depth), ("variance", points.variance)
+        others = ("grey", points.grey), ("host_right", points.host_right)
+        for name, values in (*columns, *others, ("obs_keyframe", points.obs_keyframe), ("obs_right", points.obs_right)):
+            getattr(self, name).append(values)
+
     def __len__(self) -> int:
         return len(self.host)
 

@@ -1,4 +1,4 @@
-"""Binary container of named arrays whose bytes depend on their content alone, used by submaps and point tiles.
+"""Binary container of named arrays whose bytes depend on their content alone, used by submaps, places and point tiles.
 
     8 bytes magic · uint32 version · uint32 length of the header · header · body          (all little-endian)
 

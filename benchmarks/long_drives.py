@@ -1,0 +1,206 @@
+"""Long drives: in parts against in one piece, memory against length, and time with one process and with two.
+
+    python benchmarks/long_drives.py [--data FOLDER] [--long FOLDER] [--seeds 3] [--laps 1 4 16] [--stages 1 4] [--json FILE]
+                                     [--write]
+
+--data    the recordings as docs/results.md describes them; clip A is tracked in one piece and in three parts
+--long    a drive of `wayloom simulate long --size quarter --laps N`, of as many laps as the largest number asked for
+--laps    lengths of which memory and time of the odometry are measured, each in a process of its own
+--stages  lengths of which memory of every stage is measured, each in a process of its own
+--write   the tables into docs/benchmarks/long_drives.md; those that are not measured again stay as they are
+"""
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy loads its BLAS
+    os.environ.setdefault(name, "1")
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "core"))
+
+import numpy as np  # noqa: E402
+
+from pages import DOCS, put_between_marks  # noqa: E402
+from wayloom.calibration.self_calibration import calibrate_drive  # noqa: E402
+from wayloom.config.stages import drive_stages  # noqa: E402
+from wayloom.evaluation.trajectory import evaluate  # noqa: E402
+from wayloom.files.atomic import link_or_copy  # noqa: E402
+from wayloom.logs.registry import open_log  # noqa: E402
+from wayloom.logs.types import DriveLog  # noqa: E402
+from wayloom.odometry.odometry import track  # noqa: E402
+from wayloom.odometry.parts.join import join_parts  # noqa: E402
+from wayloom.odometry.parts.log_view import log_view  # noqa: E402
+from wayloom.odometry.parts.plan import plan_parts  # noqa: E402
+from wayloom.odometry.settings import OdometrySettings  # noqa: E402
+from wayloom.odometry.types import OdometryResult  # noqa: E402
+from wayloom.pipeline.log_source import LogSource  # noqa: E402
+from wayloom.pipeline.running import run_stage  # noqa: E402
+from wayloom.pipeline.settings import ProcessSettings  # noqa: E402
+from wayloom.pipeline.stage_context import StageContext  # noqa: E402
+from wayloom.pipeline.stage_files import STAGE_FILE, digest_of_folder  # noqa: E402
+from wayloom.pipeline.stages import odometry  # noqa: E402
+
+PAGE, LAP = DOCS / "benchmarks" / "long_drives.md", 484
+CLIP_PARTS, LONG_PARTS = OdometrySettings(part_frames=94, part_overlap=40), OdometrySettings(part_frames=700, part_overlap=80)
+WHOLE = 10**9
+
+
+def main() -> None:
+    """Measure, print, and write where asked."""
+    options = parsed()
+    if options.child:
+        child(options.child)
+        return
+    found: dict[str, Any] = {}
+    if options.data:
+        found["accuracy of clip A"] = accuracy(
+            open_log(options.data / "kitti_odometry" / "sequences" / "00"), CLIP_PARTS, options.seeds
+        )
+    if options.long:
+        found["accuracy of a simulated drive"] = accuracy(log_view(open_log(options.long), 0, 4 * LAP), LONG_PARTS, options.seeds)
+        found["odometry"] = [measured_odometry(options.long, laps, *how) for laps in options.laps for how in ways_of(laps)]
+        found["stages"] = [row for laps in options.stages for row in stages(options.long, laps)]
+    print(json.dumps(found, indent=1))
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=1) + "\n")
+    if options.write:
+        for name, rows in found.items():
+            put_between_marks(PAGE, name, table(rows))
+
+
+def parsed() -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path)
+    parser.add_argument("--long", type=Path)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--laps", type=int, nargs="*", default=[1, 4, 16])
+    parser.add_argument("--stages", type=int, nargs="*", default=[1, 4])
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--write", action="store_true")
+    parser.add_argument("--child", help=argparse.SUPPRESS)
+    return parser.parse_args()
+
+
+def ways_of(laps: int) -> list[tuple[int, int]]:
+    """Frames of a part and processes: in one piece; and, where that is more than one part, in parts by one and by two."""
+    return [(WHOLE, 1)] if laps == 1 else [(WHOLE, 1), (LONG_PARTS.part_frames, 1), (LONG_PARTS.part_frames, 2)]
+
+
+def accuracy(log: DriveLog, cut: OdometrySettings, seeds: int) -> list[dict[str, Any]]:
+    """Errors against truth in one piece and in parts, for each seed of the choice of points, and how far the two are apart."""
+    known, rows, ways = calibrate_drive(log), [], []
+    for seed in range(seeds):
+        settings = known.settings(cut.model_copy(update={"seed": seed}))
+        whole = track(log, settings, lens=known.lens, matches=known.matches)
+        results = {
+            part.number: track(log_view(log, part.first, part.stop), settings, lens=known.lens, matches=known.matches)
+            for part in plan_parts(len(log), settings)
+        }
+        joined = join_parts(plan_parts(len(log), settings), lambda part: results[part.number])  # noqa: B023
+        ways.append(whole.trajectory.T_world_cam)
+        apart = furthest(joined.trajectory.T_world_cam, ways[-1])
+        rows += [row(log, whole, seed, "one piece", None), row(log, joined, seed, f"{len(results)} parts", apart)]
+    between = [furthest(a, b) for a, b in combinations(ways, 2)]
+    rows.append({"system": "one piece, two seeds", "furthest apart cm": f"{100 * min(between):.1f} to {100 * max(between):.1f}"})
+    return rows
+
+
+def row(log: DriveLog, result: OdometryResult, seed: int, system: str, apart_m: float | None) -> dict[str, Any]:
+    """One result against truth. apart_m : the largest distance to the drive in one piece."""
+    assert log.truth is not None
+    errors, joints = evaluate(result.trajectory.T_world_cam, log.truth), result.report.get("joints", [])
+    return {
+        "system": system, "seed": seed, "ATE cm": round(100 * errors.ate_m, 1), "t_rel %": round(errors.t_rel_percent, 3),
+        "r_rel °/100 m": round(errors.r_rel_deg_per_100m, 3), "length ratio": round(errors.length_ratio, 5),
+        "furthest apart cm": None if apart_m is None else round(100 * apart_m, 1),
+        "sigma of joints mm": None if not joints else ", ".join(f"{1000 * joint['sigma_m']:.0f}" for joint in joints),
+        "their scales − 1 %": None if not joints else ", ".join(f"{100 * (joint['scale_ratio'] - 1):.2f}" for joint in joints),
+        "keyframes": len(result.keyframes), "points": len(result.points), "observations": len(result.points.obs_keyframe),
+    }  # fmt: skip
+
+
+def furthest(a: np.ndarray, b: np.ndarray) -> float:
+    """m: largest distance of two trajectories (n, 4, 4) that begin alike."""
+    return float(np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1).max())
+
+
+def first_frames(path: Path, folder: Path, frames: int) -> Path:
+    """A drive in KITTI odometry layout as if it had ended after so many frames: its files, linked."""
+    for file in path.rglob("*"):
+        if (
+            file.is_file()
+            and file.relative_to(path).parts[0] != "truth"
+            and not (file.suffix == ".png" and int(file.stem) >= frames)
+        ):
+            link_or_copy(file, folder / file.relative_to(path))
+    return folder
+
+
+def measured_odometry(path: Path, laps: int, part_frames: int, threads: int) -> dict[str, Any]:
+    """The odometry alone of the first laps of a drive."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as temporary:
+        log = first_frames(path, Path(temporary) / "log", laps * LAP)
+        return in_a_process("odometry", log, Path(temporary), part_frames, threads)
+
+
+def stages(path: Path, laps: int) -> list[dict[str, Any]]:
+    """All stages of the first laps, one after the other."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as temporary:
+        log = first_frames(path, Path(temporary) / "log", laps * LAP)
+        return [in_a_process(stage, log, Path(temporary), LONG_PARTS.part_frames, 1) for stage in drive_stages()]
+
+
+def in_a_process(stage: str, log: Path, folder: Path, part_frames: int, threads: int) -> dict[str, Any]:
+    """A stage run in a process of its own. folder : with the stages before it, which it joins."""
+    request = {"stage": stage, "log": str(log), "part_frames": part_frames, "threads": threads, "folder": str(folder)}
+    command = [sys.executable, __file__, "--child", json.dumps(request)]
+    found: dict[str, Any] = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    return found
+
+
+def child(text: str) -> None:
+    """Run one stage and say what it took."""
+    request = json.loads(text)
+    cut = OdometrySettings(part_frames=request["part_frames"], part_overlap=LONG_PARTS.part_overlap)
+    settings, folder = ProcessSettings(threads=request["threads"], odometry=cut), Path(request["folder"])
+    out = folder / request["stage"]
+    out.mkdir()
+    context = StageContext(LogSource(Path(request["log"])), folder, settings, parts_dir=folder / "parts")
+    start = time.perf_counter()
+    if request["stage"] == "odometry":
+        odometry.run(context, out, lambda share, what: None)
+        digest = {"stage": "odometry", "key": "", "seconds": 0.0, "digest": digest_of_folder(out)}
+        (out / STAGE_FILE).write_text(json.dumps(digest))
+    else:
+        run_stage(request["stage"], context, out)
+    seconds = time.perf_counter() - start
+    own, children = (resource.getrusage(who).ru_maxrss / 1024 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    print(json.dumps({
+        "stage": request["stage"], "frames": len(context.log),
+        "how": "one piece" if request["part_frames"] == WHOLE else f"parts of {request['part_frames']}",
+        "processes": request["threads"], "seconds": round(seconds, 1), "peak MB": round(own),
+        "peak MB of a child": round(children) if request["threads"] > 1 else None,
+        "result MB": round(sum(file.stat().st_size for file in out.rglob("*") if file.is_file()) / 2**20, 1),
+    }))  # fmt: skip
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Markdown, a dash for what is not there."""
+    names = list(dict.fromkeys(name for one in rows for name in one))
+    lines = [names, ["---"] * len(names), *([str("–" if one.get(name) is None else one[name]) for name in names] for one in rows)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,20 @@
+"""Places stage: what is kept of a drive to recognise and register its places without its images. Leaves drive.places."""
+
+from pathlib import Path
+
+from wayloom.config.progress import Progress
+from wayloom.labelling.files import LABELS_FILE, load_labels
+from wayloom.pipeline.stage_context import StageContext
+from wayloom.pipeline.tracked_drive import tracked_drive
+from wayloom.places.extraction import make_places
+from wayloom.places.files import PLACES_FILE, save_places
+from wayloom.segmentation.keyframe_labels import KeyframeLabels
+
+
+def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
+    """Raises StageError where an image's labels are missing, LogError where an image is."""
+    odometry = tracked_drive(context)
+    labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE)
+    images = KeyframeLabels(context.inputs_dir / "segmentation", odometry.keyframes.frame)
+    places = make_places(context.log, odometry, labels, images, context.settings.places, progress)
+    save_places(places, out_dir / PLACES_FILE)

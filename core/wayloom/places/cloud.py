@@ -1,0 +1,91 @@
+"""Static point cloud of a drive: its odometry's points, and more from the stereo pairs of some keyframes, thinned by voxels."""
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.labelling.types import PointLabels
+from wayloom.odometry.points.selection import first_cell, select_candidates, spread_sample
+from wayloom.odometry.types import OdometryResult
+from wayloom.places.settings import PlaceSettings
+from wayloom.places.stereo_pair import STATIC, StereoPair
+from wayloom.places.types import PlaceCloud
+
+FloatArray = NDArray[np.float64]
+BLOCK_PX = 32
+MARGIN = 3.0
+"""Grey values that a candidate's gradient must be over its surroundings' median."""
+BORDER_PX = 6
+LARGEST_SIGMA_CM = 255
+AXIS_BITS = 21
+"""A voxel's number holds three coordinates of so many bits: 400 km of 0.2 m."""
+
+
+def hosted_points(odometry: OdometryResult, labels: PointLabels, settings: PlaceSettings) -> tuple[NDArray[np.int64], PlaceCloud]:
+    """The odometry's static points that are near and sure enough: where each keyframe's begin (K + 1,), and the cloud."""
+    p = odometry.points
+    depth = 1.0 / np.maximum(p.inverse_depth.astype(np.float64), 1e-6)
+    sigma = depth * depth * np.sqrt(p.variance.astype(np.float64))
+    kept = STATIC[labels.stereo] & (depth < settings.cloud_depth_m) & (sigma < settings.cloud_sigma_m)
+    rows = np.flatnonzero(kept)
+    rows = rows[np.argsort(p.host[rows], kind="stable")]
+    p_cam = odometry.rig.camera.rays(p.uv_host[rows].astype(np.float64)) * depth[rows, None]
+    cloud = packed(p.host[rows], p_cam, labels.stereo[rows], sigma[rows])
+    return np.searchsorted(cloud.keyframe, np.arange(len(odometry.keyframes) + 1)), cloud
+
+
+def pair_points(pair: StereoPair, keyframe: int, odometry: OdometryResult, settings: PlaceSettings) -> PlaceCloud:
+    """Static points of a keyframe's stereo pair, at pixels of high gradient spread over the image."""
+    shape = pair.left.shape
+    cell = max(2, int(first_cell(shape, settings.cloud_candidates)))
+    pixels = select_candidates(pair.left, np.zeros((0, 2)), cell, BLOCK_PX, MARGIN, BORDER_PX)
+    pixels = pixels[STATIC[pair.label[pixels[:, 1], pixels[:, 0]]]]
+    pixels = pixels[spread_sample(pixels, settings.cloud_candidates)]
+    depth, sigma = pair.depth(pixels, odometry)
+    kept = (depth < settings.cloud_depth_m) & (sigma < settings.cloud_sigma_m)
+    u, v = pixels[kept].T
+    p_cam = odometry.rig.camera.rays(pixels[kept].astype(np.float64)) * depth[kept, None]
+    return packed(np.full(kept.sum(), keyframe, np.int32), p_cam, pair.label[v, u], sigma[kept])
+
+
+def packed(keyframe: NDArray[np.int32], p_cam: FloatArray, label: NDArray[np.uint8], sigma_m: FloatArray) -> PlaceCloud:
+    """The points p_cam (n, 3) m in centimetres."""
+    sigma_cm = np.clip(np.ceil(100.0 * sigma_m), 1, LARGEST_SIGMA_CM).astype(np.uint8)
+    limits = np.iinfo(np.int16)
+    return PlaceCloud(keyframe, np.clip(np.rint(100.0 * p_cam), limits.min, limits.max).astype(np.int16), label, sigma_cm)
+
+
+def taken(cloud: PlaceCloud, rows: NDArray[np.int64] | slice) -> PlaceCloud:
+    """These rows of a cloud."""
+    return PlaceCloud(cloud.keyframe[rows], cloud.p_cam[rows], cloud.label[rows], cloud.sigma_cm[rows])
+
+
+class VoxelFilter:
+    """One point a voxel within a reach of road: what was kept further back does not count, because a drive that comes back there
+    has drifted since."""
+
+    def __init__(self, voxel_m: float, reach_m: float) -> None:
+        self.voxel_m, self.reach_m = voxel_m, reach_m
+        self.kept: deque[tuple[float, NDArray[np.int64]]] = deque()
+
+    def rows(self, points_world: FloatArray, sigma_cm: NDArray[np.uint8], road_m: float) -> NDArray[np.int64]:
+        """Rows (m,) of the points (n, 3) m to keep, increasing: in every voxel that is free the surest, of equals the first."""
+        while self.kept and self.kept[0][0] < road_m - self.reach_m:
+            self.kept.popleft()
+        number = voxel_numbers(points_world, self.voxel_m)
+        free = ~np.isin(number, np.concatenate([n for _, n in self.kept])) if self.kept else np.ones(len(number), bool)
+        order = np.lexsort((sigma_cm, number))
+        first = np.ones(len(order), bool)
+        first[1:] = number[order[1:]] != number[order[:-1]]
+        chosen: NDArray[np.int64] = np.sort(order[first & free[order]])
+        self.kept.append((road_m, number[chosen]))
+        return chosen
+
+
+def voxel_numbers(points: FloatArray, voxel_m: float) -> NDArray[np.int64]:
+    """(n,) one number for each voxel."""
+    half, mask = 1 << (AXIS_BITS - 1), (1 << AXIS_BITS) - 1
+    cell = (np.floor(points / voxel_m).astype(np.int64) + half) & mask
+    numbers: NDArray[np.int64] = (cell[:, 0] << 2 * AXIS_BITS) | (cell[:, 1] << AXIS_BITS) | cell[:, 2]
+    return numbers

@@ -1,0 +1,99 @@
+"""Repository of the gate before the map: verdicts on drives, and releases by operators.
+
+Locks are taken in one order everywhere, the map's row before the drive's: publishing does the same.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from wayloom.config.gate import GATES, Gate
+from wayloom.errors import ConflictError
+from wayloom.store import drives
+from wayloom.store.database import now_s
+from wayloom.store.jobs import JobMessage, request_stitch
+from wayloom.store.tables import Drive, Map
+
+STATE_OUTSIDE: Final = {"merge": "done", "hold": "held", "quarantine": "quarantined"}
+"""State of a finished drive that is not merged, by its gate."""
+
+
+def judge(session: Session, drive_id: str, grade: str | None, reasons: Sequence[str], gate: Gate) -> None:
+    """Write the verdict down. A release was for what the operator saw: it lapses when the new verdict is stricter."""
+    drive = lock(session, drive_id)
+    stricter = drive.gate is not None and GATES.index(gate) > [*GATES].index(drive.gate)  # type: ignore[arg-type]
+    if stricter and drive.released_at is not None:
+        reasons = [*reasons, f"the release by {drive.released_by} was for a better grade and has lapsed"]
+        _forget_release(drive)
+    drive.grade, drive.gate, drive.reasons = grade, gate, list(reasons)
+
+
+def passes(drive: Drive) -> bool:
+    """Whether the drive may be in the map. As `maps.PASSES` asks of the database."""
+    return drive.gate == "merge" or drive.released_at is not None
+
+
+def release(session: Session, drive_id: str, by: str, why: str) -> JobMessage | None:
+    """Merge a held or quarantined drive all the same. Returns the map's job, None where the drive is still on its way.
+
+    Raises ConflictError for a drive that needs no release, has no place on Earth, or is not judged yet.
+    """
+    drive = lock(session, drive_id)
+    _check_can_be_released(drive)
+    drive.released_at, drive.released_by, drive.released_why = now_s(session), by, why
+    if drive.state not in STATE_OUTSIDE.values():
+        return None
+    job = request_stitch(session, drive.map_id)
+    drive.state, drive.stitch_job_id, drive.error, drive.finished_at = "stitching", job.id, None, None
+    return JobMessage(job.id, job.queue)
+
+
+def revoke(session: Session, drive_id: str) -> JobMessage | None:
+    """Take a release back; where the map has the drive, or soon would, it is stitched without it. Returns the map's job.
+
+    Raises ConflictError for a drive that was not released.
+    """
+    drive = lock(session, drive_id)
+    if drive.released_at is None:
+        raise ConflictError(f"drive {drive_id[:12]} was not released")
+    _forget_release(drive)
+    if drive.stitch_job_id is None:
+        return None
+    return leave_out(session, drive)
+
+
+def leave_out(session: Session, drive: Drive) -> JobMessage | None:
+    """A finished drive that does not pass stays outside; where it was given to the map before, the map is stitched without it."""
+    drive.state, drive.finished_at, drive.error = STATE_OUTSIDE[drive.gate or "hold"], now_s(session), None
+    if drive.stitch_job_id is None:
+        return None
+    drive.stitch_job_id = None
+    job = request_stitch(session, drive.map_id)
+    return JobMessage(job.id, job.queue)
+
+
+def lock(session: Session, drive_id: str) -> Drive:
+    """The drive as the database has it, and nobody else may change it, nor its map's jobs, until this transaction ends."""
+    map_id = drives.get(session, drive_id).map_id
+    session.execute(select(Map.id).where(Map.id == map_id).with_for_update())
+    return session.get_one(Drive, drive_id, with_for_update=True, populate_existing=True)
+
+
+def _check_can_be_released(drive: Drive) -> None:
+    name = f"drive {drive.id[:12]}"
+    if drive.state == "removing":
+        raise ConflictError(f"{name} is being removed")
+    if drive.placed is False:
+        raise ConflictError(f"{name} has no place on Earth: there is nothing to release; send it again with GNSS")
+    if drive.gate is None:
+        raise ConflictError(f"{name} is not judged yet: wait for its geo-reference")
+    if drive.gate == "merge":
+        raise ConflictError(f"{name} has grade {drive.grade} and needs no release")
+    if drive.released_at is not None:
+        raise ConflictError(f"{name} was released by {drive.released_by} already")
+
+
+def _forget_release(drive: Drive) -> None:
+    drive.released_at = drive.released_by = drive.released_why = None

@@ -1,0 +1,96 @@
+// The page of one drive: its grade with reasons, what was found of its GNSS, drift and loops, and its release by an operator.
+
+import { ask, headers, Refused } from "/static/api.js";
+import { element, gradeBadge } from "/static/drives.js";
+
+const at = (id) => document.getElementById(id);
+const id = location.pathname.split("/").pop();
+const VERDICTS = { merge: "merged into the map", hold: "held: it waits for an operator", quarantine: "quarantined: not merged" };
+const TITLES = {
+  residuals: "GNSS residuals over time",
+  drift: "Drift before and after",
+  sigma: "Uncertainty along the road",
+  track: "The track",
+};
+
+const metres = (values) => `${values.map((value) => value.toFixed(2)).join(", ")} m`;
+
+// Rows of the table: what is known, in the order of interest.
+function numbers({ fixes, bursts, receiver, scale, drift, loops }, facts) {
+  const counted = facts.georeference?.fixes;
+  const rows = [];
+  if (fixes) rows.push(["Fixes used, not used", `${counted.used}, ${counted.rejected}`]);
+  for (const burst of bursts) rows.push(["GNSS burst", `${burst.from_s.toFixed(1)} to ${burst.to_s.toFixed(1)} s, off by ${metres(burst.offset_enu_m)} (east, north, up)`]);
+  if (receiver) {
+    rows.push(["Time offset", `${(1e3 * receiver.time_offset_s).toFixed(1)} ± ${(1e3 * receiver.sigma_time_offset_s).toFixed(1)} ms`]);
+    rows.push(["Lever arm, correction", `${metres(receiver.lever_correction_m)} ± ${metres(receiver.sigma_lever_m)} (right, down, forward)`]);
+  }
+  if (scale) rows.push(["Scale of the odometry", `${scale.mean.toFixed(4)} ± ${scale.sigma.toFixed(4)}`]);
+  if (drift) {
+    const { percent, deg_per_100m: turn } = drift;
+    rows.push(["Drift of the odometry", `${percent.median.toFixed(2)} % (worst ${percent.worst.toFixed(2)}), ${turn.median.toFixed(2)}° (worst ${turn.worst.toFixed(2)}°) per 100 m`]);
+  }
+  rows.push(["Loop closures", loops ? String(loops.count) : "none"]);
+  return rows;
+}
+
+function showVerdict(drive) {
+  document.title = `${drive.name} · wayloom`;
+  at("name").textContent = drive.name;
+  at("grade").replaceChildren(gradeBadge(drive.quality));
+  at("state").textContent = drive.state;
+  const { grade, gate, reasons, release } = drive.quality;
+  at("verdict").textContent = `${grade ? `Grade ${grade}` : "No place on Earth"}, ${release ? "released" : VERDICTS[gate]}`;
+  at("reasons").replaceChildren(...reasons.map((reason) => element("li", "", reason)));
+  at("release").hidden = at("revoke").hidden = !release;
+  if (release) at("release").textContent = `Released by ${release.by} on ${new Date(1000 * release.at).toLocaleString()}: ${release.why}`;
+  at("ask-release").hidden = release !== null || gate === "merge" || drive.placed === false;
+}
+
+async function picture(name) {
+  const answer = await fetch(`/v1/drives/${id}/quality/${name}.svg`, { headers: headers() });
+  const image = element("img", "plot");
+  image.alt = TITLES[name];
+  image.src = URL.createObjectURL(await answer.blob());
+  const section = element("section");
+  section.append(element("h2", "", TITLES[name]), image);
+  return section;
+}
+
+async function change(options) {
+  try {
+    showVerdict(await ask(`/v1/drives/${id}/release`, options));
+    at("problem").hidden = true;
+  } catch (error) {
+    tell(error);
+  }
+}
+
+function tell(error) {
+  at("problem").hidden = false;
+  at("problem").textContent = error instanceof Refused && error.status === 401 ? "This server wants its key: give it on the first page." : error.message;
+}
+
+at("ask-release").addEventListener("submit", (event) => {
+  event.preventDefault();
+  change({ method: "POST", body: JSON.stringify({ by: at("by").value, why: at("why").value }) });
+});
+at("revoke").addEventListener("click", () => change({ method: "DELETE" }));
+
+try {
+  const drive = await ask(`/v1/drives/${id}`);
+  if (!drive.quality) throw new Error(`${drive.name} is not judged yet.`);
+  showVerdict(drive);
+  const quality = await ask(`/v1/drives/${id}/quality`);
+  at("numbers").replaceChildren(
+    ...numbers(quality, drive.facts).map((row) => {
+      const line = element("tr");
+      line.append(...row.map((text) => element("td", "", text)));
+      return line;
+    }),
+  );
+  const order = Object.keys(TITLES).filter((name) => quality.pictures.includes(name));
+  at("pictures").replaceChildren(...(await Promise.all(order.map(picture))));
+} catch (error) {
+  tell(error);
+}
