@@ -49,7 +49,7 @@ JUMP_PROBABILITY = 1.0 - 1e-5
 """Quantile of chi-square of a difference beyond which it is a jump: a cut too many costs nothing."""
 RAMP_S, RAMP_HEADING_RAD = 1.0, 0.01
 """Over how long fixes may leave the odometry without a jump, and what the first guess's heading may be off by then."""
-GUARD_S = 0.5
+GUARD_S = 1.0
 """Fixes so near to such ones are judged with them."""
 RESTLESS_JUMPS = 3
 """Jumps within RAMP_S from which on they are one error that changes, and no coming and going."""

@@ -7,13 +7,13 @@ their neighbours: the runs beside such a turn believed the other way round.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.mapping.drive_equations import DriveState
-from wayloom.mapping.truncated_squares import FIRST_SOLVES, lowest
+from wayloom.mapping.truncated_squares import FIRST_SOLVES, minima
 from wayloom.mapping.witness_graph import WitnessGraph
 
 FloatArray = NDArray[np.float64]
@@ -34,10 +34,10 @@ class Choice:
 
 def choose(graph: WitnessGraph, T_enu_node: FloatArray) -> Choice:
     """The cheapest choice that is found from a first guess T_enu_node (K, 4, 4) of all nodes."""
-    weight, state = lowest(graph, T_enu_node)
-    believed, stretches = weight > 0.5, len(graph.witnesses)
-    best = Choice(believed, state, cost(graph, believed, state))
-    tried = {believed.tobytes()}
+    ends = [(weight > 0.5, state) for weight, state in minima(graph, T_enu_node)]
+    choices = [Choice(believed, state, cost(graph, believed, state)) for believed, state in ends]
+    best, stretches = min(choices, key=lambda choice: choice.cost), len(graph.witnesses)
+    tried = {choice.believed.tobytes() for choice in choices}
     for _ in range(NEIGHBOUR_ROUNDS):
         found = []
         for of_stretches in _neighbours(best.believed[:stretches], graph.witnesses.cut):
@@ -63,14 +63,14 @@ def cost(graph: WitnessGraph, believed: BoolArray, at: DriveState) -> float:
 
 
 def _neighbours(believed: BoolArray, cut: BoolArray) -> list[BoolArray]:
-    """Where belief turns without a jump: the run on either side of it turned over, and both, up to the next jump or turn."""
+    """Where belief turns without a jump: each of the two runs up to jumps or turns on either side turned over, and each two."""
     turns = np.flatnonzero(cut[1:] & (believed[1:] != believed[:-1])) + 1
     edges = np.flatnonzero(np.append(True, ~cut[1:] | (believed[1:] != believed[:-1])))
     bounds, found = np.append(edges, len(believed)), []
     for turn in turns[:MOST_TURNS].tolist():
         k = int(np.searchsorted(edges, turn))
         runs = [slice(bounds[j], bounds[j + 1]) for j in range(max(k - 2, 0), min(k + 2, len(edges)))]
-        found += [_turned(believed, [run]) for run in runs] + [_turned(believed, pair) for pair in pairwise(runs)]
+        found += [_turned(believed, [run]) for run in runs] + [_turned(believed, pair) for pair in combinations(runs, 2)]
     return found
 
 
