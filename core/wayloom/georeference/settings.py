@@ -52,7 +52,10 @@ class GeoReferenceSettings(Settings):
         0.02, ge=0.0, le=5.0, description="added to a fix's sigma when it is judged, never when it is used, m"
     )
     time_offset_sigma_s: float = Field(
-        0.0002, gt=0.0, le=10.0, description="prior sigma of the receiver's clock against the cameras', s"
+        0.05,
+        gt=0.0,
+        le=10.0,
+        description="prior sigma of the receiver's clock against the cameras', s; 0.0002 where a pulse triggers both",
     )
     lever_sigma_m: float = Field(0.002, gt=0.0, le=10.0, description="prior sigma of a given lever arm, m, each axis")
     unknown_lever_sigma_m: float = Field(

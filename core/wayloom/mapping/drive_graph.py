@@ -13,12 +13,16 @@ and for every fix that is kept the true place g of the antenna at that time.
   straight road GNSS cannot tell the roll about the track.
 """
 
+from copy import copy
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.mapping.drive_equations import (
     CorrelatedFixes,
     DriveEquations,
+    DriveState,
     NoFixes,
     PoseTerms,
     left_covariances,
@@ -34,6 +38,10 @@ from wayloom.mapping.odometry_links import links_of
 from wayloom.mapping.own_frame import StartGauge, closed_in_own_frame
 
 FloatArray = NDArray[np.float64]
+CLOCK_SIGMAS = 3.0
+"""How far from zero the drive must see the receiver's clock before an offset is believed."""
+HELD_CLOCK_S = 1e-6
+"""Prior sigma of a clock that is held."""
 
 
 def optimise_drive(
@@ -51,6 +59,9 @@ def optimise_drive(
     equations = DriveEquations(chain, links, CorrelatedFixes(kept, noise), noise, terms)
     state = equations.descend(equations.first_state(screened.T_enu_node, screened.receiver))
     tree = equations.tree(state)
+    receiver_covariance = marginal(tree, receiver_key())
+    if not clock_is_told(state.receiver[0], receiver_covariance[0, 0], noise):
+        state = _with_clock_held(equations, state)
     covariance = left_covariances(tree, state.T_enu_node)
     covariance[:, :3, :3] += screened.unconfirmed_m**2 * np.eye(3)
     return DriveSolution(
@@ -61,12 +72,31 @@ def optimise_drive(
         screened.inlier,
         fixes.residuals(state.T_enu_node, state.receiver),
         state.receiver,
-        marginal(tree, receiver_key()),
+        receiver_covariance,
         screened.noise_ratio,
         screened.shifted,
         screened.unconfirmed_m,
         screened.closed,
     )
+
+
+def clock_is_told(time_offset_s: float, variance_s2: float, noise: DriveNoise) -> bool:
+    """Whether the drive itself says that the receiver's clock is off: the score of zero, with the prior taken out again.
+
+    On a straight road at one speed an offset is a shift along the road, which only the prior denies; the estimate is then what
+    noise makes of it, and zero is the better guess. What could not be told stays in the covariance either way.
+    """
+    information = 1.0 / variance_s2 - 1.0 / noise.time_offset_s**2
+    if information <= 0.0:
+        return False
+    return (time_offset_s / variance_s2) ** 2 / information > CLOCK_SIGMAS**2
+
+
+def _with_clock_held(equations: DriveEquations, state: DriveState) -> DriveState:
+    """The most likely state with the receiver's stamps as they are."""
+    held = copy(equations)
+    held.noise = replace(equations.noise, time_offset_s=HELD_CLOCK_S)
+    return held.descend(replace(state, receiver=state.receiver * [0.0, 1.0, 1.0, 1.0]))
 
 
 def optimise_without_fixes(

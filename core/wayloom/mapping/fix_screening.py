@@ -1,8 +1,8 @@
 """Screening of GNSS fixes: how much they scatter, where they jump, and which stretches of them lie apart from the drive.
 
-GNSS errors come in stretches (a reflected signal, a wrong integer), not fix by fix; so fixes are judged by *stretches*, runs
-without a jump of at most STRETCH_S. Odometry is good to millimetres from fix to fix: a jump between two fixes that it does not
-show begins a new stretch.
+GNSS errors come in stretches (a reflected signal, a wrong integer), not fix by fix; so fixes are judged by *stretches*
+(`wayloom.mapping.fix_witnesses`), runs without a jump. Odometry is good to millimetres from fix to fix: a jump between two fixes
+that it does not show begins a new stretch.
 
 1. Scatter: the differences of neighbouring fixes against the odometry's say how much a receiver's fixes really scatter. Where that
    is more than white noise of the claimed covariance, the covariance is inflated by it (median: up to half of the fixes may be
@@ -10,13 +10,14 @@ show begins a new stretch.
 2. Jumps: differences beyond the gate of the noise so found cut the fixes into stretches, and each stretch into *witnesses*, the
    means of few fixes near its ends and of more inside: a jump is only seen where both sides are near by, as the odometry's scale
    may explain the same distance over a hundred metres.
-3. Stretches: truncated least squares with one weight a stretch, on a graph of the odometry with its slowly varying scale, the
-   receiver's time offset and lever arm, by graduated non-convexity (Yang et al., RA-L 2020). A stretch is left out for a price: the
-   quantile of chi-square of its witnesses, and PRICE_S for each second, so that of two parts that contradict each other the longer
-   is believed. It starts at the first guess; a second descent, which begins by leaving out what the guess itself denies, competes
-   with it, and the lower cost wins (`truncated_squares`): the result is never worse than what the first guess says.
-4. Loop closures are judged in the same squares, each visit's against a price of their own: they unmask stretches that lie apart,
+3. Ramps: where fixes leave the odometry within a second without a jump, or by many, each of them stands alone, and neighbours that
+   all stand alone are one stretch.
+4. Stretches: truncated least squares with one weight a stretch, on a graph of the odometry with its slowly varying scale, the
+   receiver's time offset and lever arm (`wayloom.mapping.stretch_choice`). A stretch is left out for a price: the quantile of
+   chi-square of its witnesses, and PRICE_S for each second, so that of two parts that contradict each other the longer is believed.
+5. Loop closures are judged in the same squares, each visit's against a price of their own: they unmask stretches that lie apart,
    and those that contradict odometry and fixes are left out.
+6. Where hardly any stretch agrees with the odometry, the receiver is wrong everywhere: `wayloom.mapping.heavy_tails`.
 """
 
 from dataclasses import dataclass, replace
@@ -25,25 +26,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from wayloom.geometry import se3
-from wayloom.mapping.drive_equations import DriveEquations, DriveState, IndependentFixes
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain, ShiftedFixes
 from wayloom.mapping.evidence import Evidence
+from wayloom.mapping.fix_witnesses import Witnesses, witnesses_of
 from wayloom.mapping.gnss_factors import RECEIVER
-from wayloom.mapping.loop_factors import LoopTerms
-from wayloom.mapping.odometry_links import links_of
-from wayloom.mapping.truncated_squares import LEAST_WEIGHT, lowest
+from wayloom.mapping.heavy_tails import heavy_tailed
+from wayloom.mapping.stretch_choice import choose
+from wayloom.mapping.witness_graph import WitnessGraph, carried
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
-STRETCH_S = 20.0
-WITNESS_S = (0.4, 0.8, 1.6, 3.2)
-"""Durations of the witnesses from each end of a stretch inwards, s; the last one repeats."""
-PRICE_S = 1.0
-"""Added to the price of a stretch for each second that it lasts: of two parts the longer is believed."""
-IMPORTANT_S, LEAST_IMPORTANCE = 2.0, 0.05
-"""A stretch counts in full from this duration on; a fix that is alone between two jumps counts the least share."""
 LEAST_FOR_SCATTER = 20
 """Second differences of one kind of fix from which its scatter is judged."""
 WHITE_SHARES = (0.1, 0.95)
@@ -54,6 +47,14 @@ HEADING_RAD = 0.03
 """What the first guess's heading may be off by when neighbouring fixes are compared."""
 JUMP_PROBABILITY = 1.0 - 1e-5
 """Quantile of chi-square of a difference beyond which it is a jump: a cut too many costs nothing."""
+RAMP_S, RAMP_HEADING_RAD = 1.0, 0.01
+"""Over how long fixes may leave the odometry without a jump, and what the first guess's heading may be off by then."""
+GUARD_S = 1.0
+"""Fixes so near to such ones are judged with them."""
+RESTLESS_JUMPS = 3
+"""Jumps within RAMP_S from which on they are one error that changes, and no coming and going."""
+MAJORITY = 0.25
+"""Share of the fixes' duration that must agree with the odometry for the others to be called bursts."""
 LEAST_DOUBT = 0.25
 """Share of the fixes' duration under which a part that lies apart at an end is no rival."""
 
@@ -74,38 +75,6 @@ class Screening:
     closed: BoolArray
 
 
-@dataclass(frozen=True, slots=True)
-class Witnesses:
-    """W means of neighbouring fixes, in time order, and the B stretches that they belong to.
-
-    fixes        the middle fix of each witness with the mean of all, and the covariance of that
-    stretch      (W,) row of the stretch
-    first, last  (B,) rows of the fixes of each stretch, inclusive
-    price        (B,) twice what leaving it out costs; duration_s (B,)
-    importance   (B,) 0 to 1: share of its information that counts: a fix that is alone between two jumps is no witness of a second
-    """
-
-    fixes: AntennaFixes
-    stretch: IntArray
-    first: IntArray
-    last: IntArray
-    price: FloatArray
-    duration_s: FloatArray
-    importance: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.first)
-
-    def sums(self, of_witness: FloatArray) -> FloatArray:
-        """(B,) sums over the witnesses (W,) of each stretch."""
-        return np.asarray(np.bincount(self.stretch, of_witness, len(self.first)), np.float64)
-
-    def means(self, of_witness: FloatArray) -> FloatArray:
-        """(B, 3) means over the witnesses (W, 3) of each stretch."""
-        count = np.bincount(self.stretch, minlength=len(self.first))
-        return np.stack([self.sums(column) / count for column in of_witness.T], axis=1)
-
-
 def screen(
     chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise, evidence: Evidence = Evidence()
 ) -> Screening:
@@ -113,12 +82,13 @@ def screen(
     steps = _steps(chain, fixes, T_enu_node)
     fixes, ratios = _as_scattered(fixes, steps)
     jump = _jumps(fixes, steps)
-    witnesses = _witnesses(fixes, jump, T_enu_node, noise)
-    graph = _WitnessGraph(chain, witnesses, noise, evidence)
-    weight, state = lowest(graph, T_enu_node)
-    good, closed = np.split(weight > 0.5, [len(witnesses)])
-    if not good.any():  # nothing agrees with the odometry: believe the fixes
-        good[:] = True
+    jump |= _ramps(chain, fixes, jump, T_enu_node, noise)
+    witnesses = witnesses_of(fixes, jump, T_enu_node, noise)
+    graph = WitnessGraph(chain, witnesses, noise, evidence)
+    choice = choose(graph, T_enu_node)
+    state, (good, closed) = choice.state, np.split(choice.believed, [len(witnesses)])
+    if witnesses.duration_s[good].sum() < MAJORITY * witnesses.duration_s.sum() or not good.any():
+        return _of_heavy_tails(chain, fixes, T_enu_node, noise, ratios, closed)
     inlier = np.zeros(len(fixes), bool)
     for first, last in zip(witnesses.first[good], witnesses.last[good], strict=True):
         inlier[first : last + 1] = True
@@ -128,11 +98,44 @@ def screen(
     return Screening(fixes, inlier, ratios, shifted, T, state.receiver, _unconfirmed_m(witnesses, good, offset), closed)
 
 
-def carried(chain: OdometryChain, nodes: IntArray, T_enu_coarse: FloatArray) -> FloatArray:
-    """(K, 4, 4) all nodes, each carried by the last of `nodes` before it."""
-    before = np.searchsorted(nodes, np.arange(len(chain.T_world_node)), side="right") - 1
-    T_enu_world = T_enu_coarse @ se3.inverse(chain.T_world_node[nodes])
-    return np.asarray(T_enu_world[before] @ chain.T_world_node)
+def _ramps(chain: OdometryChain, fixes: AntennaFixes, jump: BoolArray, T_enu_node: FloatArray, noise: DriveNoise) -> BoolArray:
+    """(M,) whether a fix lies within GUARD_S of a time of RAMP_S in which the fixes leave the odometry without a jump or by
+    many. Each then stands alone, so that together they are judged as one."""
+    first, out = np.arange(len(fixes)), np.zeros(len(fixes), bool)
+    last = np.searchsorted(fixes.t_s, fixes.t_s + RAMP_S, side="right") - 1
+    so_far = np.cumsum(jump)
+    jumps: IntArray = so_far[last] - so_far
+    calm, restless = (jumps == 0) & (last > first), jumps >= RESTLESS_JUMPS
+    of_jumps = first[restless], last[restless]
+    first, last = first[calm], last[calm]
+    antenna = fixes.antenna_enu(T_enu_node, np.zeros(RECEIVER))
+    moved = antenna[last] - antenna[first]
+    step = fixes.position_enu[last] - fixes.position_enu[first] - moved
+    R = chain.T_world_node[fixes.node, :3, :3]
+    turned = np.linalg.norm(R[last] - R[first], axis=(1, 2)) / np.sqrt(2.0)
+    length = np.linalg.norm(moved, axis=1)
+    loose = (RAMP_HEADING_RAD * length) ** 2 + (turned * (noise.lever_m + noise.time_offset_s * length / RAMP_S)) ** 2
+    spread = fixes.covariance[first] + fixes.covariance[last] + loose[:, None, None] * np.eye(3)
+    far = np.einsum("ni,ni->n", step, np.linalg.solve(spread, step[:, :, None])[:, :, 0]) > chi2.ppf(JUMP_PROBABILITY, 3)
+    begin = np.searchsorted(fixes.t_s, fixes.t_s[np.concatenate([first[far], of_jumps[0]])] - GUARD_S)
+    end = np.searchsorted(fixes.t_s, fixes.t_s[np.concatenate([last[far], of_jumps[1]])] + GUARD_S, side="right")
+    for a, b in zip(begin.tolist(), end.tolist(), strict=True):
+        out[a:b] = True
+    return out
+
+
+def _of_heavy_tails(
+    chain: OdometryChain,
+    fixes: AntennaFixes,
+    T_enu_node: FloatArray,
+    noise: DriveNoise,
+    ratios: dict[int, float],
+    closed: BoolArray,
+) -> Screening:
+    """No majority agrees with the odometry: every fix counts, with a variance that its residual tells."""
+    tails = heavy_tailed(chain, fixes, T_enu_node, noise)
+    every = {kind: ratios.get(kind, 1.0) * tails.inflation for kind in np.unique(fixes.kind).tolist()}
+    return Screening(tails.fixes, np.ones(len(fixes), bool), every, (), tails.T_enu_node, tails.receiver, 0.0, closed)
 
 
 def _steps(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -144,7 +147,7 @@ def _steps(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray) ->
 
 def _as_scattered(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> tuple[AntennaFixes, dict[int, float]]:
     """The fixes with the white share that their differences show, kind by kind, and covariances inflated where even wholly white
-    noise of them would differ less. How many times less, by kind."""
+    noise of them would differ less: by as much, over the share that is white by default. How many times, by kind."""
     covariance, share, ratios = fixes.covariance.copy(), fixes.white_share.copy(), {}
     distance2 = _scatter2(fixes.covariance, steps[0])
     same = (fixes.kind[2:] == fixes.kind[1:-1]) & (fixes.kind[1:-1] == fixes.kind[:-2])
@@ -154,9 +157,11 @@ def _as_scattered(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> 
             continue
         ratio = float(np.sqrt(np.median(distance2[rows]) / chi2.ppf(0.5, 3)))
         share[fixes.kind == kind] = np.clip(ratio, *WHITE_SHARES)
-        if ratio > SCATTER_SLACK:
-            ratios[kind] = ratio
-            covariance[fixes.kind == kind] *= ratio**2
+        if ratio > SCATTER_SLACK:  # what it says is wrong, and its differences do not tell the part that changes slowly
+            share[fixes.kind == kind] = fixes.white_share[fixes.kind == kind]
+            inflation = ratio / fixes.white_share[fixes.kind == kind]
+            ratios[kind] = float(np.median(inflation))
+            covariance[fixes.kind == kind] *= inflation[:, None, None] ** 2
     return replace(fixes, covariance=covariance, white_share=share), ratios
 
 
@@ -182,104 +187,6 @@ def _jumps(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> BoolArr
     return jump
 
 
-def _witnesses(fixes: AntennaFixes, jump: BoolArray, T_enu_node: FloatArray, noise: DriveNoise) -> Witnesses:
-    """Cut the fixes at jumps and every STRETCH_S, and each stretch into witnesses."""
-    starts, parts = [0], []
-    for k in range(1, len(fixes)):
-        if jump[k] or fixes.t_s[k] - fixes.t_s[starts[-1]] > STRETCH_S:
-            starts.append(k)
-    ends = np.append(np.array(starts[1:], np.int64), len(fixes)) - 1
-    for row, (first, last) in enumerate(zip(starts, ends.tolist(), strict=True)):
-        parts += [(row, first + a, first + b) for a, b in _cuts(fixes.t_s[first : last + 1])]
-    stretch, a, b = np.array(parts, np.int64).reshape(-1, 3).T
-    middle, count = (a + b) // 2, (b - a + 1).astype(np.float64)
-    residual = fixes.residuals(T_enu_node, np.zeros(RECEIVER))
-    offset = np.array([np.median(residual[i : j + 1], axis=0) for i, j in zip(a, b, strict=True)]) - residual[middle]
-    white2 = fixes.white_share[middle] ** 2
-    share = white2 / count + (1.0 - white2)
-    spread = share[:, None, None] * fixes.covariance[middle] + noise.gate_floor_m**2 * np.eye(3)
-    taken = fixes.take(middle)
-    duration = fixes.t_s[ends] - fixes.t_s[starts]
-    price = chi2.ppf(noise.gate_probability, 3 * np.bincount(stretch)) + PRICE_S * duration
-    return Witnesses(
-        replace(taken, position_enu=taken.position_enu + offset, covariance=spread), stretch, np.array(starts, np.int64), ends,
-        price, duration, np.clip(duration / IMPORTANT_S, LEAST_IMPORTANCE, 1.0),
-    )  # fmt: skip
-
-
-def _cuts(t_s: FloatArray) -> list[tuple[int, int]]:
-    """First and last (inclusive) of the witnesses of a stretch of fixes at t_s (n,): short ones near both ends."""
-    head, tail, low, high = [], [], 0, len(t_s) - 1
-    for step in range(len(t_s)):
-        width = WITNESS_S[min(step, len(WITNESS_S) - 1)]
-        if t_s[high] - t_s[low] <= 2.0 * width:
-            break
-        to = low + int(np.searchsorted(t_s[low:high], t_s[low] + width))
-        back = high - int(np.searchsorted(-t_s[low : high + 1][::-1], -t_s[high] + width)) + 1
-        head.append((low, max(to - 1, low)))
-        tail.append((min(back, high), high))
-        low, high = head[-1][1] + 1, tail[-1][0] - 1
-        if low > high:
-            break
-    return head + ([(low, high)] if low <= high else []) + tail[::-1]
-
-
-class _WitnessGraph:
-    """Witnesses, closures and odometry over the nodes that they are seen from."""
-
-    def __init__(self, chain: OdometryChain, witnesses: Witnesses, noise: DriveNoise, evidence: Evidence) -> None:
-        ends, lost = np.array([0, len(chain.T_world_node) - 1], np.int64), np.flatnonzero(~chain.connected)
-        self.chain, self.witnesses, self.noise = chain, witnesses, noise
-        self.nodes = np.unique(np.concatenate([ends, witnesses.fixes.node, lost, lost + 1, chain.level, evidence.nodes()]))
-        self.evidence = evidence.at(self.nodes)
-        self.price = np.concatenate([witnesses.price, evidence.loops.price(noise.gate_probability)])
-        self.importance = np.concatenate([witnesses.importance, np.ones(evidence.loops.visits)])
-        self.heard = np.arange(len(witnesses), len(self.price))
-        self.coarse = coarse_chain(chain, self.nodes)
-        self.links = links_of(self.coarse, noise)
-        self.fixes = replace(witnesses.fixes, node=np.searchsorted(self.nodes, witnesses.fixes.node))
-
-    def equations(self, weight: FloatArray) -> DriveEquations:
-        """With the weight (B + V,), 0 to 1, of each stretch's and each visit's information."""
-        of_fixes, of_loops = np.split(np.maximum(weight, LEAST_WEIGHT) * self.importance, [len(self.witnesses)])
-        fixes = IndependentFixes(self.fixes, of_fixes[self.witnesses.stretch])
-        terms = (LoopTerms(self.evidence.loops, of_loops), self.evidence.up)
-        return DriveEquations(self.coarse, self.links, fixes, self.noise, terms)
-
-    def solve(self, weight: FloatArray, start: DriveState, solves: int) -> DriveState:
-        """Descend from a state."""
-        return self.equations(weight).descend(start, solves)
-
-    def distance2(self, at: DriveState) -> FloatArray:
-        """(B + V,) of each stretch the sum of its witnesses' squared distances from the antenna, in their sigmas; of each visit its
-        own."""
-        residual = self.fixes.residuals(at.T_enu_node, at.receiver)
-        of_witness = np.einsum("ni,ni->n", residual, np.linalg.solve(self.fixes.covariance, residual[:, :, None])[:, :, 0])
-        return np.concatenate([self.witnesses.sums(of_witness), self.evidence.loops.distance2(at.T_enu_node)])
-
-    def rivals(self, part: int) -> list[IntArray]:
-        """Of a visit's closures: the stretches of fixes at its earlier end, or those at its later one, may be wrong."""
-        loops = self.evidence.loops
-        rows = loops.visit == part - len(self.witnesses)
-        last = len(self.witnesses.stretch) - 1
-        after = [np.searchsorted(self.fixes.node, ends[rows]) for ends in (loops.first, loops.second)]
-        return [np.unique(self.witnesses.stretch[np.clip(np.concatenate([k - 1, k]), 0, last)]) for k in after]
-
-    def truncated_cost(self, at: DriveState) -> float:
-        """Half the truncated squares of stretches and visits plus what all else costs."""
-        distance2 = self.distance2(at)
-        others = self.equations(np.ones(len(self.price))).cost(at) - 0.5 * float(self.importance @ distance2)
-        return others + 0.5 * float(self.importance @ np.minimum(distance2, self.price))
-
-
-def coarse_chain(chain: OdometryChain, nodes: IntArray) -> OdometryChain:
-    """The chain over some of its nodes, both ends among them."""
-    road = np.concatenate([[0.0], np.cumsum(chain.length_m)])
-    breaks = np.concatenate([[0], np.cumsum(~chain.connected)])
-    level = np.flatnonzero(np.isin(nodes, chain.level))
-    return OdometryChain(chain.T_world_node[nodes], np.diff(road[nodes]), np.diff(breaks[nodes]) == 0, level)
-
-
 def _shifted(witnesses: Witnesses, good: BoolArray, jump: BoolArray, offset: FloatArray) -> tuple[ShiftedFixes, ...]:
     """The stretches of fixes that lie apart, joined where no jump stands between them."""
     found: list[list[int]] = []
@@ -298,14 +205,15 @@ def _unconfirmed_m(witnesses: Witnesses, good: BoolArray, offset: FloatArray) ->
     """How far the drive would lie elsewhere if the lesser part of its fixes were right, m, root of the expected square.
 
     Where good fixes stand on both sides of a shifted stretch, the place is confirmed: the shift came and went. Where the fixes
-    changed once and for all, the greater part is believed, but the lesser may be right in proportion to its duration.
+    changed once and for all, or more are left out than believed, the others may be right in proportion to their duration.
     """
-    rows = np.flatnonzero(good)
-    outside = np.ones(len(good), bool)
-    outside[rows[0] : rows[-1] + 1] = False
+    duration_s = witnesses.duration_s
+    rows, outside = np.flatnonzero(good), ~good
+    if duration_s[good].sum() > duration_s[~good].sum():
+        outside[rows[0] : rows[-1] + 1] = False
     if not outside.any():
         return 0.0
-    believed, lesser = float(witnesses.duration_s[good].sum()), float(witnesses.duration_s[outside].sum())
+    believed, lesser = float(duration_s[good].sum()), float(duration_s[outside].sum())
     share = lesser / max(believed + lesser, 1e-9)
     if share <= LEAST_DOUBT:
         return 0.0

@@ -47,10 +47,10 @@ def correlations(t_s: FloatArray, covariance: FloatArray, correlation_s: float) 
 
 def add_correlated_noise(graph: gtsam.NonlinearFactorGraph, fixes: AntennaFixes, noise: DriveNoise) -> None:
     """Add the Ornstein-Uhlenbeck part of the noise: priors on the g_k and links between them."""
-    rho = correlations(fixes.t_s, fixes.covariance, noise.correlation_s)
-    unary = ou_unary(rho)
     correlated = (1.0 - fixes.white_share**2)[:, None, None] * fixes.covariance
-    sigma = np.sqrt(np.trace(fixes.covariance, axis1=1, axis2=2))
+    rho = correlations(fixes.t_s, correlated, noise.correlation_s)
+    unary = ou_unary(rho)
+    sigma = np.sqrt(np.trace(correlated, axis1=1, axis2=2))
     for k in range(len(fixes)):
         prior = gtsam.noiseModel.Gaussian.Covariance(correlated[k] / unary[k])
         graph.add(gtsam.PriorFactorPoint3(antenna_key(k), fixes.position_enu[k], prior))

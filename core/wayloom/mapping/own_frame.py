@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from wayloom.mapping.drive_equations import DriveEquations, DriveState, NoFixes
 from wayloom.mapping.drive_types import DriveNoise, OdometryChain
 from wayloom.mapping.evidence import Evidence
-from wayloom.mapping.fix_screening import carried, coarse_chain
 from wayloom.mapping.loop_factors import LoopTerms
 from wayloom.mapping.odometry_links import links_of, pose_key
 from wayloom.mapping.truncated_squares import LEAST_WEIGHT, lowest
+from wayloom.mapping.witness_graph import carried, coarse_chain
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

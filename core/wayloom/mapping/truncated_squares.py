@@ -50,9 +50,14 @@ class JudgedGraph(Protocol):
 
 def lowest(graph: JudgedGraph, T_enu_node: FloatArray) -> tuple[FloatArray, DriveState]:
     """Weights (N,) and state of the cheaper of two descents: graduated from convex, and from what the first guess itself denies."""
+    return minima(graph, T_enu_node)[0]
+
+
+def minima(graph: JudgedGraph, T_enu_node: FloatArray) -> list[tuple[FloatArray, DriveState]]:
+    """Weights (N,) and state of both descents, the cheaper first."""
     start = graph.equations(np.ones(len(graph.price))).first_state(T_enu_node[graph.nodes])
-    ends = [_graduated(graph, start), _alternated(graph, start)]
-    return _heard(graph, *ends[int(np.argmin([graph.truncated_cost(state) for _, state in ends]))])
+    ends = sorted([_graduated(graph, start), _alternated(graph, start)], key=lambda end: graph.truncated_cost(end[1]))
+    return [_heard(graph, *ends[0]), ends[1]]
 
 
 def _graduated(graph: JudgedGraph, start: DriveState) -> tuple[FloatArray, DriveState]:

@@ -26,8 +26,8 @@ SLOW_S = 8.0
 """Time after which the slow part has changed by 1 - 1/e."""
 
 
-WANDER_S, WANDER_SHARE = 2.0, 0.2
-"""How a reflected signal's error wanders while it lasts: over what time, and by which share of its size."""
+WANDER_S = 2.0
+"""Over what time a reflected signal's error wanders while it lasts."""
 VELOCITY_SIGMA_M_S = 0.05
 
 
@@ -95,13 +95,16 @@ def fix_errors(fixes: NDArray[np.uint8], period_s: float, rng: np.random.Generat
 
 
 def burst_errors(burst: GnssBurst, count: int, period_s: float, rng: np.random.Generator) -> F64:
-    """(count, 3) errors east, north, up, m, of reflected signals: a jump of the burst's size that wanders a little."""
+    """(count, 3) errors east, north, up, m, of reflected signals: a jump (or ramp) of the burst's size that wanders a little."""
     angle, kept = rng.uniform(0, 2 * np.pi), np.exp(-period_s / WANDER_S)
     jump = burst.size_m * np.array([np.cos(angle), np.sin(angle), 0.5 * rng.choice((-1.0, 1.0))])
     wander, out = np.zeros(3), np.empty((count, 3))
     for k in range(count):
-        wander = kept * wander + np.sqrt(1 - kept**2) * WANDER_SHARE * burst.size_m * rng.normal(size=3)
+        wander = kept * wander + np.sqrt(1 - kept**2) * burst.wander_share * burst.size_m * rng.normal(size=3)
         out[k] = jump + wander
+    if burst.ramp_s > 0.0:
+        from_end = np.minimum(np.arange(count), np.arange(count)[::-1]) * period_s
+        out *= np.minimum(from_end / burst.ramp_s, 1.0)[:, None]
     return out
 
 

@@ -104,6 +104,13 @@ class GnssBurst(Settings):
     share: float = Field(ge=0, le=1, description="when it begins, share of the drive")
     duration_s: float = Field(gt=0, le=600)
     size_m: float = Field(gt=0, le=200, description="horizontal jump; the direction is random, up half of it")
+    wander_share: float = Field(
+        default=0.2,
+        ge=0,
+        le=1,
+        description="standard deviation of each axis while it lasts, share of the size; 0 stays where it jumped",
+    )
+    ramp_s: float = Field(default=0.0, ge=0, le=300, description="it comes and goes over so long; 0 jumps")
 
 
 class GnssSettings(Settings):

@@ -1,0 +1,81 @@
+"""The geo-reference on made drives whose GNSS is wrong in every known way, and on a recording in street canyons.
+
+    python benchmarks/georeference.py [--seeds 3] [--random 50] [--data FOLDER] [--write]
+
+--seeds   drives of each case; --random drives with bursts, outages, clocks and lever arms by chance
+--data    where the recordings lie; default is what WAYLOOM_DATA names, else ../shared/data
+--write   the numbers into benchmarks/georeference.json, to which a test holds the geo-reference, and as tables into
+          docs/benchmarks/georeference.md
+"""
+
+import argparse
+import json
+import os
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy loads its BLAS
+    os.environ.setdefault(name, "1")
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT / "core")]
+
+import numpy as np  # noqa: E402
+
+from pages import DOCS, put_between_marks  # noqa: E402
+from wayloom.evaluation.gnss_cases import CaseResult, cases, judge, random_nees  # noqa: E402
+from wayloom.evaluation.wheel_drive import measure_wheel_drive  # noqa: E402
+
+NUMBERS = ROOT / "benchmarks" / "georeference.json"
+PAGE = DOCS / "benchmarks" / "georeference.md"
+
+
+def case_table(results: list[CaseResult]) -> str:
+    """Markdown: a row for each case."""
+    lines = [
+        "| case | error rms, worst drive, m | stated sigma, m | largest error / sigma | placed | message |",
+        "| --- " * 6 + "|",
+    ]
+    for r in results:
+        lines.append(
+            f"| {r.name} | {r.rms_m:.3f}, {r.worst_rms_m:.3f} | {r.sigma_m:.3f} | {r.ratio:.1f} | {r.placed:.0%} | {r.warned:.0%} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Measure, print, and write where asked."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--random", type=int, default=50)
+    parser.add_argument("--data", type=Path, default=Path(os.environ.get("WAYLOOM_DATA", ROOT / "../shared/data")))
+    parser.add_argument("--write", action="store_true")
+    options = parser.parse_args()
+    results = [judge(case, range(options.seeds)) for case in cases()]
+    table = case_table(results)
+    nees = random_nees(range(options.random))
+    random = (
+        f"NEES / 3 over {options.random} random drives: mean {np.nanmean(nees):.2f}, median {np.nanmedian(nees):.2f}, "
+        f"a drive from {np.nanmin(nees):.2f} to {np.nanmax(nees):.2f}; {int(np.isnan(nees).sum())} not placed.\n"
+    )
+    wheel = measure_wheel_drive(options.data / "smartloc")
+    canyon = (
+        f"smartLoc, Berlin, Potsdamer Platz, wheel odometry, horizontal: fixes {wheel.fixes_median_m:.1f} m off in the median, "
+        f"the drive {wheel.median_m:.1f} m at a stated sigma of {wheel.sigma_m:.1f} m, never more than {wheel.ratio:.1f} sigmas.\n"
+    )
+    print(table, random, canyon, sep="\n")
+    if options.write:
+        numbers = {
+            "seeds": options.seeds,
+            "cases": [asdict(r) for r in results],
+            "nees": float(np.nanmean(nees)),
+            "wheel": asdict(wheel),
+        }
+        NUMBERS.write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
+        put_between_marks(PAGE, "cases", table)
+        put_between_marks(PAGE, "random", random)
+        put_between_marks(PAGE, "canyon", canyon)
+
+
+if __name__ == "__main__":
+    main()
