@@ -5,7 +5,9 @@
 
 --data    the recordings as docs/results.md describes them; clip A is tracked in one piece and in three parts
 --long    a drive of `wayloom simulate long --size quarter --laps N`, of as many laps as the largest number asked for
+--seeds   of the choice of points; 0: accuracy is not measured
 --laps    lengths of which memory and time of the odometry are measured, each in a process of its own
+--joins   numbers of made parts, as large as those of a drive like clip A, whose join is measured
 --stages  lengths of which memory of every stage is measured, each in a process of its own
 --write   the tables into docs/benchmarks/long_drives.md; those that are not measured again stay as they are
 """
@@ -35,14 +37,16 @@ from wayloom.calibration.self_calibration import calibrate_drive  # noqa: E402
 from wayloom.config.stages import drive_stages  # noqa: E402
 from wayloom.evaluation.trajectory import evaluate  # noqa: E402
 from wayloom.files.atomic import link_or_copy  # noqa: E402
+from wayloom.geometry.camera import PinholeCamera, StereoRig  # noqa: E402
 from wayloom.logs.registry import open_log  # noqa: E402
 from wayloom.logs.types import DriveLog  # noqa: E402
 from wayloom.odometry.odometry import track  # noqa: E402
 from wayloom.odometry.parts.join import join_parts  # noqa: E402
 from wayloom.odometry.parts.log_view import log_view  # noqa: E402
 from wayloom.odometry.parts.plan import plan_parts  # noqa: E402
+from wayloom.odometry.result.odometry_file import load_odometry, save_odometry  # noqa: E402
 from wayloom.odometry.settings import OdometrySettings  # noqa: E402
-from wayloom.odometry.types import OdometryResult  # noqa: E402
+from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory  # noqa: E402
 from wayloom.pipeline.log_source import LogSource  # noqa: E402
 from wayloom.pipeline.running import run_stage  # noqa: E402
 from wayloom.pipeline.settings import ProcessSettings  # noqa: E402
@@ -61,15 +65,25 @@ def main() -> None:
     if options.child:
         child(options.child)
         return
+    if options.join:
+        child_of_join(options.join)
+        return
     found: dict[str, Any] = {}
+    if options.joins:
+        found["joins"] = [
+            json.loads(subprocess.run([sys.executable, __file__, "--join", str(count)], check=True, stdout=subprocess.PIPE).stdout)
+            for count in options.joins
+        ]
     if options.data:
         found["accuracy of clip A"] = accuracy(
             open_log(options.data / "kitti_odometry" / "sequences" / "00"), CLIP_PARTS, options.seeds
         )
-    if options.long:
+    if options.long and options.seeds:
         found["accuracy of a simulated drive"] = accuracy(log_view(open_log(options.long), 0, 4 * LAP), LONG_PARTS, options.seeds)
+    if options.long and options.laps:
         found["odometry"] = [measured_odometry(options.long, laps, *how) for laps in options.laps for how in ways_of(laps)]
-        found["stages"] = [row for laps in options.stages for row in stages(options.long, laps)]
+    if options.long and options.stages:
+        found["stages"] = [one for laps in options.stages for one in stages(options.long, laps)]
     print(json.dumps(found, indent=1))
     if options.json:
         options.json.write_text(json.dumps(found, indent=1) + "\n")
@@ -86,6 +100,8 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--laps", type=int, nargs="*", default=[1, 4, 16])
     parser.add_argument("--stages", type=int, nargs="*", default=[1, 4])
+    parser.add_argument("--joins", type=int, nargs="*", default=[1, 3, 12])
+    parser.add_argument("--join", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--child", help=argparse.SUPPRESS)
@@ -111,7 +127,7 @@ def accuracy(log: DriveLog, cut: OdometrySettings, seeds: int) -> list[dict[str,
         ways.append(whole.trajectory.T_world_cam)
         apart = furthest(joined.trajectory.T_world_cam, ways[-1])
         rows += [row(log, whole, seed, "one piece", None), row(log, joined, seed, f"{len(results)} parts", apart)]
-    between = [furthest(a, b) for a, b in combinations(ways, 2)]
+    between = [furthest(a, b) for a, b in combinations(ways, 2)] or [float("nan")]
     rows.append({"system": "one piece, two seeds", "furthest apart cm": f"{100 * min(between):.1f} to {100 * max(between):.1f}"})
     return rows
 
@@ -185,14 +201,59 @@ def child(text: str) -> None:
     else:
         run_stage(request["stage"], context, out)
     seconds = time.perf_counter() - start
-    own, children = (resource.getrusage(who).ru_maxrss / 1024 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    own, children = (usage.ru_maxrss / 1024 for usage in used)
     print(json.dumps({
         "stage": request["stage"], "frames": len(context.log),
         "how": "one piece" if request["part_frames"] == WHOLE else f"parts of {request['part_frames']}",
-        "processes": request["threads"], "seconds": round(seconds, 1), "peak MB": round(own),
+        "processes": request["threads"], "seconds": round(seconds, 1),
+        "CPU s": round(sum(usage.ru_utime + usage.ru_stime for usage in used), 1), "peak MB": round(own),
         "peak MB of a child": round(children) if request["threads"] > 1 else None,
         "result MB": round(sum(file.stat().st_size for file in out.rglob("*") if file.is_file()) / 2**20, 1),
     }))  # fmt: skip
+
+
+def child_of_join(count: int) -> None:
+    """Join so many made parts and write the result, and say what it took beyond what the modules and one part take."""
+    settings = OdometrySettings()
+    frames = settings.part_overlap + count * (settings.part_frames - settings.part_overlap)
+    parts = plan_parts(frames, settings)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "part.npz"
+        save_odometry(made_part(settings.part_frames), file)
+        load_odometry(file)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        start = time.perf_counter()
+        result = join_parts(parts, lambda part: load_odometry(file))
+        save_odometry(result, Path(folder) / "whole.npz")
+        seconds, size = time.perf_counter() - start, (Path(folder) / "whole.npz").stat().st_size / 2**20
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(json.dumps({
+        "parts": count, "frames": frames, "points": len(result.points), "result MB": round(size), "seconds": round(seconds, 1),
+        "peak MB before": round(before), "peak MB": round(after),
+    }))  # fmt: skip
+
+
+def made_part(frames: int) -> OdometryResult:
+    """A part along a straight way with a keyframe every second frame, 140 points a frame and 5 observations a point: as clip A."""
+    T, n = np.tile(np.eye(4), (frames, 1, 1)), 140 * frames
+    T[:, 2, 3] = 0.7 * np.arange(frames)
+    keyframes, rng = np.arange(0, frames, 2), np.random.default_rng(0)
+    host = np.sort(rng.integers(0, len(keyframes), n))
+    observed = np.minimum(host[:, None] + np.arange(1, 6), len(keyframes) - 1).ravel()
+    points = Points(
+        host.astype(np.int32), rng.uniform(10, 300, (n, 2)).astype(np.float32), np.full(n, 0.1, np.float32),
+        np.full(n, 1e-6, np.float32), np.zeros(n, np.uint8), 5 * np.arange(n + 1), observed.astype(np.int32), np.ones(5 * n, bool),
+        np.ones(n, bool),
+    )  # fmt: skip
+    none, no_rows = np.zeros(frames, np.int32), np.zeros(3)
+    report = {"activated_points": n, "losses": [], "imu": None, "disparity_bias_px": 0.0}
+    return OdometryResult(
+        StereoRig(PinholeCamera(700.0, 700.0, 620.0, 187.0, 1241, 376), (-0.5, 0.0, 0.0)),
+        Trajectory(np.arange(frames) * 10**8, T, np.ones(frames, bool), none),
+        Keyframes(keyframes.astype(np.int32), T[keyframes], np.zeros((len(keyframes), 4)), none[keyframes]), points, 0.0, no_rows,
+        report,
+    )  # fmt: skip
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:

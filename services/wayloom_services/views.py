@@ -77,20 +77,38 @@ def submap_out(row: SubmapRow) -> SubmapOut:
 
 def _stages(drive: Drive, jobs: Sequence[Job], now: float) -> list[StageOut]:
     """Every stage that the drive will have, those without a row yet as waiting."""
-    found = {job.stage: job for job in jobs}
+    found = {job.stage: job for job in jobs if not job.part}
     names = (
         drive_stages()
         if drive.placed is False or (drive.gate is not None and not passes(drive))
         else (*drive_stages(), *map_stages())
     )
-    return [_stage(found[name], now) if name in found else _waiting(name) for name in names]
+    parts = {name: [job for job in jobs if job.stage == name and job.part] for name in names}
+    return [_stage(found[name], parts[name], now) if name in found else _waiting(name) for name in names]
 
 
-def _stage(job: Job, now: float) -> StageOut:
+def _stage(job: Job, parts: Sequence[Job], now: float) -> StageOut:
+    """A stage by its row, and, while that waits for parts of it, by theirs."""
+    if parts and job.state == "waiting":
+        return _in_parts(job, parts, now)
     seconds = None if job.started_at is None else max(0.0, (job.finished_at or now) - job.started_at)
     return StageOut(
         stage=job.stage, state=job.state, progress=job.progress, message=job.message, attempt=job.attempt, error=job.error,
         started_at=job.started_at, finished_at=job.finished_at, seconds=seconds if job.state != "queued" else None,
+    )  # fmt: skip
+
+
+def _in_parts(job: Job, parts: Sequence[Job], now: float) -> StageOut:
+    """Running while a part runs or is done; the share of all parts."""
+    started = [part.started_at for part in parts if part.started_at is not None]
+    done = sum(part.state == "done" for part in parts)
+    failed = next((part for part in parts if part.state == "failed"), None)
+    return StageOut(
+        stage=job.stage, state="failed" if failed else "running" if started else "queued",
+        progress=sum(1.0 if part.state == "done" else part.progress for part in parts) / len(parts),
+        message=f"{done} of {len(parts)} parts are done", attempt=max(part.attempt for part in parts),
+        error=None if failed is None else failed.error, started_at=min(started, default=None), finished_at=None,
+        seconds=max(0.0, now - min(started)) if started else None,
     )  # fmt: skip
 
 

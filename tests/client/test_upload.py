@@ -19,7 +19,7 @@ from service_kit.running import ApiAlone, Up, environment, service, until
 from wayloom.client.api import AnswerError, Api
 from wayloom.client.manifests import pack
 from wayloom.client.upload import upload
-from wayloom.client.watch import wait_for_drive
+from wayloom.client.watch import NEARLY_DONE, wait_for_drive
 from wayloom.config.backoff import Backoff
 from wayloom.errors import LogError, ServiceError
 
@@ -234,9 +234,15 @@ def test_waiting_for_a_drive_tells_the_progress_of_each_stage() -> None:
     api = answers(
         {"state": "running", "stages": [stage("ingest", "done", 1.0, seconds=0.5), stage("odometry", "waiting", 0.0)]},
         {"state": "running", "stages": [stage("odometry", "running", 0.25, "frame 5 of 20")]},
+        {"state": "running", "stages": [stage("odometry", "running", 1.0, "all frames")]},
         {"state": "done", "stages": [stage("odometry", "done", 1.0, seconds=3.25)]},
     )
     heard: list[tuple[str, float, str]] = []
     last = wait_for_drive(api, "d", lambda name: lambda share, what: heard.append((name, share, what)), {"ingest"}, poll_s=0.0)
-    assert heard == [("ingest", 1.0, "done before"), ("odometry", 0.25, "frame 5 of 20"), ("odometry", 1.0, "done in 3.2 s")]
+    assert heard == [
+        ("ingest", 1.0, "done before"),
+        ("odometry", 0.25, "frame 5 of 20"),
+        ("odometry", NEARLY_DONE, "all frames"),  # a stage is done when its result is kept, not when its work is
+        ("odometry", 1.0, "done in 3.2 s"),
+    ]
     assert last["state"] == "done"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wayloom.odometry.kernels.arrays import LEFT_ALIKE, RIGHT, RIGHT_ALIKE
-from wayloom.odometry.result.growing_arrays import GrowingArray
+from wayloom.odometry.result.growing_arrays import GrowingArray, forget_pages
 from wayloom.odometry.result.point_filter import PointFilter
 from wayloom.odometry.result.result_builder import KeyframeRow, ResultBuilder
 
@@ -111,3 +111,14 @@ def test_a_growing_array_is_the_same_in_memory_and_in_a_file(limit: int) -> None
 
 def test_an_empty_growing_array_keeps_its_type_and_shape() -> None:
     assert GrowingArray(np.int32, (3,)).array().shape == (0, 3)
+
+
+def test_pages_that_are_forgotten_are_read_again() -> None:
+    grown = GrowingArray(np.float64, (2,), in_memory_bytes=100)
+    rows = np.arange(20_000.0).reshape(-1, 2)
+    grown.append(rows)
+    in_file, in_memory = grown.array(), rows.copy()
+    for array in (in_file, in_file[3:], in_memory):
+        before = array.copy()
+        forget_pages(array)
+        np.testing.assert_array_equal(array, before)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from places.made_places import random_places
+from wayloom.config.classes import CLASS_NAMES
 from wayloom.places.birds_eye import (
     CELL_M,
     COARSER,
@@ -17,6 +18,7 @@ from wayloom.places.birds_eye import (
     packed,
     variants,
 )
+from wayloom.places.kernels.grids import best_overlap
 from wayloom.places.surroundings import COMPARED, REACH_CELLS, Surroundings, weights
 from wayloom.places.types import PlaceView
 from wayloom.places.views import view_at
@@ -32,8 +34,6 @@ def view() -> PlaceView:
 
 
 def test_a_grid_counts_the_points_of_each_kind_above_the_ground_cell_by_cell():
-    from wayloom.config.classes import CLASS_NAMES
-
     place = view()
     points = np.zeros(SHAPE, int)
     for (x, y, z), label in zip(place.xyz.astype(float), place.label, strict=True):
@@ -73,9 +73,8 @@ def naive_overlap(ours: np.ndarray, theirs: np.ndarray) -> float:
     return best
 
 
+@pytest.mark.kernels
 def test_signatures_are_compared_as_the_slow_twin_does_it():
-    from wayloom.places.kernels.grids import best_overlap
-
     occupied = occupancy(random_grids(2, count=6))
     rows, out = np.array([4, 1, 3]), np.empty(3, np.float32)
     best_overlap(packed(occupied), weights(occupied), variants(occupied[0]), weights(occupied)[0], rows, out)
@@ -103,6 +102,7 @@ def naive_correlation(ours: np.ndarray, theirs: np.ndarray) -> tuple[float, bool
     return best / SHAPE[0], is_turned
 
 
+@pytest.mark.kernels
 @pytest.mark.parametrize("empty_channel", [False, True])
 def test_grids_are_correlated_as_the_slow_twin_does_it(empty_channel):
     grids = random_grids(3, count=5)

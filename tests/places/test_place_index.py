@@ -167,6 +167,7 @@ def naive_votes(held: list[tuple[bytes, int]], bits: np.ndarray, owners: int) ->
     return votes
 
 
+@pytest.mark.kernels
 def test_votes_are_those_of_every_pair_of_keys_that_differ_in_a_bit_at_most():
     rng = np.random.default_rng(8)
     words = rng.integers(0, 256, (12, 32)).astype(np.uint8)

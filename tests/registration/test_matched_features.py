@@ -1,5 +1,6 @@
 """Poses from matched local features: reprojection both ways."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -87,6 +88,18 @@ def test_the_same_matches_give_the_same_bits() -> None:
     assert one is not None
     assert other is not None
     assert one[0].tobytes() == other[0].tobytes()
+
+
+def test_the_matches_are_the_same_with_any_number_of_threads() -> None:
+    a, b, _ = some_views(wrong=60, noise_px=0.5)
+    before, found = cv2.getNumThreads(), []
+    try:
+        for threads in (1, 4):
+            cv2.setNumThreads(threads)
+            found.append(match(a, b)[0].p_level.tobytes())
+    finally:
+        cv2.setNumThreads(before)
+    assert found[0] == found[1]
 
 
 def test_two_matches_are_too_few() -> None:

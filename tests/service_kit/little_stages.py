@@ -7,6 +7,8 @@ for the drive its `grade` (A), or `placed` false. A map job waits as long as the
 import json
 import os
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +21,10 @@ from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.tables import SubmapRow
 from wayloom.tiles.png import png_bytes
+from wayloom_workers import production
 from wayloom_workers.publishing import TILES_FILE, publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
-from wayloom_workers.stage_hooks import StageAttempt, StageHooks, keyed_by_inputs
+from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, keyed_by_inputs
 
 LON, LAT = 8.4, 49.01
 RUNS = "runs.txt"
@@ -156,3 +159,31 @@ def easy_hooks(stage: str) -> StageHooks:
     if stage == "submaps":
         return StageHooks(keyed_by_inputs(easy), record=place_easily)
     return _HOOKS.get(stage) or StageHooks(keyed_by_inputs(easy))
+
+
+def odometry_hooks(stage: str) -> StageHooks:
+    """As `easy_hooks`, but ingest and odometry are those of the service, and each part and whole of them is noted."""
+    if stage not in ("ingest", "odometry"):
+        return easy_hooks(stage)
+    real = production.stage_hooks(stage)
+
+    def prepare(attempt: StageAttempt) -> PreparedStage:
+        prepared = real.prepare(attempt)
+        parts = prepared.parts and replace(prepared.parts, make=noted(attempt, prepared.parts.make))
+        return replace(prepared, run=noted(attempt, prepared.run), parts=parts)
+
+    return replace(real, prepare=prepare)
+
+
+def noted(attempt: StageAttempt, work: Callable[..., None]) -> Callable[..., None]:
+    """The work, with a line at its start and one at its end: the second word is the stage, or stage/part."""
+    name = f"{attempt.claim.stage}/{attempt.claim.part}" if attempt.claim.part else attempt.claim.stage
+
+    def run(*arguments: object) -> None:
+        for what in ("start", "end"):
+            with (attempt.context.folders.root / RUNS).open("a") as file:
+                file.write(f"{what} {name} {attempt.claim.attempt} {os.getpid()} {attempt.claim.drive_id}\n")
+            if what == "start":
+                work(*arguments)
+
+    return run

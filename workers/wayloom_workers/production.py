@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -14,7 +15,7 @@ from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.pipeline.drive_quality import QUALITY_FILE, read_quality
 from wayloom.pipeline.log_parts import LOG_FILE
 from wayloom.pipeline.log_source import LogSource
-from wayloom.pipeline.running import run_stage, stage_key
+from wayloom.pipeline.running import part_room, run_stage, stage_key
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stages.submaps import PREVIEW_FILE
@@ -28,7 +29,7 @@ from wayloom.submaps.submap import PlacedSubmap
 from wayloom_workers.publishing import publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
 from wayloom_workers.rig_memory import forget, remember, remember_scale, rig_file_for
-from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, keyed_by_inputs
+from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, StageParts, keyed_by_inputs
 from wayloom_workers.stitching import stitch
 
 TRACK_POINTS: Final = 2000
@@ -44,16 +45,31 @@ def _prepare(attempt: StageAttempt) -> PreparedStage:
     """The stage of the catalogue, on the drive's log, which is opened once."""
     assert attempt.log_path is not None
     source = LogSource(attempt.log_path, attempt.gnss_path)
-    settings = _settings(attempt)
-    if attempt.claim.stage == ODOMETRY:
+    stage, settings = attempt.claim.stage, _settings(attempt)
+    if stage == ODOMETRY:
         settings = settings.model_copy(update={"rig": rig_file_for(attempt, source.log)})
     context = StageContext(source, attempt.inputs_dir, settings, attempt.claim.drive_id)
-    key = stage_key(attempt.claim.stage, context)
+    key = stage_key(stage, context)
+    context = replace(context, parts_dir=attempt.context.folders.drive(str(attempt.claim.drive_id)) / "parts" / stage / key.hex)
 
     def run() -> None:
-        run_stage(attempt.claim.stage, context, attempt.out_dir, attempt.progress, key)
+        run_stage(stage, context, attempt.out_dir, attempt.progress, key)
 
-    return PreparedStage(key.hex, run)
+    return PreparedStage(key.hex, run, _parts(attempt, context))
+
+
+def _parts(attempt: StageAttempt, context: StageContext) -> StageParts | None:
+    """The parts of a stage whose room makes it in parts. (Rows number them from 1, rooms from 0.)"""
+    room, folder = part_room(attempt.claim.stage), context.parts_dir
+    if room is None or folder is None:
+        return None
+    return StageParts(
+        folder.parent,
+        lambda: [number + 1 for number in room.missing(context, folder, attempt.progress)],
+        lambda part: room.has(folder, part - 1),
+        lambda part: room.make(context, part - 1, attempt.out_dir, attempt.progress),
+        lambda part: folder / room.name(part - 1),
+    )
 
 
 def _record_log(session: Session, attempt: StageAttempt) -> list[JobMessage]:

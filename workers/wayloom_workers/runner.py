@@ -10,13 +10,13 @@ from pathlib import Path
 import structlog
 
 from wayloom.config.stages import REMOVAL
-from wayloom.errors import InputError, LeaseLostError, StageError, WayloomError
-from wayloom.store import drives, jobs
+from wayloom.errors import ConflictError, InputError, LeaseLostError, StageError, WayloomError
+from wayloom.store import drives, jobs, part_jobs
 from wayloom.store.jobs import Claim, JobMessage
 from wayloom.store.processes import identity
 from wayloom_workers.completion import complete_drive
 from wayloom_workers.heartbeat import Heartbeat, StopRequestedError
-from wayloom_workers.stage_hooks import HookTable, RepeatStageError, StageAttempt, StageHooks, WorkerContext
+from wayloom_workers.stage_hooks import HookTable, PreparedStage, RepeatStageError, StageAttempt, StageHooks, WorkerContext
 
 log = structlog.get_logger()
 
@@ -52,9 +52,15 @@ def _run(context: WorkerContext, hooks: StageHooks, held: Claim) -> list[JobMess
         try:
             attempt = _attempt(context, held, folder, beat)
             prepared = hooks.prepare(attempt)
+            if held.part:
+                return _run_part(context, held, attempt, prepared)
             output = _output(context, held, held.stage, prepared.key)
             if output.is_dir():
                 log.info("output is there already", key=prepared.key[:12])
+            elif missing := prepared.parts.missing() if prepared.parts else []:
+                log.info("waiting for parts", parts=len(missing))
+                with context.database.write() as session:
+                    return part_jobs.await_parts(session, held, missing, prepared.key, context.settings.max_attempts)
             else:
                 prepared.run()
                 beat.check()
@@ -66,9 +72,27 @@ def _run(context: WorkerContext, hooks: StageHooks, held: Claim) -> list[JobMess
                 messages = [*hooks.record(session, done), *([following] if following else [])]
                 if held.drive_id is not None and following is None and held.stage != REMOVAL.name:
                     messages += complete_drive(session, held.drive_id)
+            if prepared.parts:
+                shutil.rmtree(prepared.parts.folder, ignore_errors=True)
             return messages
         finally:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _run_part(context: WorkerContext, held: Claim, attempt: StageAttempt, prepared: PreparedStage) -> list[JobMessage]:
+    """Make one part of a stage, or find it made, and commit. Returns the message of the stage's own job after the last one."""
+    if prepared.parts is None or prepared.key != held.payload.get("key"):
+        raise ConflictError(f"this worker's code or settings are not those of the one that asked for part {held.part}")
+    if not prepared.parts.has(held.part):
+        prepared.parts.make(held.part)
+        attempt.progress(1.0, "part done")
+        place = prepared.parts.place(held.part)
+        shutil.rmtree(place, ignore_errors=True)  # damaged
+        _keep(attempt.out_dir, place)
+    with context.database.write() as session:
+        jobs.finish(session, held, prepared.key)
+        following = part_jobs.after_part(session, held)
+    return [following] if following else []
 
 
 def _home(context: WorkerContext, held: Claim) -> Path:

@@ -52,11 +52,32 @@ class StageAttempt:
 
 
 @dataclass(frozen=True, slots=True)
+class StageParts:
+    """A stage that several workers may make together.
+
+    folder   in which finished parts lie; goes once the stage is done
+    missing  numbers, from 1, of the parts that are still to be made, after what all of them need is there; none where the stage
+             is better made as a whole, or all are there
+    has      whether one part is there
+    make     makes one part into the attempt's out_dir
+    place    where a finished part belongs
+    """
+
+    folder: Path
+    missing: Callable[[], list[int]]
+    has: Callable[[int], bool]
+    make: Callable[[int], None]
+    place: Callable[[int], Path]
+
+
+@dataclass(frozen=True, slots=True)
 class PreparedStage:
-    """key: the address of the output, a hash of all that it depends on. run: makes it; may take hours and be killed."""
+    """key: the address of the output, a hash of all that it depends on. run: makes it; may take hours and be killed. parts: of a
+    stage that can be made in parts, which `run` then joins."""
 
     key: str
     run: Callable[[], None]
+    parts: StageParts | None = None
 
 
 @dataclass(frozen=True, slots=True)

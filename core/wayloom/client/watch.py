@@ -7,6 +7,7 @@ from typing import Any
 from wayloom.client.api import Api
 from wayloom.config.progress import NamedProgress, silent_for_each
 
+NEARLY_DONE = 0.999
 OVER = ("done", "held", "quarantined", "failed")
 
 
@@ -26,10 +27,16 @@ def wait_for_drive(
         drive = api.drive(drive_id)
         for stage in drive["stages"]:
             if stage["state"] != "waiting":
-                progress(stage["stage"])(float(stage["progress"]), _words(stage, stage["stage"] in done_before))
+                progress(stage["stage"])(_share(stage), _words(stage, stage["stage"] in done_before))
         if drive["state"] in OVER:
             return drive
         time.sleep(poll_s)
+
+
+def _share(stage: dict[str, Any]) -> float:
+    """How far the stage is; whole only when its result is kept, which takes a moment after its work."""
+    share = float(stage["progress"])
+    return share if stage["state"] == "done" else min(share, NEARLY_DONE)
 
 
 def _words(stage: dict[str, Any], before: bool) -> str:

@@ -47,7 +47,12 @@ def parts_of(context: StageContext) -> list[DrivePart]:
 
 def part_folder(parts_dir: Path, part: DrivePart) -> Path:
     """Where a finished part lies."""
-    return parts_dir / f"{part.number:04d}"
+    return parts_dir / part_name(part.number)
+
+
+def part_name(number: int) -> str:
+    """Of the folder of a finished part."""
+    return f"{number:04d}"
 
 
 def missing_parts(context: StageContext, parts_dir: Path) -> list[DrivePart]:

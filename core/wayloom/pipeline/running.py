@@ -6,7 +6,7 @@ settings, the code that its room imports, and the versions of the libraries that
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -83,6 +83,31 @@ def run_stage(
     }
     (out_dir / STAGE_FILE).write_text(json.dumps(metadata, indent=1) + "\n")
     return metadata
+
+
+@dataclass(frozen=True, slots=True)
+class PartRoom:
+    """What a room that makes its stage in parts can do; parts are numbered from 0.
+
+    missing  (context, folder of the parts, progress) → numbers of the parts to be made, after what all need is in the folder
+    has      (folder of the parts, number): whether a part is there and undamaged
+    make     (context, number, out_dir, progress): one part into an empty folder
+    name     of a finished part's folder
+    """
+
+    missing: Callable[[StageContext, Path, Progress], list[int]]
+    has: Callable[[Path, int], bool]
+    make: Callable[[StageContext, int, Path, Progress], None]
+    name: Callable[[int], str]
+
+
+def part_room(name: str) -> PartRoom | None:
+    """The room of a stage, where it makes the stage in parts: it has `missing_parts`, `has_part`, `make_part` and
+    `part_name`."""
+    room = import_module(_room(find_stage(name)))
+    if not hasattr(room, "make_part"):
+        return None
+    return PartRoom(room.missing_parts, room.has_part, room.make_part, room.part_name)
 
 
 def stage_settings(stage: Stage, settings: ProcessSettings) -> dict[str, Any]:

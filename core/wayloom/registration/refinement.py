@@ -18,7 +18,6 @@ OUTLIER_DENSITY: Final = 2.0
 TILT_SIGMA_RAD: Final = np.deg2rad(2.0)
 """How level two level frames are to each other."""
 CONVERGED: Final = 1e-4
-COARSE_POINTS: Final = 700
 GROUND_RADIUS_M: Final = 15.0
 
 

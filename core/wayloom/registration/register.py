@@ -25,7 +25,9 @@ REFINED: Final = 4
 SAME_M, SAME_RAD = 1.5, np.deg2rad(5.0)
 """Poses nearer than this to each other are one."""
 POLISHING: Final = 8
+LOOKS_ALIKE_M, LOOKS_ALIKE_RAD, LEAST_FEATURES = 8.0, np.deg2rad(30.0), 200
 SURFACE_INFLATION, MATCH_INFLATION = 10.0, 4.0
+"""How many points share one error: of surfaces, and of features, each of which is seen from several keyframes."""
 BEND_M, BEND_SHARE = 0.02, 0.01
 BEND_RAD, BEND_RAD_PER_M = float(np.deg2rad(0.05)), float(np.deg2rad(0.03))
 """Views bend by the drift of the odometry within them: so much, and more with the way between the two anchors."""
@@ -108,12 +110,21 @@ def judge(
         "sigma_m": round(float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1])), 4),
     }
     words = refusal(evidence, settings, prior is not None)
+    if inliers < settings.min_matches and looks_alike(a.view, b.view, T):
+        words = words or f"both look the same way and only {inliers} local features agree"
     if prior is not None:
         xi = se3.log(T @ se3.inverse(prior.T_a_b))
         evidence["prior_chi2"] = round(float(xi @ np.linalg.solve(prior.covariance + covariance, xi)), 2)
         if evidence["prior_chi2"] > settings.max_prior_chi2:
             words = words or f"the prior denies it (chi-square {evidence['prior_chi2']:.0f} of 6)"
     return Registration(T, covariance, words, evidence)
+
+
+def looks_alike(a: PlaceView, b: PlaceView, T_a_b: FloatArray) -> bool:
+    """Whether by this pose both cameras look the same way from nearly one place, so that their local features must agree."""
+    known = min(len(a.features), len(b.features)) >= LEAST_FEATURES
+    near = float(np.linalg.norm(T_a_b[:3, 3])) < LOOKS_ALIKE_M
+    return known and near and abs(yaw_of(T_a_b)) < LOOKS_ALIKE_RAD
 
 
 def polish(

@@ -124,10 +124,10 @@ def delete_rows(session: Session, drive_id: str) -> None:
 
 
 def jobs_of(session: Session, drives: Sequence[Drive]) -> dict[str, list[Job]]:
-    """For each drive its stages in order, those of the map job that takes it in included."""
+    """For each drive its stages in order, with their parts, those of the map job that takes it in included."""
     ids = [drive.id for drive in drives]
     stitches = {drive.stitch_job_id for drive in drives if drive.stitch_job_id is not None}
-    own = session.scalars(select(Job).where(Job.drive_id.in_(ids)).order_by(Job.position)).all()
+    own = session.scalars(select(Job).where(Job.drive_id.in_(ids)).order_by(Job.position, Job.part)).all()
     of_map = session.scalars(select(Job).where(Job.id.in_(stitches) | Job.parent_id.in_(stitches)).order_by(Job.id)).all()
     found: dict[str, list[Job]] = {drive_id: [] for drive_id in ids}
     for job in own:
@@ -147,7 +147,10 @@ def track_of(session: Session, drive_id: str) -> list[object] | None:
 def usual_seconds(session: Session, newest_jobs: int = 200) -> dict[str, float]:
     """For each stage, the mean of how long it took lately."""
     lately = (
-        select(Job.stage, Job.started_at, Job.finished_at).where(Job.state == "done").order_by(Job.id.desc()).limit(newest_jobs)
+        select(Job.stage, Job.started_at, Job.finished_at)
+        .where(Job.state == "done", Job.part == 0)
+        .order_by(Job.id.desc())
+        .limit(newest_jobs)
     )
     took: dict[str, list[float]] = {}
     for stage, started, finished in session.execute(lately):

@@ -22,7 +22,7 @@ ERROR_LENGTH = 4000
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """The right to run a job, as long as `token` is the row's token."""
+    """The right to run a job, as long as `token` is the row's token. part : 0, or the number of the stage's part that it is."""
 
     job_id: int
     token: int
@@ -31,6 +31,7 @@ class Claim:
     drive_id: str | None
     map_id: str | None
     payload: dict[str, Any]
+    part: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +45,7 @@ class JobMessage:
 def create_drive_jobs(session: Session, drive_id: str) -> JobMessage:
     """One row for every stage of the drive; the first is queued, the others wait for the one before."""
     now = now_s(session)
-    jobs = [_job(stage, now, drive_id=drive_id, position=i, state="waiting") for i, stage in enumerate(drive_stages())]
+    jobs = [new_job(stage, now, drive_id=drive_id, position=i, state="waiting") for i, stage in enumerate(drive_stages())]
     jobs[0].state = "queued"
     session.add_all(jobs)
     session.flush()
@@ -55,7 +56,9 @@ def create_map_job(
     session: Session, stage: str, map_id: str, payload: dict[str, Any] | None = None, parent_id: int | None = None
 ) -> Job:
     """A queued job of a map."""
-    job = _job(stage, now_s(session), map_id=map_id, payload=payload or {}, parent_id=parent_id, position=map_stages().index(stage))
+    job = new_job(
+        stage, now_s(session), map_id=map_id, payload=payload or {}, parent_id=parent_id, position=map_stages().index(stage)
+    )
     session.add(job)
     session.flush()
     return job
@@ -70,7 +73,7 @@ def request_stitch(session: Session, map_id: str) -> Job:
 
 def create_removal_job(session: Session, drive_id: str) -> JobMessage:
     """A queued job that removes a drive; its rows go with the drive."""
-    job = _job(REMOVAL.name, now_s(session), drive_id=drive_id, position=0)
+    job = new_job(REMOVAL.name, now_s(session), drive_id=drive_id, position=0)
     session.add(job)
     session.flush()
     return JobMessage(job.id, job.queue)
@@ -93,7 +96,7 @@ def claim(database: Database, job_id: int, worker: str, lease_s: float) -> Claim
             return None
         if job.drive_id is not None and job.stage in drive_stages():
             _update(session, update(Drive).where(Drive.id == job.drive_id, Drive.state == "queued"), state="running")
-        return Claim(job.id, job.token + 1, job.stage, job.attempt + 1, job.drive_id, job.map_id, dict(job.payload))
+        return Claim(job.id, job.token + 1, job.stage, job.attempt + 1, job.drive_id, job.map_id, dict(job.payload), job.part)
 
 
 def heartbeat(database: Database, held: Claim, lease_s: float, progress: float, message: str) -> None:
@@ -106,12 +109,13 @@ def heartbeat(database: Database, held: Claim, lease_s: float, progress: float, 
 
 
 def finish(session: Session, held: Claim, key: str) -> JobMessage | None:
-    """Mark the job done, its output being `key`, and queue the drive's next stage, which is returned. Raises LeaseLostError."""
+    """Mark the job done, its output being `key`, and queue the drive's next stage, which is returned; after a part of a stage
+    nothing (`part_jobs.after_part`). Raises LeaseLostError."""
     values: dict[str, Any] = {"state": "done", "finished_at": now_s(session), "progress": 1.0, "message": "", "error": None}
     values |= {"worker": None, "lease_until": None, "payload": {**held.payload, "key": key}}
     if not _update(session, _held(held), **values):
         raise LeaseLostError(f"job {held.job_id} ({held.stage}): finished too late, another worker has taken it over")
-    if held.drive_id is None:
+    if held.drive_id is None or held.part:
         return None
     following = select(Job).where(Job.drive_id == held.drive_id, Job.state == "waiting").order_by(Job.position)
     job = session.scalars(following).first()
@@ -133,7 +137,12 @@ def fail(session: Session, held: Claim, error: str, *, final: bool) -> None:
 
 def release(session: Session, held: Claim) -> None:
     """Put the job back untouched because the worker is told to stop; the attempt does not count. Raises LeaseLostError."""
-    values = {"state": "queued", "attempt": held.attempt - 1, "worker": None, "lease_until": None, "sent_at": None, "message": ""}
+    put_back(session, held, "queued", held.attempt - 1)
+
+
+def put_back(session: Session, held: Claim, state: str, attempt: int) -> None:
+    """Let go of the job in this state, with so many attempts counted. Raises LeaseLostError."""
+    values = {"state": state, "attempt": attempt, "worker": None, "lease_until": None, "sent_at": None, "message": ""}
     if not _update(session, _held(held), **values):
         raise LeaseLostError(f"job {held.job_id} ({held.stage}): another worker has taken it over")
 
@@ -141,7 +150,9 @@ def release(session: Session, held: Claim) -> None:
 def input_keys(session: Session, drive_id: str, stage: str) -> dict[str, str]:
     """For each stage whose result `stage` reads, the key of its output. Raises ConflictError where one is not done."""
     read = find_stage(stage).results_read
-    rows = session.scalars(select(Job).where(Job.drive_id == drive_id, Job.stage.in_(read), Job.state == "done")).all()
+    rows = session.scalars(
+        select(Job).where(Job.drive_id == drive_id, Job.stage.in_(read), Job.state == "done", Job.part == 0)
+    ).all()
     keys = {job.stage: str(job.payload["key"]) for job in rows}
     if len(keys) < len(read):
         raise ConflictError(f"{stage} was started before {', '.join(name for name in read if name not in keys)}")
@@ -178,7 +189,8 @@ def _text(error: str) -> str:
     return error.replace("\0", "").encode("utf-8", "replace").decode()[:ERROR_LENGTH]
 
 
-def _job(stage: str, now: float, *, state: str = "queued", **values: Any) -> Job:
+def new_job(stage: str, now: float, *, state: str = "queued", **values: Any) -> Job:
+    """A row that is not yet in the database."""
     return Job(stage=stage, queue=find_stage(stage).queue, state=state, created_at=now, **values)
 
 
@@ -205,7 +217,11 @@ def _map_is_busy(session: Session, job: Job) -> bool:
 
 def _fail_dependants(session: Session, job: Job, error: str) -> None:
     """A failed stage fails its drive; a failed map job fails the drives that wait for it."""
-    values = {"state": "failed", "error": _text(f"{job.stage}: {error}"), "finished_at": now_s(session)}
+    values = {
+        "state": "failed",
+        "error": _text(f"{job.stage}{f', part {job.part}' if job.part else ''}: {error}"),
+        "finished_at": now_s(session),
+    }
     if job.drive_id is not None:
         _update(session, update(Drive).where(Drive.id == job.drive_id), **values)
     else:

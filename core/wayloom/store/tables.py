@@ -99,6 +99,7 @@ class Job(Base):
 
     state   waiting (for the stage before it), queued, running, done, failed
     token   fencing token: grows with every claim; whoever holds an older one may not commit
+    part    0: the whole stage; a stage that is made in parts has a row for each, from 1 on, and its own waits for them
     worker  who runs it: host, boot, process id and start time
     """
 
@@ -108,6 +109,7 @@ class Job(Base):
     map_id: Mapped[str | None] = mapped_column(ForeignKey("maps.id", ondelete="CASCADE"))
     parent_id: Mapped[int | None] = mapped_column(index=True)
     stage: Mapped[str] = mapped_column(String(32))
+    part: Mapped[int] = mapped_column(default=0, server_default="0")
     position: Mapped[int]
     queue: Mapped[str] = mapped_column(String(32))
     state: Mapped[str] = mapped_column(String(16))
@@ -125,7 +127,7 @@ class Job(Base):
     started_at: Mapped[float | None]
     finished_at: Mapped[float | None]
     __table_args__ = (
-        UniqueConstraint("drive_id", "stage"),
+        UniqueConstraint("drive_id", "stage", "part"),
         Index("ix_jobs_state_sent_at", "state", "sent_at"),
         Index("ix_jobs_map_id_stage_state", "map_id", "stage", "state"),
     )

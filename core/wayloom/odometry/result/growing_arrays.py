@@ -3,6 +3,7 @@
 So a drive of hours needs no more memory than one of minutes.
 """
 
+import mmap
 import tempfile
 from typing import IO, Any
 
@@ -53,3 +54,13 @@ class GrowingArray:
         for chunk in self.waiting:
             self.file.write(chunk.tobytes())
         self.waiting, self.waiting_bytes = [], 0
+
+
+def forget_pages(array: NDArray[Any]) -> None:
+    """Let go of the memory into which an array that lies in a file was read; it is read again where it is looked at again. Of any
+    other array nothing happens."""
+    base: Any = array
+    while isinstance(base, np.ndarray) and not isinstance(base, np.memmap):
+        base = base.base
+    if isinstance(base, np.memmap) and hasattr(mmap, "MADV_DONTNEED"):
+        base._mmap.madvise(mmap.MADV_DONTNEED)  # type: ignore[attr-defined]

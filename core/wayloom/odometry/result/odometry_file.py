@@ -18,6 +18,7 @@ from wayloom.errors import InputError
 from wayloom.files.atomic import replacing
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import PARAMETERS, RightLens
+from wayloom.odometry.result.growing_arrays import forget_pages
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 
 ODOMETRY_FILE = "odometry.npz"
@@ -110,6 +111,7 @@ def _pieces(array: NDArray[Any]) -> Iterator[bytes]:
     rows = max(1, PIECE_BYTES // max(1, array[:1].nbytes))
     for first in range(0, len(array), rows):
         yield np.ascontiguousarray(array[first : first + rows]).tobytes()
+        forget_pages(array)
 
 
 def _array(archive: zipfile.ZipFile, name: str) -> Any:

@@ -15,6 +15,7 @@ from wayloom.odometry.rig.calibration_observations import ObservationCollector
 from wayloom.pipeline import odometry_parts, part_processes
 from wayloom.pipeline.odometry_parts import EVIDENCE_FILE as EVIDENCE_FILE
 from wayloom.pipeline.stage_context import StageContext
+from wayloom.pipeline.stage_files import is_undamaged
 
 
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
@@ -25,6 +26,31 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     temporary = nullcontext(context.parts_dir) if context.parts_dir is not None else tempfile.TemporaryDirectory(prefix="wayloom-")
     with temporary as parts_dir:
         _track_in_parts(context, Path(str(parts_dir)), out_dir, progress)
+
+
+def missing_parts(context: StageContext, parts_dir: Path, progress: Progress) -> list[int]:
+    """The parts that are still to be tracked, after the drive is calibrated; none of a drive that is tracked in one piece."""
+    if len(odometry_parts.parts_of(context)) == 1:
+        return []
+    odometry_parts.prepare_parts(context, parts_dir, progress)
+    return [part.number for part in odometry_parts.missing_parts(context, parts_dir)]
+
+
+def has_part(parts_dir: Path, number: int) -> bool:
+    """Whether a part is finished and its files are those that were written."""
+    return is_undamaged(parts_dir / part_name(number))
+
+
+def make_part(context: StageContext, number: int, out_dir: Path, progress: Progress) -> None:
+    """Track one part. Raises as `run`."""
+    assert context.parts_dir is not None
+    known = odometry_parts.load_calibration(context.parts_dir)
+    odometry_parts.track_part(context, odometry_parts.parts_of(context)[number], known, out_dir, progress)
+
+
+def part_name(number: int) -> str:
+    """Of the folder of a finished part."""
+    return odometry_parts.part_name(number)
 
 
 def _track_whole(context: StageContext, out_dir: Path, progress: Progress) -> None:

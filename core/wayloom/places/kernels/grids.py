@@ -4,7 +4,6 @@ import numpy as np
 from numba import njit
 
 FIVES, THREES, FIFTEENS = np.uint64(0x5555555555555555), np.uint64(0x3333333333333333), np.uint64(0x0F0F0F0F0F0F0F0F)
-ONES = np.uint64(0x0101010101010101)
 
 
 @njit(inline="always")
@@ -12,7 +11,10 @@ def ones(word):  # type: ignore[no-untyped-def]
     """Bits that are set in a uint64."""
     word = word - ((word >> np.uint64(1)) & FIVES)
     word = (word & THREES) + ((word >> np.uint64(2)) & THREES)
-    return ((((word + (word >> np.uint64(4))) & FIFTEENS) * ONES) >> np.uint64(56)) & np.uint64(127)
+    word = (word + (word >> np.uint64(4))) & FIFTEENS
+    word += word >> np.uint64(8)
+    word += word >> np.uint64(16)
+    return (word + (word >> np.uint64(32))) & np.uint64(127)
 
 
 @njit(cache=True, error_model="numpy")
