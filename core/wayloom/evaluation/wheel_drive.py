@@ -1,4 +1,4 @@
-"""smartLoc recording as a drive: wheel odometry in the place of the cameras' and single-epoch fixes of a consumer receiver.
+"""Drive of the smartLoc recording: wheel odometry in the place of the cameras' and single-epoch fixes of a consumer receiver.
 
 Reisdorf et al., TU Chemnitz: Berlin, Potsdamer Platz, in street canyons. `fixes.csv` holds t_s, lon_deg, lat_deg, height_m, the
 claimed covariance cov_ee_m2 … cov_uu_m2; `odometry.csv` t_s, vx_m_s, wz_rad_s; `truth.csv` t_s and the place.
