@@ -1,7 +1,8 @@
-"""Symbolic factorisation: elimination tree, supernodes and their borders (Davis, Direct Methods for Sparse Linear Systems, ch. 4).
+"""Symbolic factorisation: elimination tree, supernodes and their borders.
 
-Variables are counted by rank, their place in the order of elimination. A supernode is a run of ranks with nested columns: its
-pivots first[s] … first[s + 1], and its border, the higher ranks that its columns reach.
+Davis, Direct Methods for Sparse Linear Systems, ch. 4. Variables are counted by rank, their place in the order of elimination. A
+supernode is a run of ranks with nested columns: its pivots first[s] … first[s + 1], and its border, the higher ranks that its
+columns reach.
 """
 
 import numpy as np
