@@ -181,7 +181,8 @@ def changed(model: type[BaseModel]) -> dict[tuple[str, ...], Any]:
     """For every field another value than its default."""
     own = {
         ("rig",): "/rigs", ("geoid",): "/geoid.gtx", ("map_origin",): (8.0, 49.0, 1e-7), ("api_key",): "k" * 16,
-        ("segmentation", "device"): "cpu", ("labelling", "votes"): "hard", ("tiles", "min_zoom"): 11, ("steps",): "a:B", ("map_id",): "town", ("data_dir",): "/data",
+        ("segmentation", "device"): "cpu", ("labelling", "votes"): "hard", ("tiles", "min_zoom"): 11, ("steps",): "a:B",
+        ("map_id",): "town", ("data_dir",): "/data",
     }  # fmt: skip
     return {key: own.get(key, other(info)) for key, info in leaves(model).items()}
 
