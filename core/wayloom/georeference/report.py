@@ -18,6 +18,7 @@ from wayloom.odometry.types import Trajectory
 FloatArray = NDArray[np.float64]
 GRADES: Final = (("A", 0.1), ("B", 0.3), ("C", 1.0), ("D", 3.0))
 """Grade and the median sigma of the position, m, up to which it is given; E beyond. A doubt costs one grade."""
+WORST_GRADE: Final = "E"
 SIGNIFICANT_SIGMA: Final = 4.0
 DOUBTFUL_SHARE: Final = 0.5
 
