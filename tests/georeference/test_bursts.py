@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from georeference.made_gnss_drives import LEVER, PLACE, MadeDrive, correlated, made_drive
+from wayloom.evaluation.gnss_drives import Receiver, city_way
+from wayloom.evaluation.gnss_drives import made_drive as city_drive
 from wayloom.geodesy import wgs84
 from wayloom.georeference.alignment import georeference
 from wayloom.georeference.report import grade
@@ -116,3 +118,13 @@ def test_a_lever_arm_that_is_not_given_is_found_where_the_drive_turns() -> None:
 def test_the_grade_falls_with_sigma_and_with_each_doubt() -> None:
     assert [grade(sigma, 0) for sigma in (0.05, 0.2, 0.5, 2.0, 10.0)] == list("ABCDE")
     assert [grade(0.05, doubts) for doubts in (0, 1, 2, 9)] == list("ABCE")
+
+
+def test_a_clock_that_a_straight_road_cannot_tell_gets_a_word_and_one_that_corners_tell_none() -> None:
+    straight = made_drive(1, frames=300, sigma_m=0.02, turn_rad=0.0, scale=1.001, correlation_s=8.0, white_share=0.7)
+    said = georeference(straight.log, straight.odometry).report["messages"]
+    assert len(said) == 1
+    assert "hardly tells how late the GNSS clock is" in said[0]
+    drive = city_drive(city_way(60.0), Receiver(late_s=0.02), 0)
+    said = georeference(drive.log, drive.odometry).report["messages"]  # type: ignore[arg-type]
+    assert not any("hardly tells" in message for message in said)

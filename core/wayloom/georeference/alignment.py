@@ -19,7 +19,8 @@ from wayloom.georeference.first_guess import guess_nodes, level_world
 from wayloom.georeference.fixes import UsableFixes, usable_fixes
 from wayloom.georeference.gravity.witnesses import observed_up, witnesses_report
 from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
-from wayloom.georeference.report import PlacedDrive, georeference_report
+from wayloom.georeference.refusal import why_not_placed
+from wayloom.georeference.report import WORST_GRADE, PlacedDrive, georeference_report
 from wayloom.georeference.scale_prior import scale_prior
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.types import FixResiduals, GeoReference
@@ -65,17 +66,14 @@ def georeference(
     evidence = Evidence(
         closure_links(closures or no_loops(), odometry.keyframes, nodes, chain), observed_up(log, odometry, labels, nodes, settings)
     )
+    noise = _noise(settings, log, scale_prior(odometry.report, settings))
     if log.gnss is None or len(log.gnss) == 0:
-        return _in_own_frame(
-            trajectory, nodes, chain, evidence, _noise(settings, log, scale_prior(odometry.report, settings)), NO_GNSS
-        )
+        return _in_own_frame(trajectory, nodes, chain, evidence, noise, NO_GNSS)
     progress(0.0, "choosing fixes")
     usable = usable_fixes(log.gnss, trajectory, settings.max_fix_rate_hz)
     if len(usable.rows) == 0:
         message = f"none of {len(log.gnss)} GNSS fixes can be used; {NO_GNSS}"
-        geo = _in_own_frame(
-            trajectory, nodes, chain, evidence, _noise(settings, log, scale_prior(odometry.report, settings)), message
-        )
+        geo = _in_own_frame(trajectory, nodes, chain, evidence, noise, message)
         geo.report["fixes"]["unusable"] = usable.unusable
         return geo
     local = median_place(log.gnss.lon_lat_height[usable.rows])
@@ -84,10 +82,13 @@ def georeference(
     try:
         guess = guess_nodes(chain.T_world_node, trajectory.segment[nodes], fixes, road_m, settings)
         progress(0.3, "optimising")
-        solution = optimise_drive(chain, fixes, guess, _noise(settings, log, scale_prior(odometry.report, settings)), evidence)
+        solution = optimise_drive(chain, fixes, guess, noise, evidence)
     except np.linalg.LinAlgError:
         what = f"the {len(fixes)} GNSS fixes contradict each other and the odometry so much that no place fits them"
         raise StageError(f"{what}; look at them with `wayloom inspect`, or process the drive without GNSS") from None
+    if denied := why_not_placed(fixes, solution, noise):
+        geo = _in_own_frame(trajectory, nodes, chain, evidence, noise, denied)
+        return _refused(geo, len(log.gnss), usable)
     progress(0.9, "placing every frame")
     target = frame or map_frame_for(local.lon_deg, local.lat_deg)
     T_target_local = wgs84.T_enu_enu(target, local)
@@ -119,6 +120,13 @@ def _in_own_frame(
     }
     T = spread_poses(trajectory, nodes, solution.T_enu_node)
     return GeoReference(None, T, spread_covariances(len(trajectory), nodes, solution.covariance), report)
+
+
+def _refused(geo: GeoReference, in_log: int, usable: UsableFixes) -> GeoReference:
+    """The drive in its own frame, of the worst grade: it has fixes, and none can be believed."""
+    geo.report["grade"] = WORST_GRADE
+    geo.report["fixes"] = {"in_log": in_log, "used": 0, "rejected": len(usable.rows), "unusable": usable.unusable}
+    return geo
 
 
 def _noise(settings: GeoReferenceSettings, log: DriveLog, scale_sigma: float) -> DriveNoise:

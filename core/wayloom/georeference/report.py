@@ -18,7 +18,10 @@ from wayloom.odometry.types import Trajectory
 FloatArray = NDArray[np.float64]
 GRADES: Final = (("A", 0.1), ("B", 0.3), ("C", 1.0), ("D", 3.0))
 """Grade and the median sigma of the position, m, up to which it is given; E beyond. A doubt costs one grade."""
+WORST_GRADE: Final = "E"
 SIGNIFICANT_SIGMA: Final = 4.0
+UNTOLD_SHARE: Final = 0.4
+"""Of the clock's prior sigma, from which on the drive has told little of it."""
 DOUBTFUL_SHARE: Final = 0.5
 
 
@@ -55,7 +58,7 @@ def georeference_report(
     return {
         "geo_referenced": True,
         "grade": grade(float(np.median(np.linalg.norm(sigma, axis=1))), len(doubts)),
-        "messages": [*doubts, *_receiver_notes(solution)],
+        "messages": [*doubts, *_receiver_notes(solution), *_untold_clock(fixes, solution, sigma, settings)],
         "fixes": {
             "in_log": len(gnss),
             "used": int(solution.inlier.sum()),
@@ -116,6 +119,21 @@ def _receiver_notes(solution: DriveSolution) -> list[str]:
         right, down, forward = solution.receiver[1:]
         notes.append(f"the antenna is {right:+.2f} m right, {down:+.2f} m down, {forward:+.2f} m forward of where the log says")
     return notes
+
+
+def _untold_clock(
+    fixes: AntennaFixes, solution: DriveSolution, sigma_enu_m: FloatArray, settings: GeoReferenceSettings
+) -> list[str]:
+    """A word where most of the stated sigma (N, 3) is that of a clock: a straight road at one speed hardly tells it."""
+    clock_s = float(np.sqrt(solution.receiver_covariance[0, 0]))
+    along_m = clock_s * float(np.median(np.linalg.norm(fixes.v_node_gnss, axis=1)))
+    stated_m = float(np.median(np.linalg.norm(sigma_enu_m, axis=1)))
+    if clock_s < UNTOLD_SHARE * settings.time_offset_sigma_s or 2.0 * along_m**2 <= stated_m**2:
+        return []
+    return [
+        f"this drive hardly tells how late the GNSS clock is (sigma {1e3 * clock_s:.0f} ms): it may lie {along_m:.2f} m elsewhere "
+        "along the road (1 sigma); corners would tell, or `georeference.time_offset_sigma_s` where the clock is known"
+    ]
 
 
 def _receiver(solution: DriveSolution) -> dict[str, Any]:
