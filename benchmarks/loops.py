@@ -4,8 +4,10 @@ python benchmarks/loops.py drives OUT LOG [OUT LOG ...]   OUT of `wayloom proces
 python benchmarks/loops.py halves OUT OUT POSES           drives of even and odd frames of one log, its KITTI poses (frames by time)
 python benchmarks/loops.py apart OUT OUT                  drives that never meet: every pair of anchors, no prior
 python benchmarks/loops.py made [--pairs 1000]            made streets, other ones or look-alike blocks, no prior and false priors
+python benchmarks/loops.py whole OUT LOG [OUT LOG ...]    what the graph makes of the closures: the drive's end against its start
 
-Further: --json FILE, --spacing METRES of the anchors of `halves` and `apart`.
+Further: --json FILE, --write (the tables of `made` and `whole` into docs/benchmarks/loops.md), --spacing METRES of the anchors of
+`halves` and `apart`.
 """
 
 import argparse
@@ -19,9 +21,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
+from pages import DOCS, put_between_marks
 from registration.made_streets import made_street, view_of
 from wayloom.geometry import se3
+from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.logs.simulated_truth import open_truth
+from wayloom.loops.files import LOOPS_FILE, load_loops
 from wayloom.loops.search import find_loops
 from wayloom.loops.types import LoopClosures
 from wayloom.odometry.result.odometry_file import load_odometry
@@ -34,22 +39,27 @@ from wayloom.registration.scene import prepare
 from wayloom.registration.search import level_pose
 from wayloom.registration.settings import RegistrationSettings
 
+PAGE = DOCS / "benchmarks" / "loops.md"
 SETTINGS = RegistrationSettings()
 FALSE_M, FALSE_DEG = 1.0, 3.0
 CHI2_95 = 12.59
 """Chi-square of 6 degrees of freedom."""
 SAME_PLACE_M = 6.0
+OPPOSITE = "other streets, opposite ways, a false prior of 3 m that both are one place"
+SAME_WAY = "other streets, the same way, no local features, the same prior"
+ALIKE = "look-alike blocks two blocks apart, an honest prior of 3 m"
 WIDE = np.diag([3.0**2] * 2 + [0.5**2] + [np.deg2rad(1.0) ** 2] * 2 + [np.deg2rad(2.0) ** 2])
 
 
 def main() -> None:
     """Measure, print, write JSON where asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("drives", "halves", "apart", "made"))
+    parser.add_argument("what", choices=("drives", "halves", "apart", "made", "whole"))
     parser.add_argument("paths", nargs="*", type=Path)
     parser.add_argument("--pairs", type=int, default=1000)
     parser.add_argument("--spacing", type=float, default=8.0)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     rows: list[dict[str, Any]] = []
     if options.what == "drives":
@@ -60,8 +70,12 @@ def main() -> None:
         rows = halves(*options.paths, options.spacing)
     elif options.what == "apart":
         rows = [apart(*options.paths, options.spacing)]
+    elif options.what == "whole":
+        rows = [whole(out, log) for out, log in zip(options.paths[::2], options.paths[1::2], strict=True)]
     else:
         rows = made(options.pairs)
+    if options.write and options.what in ("made", "whole"):
+        put_between_marks(PAGE, options.what, table(rows))
     if options.what not in ("drives", "made"):
         print("\n".join(json.dumps(row) for row in rows))
     if options.json:
@@ -133,6 +147,37 @@ def recall(loops: LoopClosures, T_true: np.ndarray, places: Places) -> dict[str,
     return out
 
 
+def whole(out: Path, log: Path) -> dict[str, Any]:
+    """Closures of a processed drive, how many its graph uses, and its end against its start with them and by odometry alone."""
+    odometry = load_odometry(out / "stages" / "odometry" / "odometry.npz")
+    geo = load_georeference(out / "stages" / "georeference" / GEOREFERENCE_FILE)
+    loops, T_true = load_loops(out / "stages" / "loops" / LOOPS_FILE), open_truth(log).T_enu_cam
+    metres, degrees, _ = errors(loops, T_true[odometry.keyframes.frame])
+    length = float(np.linalg.norm(np.diff(T_true[:, :3, 3], axis=0), axis=1).sum())
+    with_graph, alone = (end_error(T, T_true) for T in (geo.T_enu_cam, odometry.trajectory.T_world_cam))
+    return {
+        "drive": f"{log.parent.name}/{log.name}",
+        "GNSS": "none" if geo.frame is None else "as simulated",
+        "road, m": round(length),
+        "closures": len(loops),
+        "false": int(((metres > FALSE_M) | (degrees > FALSE_DEG)).sum()),
+        "used by the graph": geo.report.get("loops", {}).get("used", 0),
+        "end, odometry alone": f"{alone:.2f} m, {alone / length:.3%}",
+        "end, with the graph": f"{with_graph:.2f} m, {with_graph / length:.3%}",
+    }
+
+
+def end_error(T: np.ndarray, T_true: np.ndarray) -> float:
+    """Metres by which the last camera is off, seen from the first."""
+    return float(np.linalg.norm((se3.inverse(T[0]) @ T[-1] - se3.inverse(T_true[0]) @ T_true[-1])[:3, 3]))
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Rows as a Markdown table."""
+    lines = [list(rows[0]), ["---"] * len(rows[0]), *(list(row.values()) for row in rows)]
+    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+
+
 def halves(even: Path, odd: Path, poses: Path, spacing: float) -> list[dict[str, Any]]:
     """Pairs of anchors of two drives of one recording, each anchor of the one with the nearest of the other, no prior."""
     T_true = np.tile(np.eye(4), (len(numbers := np.loadtxt(poses)), 1, 1))
@@ -191,29 +236,29 @@ def made(pairs: int) -> list[dict[str, Any]]:
     opposite = [prepare(view_of(made_street(seed), 92.0, seed + 500, False)[0], SETTINGS) for seed in range(streets)]
     alike = [prepare(view_of(made_street(seed, 6, alike=True), 90.0, seed)[0], SETTINGS) for seed in range(streets)]
     other_block = [prepare(view_of(made_street(seed, 6, alike=True), 210.0, seed + 999)[0], SETTINGS) for seed in range(streets)]
+    again = [prepare(view_of(made_street(seed), 92.0, seed + 500)[0], SETTINGS) for seed in range(streets)]
+    made_seconds = {"other streets, no prior": again, OPPOSITE: opposite, SAME_WAY: again}
     rng, out = np.random.default_rng(0), []
-    for name, count in (
-        ("other streets, no prior", pairs // 4),
-        ("other streets, opposite, a prior", pairs // 2),
-        ("look-alike blocks", pairs // 4),
-    ):
-        taken, start = 0, time.process_time()
+    for name, share in (("other streets, no prior", 1), (OPPOSITE, 4), (SAME_WAY, 4), (ALIKE, 1)):
+        count, words, start = max(1, pairs * share // 10), [], time.process_time()
         for n in range(count):
-            prior = None
-            if name == "look-alike blocks":
-                a, b = alike[n % streets], other_block[n % streets]
-            else:
-                i, step = n % streets, 1 + (n // streets) % (streets - 1)
-                a, b = views[i], (views if "no prior" in name else opposite)[(i + step) % streets]
-            if "no prior" not in name:
-                T = level_pose(0.0, 0.0, 0.0, 0.0 if name == "look-alike blocks" else np.pi)
-                T[:2, 3] = rng.normal([0.0, 120.0] if name == "look-alike blocks" else [-3.6, 2.0], 3.0)
-                prior = Prior(T, WIDE)
-            taken += not register_scenes(a, b, prior, SETTINGS).refused
-        row = {"pairs": name, "count": count, "taken": taken, "cpu_s_a_pair": round((time.process_time() - start) / count, 3)}
+            i, step = n % streets, 1 + (n // streets) % (streets - 1)
+            a, b = (alike[i], other_block[i]) if name == ALIKE else (views[i], made_seconds[name][(i + step) % streets])
+            words.append(register_scenes(a, b, made_prior(name, rng), SETTINGS).refused)
+        row = {"pairs": name, "count": count, "fit, but elsewhere too": sum("elsewhere" in text for text in words)}
+        row |= {"taken": words.count(""), "CPU s a pair": round((time.process_time() - start) / count, 2)}
         print(json.dumps(row), flush=True)
         out.append(row)
     return out
+
+
+def made_prior(name: str, rng: np.random.Generator) -> Prior | None:
+    """What is believed of a made pair: falsely that both are one place; of look-alike blocks that two blocks lie between."""
+    if name not in (OPPOSITE, SAME_WAY, ALIKE):
+        return None
+    T = level_pose(0.0, 0.0, 0.0, np.pi if name == OPPOSITE else 0.0)
+    T[:2, 3] = rng.normal({OPPOSITE: [-3.6, 2.0], SAME_WAY: [0.0, 2.0], ALIKE: [0.0, 120.0]}[name], 3.0)
+    return Prior(T, WIDE)
 
 
 def quantiles(values: np.ndarray) -> list[float]:
