@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+sys.path.pop(0)  # this folder: its georeference.py hides the package
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from georeference.made_city_drives import CITY_WAY, city_drive, closures_of, gnss_of, start_at, with_bursts, with_outages
