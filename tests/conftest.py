@@ -5,6 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from wayloom.logs.registry import open_log
+from wayloom.odometry.odometry import track
+from wayloom.odometry.types import OdometryResult
+
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -47,3 +51,15 @@ def clip_b(data_dir: Path) -> Path:
 def clip_a_gnss(data_dir: Path) -> Path:
     """The GNSS/INS log of the whole drive of which clip A is the first 201 frames."""
     return data_dir / "kitti_oxts" / "2011_10_03" / "2011_10_03_drive_0027_sync"
+
+
+@pytest.fixture(scope="session")
+def tracked_clip_a(clip_a: Path) -> OdometryResult:
+    """Clip A's odometry: tests read it, none changes it."""
+    return track(open_log(clip_a))
+
+
+@pytest.fixture(scope="session")
+def tracked_clip_b(clip_b: Path) -> OdometryResult:
+    """Clip B's odometry: tests read it, none changes it."""
+    return track(open_log(clip_b))

@@ -1,17 +1,20 @@
-"""Clip A, whose truth poses are good to a few decimetres, put on Earth with the GNSS/INS log of its drive."""
+"""Clips A and B put on Earth with the GNSS/INS logs of their drives, with fixes that are thinned, missing or thrown away."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 
-from georeference.made_gnss_drives import odometry_of
+from georeference.made_gnss_drives import MadeLog, odometry_of
 from wayloom.geodesy import wgs84
 from wayloom.georeference.alignment import georeference
+from wayloom.georeference.uncertainty import position_covariance
 from wayloom.logs.registry import open_log
 from wayloom.logs.types import GnssTrack
 
 pytestmark = pytest.mark.real_data
+FAULTY_A = 16
+"""Frames at the start of clip A where the INS moves at a constant speed while the images, and its own velocity, accelerate."""
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +39,7 @@ def to_ins_m(log, geo) -> np.ndarray:
 def only(log, rows):
     gnss = log.gnss
     some = GnssTrack(gnss.t_ns[rows], gnss.lon_lat_height[rows], gnss.covariance_enu[rows], gnss.fix_type[rows])
-    return type("Log", (), {"gnss": some, "p_cam_gnss": log.p_cam_gnss, "name": log.name})()
+    return MadeLog(some, log.p_cam_gnss)
 
 
 def test_clip_a_lies_on_its_ins_track_in_karlsruhe(log, odometry):
@@ -58,7 +61,55 @@ def test_real_fixes_thrown_off_by_fifteen_metres_are_found(log, odometry):
     enu = wgs84.enu_from_lonlatheight(log.gnss.lon_lat_height, frame := georeference(log, odometry).frame)
     enu[60:90] += [10.0, -11.0, 0.0]
     gnss = dataclasses.replace(log.gnss, lon_lat_height=wgs84.lonlatheight_from_enu(enu, frame))
-    thrown = type("Log", (), {"gnss": gnss, "p_cam_gnss": log.p_cam_gnss, "name": log.name})()
-    geo = georeference(thrown, odometry)
+    geo = georeference(MadeLog(gnss, log.p_cam_gnss), odometry)
     assert [outlier["fix"] for outlier in geo.report["outliers"]] == list(range(60, 90))
     assert to_ins_m(log, geo).max() < 0.5
+
+
+@pytest.fixture(scope="module", params=["A", "B"])
+def clip(request):
+    """Log, odometry of its images, the drive placed with all fixes, and its first frame that can be judged."""
+    if request.param == "A":
+        log = open_log(request.getfixturevalue("clip_a"), gnss=request.getfixturevalue("clip_a_gnss"))
+        tracked, first = request.getfixturevalue("tracked_clip_a"), FAULTY_A
+    else:
+        log = open_log(request.getfixturevalue("clip_b"))
+        tracked, first = request.getfixturevalue("tracked_clip_b"), 0
+    return log, tracked, georeference(log, tracked), first
+
+
+def change_m(clip, gnss) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) m each: by how much the poses change with other fixes, and the sigma that is then stated."""
+    log, tracked, whole, first = clip
+    geo = georeference(MadeLog(gnss, log.p_cam_gnss), tracked, whole.frame)
+    moved = np.linalg.norm(geo.T_enu_cam[first:, :3, 3] - whole.T_enu_cam[first:, :3, 3], axis=1)
+    return moved, np.sqrt(np.trace(position_covariance(geo.T_enu_cam, geo.covariance), axis1=1, axis2=2))[first:]
+
+
+@pytest.mark.parametrize("start", [0, 1])
+def test_every_other_fix_is_enough(clip, start):
+    moved, _ = change_m(clip, only(clip[0], np.arange(start, len(clip[0].gnss), 2)).gnss)
+    assert moved.max() < 0.2
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("alike", [False, True])
+def test_a_fifth_of_the_fixes_fifty_metres_off_changes_hardly_anything(clip, seed, alike):
+    log, _, whole, _ = clip
+    rng = np.random.default_rng(seed)
+    rows = rng.choice(len(log.gnss), len(log.gnss) // 5, replace=False)
+    bearing = rng.uniform(0.0, 2.0 * np.pi, len(rows))
+    thrown = 50.0 * np.column_stack([np.cos(bearing), np.sin(bearing), np.zeros(len(rows))])
+    enu = wgs84.enu_from_lonlatheight(log.gnss.lon_lat_height, whole.frame)
+    enu[rows] += thrown[0] if alike else thrown
+    moved, _ = change_m(clip, dataclasses.replace(log.gnss, lon_lat_height=wgs84.lonlatheight_from_enu(enu, whole.frame)))
+    assert moved.max() < 0.2
+
+
+@pytest.mark.parametrize("first_half", [True, False])
+def test_half_a_drive_without_fixes_is_placed_within_what_it_states(clip, first_half):
+    """The odometry's scale, 2 % of 35 to 70 m, decides where the rest lies."""
+    count = len(clip[0].gnss)
+    rows = np.arange(count // 2) if first_half else np.arange(count // 2, count)
+    moved, sigma = change_m(clip, only(clip[0], rows).gnss)
+    assert (moved < 3.0 * sigma).all()

@@ -47,8 +47,8 @@ def way(result: OdometryResult) -> float:
     return float(np.linalg.norm(np.diff(result.trajectory.T_world_cam[:, :3, 3], axis=0), axis=1).sum())
 
 
-def test_clip_a_is_tracked_whole_within_30_cm(clip_a: Path, data_dir: Path) -> None:
-    result = track(open_log(clip_a))
+def test_clip_a_is_tracked_whole_within_30_cm(tracked_clip_a: OdometryResult, data_dir: Path) -> None:
+    result = tracked_clip_a
     truth = read_kitti(data_dir / "kitti_odometry" / "poses" / "00.txt")[:201]
     assert result.trajectory.tracked.all()
     assert len(result.trajectory) == 201
@@ -57,8 +57,8 @@ def test_clip_a_is_tracked_whole_within_30_cm(clip_a: Path, data_dir: Path) -> N
     assert len(result.points) >= least("A", "points/m") * way(result)
 
 
-def test_clip_b_is_tracked_whole_and_its_length_is_right(clip_b: Path) -> None:
-    result = track(open_log(clip_b))
+def test_clip_b_is_tracked_whole_and_its_length_is_right(tracked_clip_b: OdometryResult) -> None:
+    result = tracked_clip_b
     assert result.trajectory.tracked.all()
     assert way(result) == pytest.approx(71.3, rel=0.025)
     assert -0.9 < result.disparity_bias_px < -0.2  # LiDAR says -0.45 to -0.6

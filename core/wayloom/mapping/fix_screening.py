@@ -4,6 +4,7 @@ GNSS errors come in stretches (a reflected signal, a wrong integer), not fix by 
 (`wayloom.mapping.fix_witnesses`), runs without a jump. Odometry is good to millimetres from fix to fix: a jump between two fixes
 that it does not show begins a new stretch.
 
+0. Wild ones: single fixes far from their neighbours are left out at once (`wayloom.mapping.wild_fixes`).
 1. Scatter: the differences of neighbouring fixes against the odometry's say how much a receiver's fixes really scatter. Where that
    is more than white noise of the claimed covariance, the covariance is inflated by it (median: up to half of the fixes may be
    wild).
@@ -32,6 +33,7 @@ from wayloom.mapping.fix_witnesses import Witnesses, witnesses_of
 from wayloom.mapping.gnss_factors import RECEIVER
 from wayloom.mapping.heavy_tails import heavy_tailed
 from wayloom.mapping.stretch_choice import choose
+from wayloom.mapping.wild_fixes import wild_fixes
 from wayloom.mapping.witness_graph import WitnessGraph, carried
 
 FloatArray = NDArray[np.float64]
@@ -79,6 +81,21 @@ def screen(
     chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise, evidence: Evidence = Evidence()
 ) -> Screening:
     """Judge the fixes and closures of a drive against its odometry, from a first guess T_enu_node (K, 4, 4)."""
+    calm = np.flatnonzero(~wild_fixes(fixes, T_enu_node))
+    screened = _of_calm(chain, fixes.take(calm), T_enu_node, noise, evidence)
+    return screened if len(calm) == len(fixes) else _among_all(screened, fixes, calm)
+
+
+def _among_all(screened: Screening, fixes: AntennaFixes, calm: IntArray) -> Screening:
+    """The screening of the fixes in the rows calm (m,) as one of all: the others are left out."""
+    covariance, share, inlier = fixes.covariance.copy(), fixes.white_share.copy(), np.zeros(len(fixes), bool)
+    covariance[calm], share[calm], inlier[calm] = screened.fixes.covariance, screened.fixes.white_share, screened.inlier
+    shifted = tuple(replace(part, first=int(calm[part.first]), last=int(calm[part.last])) for part in screened.shifted)
+    return replace(screened, fixes=replace(fixes, covariance=covariance, white_share=share), inlier=inlier, shifted=shifted)
+
+
+def _of_calm(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise, evidence: Evidence) -> Screening:
+    """Judge fixes none of which is wild."""
     steps = _steps(chain, fixes, T_enu_node)
     fixes, ratios = _as_scattered(fixes, steps)
     jump = _jumps(fixes, steps)
