@@ -4,7 +4,7 @@ import itertools
 import os
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 import pytest
 from pydantic import BaseModel
@@ -180,8 +180,9 @@ def test_a_part_of_the_settings_leaves_the_other_tables_alone(file: Path):
 def changed(model: type[BaseModel]) -> dict[tuple[str, ...], Any]:
     """For every field another value than its default."""
     own = {
-        ("rig",): "/rigs", ("map_origin",): (8.0, 49.0, 1e-7), ("api_key",): "k" * 16, ("segmentation", "device"): "cpu",
-        ("labelling", "votes"): "hard", ("tiles", "min_zoom"): 11, ("steps",): "a:B", ("map_id",): "town", ("data_dir",): "/data",
+        ("rig",): "/rigs", ("geoid",): "/geoid.gtx", ("map_origin",): (8.0, 49.0, 1e-7), ("api_key",): "k" * 16,
+        ("segmentation", "device"): "cpu", ("labelling", "votes"): "hard", ("tiles", "min_zoom"): 11, ("steps",): "a:B",
+        ("map_id",): "town", ("data_dir",): "/data",
     }  # fmt: skip
     return {key: own.get(key, other(info)) for key, info in leaves(model).items()}
 
@@ -195,6 +196,8 @@ def other(info: FieldInfo) -> Any:
     if isinstance(default, int | float):
         shifted = (default + 1, default - 1, default * 1.01, default * 0.99)
         return next(value for value in shifted if valid(info, type(default)(value)) and type(default)(value) != default)
+    if get_origin(info.annotation) is Literal:
+        return next(choice for choice in reversed(get_args(info.annotation)) if choice != default)
     return "text-of-16-letters"
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from mapping.test_drive_graph import NOISE, exact_fixes, straight
-from wayloom.mapping.drive_graph import clock_is_told
+from wayloom.mapping.drive_graph import CLOCK_SIGMAS, HINTED_SIGMAS, clock_sigmas
 from wayloom.mapping.heavy_tails import heavy_tailed
 
 
@@ -22,6 +22,6 @@ def test_the_drive_lies_where_fixes_are_dense_and_not_at_their_mean() -> None:
 def test_a_clock_is_told_by_the_drive_and_never_by_its_prior() -> None:
     prior = NOISE.time_offset_s
     told = 0.1 * prior
-    assert not clock_is_told(0.0, told**2, NOISE)
-    assert clock_is_told(5.0 * told, told**2, NOISE)
-    assert not clock_is_told(0.3 * prior, (0.99 * prior) ** 2, NOISE)  # hardly more is known than before
+    assert clock_sigmas(0.0, told**2, NOISE) == 0.0
+    assert clock_sigmas(9.0 * told, told**2, NOISE) > CLOCK_SIGMAS
+    assert clock_sigmas(0.3 * prior, (0.99 * prior) ** 2, NOISE) < HINTED_SIGMAS  # hardly more is known than before

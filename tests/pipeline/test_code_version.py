@@ -56,7 +56,7 @@ def digests(package: Path) -> dict[str, str]:
     ("file", "expected"),
     [
         ("errors.py", {*ROOTS}),
-        ("config/classes.py", {"segmentation", "labelling", "places", "loops", "submaps"}),
+        ("config/classes.py", {"segmentation", "labelling", "places", "loops", *BEHIND}),
         (
             "config/settings.py",
             {"odometry", "segmentation", "labelling", "places", "loops", "georeference", "submaps", *ALL_READERS},
@@ -81,7 +81,7 @@ def digests(package: Path) -> dict[str, str]:
         ("segmentation/network.py", {"segmentation"}),
         ("segmentation/download.py", set()),
         ("labelling/kernels/voting.py", {"labelling", "loops"}),
-        ("labelling/files.py", {"labelling", "places", "submaps"}),
+        ("labelling/files.py", {"labelling", "places", *BEHIND}),
         ("places/features.py", {"places"}),
         ("places/views.py", {"places", "loops"}),
         ("registration/search.py", {"loops"}),

@@ -85,10 +85,10 @@ def test_a_finished_stage_says_what_it_is(tmp_path):
 
 
 def keys_of(log_path: Path, folder: Path, gnss: Path | None = None) -> dict[str, str]:
-    """The keys of ingest and of stages that read the log, after ingest; odometry and labelling always leave the same."""
+    """The keys of ingest and of stages that read the log, after ingest; what they read of other stages is always the same."""
     context = StageContext(LogSource(log_path, gnss), folder, ProcessSettings())
     (folder / "ingest").mkdir(parents=True)
-    for name in ("odometry", "labelling"):
+    for name in ("odometry", "labelling", "loops"):
         (folder / name).mkdir()
         (folder / name / STAGE_FILE).write_text('{"key": "k", "digest": "d", "seconds": 1.0}')
     run_stage("ingest", context, folder / "ingest")

@@ -7,9 +7,13 @@ from registration.made_streets import made_street, view_of
 from wayloom.geometry import se3
 from wayloom.places.types import PlaceView
 from wayloom.registration.register import Prior, register
+from wayloom.registration.search import level_pose
+from wayloom.registration.settings import RegistrationSettings
 from wayloom.registration.types import Registration
 
 LEVEL_PRIOR = np.diag([1.5**2] * 2 + [0.3**2] + [np.deg2rad(1.0) ** 2] * 2 + [np.deg2rad(1.5) ** 2])
+
+FALSE_PRIOR = np.diag([3.0**2] * 2 + [0.5**2] + [np.deg2rad(1.0) ** 2] * 2 + [np.deg2rad(2.0) ** 2])
 
 
 def pair(seed: int, ahead_m: float, forward: bool = True, alike: bool = False) -> tuple[PlaceView, PlaceView, np.ndarray]:
@@ -68,6 +72,17 @@ def test_two_different_streets_are_refused_in_words_with_numbers(seed: int) -> N
     found = register(a, b)
     assert found.refused
     assert {"overlap", "through", "agreement", "score", "inliers", "sigma_m"} <= found.evidence.keys()
+
+
+@pytest.mark.parametrize(("i", "j"), [(0, 6), (3, 5), (5, 1)])
+def test_a_street_that_fits_as_any_street_does_is_refused_near_a_false_prior(i: int, j: int) -> None:
+    """All other checks take these: the walls fit, but nothing that tells where along the street it is."""
+    a, _ = view_of(made_street(i), 90.0, i)
+    b, _ = view_of(made_street(j), 92.0, j + 500)
+    prior = Prior(level_pose(0.0, 2.0, 0.0, 0.0), FALSE_PRIOR)
+    assert "elsewhere along the street" in register(a, b, prior).refused
+    anywhere = RegistrationSettings(min_distinctness=0.0, min_distinctness_same_way=0.0)
+    assert not register(a, b, prior, anywhere).refused
 
 
 def test_blocks_that_look_alike_are_told_apart_by_the_prior_alone() -> None:

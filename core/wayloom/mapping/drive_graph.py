@@ -38,8 +38,11 @@ from wayloom.mapping.odometry_links import links_of
 from wayloom.mapping.own_frame import StartGauge, closed_in_own_frame
 
 FloatArray = NDArray[np.float64]
-CLOCK_SIGMAS = 3.0
-"""How far from zero the drive must see the receiver's clock before an offset is believed."""
+CLOCK_SIGMAS = 8.0
+"""How far from zero the drive must see the receiver's clock before an offset is believed. Real odometry errs in more ways than its
+model: on a recording whose turns deny any offset the model saw one of five sigmas."""
+HINTED_SIGMAS = 3.0
+"""How far before an offset that is not believed widens the covariance."""
 HELD_CLOCK_S = 1e-6
 """Prior sigma of a clock that is held."""
 
@@ -60,10 +63,12 @@ def optimise_drive(
     state = equations.descend(equations.first_state(screened.T_enu_node, screened.receiver))
     tree = equations.tree(state)
     receiver_covariance = marginal(tree, receiver_key())
-    if not clock_is_told(state.receiver[0], receiver_covariance[0, 0], noise):
-        state = _with_clock_held(equations, state)
     covariance = left_covariances(tree, state.T_enu_node)
     covariance[:, :3, :3] += screened.unconfirmed_m**2 * np.eye(3)
+    seen = clock_sigmas(state.receiver[0], receiver_covariance[0, 0], noise)
+    if seen <= CLOCK_SIGMAS:
+        covariance[:, :3, :3] += _shift_covariance(kept, state, hinted=seen > HINTED_SIGMAS)
+        state = _with_clock_held(equations, state)
     return DriveSolution(
         state.T_enu_node,
         covariance,
@@ -80,16 +85,24 @@ def optimise_drive(
     )
 
 
-def clock_is_told(time_offset_s: float, variance_s2: float, noise: DriveNoise) -> bool:
-    """Whether the drive itself says that the receiver's clock is off: the score of zero, with the prior taken out again.
+def clock_sigmas(time_offset_s: float, variance_s2: float, noise: DriveNoise) -> float:
+    """How many sigmas from zero the drive itself sees the receiver's clock: the score of zero, with the prior taken out again.
 
     On a straight road at one speed an offset is a shift along the road, which only the prior denies; the estimate is then what
     noise makes of it, and zero is the better guess. What could not be told stays in the covariance either way.
     """
     information = 1.0 / variance_s2 - 1.0 / noise.time_offset_s**2
-    if information <= 0.0:
-        return False
-    return (time_offset_s / variance_s2) ** 2 / information > CLOCK_SIGMAS**2
+    return abs(time_offset_s) / variance_s2 / np.sqrt(information) if information > 0.0 else 0.0
+
+
+def _shift_covariance(fixes: AntennaFixes, state: DriveState, hinted: bool) -> FloatArray:
+    """(K, 3, 3) m^2 along the road by an offset that is hinted at and not believed; zeros where none is."""
+    v_enu = (state.T_enu_node[fixes.node, :3, :3] @ fixes.v_node_gnss[:, :, None])[:, :, 0]
+    order = np.argsort(fixes.node, kind="stable")
+    rows = np.arange(len(state.T_enu_node))
+    shift = np.stack([np.interp(rows, fixes.node[order], v_enu[order, axis]) for axis in range(3)], axis=1)
+    shift *= state.receiver[0] if hinted else 0.0
+    return np.asarray(shift[:, :, None] * shift[:, None, :])
 
 
 def _with_clock_held(equations: DriveEquations, state: DriveState) -> DriveState:

@@ -8,7 +8,7 @@
 - Covariances of the poses: `wayloom.mapping.marginals`.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from scipy.stats import chi2 as chi_square
 
 from wayloom.mapping.descent import Descent, descend, place_at
 from wayloom.mapping.initialisation import chordal_poses
+from wayloom.mapping.loop_votes import agreeing, scaled_limit
 from wayloom.mapping.pose_graph_checks import check_graph
 from wayloom.mapping.pose_graph_equations import GraphEquations, graph_equations
 from wayloom.mapping.pose_graph_types import PoseGraph, PoseGraphSolution, SolverSettings
@@ -28,6 +29,8 @@ BoolArray = NDArray[np.bool_]
 DEFAULTS = SolverSettings()
 MOST_RESTARTS = 5
 MOST_SYSTEMS = 20  # of a descent among doubtful loops: those that need more are on the wrong way
+MOST_AGREE = 0.5  # of the loops: with more, what agrees is start enough
+LATE = 1e-4  # mu from there: loops a hundred times off their limit keep some weight
 
 
 def optimise_pose_graph(
@@ -49,8 +52,8 @@ def optimise_pose_graph(
     chi2 = equations.chi2(equations.errors(plain.state))
     if not (chi2[loops] > c2).any():
         return _solution(graph, equations, Weighed(plain.state, np.ones(len(chi2)), plain.cost, plain.iterations), start)
-    weighed = _without_false_loops(equations, T_world_node, loops, c2, settings)
-    return _solution(graph, equations, weighed, "trusted edges", plain.iterations)
+    weighed, start = _without_false_loops(equations, T_world_node, loops, c2, settings)
+    return _solution(graph, equations, weighed, start, plain.iterations)
 
 
 def _least_squares(equations: GraphEquations, T_world_node: FloatArray | None, settings: SolverSettings) -> tuple[Descent, str]:
@@ -66,30 +69,63 @@ def _least_squares(equations: GraphEquations, T_world_node: FloatArray | None, s
 
 def _without_false_loops(
     equations: GraphEquations, T_world_node: FloatArray | None, loops: BoolArray, c2: float, settings: SolverSettings
-) -> Weighed:
-    """Truncated least squares: from the trusted edges by graduation, then from the chordal relaxation over what that
-    kept, as long as the
-    cost falls; and from the caller's guess, where that ends lower.
+) -> tuple[Weighed, str]:
+    """Truncated least squares by graduation, and where it began: from the loops that agree with their neighbours; where
+    few do, also from the trusted edges alone and from the caller's guess, whichever ends lowest.
     """
-    limits = (min(MOST_SYSTEMS, settings.max_iterations), settings.converged)
-    tree = np.where(loops & ~_spanning(equations, loops), 0.0, 1.0)
-    T_held = _held(equations, T_world_node)
-    first = descend(equations, equations.state(chordal_poses(equations, T_held, tree)), tree, *limits)
-    state, systems = graduate(equations, first.state, loops, c2)
-    best = settle(equations, state, loops, c2, *limits)
-    systems += first.iterations + best.iterations
-    for _ in range(MOST_RESTARTS):
-        kept = np.maximum(best.weight, tree)
-        again = settle(equations, equations.state(chordal_poses(equations, T_held, kept)), loops, c2, *limits)
-        systems += again.iterations
-        if again.cost >= best.cost * (1.0 - settings.converged):
-            break
-        best = again
-    if T_world_node is not None:
-        other = settle(equations, equations.state(T_world_node), loops, c2, *limits)
-        systems += other.iterations
-        best = other if other.cost < best.cost else best
-    return replace(best, iterations=systems)
+    search = Search(
+        equations, loops, np.where(loops & ~_spanning(equations, loops), 0.0, 1.0), _held(equations, T_world_node), settings
+    )
+    agreed = agreeing(equations, loops, c2)
+    first = search.over(np.where(agreed, 1.0, search.tree))
+    c2 = min(c2, scaled_limit(equations.chi2(equations.errors(first.state))[agreed], c2, equations.block))
+    ends = {"agreeing loops": search.graduated(first, c2, LATE)}
+    if agreed.sum() < MOST_AGREE * loops.sum():
+        ends["trusted edges"] = search.graduated(search.over(search.tree), c2, 0.0)
+        if T_world_node is not None:
+            ends["given"] = search.settled(equations.state(T_world_node), c2)
+    start = min(ends, key=lambda name: ends[name].cost)
+    return replace(ends[start], iterations=sum(end.iterations for end in ends.values())), start
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """Descents among doubtful loops.
+
+    loops  (E + P,) edges that are weighed
+    tree   (E + P,) 1 for trusted edges, and loops without which parts would be loose
+    T_held (N + 1, 4, 4) where held poses are
+    """
+
+    equations: GraphEquations
+    loops: BoolArray
+    tree: FloatArray
+    T_held: FloatArray
+    settings: SolverSettings
+
+    def over(self, weight: FloatArray) -> Descent:
+        """From the chordal relaxation over weighted edges (E + P,) down their chi-square."""
+        start = self.equations.state(chordal_poses(self.equations, self.T_held, weight))
+        return descend(self.equations, start, weight, min(MOST_SYSTEMS, self.settings.max_iterations), self.settings.converged)
+
+    def settled(self, state: FloatArray, c2: float) -> Weighed:
+        """The minimum near a state."""
+        most = min(MOST_SYSTEMS, self.settings.max_iterations)
+        return settle(self.equations, state, self.loops, c2, most, self.settings.converged)
+
+    def graduated(self, first: Descent, c2: float, least_mu: float) -> Weighed:
+        """By graduation, then from the chordal relaxation over what that kept, as long as the cost falls."""
+        state, systems = graduate(self.equations, first.state, self.loops, c2, least_mu)
+        best = self.settled(state, c2)
+        systems += first.iterations + best.iterations
+        for _ in range(MOST_RESTARTS):
+            kept = np.maximum(best.weight, self.tree)
+            again = self.settled(self.equations.state(chordal_poses(self.equations, self.T_held, kept)), c2)
+            systems += again.iterations
+            if again.cost >= best.cost * (1.0 - self.settings.converged):
+                break
+            best = again
+        return replace(best, iterations=systems)
 
 
 def _spanning(equations: GraphEquations, loops: BoolArray) -> BoolArray:

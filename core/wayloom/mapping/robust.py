@@ -39,11 +39,16 @@ def truncated_weights(chi2: FloatArray, c2: float, mu: float) -> FloatArray:
     return np.asarray(np.clip(np.sqrt(mu * (mu + 1.0)) / r - mu, 0.0, 1.0))
 
 
-def graduate(equations: GraphEquations, state: FloatArray, loops: BoolArray, c2: float) -> tuple[FloatArray, int]:
-    """Where the surrogates lead from a state, and linear systems solved; loops (E + P,): the edges that are weighed."""
+def graduate(
+    equations: GraphEquations, state: FloatArray, loops: BoolArray, c2: float, least_mu: float = 0.0
+) -> tuple[FloatArray, int]:
+    """Where the surrogates lead from a state, and linear systems solved; loops (E + P,): the edges that are weighed.
+
+    least_mu: where a state is near the solution already, surrogates far from the truncated cost would lead away again
+    """
     weight, systems = np.ones(len(loops)), 0
     r2 = equations.chi2(equations.errors(state))[loops]
-    mu = c2 / max(2.0 * float(r2.max()) - c2, c2)
+    mu = max(least_mu, c2 / max(2.0 * float(r2.max()) - c2, c2))
     for _ in range(MOST_LEVELS):
         weight[loops] = truncated_weights(r2, c2, mu)
         moved = descend(equations, state, weight, STEPS_EACH, ROUGHLY)

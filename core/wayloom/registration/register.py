@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from wayloom.geometry import se3
 from wayloom.places.types import PlaceView
+from wayloom.registration.distinctness import distinctness
 from wayloom.registration.matches import GATE2, SIGMA_PX, Matches, equations, errors2, match, pose_of_matches
 from wayloom.registration.refinement import STAGES, Fit, refine, with_height
 from wayloom.registration.scene import Scene, prepare
@@ -112,6 +113,11 @@ def judge(
     words = refusal(evidence, settings, prior is not None)
     if inliers < settings.min_matches and looks_alike(a.view, b.view, T):
         words = words or f"both look the same way and only {inliers} local features agree"
+    if not words and inliers < settings.many_matches:
+        evidence["distinctness"] = round(distinctness(a, b, T, covariance) / max(evidence["overlap"], 1e-6), 4)
+        least = settings.min_distinctness_same_way if abs(yaw_of(T)) < LOOKS_ALIKE_RAD else settings.min_distinctness
+        if evidence["distinctness"] < least:
+            words = f"it fits nearly as well elsewhere along the street (distinctness {evidence['distinctness']:.2f})"
     if prior is not None:
         xi = se3.log(T @ se3.inverse(prior.T_a_b))
         evidence["prior_chi2"] = round(float(xi @ np.linalg.solve(prior.covariance + covariance, xi)), 2)

@@ -22,6 +22,10 @@ class RegistrationSettings(Settings):
     min_class_agreement: float = Field(0.8, ge=0, le=1, description="share of points near points whose class must agree")
     min_soundness: float = Field(0.735, ge=0, le=1, description="class agreement times (1 - share seen through)^5 with a prior")
     min_soundness_alone: float = Field(0.8, ge=0, le=1, description="the same without a prior")
+    min_distinctness: float = Field(
+        0.75, ge=0, description="mean log likelihood ratio above that elsewhere along the street, over the overlap, few features"
+    )
+    min_distinctness_same_way: float = Field(1.25, ge=0, description="the same where both look the same way and see the same sides")
     min_lead: float = Field(1.2, ge=1, le=10, description="times by which a pose must fit better than any other that passes")
     min_points: int = Field(150, ge=10, description="points of a view below which nothing is tried")
     min_matches: int = Field(12, ge=4, description="matched features that must agree for their pose to be tried")

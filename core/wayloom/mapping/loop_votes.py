@@ -1,0 +1,147 @@
+"""Pairwise consistency of neighbouring loops along the chain of trusted edges.
+
+Two loops whose ends lie a few steps apart close a short cycle: i -> j by the one, j -> j' along the chain, j' -> i' by
+the other, and back. What the cycle fails to close by is judged by the covariances of its four parts (Mangelson et al.,
+Pairwise Consistent Measurement Set Maximization, ICRA 2018, eq. 6), of neighbours only: their cycles are short, so that
+drift hides nothing. A loop that agrees with a neighbour has its vote. A short loop may also agree with the chain itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.stats import chi2 as chi_square
+
+from wayloom.geometry import se3
+from wayloom.mapping.kernels import spatial_edges
+from wayloom.mapping.pose_graph_equations import GraphEquations
+from wayloom.mapping.pose_graph_types import PLANAR_ROWS
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+REACH = 12  # steps of the chain in a cycle, at most
+NEIGHBOURS = 8
+FEW = 30  # loops: fewer tell no scale
+MARGIN = 10.0  # of chi-square: sigmas up to three times too large are taken as they are
+ROUNDING = 1e-12  # of an information matrix's largest entry
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """Poses along the trusted edges k -> k + 1, and how uncertain they are.
+
+    T_world_node (N, 4, 4) dead reckoning
+    part         (N,) which unbroken chain a pose is on
+    covariance   (N, 6, 6) of the left perturbation of T_world_node from the first pose on; differences are those between two poses
+    """
+
+    T_world_node: FloatArray
+    part: IntArray
+    covariance: FloatArray
+
+
+def agreeing(equations: GraphEquations, loops: BoolArray, c2: float) -> BoolArray:
+    """(E + P,) those of the loops (E + P,) that close a short cycle within c2, or within less where most do far better."""
+    rows = np.flatnonzero(loops)
+    chi2 = cycle_chi2(equations, rows)
+    told = chi2[np.isfinite(chi2)]
+    limit = min(c2, _scaled(told, c2, equations.block, 0.5)) if len(told) >= FEW else c2
+    out = np.zeros(len(loops), np.bool_)
+    out[rows[chi2 <= limit]] = True
+    return out
+
+
+def scaled_limit(chi2: FloatArray, c2: float, block: int) -> float:
+    """Where loops are truncated when those of chi-square (L,), agreed to be right, have sigmas of another scale than they state.
+
+    A false loop within sigmas a hundred times too large would be taken for right, and a few of them bend everything.
+    """
+    return _scaled(chi2, c2, block, 0.99) if len(chi2) >= FEW else c2
+
+
+def _scaled(chi2: FloatArray, c2: float, block: int, quantile: float) -> float:
+    return MARGIN * c2 * float(np.quantile(chi2, quantile) / chi_square.ppf(quantile, block))
+
+
+def cycle_chi2(equations: GraphEquations, loops: IntArray) -> FloatArray:
+    """(L,) least chi-square of the cycles that loops, rows (L,) of edges, close with a neighbour or the chain; inf if none."""
+    covariance = _left_covariances(equations)
+    chain = _chain(equations, covariance, loops)
+    first, second = equations.first[loops], equations.second[loops]
+    turned = first > second
+    Z = equations.T_first_second[loops]
+    Z = np.where(turned[:, None, None], se3.inverse(Z), Z)
+    Ad = se3.adjoint(Z)
+    own = np.where(turned[:, None, None], Ad @ covariance[loops] @ np.swapaxes(Ad, 1, 2), covariance[loops])
+    ends = np.stack([np.minimum(first, second), np.maximum(first, second)], axis=1)
+    best = np.full(len(loops), np.inf)
+    short = np.flatnonzero((ends[:, 1] - ends[:, 0] <= REACH) & (chain.part[ends[:, 0]] == chain.part[ends[:, 1]]))
+    step, step_covariance = _along(chain, ends[short, 0], ends[short, 1])
+    best[short] = _mahalanobis2(Z[short] @ se3.inverse(step), own[short] + step_covariance, equations.planar)
+    for a, b in _pairs(ends):
+        keep = (chain.part[ends[a]] == chain.part[ends[b]]).all(axis=1)
+        a, b = a[keep], b[keep]
+        near, near_covariance = _along(chain, ends[a, 0], ends[b, 0])
+        far, far_covariance = _along(chain, ends[a, 1], ends[b, 1])
+        around = Z[a] @ far @ se3.inverse(Z[b]) @ se3.inverse(near)
+        total = own[a] + _moved(Z[a], far_covariance) + _moved(near, own[b]) + near_covariance
+        np.minimum.at(best, a, _mahalanobis2(around, total, equations.planar))
+    return best
+
+
+def _left_covariances(equations: GraphEquations) -> FloatArray:
+    """(E + P, 6, 6) of the left perturbation of what was measured."""
+    omega = equations.information
+    slack = ROUNDING * np.abs(omega).max(axis=(1, 2), initial=np.finfo(float).tiny)
+    axes = np.array(PLANAR_ROWS) if equations.planar else np.arange(6)
+    right = np.zeros((len(omega), 6, 6))
+    right[:, axes[:, None], axes] = np.linalg.inv(omega + slack[:, None, None] * np.eye(equations.block))
+    return _moved(equations.T_first_second, right)
+
+
+def _chain(equations: GraphEquations, covariance: FloatArray, loops: IntArray) -> Chain:
+    nodes = len(equations.held) - 1
+    trusted = np.ones(len(equations.first), np.bool_)
+    trusted[loops] = False
+    steps = np.flatnonzero(trusted & (equations.second == equations.first + 1) & (equations.second < nodes))
+    edge = np.full(nodes - 1, -1)
+    edge[equations.first[steps]] = steps
+    T, C = np.tile(np.eye(4), (nodes, 1, 1)), np.zeros((nodes, 6, 6))
+    for k in np.flatnonzero(edge >= 0).tolist():
+        T[k + 1] = T[k] @ equations.T_first_second[edge[k]]
+    told = np.flatnonzero(edge >= 0)
+    C[told + 1] = _moved(T[told], covariance[edge[told]])
+    return Chain(T, np.concatenate([[0], np.cumsum(edge < 0)]), np.cumsum(C, axis=0))
+
+
+def _along(chain: Chain, i: IntArray, j: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Steps (L, 4, 4) from poses i to j (L,) of one part, and covariances (L, 6, 6) of their left perturbations."""
+    back = se3.inverse(chain.T_world_node[i])
+    between = chain.covariance[np.maximum(i, j)] - chain.covariance[np.minimum(i, j)]
+    return np.asarray(back @ chain.T_world_node[j]), _moved(back, between)
+
+
+def _moved(T: FloatArray, covariance: FloatArray) -> FloatArray:
+    Ad = se3.adjoint(T)
+    return np.asarray(Ad @ covariance @ np.swapaxes(Ad, 1, 2))
+
+
+def _pairs(ends: IntArray) -> list[tuple[IntArray, IntArray]]:
+    """Loops and their nearest others, by the steps of the chain between their ends (L, 2), the nearest first."""
+    k = min(NEIGHBOURS + 1, len(ends))
+    steps, other = cKDTree(ends).query(ends, k=np.arange(1, k + 1), p=1, distance_upper_bound=REACH + 0.5)
+    row = np.arange(len(ends))
+    taken = np.isfinite(steps) & (other != row[:, None])
+    return [(row[taken[:, c]], other[taken[:, c], c].astype(np.int64)) for c in range(k)]
+
+
+def _mahalanobis2(around: FloatArray, covariance: FloatArray, planar: bool) -> FloatArray:
+    """(L,) of what cycles (L, 4, 4) fail to close by."""
+    axes = np.array(PLANAR_ROWS) if planar else np.arange(6)
+    rows, origin = np.arange(len(around)), np.eye(4)[None]
+    xi = np.empty((len(around), 6))
+    spatial_edges.fill_errors(np.concatenate([origin, around]), 0 * rows, rows + 1, np.tile(origin, (len(rows), 1, 1)), xi)
+    xi = np.ascontiguousarray(xi[:, axes])
+    return np.asarray((xi * np.linalg.solve(covariance[:, axes[:, None], axes], xi[:, :, None])[:, :, 0]).sum(axis=1))
