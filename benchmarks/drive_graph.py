@@ -1,6 +1,6 @@
 """Errors of made city drives of 5 km by odometry, GNSS and loop closures.
 
-python benchmarks/drive_graph.py [--seeds 5] [--write]
+python benchmarks/drive_graph.py [--seeds 3] [--write]
 
 With --write the table is written to docs/benchmarks/drive_graph.md.
 """
@@ -15,15 +15,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+sys.path.pop(0)  # this folder: its georeference.py hides the package
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from georeference.made_city_drives import CITY_WAY, city_drive, closures_of, gnss_of, start_at, with_bursts, with_outages
 from georeference.made_gnss_drives import MadeDrive
+from wayloom.geometry import se3
 from wayloom.georeference.alignment import georeference
 from wayloom.georeference.types import GeoReference
 from wayloom.georeference.uncertainty import position_covariance
+from wayloom.logs.sidecars.oxts import UP_FACTOR
 from wayloom.logs.types import FixType, GnssTrack
 from wayloom.loops.types import LoopClosures
+from wayloom.simulation.sensors.gnss import SIGMA_M, SLOW_S, SLOW_SHARE
 
 FloatArray = NDArray[np.float64]
 OUTAGES_S = [60.0, 170.0, 290.0, 430.0]
@@ -45,6 +49,10 @@ noise: RTK 2 cm, single point 1.6 m in east and in north, up more, half of the v
 four bursts of 3 to 11 m. False closures join places that have nothing in common, in rows of three. Errors are of the position, in
 three dimensions, m: median over {seeds} seeds, and the worst. Without GNSS the first frame is true, and so it is for the odometry
 alone. NEES / 3 is of all frames; 1 is honest, less is careful. Times are of one thread, on a busy machine.
+
+What single point fixes allow: were the odometry without error, so that only place and attitude of the whole drive were left to
+them, the best unbiased estimate that knows their noise would still be off by {bound:.2f} m rms, in three dimensions, {level:.2f} m
+of it level. Correlated over 8 s, 530 s of fixes are but 33 independent ones to half of the variance.
 
 | GNSS | scale | closures | system | rms m | in outages m | end m | end % | NEES / 3 | used, refused | s |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
@@ -129,6 +137,19 @@ def measured(case: Case, seed: int) -> Errors:
     )  # fmt: skip
 
 
+def rigid_bound_m(drive: MadeDrive, kind: FixType, every: int = 2) -> tuple[float, float]:
+    """(rms m, level rms m) of the best linear unbiased estimate of place and attitude by fixes with the simulator's noise, where
+    the drive's shape is known: the trace of H (H^T C^-1 H)^-1 H^T over the frames (Gauss-Markov)."""
+    place = drive.T_place_cam[::every, :3, 3]
+    t_s = 1e-9 * drive.odometry.trajectory.t_ns[::every]
+    correlation = SLOW_SHARE * np.exp(-np.abs(t_s[:, None] - t_s) / SLOW_S) + (1.0 - SLOW_SHARE) * np.eye(len(t_s))
+    by_pose = np.concatenate([-se3.hat(place - place.mean(axis=0)), np.tile(np.eye(3), (len(place), 1, 1))], axis=2)
+    sigma = SIGMA_M[kind] * np.array([1.0, 1.0, UP_FACTOR])
+    information = sum(by_pose[:, axis].T @ np.linalg.solve(correlation, by_pose[:, axis]) / sigma[axis] ** 2 for axis in range(3))
+    variance = np.einsum("nij,jk,nik->ni", by_pose, np.linalg.inv(information), by_pose).mean(axis=0)
+    return float(np.sqrt(variance.sum())), float(np.sqrt(variance[:2].sum()))
+
+
 def rms(norm: FloatArray) -> float:
     """NaN of nothing."""
     return float(np.sqrt((norm**2).mean())) if len(norm) else float("nan")
@@ -163,7 +184,7 @@ def row(case: Case, runs: list[Errors], length_m: float) -> str:
 def main() -> None:
     """Measure all cases, print the table, write it where asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     way = city_drive(CITY_WAY).T_place_cam[:, :3, 3]
@@ -173,7 +194,9 @@ def main() -> None:
         lines.append(row(case, [measured(case, seed) for seed in range(options.seeds)], length_m))
         print(lines[-1], flush=True)
     if options.write:
-        REPORT.write_text(HEAD.format(length=length_m / 1000.0, seeds=options.seeds) + "\n".join(lines) + "\n")
+        bound, level = rigid_bound_m(city_drive(CITY_WAY), FixType.SINGLE)
+        head = HEAD.format(length=length_m / 1000.0, seeds=options.seeds, bound=bound, level=level)
+        REPORT.write_text(head + "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

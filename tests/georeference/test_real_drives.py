@@ -4,9 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from georeference.made_gnss_drives import MadeLog, odometry_of
 from wayloom.geodesy import wgs84
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.alignment import georeference
 from wayloom.georeference.uncertainty import position_covariance
 from wayloom.logs.registry import open_log
@@ -40,6 +42,29 @@ def only(log, rows):
     gnss = log.gnss
     some = GnssTrack(gnss.t_ns[rows], gnss.lon_lat_height[rows], gnss.covariance_enu[rows], gnss.fix_type[rows])
     return MadeLog(some, log.p_cam_gnss)
+
+
+def R_cam_ins_camera(T_world_cam: np.ndarray, R_enu_ins_camera: np.ndarray) -> np.ndarray:
+    """(3, 3) from rotations over ten frames, v_cam = R v_ins (Kabsch): what the calibration of the INS lacks."""
+    R, S = T_world_cam[:, :3, :3], R_enu_ins_camera
+    turned = [Rotation.from_matrix(np.swapaxes(X[:-10], 1, 2) @ X[10:]).as_rotvec() for X in (R, S)]
+    return Rotation.align_vectors(*turned)[0].as_matrix()
+
+
+def test_the_roll_of_clip_a_is_within_its_sigma_of_the_ins(log, odometry, tracked_clip_a, clip_a_gnss):
+    """Sequence 00 comes without the rotation that rectifies its images; its own poses, which have it, give it back."""
+    files = sorted((clip_a_gnss / "oxts" / "data").glob("*.txt"))[: len(log)]
+    yaw_pitch_roll = np.array([np.loadtxt(file)[5:2:-1] for file in files])
+    R_ins = Rotation.from_euler("ZYX", yaw_pitch_roll).as_matrix() @ log.T_cam_imu[:3, :3].T
+    missing = R_cam_ins_camera(odometry.trajectory.T_world_cam, R_ins)
+    assert abs(np.degrees(Rotation.from_matrix(missing).as_rotvec()[2])) == pytest.approx(0.42, abs=0.02)  # R_rect_00 of the day
+    geo = georeference(log, tracked_clip_a)
+    here = MapFrame(*wgs84.lonlatheight_from_enu(geo.T_enu_cam[:1, :3, 3], geo.frame)[0])
+    up = (wgs84.T_enu_enu(here, geo.frame) @ geo.T_enu_cam)[:, 2, :3]
+    error = up[:, 0] - (R_ins @ missing.T)[:, 2, 0]
+    ahead = geo.T_enu_cam[:, :3, 2]
+    sigma = np.median(np.sqrt(np.einsum("ni,nij,nj->n", ahead, geo.covariance[:, 3:, 3:], ahead)))
+    assert np.sqrt((error**2).mean()) < 2.0 * sigma < np.radians(0.5)
 
 
 def test_clip_a_lies_on_its_ins_track_in_karlsruhe(log, odometry):

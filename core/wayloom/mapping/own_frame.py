@@ -78,8 +78,8 @@ class LoopGraph:
         return self.evidence.loops.distance2(at.T_enu_node)
 
     def rivals(self, part: int) -> list[NDArray[np.int64]]:
-        """Nothing, and all others."""
-        return [np.zeros(0, np.int64), np.setdiff1d(self.heard, [part])]
+        """All others, and nothing."""
+        return [np.setdiff1d(self.heard, [part]), np.zeros(0, np.int64)]
 
     def truncated_cost(self, at: DriveState) -> float:
         """Half the truncated squares of the visits plus what all else costs."""

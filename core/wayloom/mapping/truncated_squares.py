@@ -110,8 +110,17 @@ def _heard(graph: JudgedGraph, weight: FloatArray, state: DriveState) -> tuple[F
         for rivals in graph.rivals(part):
             other = weight.copy()
             other[rivals], other[part] = 0.0, 1.0
-            settled, there = _settled(graph, graph.solve(other, state, FIRST_SOLVES))
+            alone = graph.solve(other, state, FIRST_SOLVES)
+            if other.sum() == 1.0 and _least_cost(graph, alone, part) >= cost:
+                break  # what is not judged denies it: no choice of the others makes up for that
+            settled, there = _settled(graph, alone)
             lower = graph.truncated_cost(there)
             if lower < cost:
                 weight, state, cost = settled, there, lower
     return weight, state
+
+
+def _least_cost(graph: JudgedGraph, at: DriveState, part: int) -> float:
+    """What a part costs, believed, where no other counts, `at` the poses that suit it best: with others it costs no less."""
+    others = np.delete(np.minimum(graph.distance2(at), graph.price), part)
+    return graph.truncated_cost(at) - 0.5 * float(others.sum())
