@@ -185,8 +185,8 @@ def test_labels_of_neighbours_agree_more_after_the_vote(done: tuple[LabelBenchma
 def test_votes_are_better_than_the_single_image_on_whichever_pieces_of_street(
     row: str, done: tuple[LabelBenchmark, LabelledPoints]
 ) -> None:
-    """With the network that is shipped. Its last bits, and so some labels, differ between processors, and of so few pieces of street
-    a resample may be one alone, on which both are equal: the interval may touch zero."""
+    """With the network that is shipped. Its last bits, and so some labels, differ between processors, and of so few pieces of
+    street a resample may be one alone, on which both are equal: the interval may touch zero."""
     result, _ = done
     for gains in (result.gains, result.gains_with_boundaries):
         assert gains[row].miou > 0
