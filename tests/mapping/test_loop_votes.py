@@ -4,15 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.stats import chi2 as chi_square
 
-from wayloom.evaluation.made_graphs import city_drive, sphere, with_false_loops
+from wayloom.evaluation.made_graphs import city_drive, measured_graph, sphere, with_false_loops
 from wayloom.geometry import se3
-from wayloom.mapping.loop_votes import REACH, agreeing, cycle_chi2
+from wayloom.mapping.descent import descend
+from wayloom.mapping.loop_votes import REACH, agreeing, cycle_chi2, plausible
 from wayloom.mapping.pose_graph import optimise_pose_graph
-from wayloom.mapping.pose_graph_equations import graph_equations
+from wayloom.mapping.pose_graph_equations import GraphEquations, graph_equations
 from wayloom.mapping.pose_graph_types import PoseGraph
 
+FloatArray = NDArray[np.float64]
 LIMIT = float(chi_square.ppf(0.9999, 6))
 
 
@@ -91,3 +94,61 @@ def test_false_loops_within_sigmas_a_hundred_times_too_large_are_left_out() -> N
     clean, solution = optimise_pose_graph(unsure), optimise_pose_graph(false)
     assert np.array_equal(solution.weight > 0.0, np.arange(len(false)) < len(unsure))
     np.testing.assert_allclose(solution.T_world_node, clean.T_world_node, atol=1e-6)
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_every_loop_within_its_limit_by_the_exact_covariance_is_plausible_and_false_ones_are_not(planar: bool) -> None:
+    made = sphere(4, 12, 0.02, 0.004, seed=6)
+    steps, T_true = made.graph, made.T_world_true
+    if planar:
+        turn = np.arange(48) * (2.0 * np.pi / 24.0)
+        xi = np.zeros((48, 6))
+        xi[:, 5] = turn
+        T_true = se3.exp(xi)
+        T_true[:, :2, 3] = 20.0 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        pairs = np.stack([np.arange(24), np.arange(24, 48)], axis=1)
+        steps = replace(measured_graph(T_true, pairs, 0.02, 0.004, seed=6).graph, planar=True)
+    graph = with_false_loops(steps, 6, seed=6)
+    equations = graph_equations(graph)
+    kept = ~graph.is_loop
+    kept[len(steps) - 3 : len(steps)] = True
+    part = equations.of(kept)
+    state = descend(part, part.state(T_true), np.ones(int(kept.sum())), 50, 1e-9).state
+    diagonal, blocks, _ = part.normal(state, part.errors(state), np.ones(int(kept.sum())))
+    exact = exact_mahalanobis2(equations, part, state, dense(part, diagonal, blocks))
+    limit = float(np.median(exact[: len(steps)][graph.is_loop[: len(steps)]]))
+    out = plausible(equations, part, state, limit)
+    assert out[exact <= limit].all()
+    assert not out[len(steps) :].any()
+
+
+def dense(part: GraphEquations, diagonal: FloatArray, blocks: FloatArray) -> FloatArray:
+    """The normal matrix, of blocks d x d of N + 1 nodes."""
+    d, n = part.block, len(part.held)
+    H = np.zeros((n, d, n, d))
+    H[np.arange(n), :, np.arange(n)] = diagonal
+    for e, slot in enumerate(part.slot.tolist()):
+        if slot < part.pairs:
+            i, j = (part.first[e], part.second[e]) if slot >= 0 else (part.second[e], part.first[e])
+            block = blocks[slot if slot >= 0 else ~slot]
+            H[i, :, j], H[j, :, i] = block, block.T
+    return H.reshape(n * d, n * d)
+
+
+def exact_mahalanobis2(equations: GraphEquations, part: GraphEquations, state: FloatArray, H: FloatArray) -> FloatArray:
+    """(E,) with the joint covariance of both poses."""
+    d, h = equations.block, 1e-6
+    covariance = np.linalg.inv(H)
+    out = []
+    for e in range(len(equations.first)):
+        J = np.zeros((d, len(H)))
+        for node in (equations.first[e], equations.second[e]):
+            for c in range(d):
+                step = np.zeros((len(equations.held), d))
+                step[node, c] = h
+                J[:, node * d + c] = (equations.errors(equations.moved(state, step)) - equations.errors(state))[e] / h
+        held = np.repeat(equations.held, d)
+        J[:, held] = 0.0
+        error = equations.errors(state)[e]
+        out.append(error @ np.linalg.solve(np.linalg.inv(equations.information[e]) + J @ covariance @ J.T, error))
+    return np.array(out)

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from scipy.stats import chi2 as chi_square
 
 from wayloom.geometry import se3
+from wayloom.mapping.block_cholesky import NotPositiveDefiniteError, block_factor
 from wayloom.mapping.kernels import spatial_edges
 from wayloom.mapping.pose_graph_equations import GraphEquations
 from wayloom.mapping.pose_graph_types import PLANAR_ROWS
@@ -59,6 +60,30 @@ def scaled_limit(chi2: FloatArray, c2: float, block: int) -> float:
     A false loop within sigmas a hundred times too large would be taken for right, and a few of them bend everything.
     """
     return _scaled(chi2, c2, block, 0.99) if len(chi2) >= FEW else c2
+
+
+def plausible(equations: GraphEquations, solved: GraphEquations, state: FloatArray, c2: float) -> BoolArray:
+    """(E + P,) edges that may lie within c2 of a state that some of the edges were solved for, by the covariance of its poses.
+
+    The covariance of a difference is at most twice the sum of both poses', whatever their correlation: none is turned
+    down that the exact one would let in.
+    """
+    errors = solved.errors(state)
+    diagonal, blocks, _ = solved.normal(state, errors, np.ones(len(errors)))
+    try:
+        own = block_factor(solved.pattern, diagonal, blocks).diagonal_of_inverse()
+    except NotPositiveDefiniteError:  # where information is indefinite there is no covariance
+        return np.asarray(equations.chi2(equations.errors(state)) <= c2)
+    own[solved.held] = 0.0
+    T = np.concatenate([equations.poses(state), np.eye(4)[None]])
+    axes = np.array(PLANAR_ROWS) if equations.planar else np.arange(6)
+    Ad = se3.adjoint(se3.inverse(T[equations.second]) @ T[equations.first])[:, axes[:, None], axes]
+    spread = 2.0 * (own[equations.second] + Ad @ own[equations.first] @ np.swapaxes(Ad, 1, 2))
+    e = equations.errors(state)[:, :, None]
+    omega_e = equations.information @ e
+    inner = np.eye(equations.block) + equations.information @ spread
+    d2 = (e * np.linalg.solve(inner, omega_e)).sum(axis=(1, 2))  # (C + S)^-1 = (I + Omega S)^-1 Omega
+    return np.asarray(d2 <= c2)
 
 
 def _scaled(chi2: FloatArray, c2: float, block: int, quantile: float) -> float:

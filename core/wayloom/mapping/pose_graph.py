@@ -4,7 +4,8 @@
   (`wayloom.mapping.initialisation`).
 - Descent: Gauss-Newton, then Levenberg-Marquardt (`wayloom.mapping.descent`), over our own sparse Cholesky
   (`wayloom.mapping.block_cholesky`).
-- Loops: graduated non-convexity from what the trusted edges say (`wayloom.mapping.robust`).
+- Loops: those that agree with their neighbours (`wayloom.mapping.loop_votes`), then graduated non-convexity
+  (`wayloom.mapping.robust`).
 - Covariances of the poses: `wayloom.mapping.marginals`.
 """
 
@@ -18,7 +19,7 @@ from scipy.stats import chi2 as chi_square
 
 from wayloom.mapping.descent import Descent, descend, place_at
 from wayloom.mapping.initialisation import chordal_poses
-from wayloom.mapping.loop_votes import agreeing, scaled_limit
+from wayloom.mapping.loop_votes import agreeing, plausible, scaled_limit
 from wayloom.mapping.pose_graph_checks import check_graph
 from wayloom.mapping.pose_graph_equations import GraphEquations, graph_equations
 from wayloom.mapping.pose_graph_types import PoseGraph, PoseGraphSolution, SolverSettings
@@ -30,6 +31,7 @@ DEFAULTS = SolverSettings()
 MOST_RESTARTS = 5
 MOST_SYSTEMS = 20  # of a descent among doubtful loops: those that need more are on the wrong way
 MOST_AGREE = 0.5  # of the loops: with more, what agrees is start enough
+MOST_EXTENSIONS = 3
 LATE = 1e-4  # mu from there: loops a hundred times off their limit keep some weight
 
 
@@ -48,15 +50,19 @@ def optimise_pose_graph(
     loops = np.zeros(len(equations.first), np.bool_)
     loops[: len(graph)] = graph.is_loop & settings.robust
     c2 = float(chi_square.ppf(settings.confidence, equations.block))
-    plain, start = _least_squares(equations, T_world_node, settings)
+    most = min(MOST_SYSTEMS, settings.max_iterations) if loops.any() else settings.max_iterations
+    plain, start = _least_squares(equations, T_world_node, most, settings.converged)
     chi2 = equations.chi2(equations.errors(plain.state))
     if not (chi2[loops] > c2).any():
+        if plain.iterations == most:
+            rest = descend(equations, plain.state, np.ones(len(chi2)), settings.max_iterations - most, settings.converged)
+            plain = replace(rest, iterations=most + rest.iterations)
         return _solution(graph, equations, Weighed(plain.state, np.ones(len(chi2)), plain.cost, plain.iterations), start)
     weighed, start = _without_false_loops(equations, T_world_node, loops, c2, settings)
     return _solution(graph, equations, weighed, start, plain.iterations)
 
 
-def _least_squares(equations: GraphEquations, T_world_node: FloatArray | None, settings: SolverSettings) -> tuple[Descent, str]:
+def _least_squares(equations: GraphEquations, T_world_node: FloatArray | None, most: int, converged: float) -> tuple[Descent, str]:
     """The descent with all edges trusted, from the better of the caller's guess and the chordal one, and which that was."""
     every = np.ones(len(equations.first))
     guesses = {"chordal": chordal_poses(equations, _held(equations, T_world_node), every)}
@@ -64,26 +70,24 @@ def _least_squares(equations: GraphEquations, T_world_node: FloatArray | None, s
         guesses["given"] = T_world_node
     states = {name: equations.state(T) for name, T in guesses.items()}
     start = min(states, key=lambda name: place_at(equations, states[name], every).cost)
-    return descend(equations, states[start], every, settings.max_iterations, settings.converged), start
+    return descend(equations, states[start], every, most, converged), start
 
 
 def _without_false_loops(
     equations: GraphEquations, T_world_node: FloatArray | None, loops: BoolArray, c2: float, settings: SolverSettings
 ) -> tuple[Weighed, str]:
-    """Truncated least squares by graduation, and where it began: from the loops that agree with their neighbours; where
-    few do, also from the trusted edges alone and from the caller's guess, whichever ends lowest.
+    """Truncated least squares by graduation, and where it began: at the loops that agree with their neighbours; where
+    few do, also at the trusted edges alone and at the caller's guess, whichever ends lowest.
     """
-    search = Search(
-        equations, loops, np.where(loops & ~_spanning(equations, loops), 0.0, 1.0), _held(equations, T_world_node), settings
-    )
-    agreed = agreeing(equations, loops, c2)
-    first = search.over(np.where(agreed, 1.0, search.tree))
+    tree, agreed = np.where(loops & ~_spanning(equations, loops), 0.0, 1.0), agreeing(equations, loops, c2)
+    search = Search(equations, loops, tree, _held(equations, T_world_node), settings)
+    if agreed.sum() >= MOST_AGREE * loops.sum():
+        return search.extended(agreed, c2), "agreeing loops"
+    first = search.over(np.where(agreed, 1.0, tree))
     c2 = min(c2, scaled_limit(equations.chi2(equations.errors(first.state))[agreed], c2, equations.block))
-    ends = {"agreeing loops": search.graduated(first, c2, LATE)}
-    if agreed.sum() < MOST_AGREE * loops.sum():
-        ends["trusted edges"] = search.graduated(search.over(search.tree), c2, 0.0)
-        if T_world_node is not None:
-            ends["given"] = search.settled(equations.state(T_world_node), c2)
+    ends = {"agreeing loops": search.graduated(first, c2, LATE), "trusted edges": search.graduated(search.over(tree), c2, 0.0)}
+    if T_world_node is not None:
+        ends["given"] = search.settled(equations.state(T_world_node), c2)
     start = min(ends, key=lambda name: ends[name].cost)
     return replace(ends[start], iterations=sum(end.iterations for end in ends.values())), start
 
@@ -102,6 +106,29 @@ class Search:
     tree: FloatArray
     T_held: FloatArray
     settings: SolverSettings
+
+    def extended(self, agreed: BoolArray, c2: float) -> Weighed:
+        """From loops (E + P,) that agree with their neighbours to those that may be right by the poses' covariances, and
+        to all at the end: the many false ones would fill the factors of every step.
+        """
+        equations, systems = self.equations, 0
+        kept = agreed | (self.tree > 0.0)
+        for _ in range(MOST_EXTENSIONS):
+            part = self.part(kept)
+            first = part.over(np.ones(int(kept.sum())))
+            systems += first.iterations
+            limit = min(c2, scaled_limit(equations.chi2(equations.errors(first.state))[agreed], c2, equations.block))
+            wider = kept | plausible(equations, part.equations, first.state, limit)
+            if (wider == kept).all():
+                break
+            kept = wider
+        best = part.graduated(first, limit, LATE)
+        final = self.settled(best.state, limit)
+        return replace(final, iterations=systems + best.iterations + final.iterations)
+
+    def part(self, kept: BoolArray) -> "Search":
+        """The same among some of the edges (E + P,)."""
+        return replace(self, equations=self.equations.of(kept), loops=self.loops[kept], tree=self.tree[kept])
 
     def over(self, weight: FloatArray) -> Descent:
         """From the chordal relaxation over weighted edges (E + P,) down their chi-square."""

@@ -6,7 +6,7 @@ block on the diagonal and none beside it. Inside, poses are perturbed on the rig
 = Ad(Z^-1) log(T Z^-1), so that information of the left perturbation becomes Ad(Z)^T Omega Ad(Z) and chi-square is the same.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,22 @@ class GraphEquations:
     def block(self) -> int:
         """d."""
         return 3 if self.planar else 6
+
+    def of(self, kept: BoolArray) -> "GraphEquations":
+        """The equations of some of the edges and priors (E + P,), over a pattern of their own."""
+        first, second = self.first[kept], self.second[kept]
+        rows, columns, slot = _block_slots(first, second, self.held)
+        return replace(
+            self,
+            first=first,
+            second=second,
+            T_first_second=self.T_first_second[kept],
+            measured=self.measured[kept],
+            information=self.information[kept],
+            slot=slot,
+            pairs=len(rows),
+            pattern=block_pattern(len(self.held), rows, columns),
+        )
 
     def state(self, T_world_node: FloatArray) -> FloatArray:
         """Unknowns at poses (N, 4, 4): with the world, as matrices, or (N + 1, 3) in the plane."""
