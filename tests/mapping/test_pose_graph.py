@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import gtsam
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from wayloom.errors import InputError
+from wayloom.evaluation.g2o_files import read_g2o
 from wayloom.evaluation.made_graphs import city_drive, measured_graph, sphere, with_false_loops
 from wayloom.geometry import se3
 from wayloom.mapping.marginals import left_covariances
@@ -194,3 +196,14 @@ def test_a_drive_through_a_city_ends_where_it_was() -> None:
         np.linalg.norm(T[:, :3, 3] - T_true[:, :3, 3], axis=1).max() for T in (solution.T_world_node, made.T_world_odometry)
     )
     assert off < 0.5 * before
+
+
+def test_a_public_graph_with_a_tenth_of_false_loops_reaches_the_clean_optimum(data_dir: Path) -> None:
+    path = data_dir / "pose_graphs" / "manhattan.g2o"
+    if not path.exists():
+        pytest.skip(f"no {path}")
+    graph = read_g2o(path).graph
+    false = with_false_loops(graph, int(graph.is_loop.sum()) // 10, seed=0)
+    clean, solution = optimise_pose_graph(graph), optimise_pose_graph(false)
+    assert np.array_equal(solution.weight > 0.0, np.arange(len(false)) < len(graph))
+    assert solution.cost == pytest.approx(clean.cost, rel=1e-6)
