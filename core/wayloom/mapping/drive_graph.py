@@ -67,7 +67,8 @@ def optimise_drive(
     covariance[:, :3, :3] += screened.unconfirmed_m**2 * np.eye(3)
     seen = clock_sigmas(state.receiver[0], receiver_covariance[0, 0], noise)
     if seen <= CLOCK_SIGMAS:
-        covariance[:, :3, :3] += _shift_covariance(kept, state, hinted=seen > HINTED_SIGMAS)
+        hint_s = min(abs(state.receiver[0]), noise.time_offset_s) if seen > HINTED_SIGMAS else 0.0
+        covariance[:, :3, :3] += _shift_covariance(kept, state, hint_s)
         state = _with_clock_held(equations, state)
     return DriveSolution(
         state.T_enu_node,
@@ -95,13 +96,13 @@ def clock_sigmas(time_offset_s: float, variance_s2: float, noise: DriveNoise) ->
     return abs(time_offset_s) / variance_s2 / np.sqrt(information) if information > 0.0 else 0.0
 
 
-def _shift_covariance(fixes: AntennaFixes, state: DriveState, hinted: bool) -> FloatArray:
-    """(K, 3, 3) m^2 along the road by an offset that is hinted at and not believed; zeros where none is."""
+def _shift_covariance(fixes: AntennaFixes, state: DriveState, hint_s: float) -> FloatArray:
+    """(K, 3, 3) m^2 along the road by an offset that is hinted at and not believed. (One beyond the prior is the odometry's error.)"""
     v_enu = (state.T_enu_node[fixes.node, :3, :3] @ fixes.v_node_gnss[:, :, None])[:, :, 0]
     order = np.argsort(fixes.node, kind="stable")
     rows = np.arange(len(state.T_enu_node))
     shift = np.stack([np.interp(rows, fixes.node[order], v_enu[order, axis]) for axis in range(3)], axis=1)
-    shift *= state.receiver[0] if hinted else 0.0
+    shift *= hint_s
     return np.asarray(shift[:, :, None] * shift[:, None, :])
 
 
