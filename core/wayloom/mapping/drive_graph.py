@@ -97,7 +97,7 @@ def clock_sigmas(time_offset_s: float, variance_s2: float, noise: DriveNoise) ->
 
 
 def _shift_covariance(fixes: AntennaFixes, state: DriveState, hint_s: float) -> FloatArray:
-    """(K, 3, 3) m^2 along the road by an offset that is hinted at and not believed. (One beyond the prior is the odometry's error.)"""
+    """(K, 3, 3) m^2 along the road by an offset that is hinted at and not believed."""
     v_enu = (state.T_enu_node[fixes.node, :3, :3] @ fixes.v_node_gnss[:, :, None])[:, :, 0]
     order = np.argsort(fixes.node, kind="stable")
     rows = np.arange(len(state.T_enu_node))
