@@ -1,11 +1,15 @@
 """Rigs over HTTP: what is known, from which drives, and the file."""
 
 import hashlib
+from pathlib import Path
 
 import httpx2
 import pytest
+from typer.testing import CliRunner
 
 from service_kit.running import ApiAlone
+from wayloom.cli.main import app
+from wayloom.errors import NotFoundError
 from wayloom.store import drives, rigs
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
@@ -68,3 +72,15 @@ def test_what_is_not_there_is_a_problem_document(http: httpx2.Client, known: tup
     answer = http.get(f"/v1/rigs/{path.format(key=known[0])}")
     assert answer.status_code in (404, 422)
     assert answer.headers["Content-Type"].startswith("application/problem+json")
+
+
+def test_the_command_line_lists_rigs_and_shows_one_with_its_file(
+    api_process: ApiAlone, known: tuple[str, str], tmp_path: Path
+) -> None:
+    runner, url = CliRunner(), api_process.url
+    listed = runner.invoke(app, ["rigs", "list", url])
+    assert "taxi roof: 2 drives, version 2, GNSS clock +20.0 ms" in listed.output
+    shown = runner.invoke(app, ["rigs", "show", url, "taxi", "--out", str(tmp_path / "RIG.toml")])
+    assert "changed (chi-square 100)" in shown.output
+    assert (tmp_path / "RIG.toml").read_bytes() == CONTENT
+    assert isinstance(runner.invoke(app, ["rigs", "show", url, "nobody"]).exception, NotFoundError)
