@@ -1,4 +1,4 @@
-"""The receiver's clock through the workers' memory: a drive with turns teaches, a straight one gains, a changed clock is noticed."""
+"""The receiver's clock in the workers' memory: drives with turns teach it, straight ones gain, a change is noticed."""
 
 from collections.abc import Iterator
 from pathlib import Path
