@@ -13,7 +13,7 @@ from wayloom.georeference.alignment import georeference
 from wayloom.georeference.files import GEOREFERENCE_FILE, save_georeference
 from wayloom.labelling.files import LABELS_FILE, load_labels
 from wayloom.loops.files import LOOPS_FILE, load_loops
-from wayloom.odometry.rig.calibration_observations import drive_name
+from wayloom.odometry.rig.drive_name import drive_name
 from wayloom.pipeline.digests import sha256_of_json
 from wayloom.pipeline.drive_quality import QUALITY_FILE, drive_quality, write_quality
 from wayloom.pipeline.stage_context import StageContext
