@@ -49,9 +49,11 @@ class Matches:
 
     def every(self, step: int) -> "Matches":
         """One of `step` matches."""
-        return Matches(
-            self.p_level[::step], self.spread[::step], self.seen_at[::step], self.T_cam_level[::step], self.focal_px
-        )  # fmt: skip
+        return self.take(slice(None, None, step))
+
+    def take(self, rows: slice | NDArray[np.bool_]) -> "Matches":
+        """Some of the matches; a mask has (M,) rows."""
+        return Matches(self.p_level[rows], self.spread[rows], self.seen_at[rows], self.T_cam_level[rows], self.focal_px)
 
 
 def match(a: PlaceView, b: PlaceView) -> tuple[Matches, Matches]:
