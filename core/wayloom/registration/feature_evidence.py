@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from wayloom.geometry import se3
 from wayloom.registration.matches import GATE2, ROUNDS, SIGMA_PX, Matches, equations, errors2, pose_of_matches
 
 FloatArray = NDArray[np.float64]
@@ -56,9 +55,9 @@ def chance_log10(agreeing: int, count: int, chance: float) -> float:
 def things(matches: Matches) -> int:
     """How many distinct things a side's points are of: of those within THING_M of each other, and along the ray within what their
     depths leave open, one counts."""
-    p, sigma = matches.p_level, np.sqrt(np.trace(matches.spread, axis1=1, axis2=2))
-    ray = p - se3.inverse(matches.T_cam_level)[:, :3, 3]
-    ray /= np.maximum(np.linalg.norm(ray, axis=1), 1e-9)[:, None]
+    p, depth_sigma = matches.p_level, matches.depth_sigma()
+    sigma = np.linalg.norm(depth_sigma, axis=1)
+    ray = depth_sigma / np.maximum(sigma, 1e-9)[:, None]
     chosen: list[int] = []
     for k in np.argsort(sigma, kind="stable").tolist():
         apart = p[chosen] - p[k]

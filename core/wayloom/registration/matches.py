@@ -47,6 +47,12 @@ class Matches:
     def __len__(self) -> int:
         return len(self.p_level)
 
+    def depth_sigma(self) -> FloatArray:
+        """(M, 3) m, level frame: along each ray, one standard deviation long."""
+        ray = self.p_level - se3.inverse(self.T_cam_level)[:, :3, 3]
+        sigma = np.sqrt(np.trace(self.spread, axis1=1, axis2=2))
+        return np.asarray(ray * (sigma / np.maximum(np.linalg.norm(ray, axis=1), 1e-9))[:, None])
+
     def every(self, step: int) -> "Matches":
         """One of `step` matches."""
         return self.take(slice(None, None, step))
