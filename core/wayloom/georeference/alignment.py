@@ -62,7 +62,7 @@ def georeference(
         raise StageError(f"the odometry's pose of frame {int(np.argmin(finite))} is not finite: track the drive again")
     nodes = choose_nodes(trajectory, odometry.keyframes.frame, settings.node_spacing_m)
     road_m = travelled(trajectory)[nodes]
-    chain = odometry_chain(trajectory, nodes, settings.level_every_m)
+    chain = odometry_chain(trajectory, nodes, settings.level_every_m, odometry.keyframes)
     evidence = Evidence(
         closure_links(closures or no_loops(), odometry.keyframes, nodes, chain), observed_up(log, odometry, labels, nodes, settings)
     )
@@ -143,6 +143,7 @@ def _noise(settings: GeoReferenceSettings, log: DriveLog, scale_sigma: float) ->
         gate_probability=settings.gate_probability,
         time_offset_s=settings.time_offset_sigma_s,
         lever_m=settings.lever_sigma_m if log.p_cam_gnss.any() else settings.unknown_lever_sigma_m,
+        window_factor=settings.window_factor,
     )
 
 
