@@ -69,7 +69,7 @@ def georeference(
         raise StageError(f"the odometry's pose of frame {int(np.argmin(finite))} is not finite: track the drive again")
     nodes = choose_nodes(trajectory, odometry.keyframes.frame, settings.node_spacing_m)
     road_m = travelled(trajectory)[nodes]
-    chain = odometry_chain(trajectory, nodes, settings.level_every_m)
+    chain = odometry_chain(trajectory, nodes, settings.level_every_m, odometry.keyframes)
     evidence = Evidence(
         closure_links(closures or no_loops(), odometry.keyframes, nodes, chain), observed_up(log, odometry, labels, nodes, settings)
     )
@@ -154,6 +154,7 @@ def _noise(settings: GeoReferenceSettings, log: DriveLog, scale_sigma: float, pr
         time_offset_s=settings.time_offset_sigma_s,
         lever_m=lever_sigma_m(log, settings),
         receiver=prior.covariance,
+        window_factor=settings.window_factor,
     )
 
 

@@ -1,6 +1,6 @@
 """Inputs, noise model and solution of the drive's factor graph."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +17,19 @@ class OdometryChain:
     length_m      (K - 1,) metres of road from each node to the next
     connected     (K - 1,) false where the track was lost between the two
     level         (k,) rows of the nodes that get a level prior
+    link_covariance  (K - 1, 6, 6) of xi = (v, omega), m and rad, of exp(xi) T_node_next, as the odometry's window of keyframes
+                  knows it; 0, the default, where it is not known
     """
 
     T_world_node: FloatArray
     length_m: FloatArray
     connected: BoolArray
     level: NDArray[np.int64]
+    link_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 6, 6)))
+
+    def __post_init__(self) -> None:
+        if len(self.link_covariance) != len(self.length_m):
+            object.__setattr__(self, "link_covariance", np.zeros((len(self.length_m), 6, 6)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +62,7 @@ class AntennaFixes:
 
     def take(self, rows: NDArray[np.int64]) -> "AntennaFixes":
         """The fixes of these rows."""
-        return AntennaFixes(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return AntennaFixes(*(getattr(self, column.name)[rows] for column in fields(self)))
 
     def p_node_antenna(self, receiver: FloatArray) -> FloatArray:
         """(M, 3) m, the antenna in its node's frame; receiver (4,): time offset s, error of the lever arm m."""
@@ -75,8 +82,9 @@ class AntennaFixes:
 class DriveNoise:
     """Sigmas, explained in `wayloom.mapping.drive_graph`: m and rad, for one metre of road where they grow; scale_sigma a share.
 
-    receiver : (4, 4) covariance of time offset, s, and lever arm, m, where the log states or the rig's memory knows them beside
-               time_offset_s and lever_m; None where neither does
+    receiver      : (4, 4) covariance of time offset, s, and lever arm, m, where the log states or the rig's memory knows them beside
+                    time_offset_s and lever_m; None where neither does
+    window_factor : what `OdometryChain.link_covariance` is multiplied by
     """
 
     position_m: float
@@ -92,6 +100,7 @@ class DriveNoise:
     time_offset_s: float
     lever_m: float
     receiver: FloatArray | None = None
+    window_factor: float = 3.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,7 +71,17 @@ def coarse_chain(chain: OdometryChain, nodes: IntArray) -> OdometryChain:
     road = np.concatenate([[0.0], np.cumsum(chain.length_m)])
     breaks = np.concatenate([[0], np.cumsum(~chain.connected)])
     level = np.flatnonzero(np.isin(nodes, chain.level))
-    return OdometryChain(chain.T_world_node[nodes], np.diff(road[nodes]), np.diff(breaks[nodes]) == 0, level)
+    T, covariance = chain.T_world_node[nodes], summed_covariance(chain, nodes)
+    return OdometryChain(T, np.diff(road[nodes]), np.diff(breaks[nodes]) == 0, level, covariance)
+
+
+def summed_covariance(chain: OdometryChain, nodes: IntArray) -> FloatArray:
+    """(k - 1, 6, 6) as `OdometryChain.link_covariance` between the k nodes, both ends among them: of links one after the other,
+    independent."""
+    T = chain.T_world_node
+    first = np.searchsorted(nodes, np.arange(len(T) - 1), side="right") - 1
+    Ad = se3.adjoint(se3.inverse(T[nodes[first]]) @ T[:-1])
+    return np.add.reduceat(Ad @ chain.link_covariance @ np.swapaxes(Ad, 1, 2), nodes[:-1], axis=0)
 
 
 def carried(chain: OdometryChain, nodes: IntArray, T_enu_coarse: FloatArray) -> FloatArray:
