@@ -60,3 +60,15 @@ def test_a_scale_that_wanders_tilts_up_along_the_view_as_much_as_the_covariance_
         stated2.append(seen.covariance[:, 2, 2])
     assert 0.7 < np.mean(error2) / np.mean(stated2) < 1.4
     assert np.degrees(np.sqrt(np.mean(stated2))) > 0.1
+
+
+def test_a_window_with_a_hole_in_its_samples_says_nothing():
+    t_ns, T, imu = winding_drive()
+    trajectory = odometry_of(t_ns, T).trajectory
+    whole = up_by_accelerometer(imu, np.eye(4), trajectory, 0.02, 100.0, 0.0)
+    hole = (imu.t_ns > 6_000_000_000) & (imu.t_ns < 6_200_000_000)
+    holed = ImuTrack(imu.t_ns[~hole], imu.specific_force[~hole], imu.angular_rate[~hole])
+    left = up_by_accelerometer(holed, np.eye(4), trajectory, 0.02, 100.0, 0.0)
+    assert np.array_equal(left.frame, np.delete(whole.frame, 1))
+    none = ImuTrack(imu.t_ns[:0], imu.specific_force[:0], imu.angular_rate[:0])
+    assert len(up_by_accelerometer(none, np.eye(4), trajectory, 0.02, 100.0, 0.0).frame) == 0

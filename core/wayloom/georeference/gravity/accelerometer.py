@@ -24,7 +24,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 WINDOW_NS, END_NS = 4_000_000_000, 400_000_000
 GRAVITY_M_S2 = 9.81
-LEAST_SAMPLES = 20
+MAX_GAP_NS = 100_000_000
+"""Without samples for longer, their sum is no integral."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ class ForceWindows:
 def up_by_accelerometer(
     imu: ImuTrack, T_cam_imu: FloatArray, trajectory: Trajectory, scale_sigma: float, scale_length_m: float, position_m: float
 ) -> ForceWindows:
-    """Windows of WINDOW_NS that were tracked throughout.
+    """Windows of WINDOW_NS that were tracked throughout and have samples all along.
 
     scale_sigma, scale_length_m : of the odometry's scale, and the road over which its correlation falls to 1/e
     position_m : sigma of the odometry from one end of END_NS to the other
@@ -54,7 +55,7 @@ def up_by_accelerometer(
         if not trajectory.tracked[whole].all() or np.ptp(trajectory.segment[whole]) > 0:
             continue
         rows = np.flatnonzero((imu.t_ns > start - END_NS) & (imu.t_ns < stop + END_NS))
-        if len(rows) < LEAST_SAMPLES:
+        if np.diff(imu.t_ns[rows], prepend=start - END_NS, append=stop + END_NS).max() > MAX_GAP_NS:
             continue
         R = _at(trajectory.t_ns, T_world_imu, imu.t_ns[rows])[:, :3, :3]
         weight = _weights(imu.t_ns[rows], start, stop)
