@@ -89,7 +89,7 @@ def in_place(geo: GeoReference, T_place_cam: FloatArray, place: MapFrame) -> Flo
 
 def placed(log: DriveLog, odometry: OdometryResult, labels: PointLabels | None, gnss: bool, imu: bool) -> GeoReference:
     """Geo-referenced with a part of what the log has."""
-    names = ("gnss", "p_cam_gnss", "name", "rig", "t_ns", "T_cam_imu", "imu")
+    names = ("gnss", "p_cam_gnss", "receiver", "name", "rig", "t_ns", "T_cam_imu", "imu")
     plain = types.SimpleNamespace(**{name: getattr(log, name) for name in names})
     plain.gnss, plain.imu = log.gnss if gnss else None, log.imu if imu else None
     return georeference(plain, odometry, labels=labels)  # type: ignore[arg-type]
