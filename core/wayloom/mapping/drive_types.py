@@ -82,7 +82,7 @@ class AntennaFixes:
 class DriveNoise:
     """Sigmas, explained in `wayloom.mapping.drive_graph`: m and rad, for one metre of road where they grow; scale_sigma a share.
 
-    receiver      : (4, 4) covariance of time offset, s, and lever arm, m, where the log states or the rig's memory knows them beside
+    receiver      : (4, 4) covariance of time offset, s, and lever arm, m, where log or rig memory knows them beside
                     time_offset_s and lever_m; None where neither does
     window_factor : what `OdometryChain.link_covariance` is multiplied by
     """
