@@ -57,3 +57,20 @@ def test_links_between_nodes_share_the_steps_between_keyframes() -> None:
     found = link_covariances(keyframes, nodes, np.zeros(5, np.int32))
     np.testing.assert_allclose(found[:, 0, 0], [1.0, 3.0, 8.0, 2.0])
     assert not link_covariances(keyframes, nodes, np.ones(5, np.int32)).any()
+
+
+def test_dark_frames_widen_the_steps_to_them_and_to_no_other() -> None:
+    def darkened(left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return (left * 0.12).astype(np.uint8), (right * 0.12).astype(np.uint8)
+
+    light = track(MadeLog(curve(24))).keyframes
+    dark = track(MadeLog(curve(24), changes=dict.fromkeys(range(10, 16), darkened))).keyframes
+    before, usual = dark.frame < 10, np.nanmedian(sigmas(light))
+    assert (sigmas(dark)[~before & (dark.frame < 16)] > 2.0 * usual).all()
+    assert (sigmas(dark)[dark.frame > 17] < 1.5 * usual).all()
+    np.testing.assert_array_equal(dark.step_covariance[before], light.step_covariance[light.frame < 10])
+
+
+def sigmas(keyframes: Keyframes) -> np.ndarray:
+    """(K,) the largest sigma of each step, m or rad."""
+    return np.sqrt(np.diagonal(keyframes.step_covariance, axis1=1, axis2=2)).max(axis=1)
