@@ -1,102 +1,151 @@
-"""Stitch stage of the map: all placed submaps merged in one frame and cut into tiles."""
+"""Stitch stage of the map: the regions that have changed are merged anew, and the tiles that show them cut anew.
+
+What a version is made of depends on which drives are in the map and where they lie, never on which came first: a region is a
+function of the submaps that bear on it, a tile of the regions and tracks that it shows.
+"""
 
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wayloom.geodesy import wgs84
-from wayloom.geodesy.antimeridian import rolled, union_of
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.uncertainty import moved_covariance
-from wayloom.stitching.merge import KEY_LIMITS, merge
-from wayloom.store import maps
-from wayloom.store.maps import TileEntry
+from wayloom.pipeline.digests import sha256_of_json
+from wayloom.stitching.regions import RegionKey, encode_region, fuse_region
+from wayloom.store import map_versions, maps
+from wayloom.store.map_versions import RegionEntry, TileEntry, TileKey
 from wayloom.store.tables import SubmapRow
-from wayloom.submaps.submap import PlacedSubmap, decode_submap
-from wayloom.tiles.pyramid import Track, build_tiles
+from wayloom.submaps.submap import PlacedSubmap, Submap, decode_submap
+from wayloom.tiles.updates import touched_tiles, updated_tiles
+from wayloom_workers.map_source import MapSource, blocks_of_box, region_box, regions_of_box
+from wayloom_workers.map_state import MapState, reach_m, read_state
 from wayloom_workers.publishing import TILES_FILE
 from wayloom_workers.stage_hooks import StageAttempt
 
-MARGIN_M: Final = 500.0
-"""Of the submaps' own size: they are judged by the place of their origin, and reach 100 m of road and 60 m of sight from it."""
+FUSED_SHARE: Final = 0.6
+"""Of the progress, when the regions are merged."""
+HELD_SUBMAPS: Final = 64
 
 
 def stitch(attempt: StageAttempt) -> None:
-    """Merge every placed submap of the map, store the tiles as blobs and list them in `tiles.json`."""
+    """Merge the changed regions, store them and the tiles that show them as blobs, and list both in `tiles.json`."""
     with attempt.context.database.read() as session:
-        placed = maps.submaps(session, str(attempt.claim.map_id))
-    frame, rows = _within_reach(attempt, placed)
-    drives = sorted({row.drive_id for row in rows})
+        state = read_state(session, str(attempt.claim.map_id), attempt.context.settings)
+    regions, dropped_regions = _merged_regions(attempt, state)
+    tiles, dropped_tiles = _cut_tiles(attempt, state, regions, dropped_regions)
     content: dict[str, Any] = {
-        "frame": [frame.lon_deg, frame.lat_deg, frame.height_m],
-        "drives": drives,
-        "out_of_reach": sorted({row.drive_id for row in placed}.difference(drives)),
-        "submaps": len(rows),
-        "bounds": _bounds(rows),
-        "tiles": [asdict(entry) for entry in _tiles(attempt, rows, frame)] if rows else [],
+        "base": state.base,
+        "frame": [state.frame.lon_deg, state.frame.lat_deg, state.frame.height_m],
+        "built_with": state.built_with,
+        "drives": list(state.drives),
+        "out_of_reach": list(state.out_of_reach),
+        "submaps": state.submap_count,
+        "bounds": state.bounds,
+        "taken_in": sorted(state.boxes),
+        "tiles": [asdict(entry) for entry in tiles],
+        "dropped_tiles": dropped_tiles,
+        "regions": [asdict(entry) for entry in regions],
+        "dropped_regions": dropped_regions,
     }
     (attempt.out_dir / TILES_FILE).write_text(json.dumps(content) + "\n", encoding="utf-8")
 
 
-def _within_reach(attempt: StageAttempt, rows: Sequence[SubmapRow]) -> tuple[MapFrame, Sequence[SubmapRow]]:
-    """The frame of the map and the submaps that its grid can hold: one drive of another city must not stop the map.
+def _merged_regions(attempt: StageAttempt, state: MapState) -> tuple[list[RegionEntry], list[RegionKey]]:
+    """The regions that are new or made from other submaps than before, and those that are no more."""
+    keys = sorted({key for box in state.changed for key in regions_of_box(box, state.frame)})
+    with attempt.context.database.read() as session:
+        kept = map_versions.current_regions(session, str(attempt.claim.map_id), None if state.whole else keys)
+    merger = _Merger(attempt, state)
+    made: list[RegionEntry] = []
+    gone: list[RegionKey] = sorted(kept.keys() - set(keys)) if state.whole else []
+    for count, key in enumerate(keys):
+        attempt.progress(FUSED_SHARE * count / len(keys), f"region {count + 1} of {len(keys)}")
+        rows = merger.rows(key)
+        inputs = merger.inputs(rows)
+        if rows and key in kept and kept[key].inputs == inputs:
+            continue
+        entry = merger.region(key, rows, inputs) if rows else None
+        if entry is not None:
+            made.append(entry)
+        elif key in kept:
+            gone.append(key)
+    return made, gone
 
-    The frame is the settings' origin, or, of the cells that the drives lie in, the most south-western of those that reach the most
-    submaps. So it depends on which drives are in the map, never on which came first. A drive of a neighbouring cell is moved over
-    exactly: both frames are rigid.
-    """
-    settings = attempt.context.settings
-    origin, reach_m = settings.map_origin, KEY_LIMITS * settings.merge.voxel_m - MARGIN_M
-    cells = {tuple(row.frame) for row in rows} if origin is None else {origin}
-    reached = [(MapFrame(*cell), _reached(MapFrame(*cell), rows, reach_m)) for cell in sorted(cells)]
-    return max(reached, key=lambda item: len(item[1]), default=(MapFrame(0.0, 0.0, 0.0), []))
+
+class _Merger:
+    """Merges regions, with the submaps that neighbours share decoded once."""
+
+    def __init__(self, attempt: StageAttempt, state: MapState) -> None:
+        self._context, self._map_id, self._state = attempt.context, str(attempt.claim.map_id), state
+        self._submap = lru_cache(HELD_SUBMAPS)(self._decoded)
+        self._T_map_cell = lru_cache(64)(lambda cell: wgs84.T_enu_enu(state.frame, MapFrame(*cell)))
+        self._reach_m = reach_m(attempt.context.settings)
+
+    def rows(self, key: RegionKey) -> list[SubmapRow]:
+        """The submaps that may bear on a region: whose boxes touch its own. Sorted."""
+        with self._context.database.read() as session:
+            rows = maps.submaps(session, self._map_id, region_box(key, self._state.frame))
+        return [row for row in rows if (np.abs(self._T_map_submap(row)[:3, 3]) < self._reach_m).all()]
+
+    def inputs(self, rows: Sequence[SubmapRow]) -> str:
+        """Digest of all that a region is made from."""
+        places = [[row.drive_id, row.digest, row.frame, row.T_enu_submap, row.covariance] for row in rows]
+        return sha256_of_json({"with": self._state.built_with, "submaps": places})
+
+    def region(self, key: RegionKey, rows: Sequence[SubmapRow], inputs: str) -> RegionEntry | None:
+        """The region, stored; one of a version that is kept, where it was made from the same; None when nothing lies in it."""
+        with self._context.database.read() as session:
+            again = map_versions.region_made_from(session, self._map_id, key, inputs)
+        if again is not None and self._context.blobs.has(again.digest):
+            return again
+        voxels = fuse_region(key, self._placed(rows), self._context.settings.merge)
+        if not len(voxels):
+            return None
+        data = encode_region(voxels)
+        members = sorted([row.drive_id, row.digest] for row in rows)
+        return RegionEntry(*key, inputs, self._context.blobs.put(data), members, len(data))
+
+    def _placed(self, rows: Sequence[SubmapRow]) -> Iterator[PlacedSubmap]:
+        """The submaps in the map's frame."""
+        for row in rows:
+            T_map_cell = self._T_map_cell(tuple(row.frame))
+            covariance = moved_covariance(T_map_cell, np.array(row.covariance, np.float64)[None])[0]
+            yield PlacedSubmap(self._submap(row.digest), self._T_map_submap(row), covariance, row.drive_id, self._state.frame)
+
+    def _T_map_submap(self, row: SubmapRow) -> np.ndarray:
+        moved: np.ndarray = self._T_map_cell(tuple(row.frame)) @ np.array(row.T_enu_submap, np.float64)
+        return moved
+
+    def _decoded(self, digest: str) -> Submap:
+        return decode_submap(self._context.blobs.get(digest), digest)
 
 
-def _reached(frame: MapFrame, rows: Sequence[SubmapRow], reach_m: NDArray[np.float64]) -> list[SubmapRow]:
-    """The submaps, each by the place of its origin, that lie within reach_m (3,) of the frame's origin along every axis."""
-    if not rows:
-        return []
-    places = [(wgs84.T_enu_enu(frame, MapFrame(*row.frame)) @ np.array(row.T_enu_submap, np.float64))[:3, 3] for row in rows]
-    near = np.flatnonzero((np.abs(np.array(places)) < reach_m).all(axis=1))
-    return [rows[i] for i in near.tolist()]
-
-
-def _tiles(attempt: StageAttempt, rows: Sequence[SubmapRow], frame: MapFrame) -> list[TileEntry]:
-    """Merge, cut, and store each tile under its hash."""
-    tracks: list[tuple[tuple[str, int, str], Track]] = []
-    settings = attempt.context.settings
-    voxels = merge(_placed(attempt, rows, frame, tracks), settings.merge)
-    in_order = [track for _, track in sorted(tracks, key=lambda item: item[0])]
-    entries = []
-    for count, tile in enumerate(build_tiles(voxels, frame, settings.tiles, in_order)):
+def _cut_tiles(
+    attempt: StageAttempt, state: MapState, regions: Sequence[RegionEntry], dropped: Sequence[RegionKey]
+) -> tuple[list[TileEntry], list[TileKey]]:
+    """The tiles that are new or other than before, and the addresses of those that have nothing to show any more."""
+    settings = attempt.context.settings.tiles
+    base = 0 if state.whole else state.base
+    source = MapSource(attempt, state.frame, {entry.key: entry.digest for entry in regions}, dropped, base)
+    places = [*state.changed, *(region_box(key, state.frame) for key in [*(entry.key for entry in regions), *dropped])]
+    changed = set().union(*(blocks_of_box(box, settings) for box in places))
+    with attempt.context.database.read() as session:
+        if state.whole:
+            before = map_versions.all_current_tiles(session, str(attempt.claim.map_id))
+        else:
+            touched = touched_tiles(changed, settings)
+            keys = [(layer, *address) for (layer, _), addresses in touched.items() for address in addresses]
+            before = map_versions.current_tiles(session, str(attempt.claim.map_id), keys)
+    shown: dict[TileKey, TileEntry] = {}
+    for count, tile in enumerate(updated_tiles(changed, source, settings)):
         digest = attempt.context.blobs.put(tile.data)
-        entries.append(TileEntry(tile.layer, tile.z, tile.x, tile.y, digest, tile.media_type, len(tile.data)))
-        attempt.progress(0.5 + 0.5 * (1.0 - 0.5 ** (count / 200.0)), f"{count + 1} tiles")
-    return entries
-
-
-def _placed(
-    attempt: StageAttempt, rows: Sequence[SubmapRow], frame: MapFrame, tracks: list[tuple[tuple[str, int, str], Track]]
-) -> Iterator[PlacedSubmap]:
-    """The submaps, one in memory at a time, all in the map's frame; their tracks are left in `tracks`."""
-    for count, row in enumerate(rows):
-        attempt.progress(0.5 * count / len(rows), f"submap {count + 1} of {len(rows)}")
-        submap = decode_submap(attempt.context.blobs.get(row.digest), row.digest)
-        T_map_row = wgs84.T_enu_enu(frame, MapFrame(*row.frame))
-        covariance = moved_covariance(T_map_row, np.array(row.covariance, np.float64)[None])[0]
-        placed = PlacedSubmap(submap, T_map_row @ np.array(row.T_enu_submap, np.float64), covariance, row.drive_id, frame)
-        if len(submap.keyframe_t_ns):
-            tracks.append(((row.drive_id, int(submap.keyframe_t_ns[0]), row.digest), Track(row.drive_id, placed.track_enu())))
-        yield placed
-
-
-def _bounds(rows: Sequence[SubmapRow]) -> maps.Box | None:
-    """The box around all submaps, degrees; as in GeoJSON, across the antimeridian west is the greater."""
-    if not rows:
-        return None
-    west, south, east, north = union_of([(row.min_lon, row.min_lat, row.max_lon, row.max_lat) for row in rows])
-    return west, south, rolled(east), north
+        entry = TileEntry(tile.layer, tile.z, tile.x, tile.y, digest, tile.media_type, len(tile.data))
+        shown[entry.key] = entry
+        attempt.progress(FUSED_SHARE + (1.0 - FUSED_SHARE) * (1.0 - 0.5 ** (count / 200.0)), f"{count + 1} tiles")
+    new = [entry for key, entry in sorted(shown.items()) if key not in before or before[key].digest != entry.digest]
+    return new, sorted(before.keys() - shown.keys())
