@@ -27,6 +27,11 @@ def _span() -> tuple[sa.Column[int], sa.Column[int]]:
     return sa.Column("since", INTEGER, nullable=False), sa.Column("until", INTEGER, nullable=True)
 
 
+def _index_ended(table: str) -> None:
+    ended = sa.text("until IS NOT NULL")
+    op.create_index(f"ix_{table}_until", table, ["map_id", "until"], sqlite_where=ended, postgresql_where=ended)
+
+
 def upgrade() -> None:
     """Forward."""
     op.execute(OLDER_TILES)
@@ -45,7 +50,7 @@ def upgrade() -> None:
         sa.Column("size", INTEGER, nullable=False),
         sa.PrimaryKeyConstraint("map_id", "east", "north", "since", name=op.f("pk_regions")),
     )
-    op.create_index("ix_regions_until", "regions", ["map_id", "until"])
+    _index_ended("regions")
     op.create_table(
         "map_drives",
         sa.Column("map_id", sa.String(length=63), nullable=False),
@@ -53,7 +58,7 @@ def upgrade() -> None:
         *_span(),
         sa.PrimaryKeyConstraint("map_id", "drive_id", "since", name=op.f("pk_map_drives")),
     )
-    op.create_index("ix_map_drives_until", "map_drives", ["map_id", "until"])
+    _index_ended("map_drives")
     op.create_table(
         "changed_boxes",
         sa.Column("id", INTEGER, autoincrement=True, nullable=False),
@@ -106,7 +111,7 @@ def _tiles_by_span() -> None:
     with op.batch_alter_table("tiles") as tiles:
         tiles.create_primary_key("pk_tiles", ["map_id", "layer", "z", "x", "y", "since"])
     op.create_index("ix_tiles_since", "tiles", ["map_id", "since"])
-    op.create_index("ix_tiles_until", "tiles", ["map_id", "until"])
+    _index_ended("tiles")
 
 
 def downgrade() -> None:

@@ -33,8 +33,8 @@ def published(api_process: ApiAlone) -> TileEntry:
     database = Database(f"sqlite:///{api_process.data / 'wayloom.db'}")
     with database.write() as session:
         maps.ensure_map(session, "city")
-        for _ in range(2):
-            publish(session, "city", NewVersion(0, (8.5, 49.5, 0.0), (), 1, (8.39, 49.0, 8.41, 49.02), [tile, coarse]), kept=5)
+        for base in range(2):
+            publish(session, "city", NewVersion(base, (8.5, 49.5, 0.0), (), 1, (8.39, 49.0, 8.41, 49.02), [tile, coarse]), kept=5)
     database.close()
     return tile
 

@@ -21,6 +21,7 @@ from wayloom.tiles.grid import TILE_PX, TileAddress, pixel_from_lonlat, tile_bou
 from wayloom.tiles.mvt import BUFFER, EXTENT, LonLatTrack
 from wayloom.tiles.settings import TileSettings
 from wayloom.tiles.updates import COUNTS_LAYER, ancestor, block_zoom, margin_px
+from wayloom_workers.map_state import MapState
 from wayloom_workers.stage_hooks import StageAttempt
 
 FloatArray = NDArray[np.float64]
@@ -36,15 +37,14 @@ class MapSource:
     """`wayloom.tiles.updates.PyramidSource` of one stitch.
 
     new      regions that this stitch has made, by the digest of their blobs; dropped: those that are no more
-    base     the version that the stitch starts from, 0: none
     """
 
     def __init__(
-        self, attempt: StageAttempt, frame: MapFrame, new: Mapping[RegionKey, str], dropped: Collection[RegionKey],
-        base: int,
-    ) -> None:  # fmt: skip
+        self, attempt: StageAttempt, state: MapState, new: Mapping[RegionKey, str], dropped: Collection[RegionKey]
+    ) -> None:
         self._context, self._map_id = attempt.context, str(attempt.claim.map_id)
-        self._frame, self._new, self._dropped, self._base = frame, new, frozenset(dropped), base
+        self._frame, self._submaps, self._base = state.frame, state.submaps, 0 if state.whole else state.base
+        self._new, self._dropped = new, frozenset(dropped)
         self._settings = attempt.context.settings.tiles
         self._region = lru_cache(HELD_REGIONS)(self._decoded)
 
@@ -73,7 +73,8 @@ class MapSource:
         found: dict[tuple[str, int, str], SubmapRow] = {}
         with self._context.database.read() as session:
             for box in _boxes(addresses):
-                found |= {(row.drive_id, row.track_t_ns, row.digest): row for row in maps.submaps(session, self._map_id, box)}
+                rows = (row for row in maps.submaps(session, self._map_id, box) if (row.drive_id, row.position) in self._submaps)
+                found |= {(row.drive_id, row.track_t_ns, row.digest): row for row in rows}
         return [LonLatTrack(key[0], self._track(found[key])) for key in sorted(found)]
 
     def _track(self, row: SubmapRow) -> FloatArray:

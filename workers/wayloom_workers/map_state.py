@@ -33,7 +33,8 @@ class MapState:
     built_with    digest of what regions and tiles are made with besides submaps
     boxes         changed since `base`, by id of their rows
     whole         whether everything is made anew: nothing is there yet, or it was made in another frame or by other code
-    drives        that are in the map, sorted; submap_count of them
+    drives        that are in the map, sorted
+    submaps       of them, those within reach: drive and position
     out_of_reach  drives that lie too far from the frame's origin to be in it, sorted
     all_boxes     of every submap within reach
     """
@@ -44,7 +45,7 @@ class MapState:
     boxes: dict[int, Box]
     whole: bool
     drives: tuple[str, ...]
-    submap_count: int
+    submaps: frozenset[tuple[str, int]]
     out_of_reach: tuple[str, ...]
     all_boxes: list[Box]
 
@@ -77,15 +78,10 @@ def read_state(session: Session, map_id: str, settings: WayloomSettings) -> MapS
         boxes=boxes,
         whole=not base or maps.version(session, map_id, base).built_with != built_with,
         drives=tuple(sorted(drives)),
-        submap_count=len(reached),
+        submaps=frozenset((place.drive_id, place.position) for place in reached),
         out_of_reach=tuple(sorted({place.drive_id for place in places} - drives)),
         all_boxes=[place.box for place in reached],
     )
-
-
-def reach_m(settings: WayloomSettings) -> FloatArray:
-    """(3,) how far from the frame's origin a submap's may lie along every axis."""
-    return np.asarray(KEY_LIMITS * settings.merge.voxel_m - MARGIN_M)
 
 
 def _built_with(settings: WayloomSettings, frame: MapFrame) -> str:
@@ -105,7 +101,8 @@ def _within_reach(places: list[SubmapPlace], settings: WayloomSettings) -> tuple
     exactly: both frames are rigid.
     """
     cells = {place.frame for place in places} if settings.map_origin is None else {settings.map_origin}
-    reached = [(MapFrame(*cell), _reached(MapFrame(*cell), places, reach_m(settings))) for cell in sorted(cells)]
+    reach_m = KEY_LIMITS * settings.merge.voxel_m - MARGIN_M
+    reached = [(MapFrame(*cell), _reached(MapFrame(*cell), places, reach_m)) for cell in sorted(cells)]
     return max(reached, key=lambda item: len(item[1]), default=(MapFrame(0.0, 0.0, 0.0), []))
 
 

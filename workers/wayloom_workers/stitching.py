@@ -23,7 +23,7 @@ from wayloom.store.tables import SubmapRow
 from wayloom.submaps.submap import PlacedSubmap, Submap, decode_submap
 from wayloom.tiles.updates import touched_tiles, updated_tiles
 from wayloom_workers.map_source import MapSource, blocks_of_box, region_box, regions_of_box
-from wayloom_workers.map_state import MapState, reach_m, read_state
+from wayloom_workers.map_state import MapState, read_state
 from wayloom_workers.publishing import TILES_FILE
 from wayloom_workers.stage_hooks import StageAttempt
 
@@ -44,7 +44,7 @@ def stitch(attempt: StageAttempt) -> None:
         "built_with": state.built_with,
         "drives": list(state.drives),
         "out_of_reach": list(state.out_of_reach),
-        "submaps": state.submap_count,
+        "submaps": len(state.submaps),
         "bounds": state.bounds,
         "taken_in": sorted(state.boxes),
         "tiles": [asdict(entry) for entry in tiles],
@@ -84,13 +84,12 @@ class _Merger:
         self._context, self._map_id, self._state = attempt.context, str(attempt.claim.map_id), state
         self._submap = lru_cache(HELD_SUBMAPS)(self._decoded)
         self._T_map_cell = lru_cache(64)(lambda cell: wgs84.T_enu_enu(state.frame, MapFrame(*cell)))
-        self._reach_m = reach_m(attempt.context.settings)
 
     def rows(self, key: RegionKey) -> list[SubmapRow]:
         """The submaps that may bear on a region: whose boxes touch its own. Sorted."""
         with self._context.database.read() as session:
             rows = maps.submaps(session, self._map_id, region_box(key, self._state.frame))
-        return [row for row in rows if (np.abs(self._T_map_submap(row)[:3, 3]) < self._reach_m).all()]
+        return [row for row in rows if (row.drive_id, row.position) in self._state.submaps]
 
     def inputs(self, rows: Sequence[SubmapRow]) -> str:
         """Digest of all that a region is made from."""
@@ -130,8 +129,7 @@ def _cut_tiles(
 ) -> tuple[list[TileEntry], list[TileKey]]:
     """The tiles that are new or other than before, and the addresses of those that have nothing to show any more."""
     settings = attempt.context.settings.tiles
-    base = 0 if state.whole else state.base
-    source = MapSource(attempt, state.frame, {entry.key: entry.digest for entry in regions}, dropped, base)
+    source = MapSource(attempt, state, {entry.key: entry.digest for entry in regions}, dropped)
     places = [*state.changed, *(region_box(key, state.frame) for key in [*(entry.key for entry in regions), *dropped])]
     changed = set().union(*(blocks_of_box(box, settings) for box in places))
     with attempt.context.database.read() as session:

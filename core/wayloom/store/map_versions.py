@@ -122,20 +122,32 @@ def publish(session: Session, map_id: str, new: NewVersion, kept: int) -> int:
 
 def current_tiles(session: Session, map_id: str, keys: Iterable[TileKey]) -> dict[TileKey, TileEntry]:
     """Those of the newest version among these addresses."""
-    place = tuple_(TileRow.layer, TileRow.z, TileRow.x, TileRow.y)
-    found: dict[TileKey, TileEntry] = {}
-    for some in _batches(sorted(keys)):
-        rows = session.scalars(select(TileRow).where(TileRow.map_id == map_id, TileRow.until.is_(None), place.in_(some)))
-        for row in rows:
-            found[row.layer, row.z, row.x, row.y] = TileEntry(row.layer, row.z, row.x, row.y, row.digest, row.media_type, row.size)
-    return found
+    return {key: _entry(row) for key, row in _current_rows(session, map_id, keys).items()}
+
+
+def _current_rows(session: Session, map_id: str, keys: Iterable[TileKey]) -> dict[TileKey, TileRow]:
+    """By columns and rows of each layer's zoom, which the primary key finds; what else lies at their crossings is left out."""
+    wanted: dict[tuple[str, int], set[TileKey]] = {}
+    for key in keys:
+        wanted.setdefault(key[:2], set()).add(key)
+    found: dict[TileKey, TileRow] = {}
+    for (layer, z), members in sorted(wanted.items()):
+        for some in _batches(sorted(members, key=lambda key: key[2:])):
+            columns, rows = sorted({key[2] for key in some}), sorted({key[3] for key in some})
+            here = (TileRow.map_id == map_id, TileRow.layer == layer, TileRow.z == z, TileRow.x.in_(columns), TileRow.y.in_(rows))
+            for row in session.scalars(select(TileRow).where(*here, TileRow.until.is_(None))):
+                found[row.layer, row.z, row.x, row.y] = row
+    return {key: row for key, row in found.items() if key in wanted[key[:2]]}
+
+
+def _entry(row: TileRow) -> TileEntry:
+    return TileEntry(row.layer, row.z, row.x, row.y, row.digest, row.media_type, row.size)
 
 
 def all_current_tiles(session: Session, map_id: str) -> dict[TileKey, TileEntry]:
     """All of the newest version."""
     rows = session.scalars(select(TileRow).where(TileRow.map_id == map_id, TileRow.until.is_(None)))
-    entries = (TileEntry(row.layer, row.z, row.x, row.y, row.digest, row.media_type, row.size) for row in rows)
-    return {entry.key: entry for entry in entries}
+    return {entry.key: entry for entry in map(_entry, rows)}
 
 
 def current_regions(session: Session, map_id: str, keys: Iterable[RegionKey] | None = None) -> dict[RegionKey, RegionEntry]:
@@ -185,15 +197,14 @@ def _replace_tiles(session: Session, map_id: str, number: int, new: NewVersion) 
     zooms: dict[str, dict[str, int]] = {} if before is None else {name: dict(it["zooms"]) for name, it in before.layers.items()}
     types = {} if before is None else {name: it["media_type"] for name, it in before.layers.items()}
     size = 0 if before is None else before.byte_count
-    ended = current_tiles(session, map_id, [*(entry.key for entry in new.tiles), *new.dropped_tiles])
-    place = tuple_(TileRow.layer, TileRow.z, TileRow.x, TileRow.y)
-    for some in _batches(sorted(ended)):
-        here = (TileRow.map_id == map_id, TileRow.until.is_(None), place.in_(some))
-        session.execute(update(TileRow).where(*here).values(until=number))
+    ended = _current_rows(session, map_id, [*(entry.key for entry in new.tiles), *new.dropped_tiles])
+    for row in ended.values():
+        row.until = number
+    session.flush()
     if new.tiles:
         columns = [{name: getattr(entry, name) for name in TileEntry.__slots__} for entry in new.tiles]
         session.execute(insert(TileRow), [{"map_id": map_id, "since": number, "until": None, **row} for row in columns])
-    for entries, step in ((ended.values(), -1), (new.tiles, 1)):
+    for entries, step in ((map(_entry, ended.values()), -1), (new.tiles, 1)):
         for entry in entries:
             if entry.layer in SERVED_LAYERS:
                 by_zoom = zooms.setdefault(entry.layer, {})

@@ -23,6 +23,7 @@ class SubmapPlace:
     """Where a submap lies, without its points: the origin (east, north, up) of its own frame in its cell's, and its box."""
 
     drive_id: str
+    position: int
     frame: tuple[float, float, float]
     origin_enu: tuple[float, float, float]
     box: Box
@@ -136,12 +137,16 @@ def submaps(session: Session, map_id: str, box: Box | None = None) -> Sequence[S
 
 def places(session: Session, map_id: str) -> list[SubmapPlace]:
     """Where all submaps of a map lie, by drive and position."""
-    of_row = SubmapRow
-    columns = (of_row.drive_id, of_row.frame, of_row.T_enu_submap, of_row.min_lon, of_row.min_lat, of_row.max_lon, of_row.max_lat)
-    query = select(*columns).join(Drive, Drive.id == SubmapRow.drive_id).where(*_merged(map_id))
+    row = SubmapRow
+    box = (row.min_lon, row.min_lat, row.max_lon, row.max_lat)
+    query = (
+        select(row.drive_id, row.position, row.frame, row.T_enu_submap, *box)
+        .join(Drive, Drive.id == SubmapRow.drive_id)
+        .where(*_merged(map_id))
+    )
     return [
-        SubmapPlace(drive_id, tuple(frame), (T[0][3], T[1][3], T[2][3]), (west, south, east, north))
-        for drive_id, frame, T, west, south, east, north in session.execute(query.order_by(of_row.drive_id, of_row.position))
+        SubmapPlace(drive_id, position, tuple(frame), (T[0][3], T[1][3], T[2][3]), (west, south, east, north))
+        for drive_id, position, frame, T, west, south, east, north in session.execute(query.order_by(row.drive_id, row.position))
     ]
 
 

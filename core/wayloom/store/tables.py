@@ -2,7 +2,20 @@
 
 from typing import Any
 
-from sqlalchemy import JSON, BigInteger, Float, ForeignKey, Index, Integer, LargeBinary, MetaData, String, Text, UniqueConstraint
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    Float,
+    ForeignKey,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Text,
+    UniqueConstraint,
+    text,
+)
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 NAMING = {
@@ -25,6 +38,12 @@ class Base(DeclarativeBase):
         list[Any]: JSON(),
         bytes: LargeBinary(),
     }
+
+
+def _ended(table: str) -> Index:
+    """Of rows that versions share, those that a version has ended. The others are found by their keys."""
+    ended = text("until IS NOT NULL")
+    return Index(f"ix_{table}_until", "map_id", "until", sqlite_where=ended, postgresql_where=ended)
 
 
 class Vehicle(Base):
@@ -265,7 +284,7 @@ class TileRow(Base):
     digest: Mapped[str] = mapped_column(DIGEST)
     media_type: Mapped[str] = mapped_column(String(64))
     size: Mapped[int]
-    __table_args__ = (Index("ix_tiles_since", "map_id", "since"), Index("ix_tiles_until", "map_id", "until"))
+    __table_args__ = (Index("ix_tiles_since", "map_id", "since"), _ended("tiles"))
 
 
 class RegionRow(Base):
@@ -286,7 +305,7 @@ class RegionRow(Base):
     digest: Mapped[str] = mapped_column(DIGEST)
     members: Mapped[list[Any]]
     size: Mapped[int]
-    __table_args__ = (Index("ix_regions_until", "map_id", "until"),)
+    __table_args__ = (_ended("regions"),)
 
 
 class MapDrive(Base):
@@ -297,7 +316,7 @@ class MapDrive(Base):
     drive_id: Mapped[str] = mapped_column(DIGEST, primary_key=True)
     since: Mapped[int] = mapped_column(primary_key=True)
     until: Mapped[int | None]
-    __table_args__ = (Index("ix_map_drives_until", "map_id", "until"),)
+    __table_args__ = (_ended("map_drives"),)
 
 
 class ChangedBox(Base):
