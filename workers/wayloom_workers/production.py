@@ -30,7 +30,7 @@ from wayloom_workers.publishing import publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
 from wayloom_workers.rig_memory import forget, remember, remember_scale, rig_file_for
 from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, StageParts, keyed_by_inputs
-from wayloom_workers.stitching import stitch
+from wayloom_workers.stitching import prepare_stitch
 
 TRACK_POINTS: Final = 2000
 ODOMETRY: Final = "odometry"
@@ -172,7 +172,7 @@ _HOOKS: Final = {
     ODOMETRY: StageHooks(_prepare, share=_remember_rig),
     "georeference": StageHooks(_prepare, share=_share_georeference, record=_record_track),
     "submaps": StageHooks(_prepare, share=_share_submaps, record=_record_submaps),
-    "stitch": StageHooks(keyed_by_inputs(stitch), record=request_publish),
+    "stitch": StageHooks(prepare_stitch, record=request_publish),
     "publish": StageHooks(keyed_by_inputs(tidy), record=publish),
     REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=_remove, record=remove_rows),
 }
