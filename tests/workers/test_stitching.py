@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,14 +16,16 @@ from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame, map_frame_for
 from wayloom.pipeline.settings import WayloomSettings
 from wayloom.stitching.settings import MergeSettings
-from wayloom.store import drives, gate, map_versions, maps
-from wayloom.store.jobs import Claim
+from wayloom.store import drives, gate, jobs, map_versions, maps, sweep
+from wayloom.store.jobs import Claim, JobMessage
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.migrate import upgrade
 from wayloom.submaps.submap import PlacedSubmap, Submap
+from wayloom_workers import region_merging
 from wayloom_workers.__main__ import make_context
-from wayloom_workers.production import submap_row
+from wayloom_workers.production import stage_hooks, submap_row
 from wayloom_workers.publishing import TILES_FILE, publish, tidy
+from wayloom_workers.runner import run_job
 from wayloom_workers.stage_hooks import StageAttempt, WorkerContext
 from wayloom_workers.stitching import stitch
 
@@ -267,3 +270,94 @@ def test_a_map_without_drives_has_no_tiles(context: WorkerContext, tmp_path: Pat
         maps.ensure_map(session, "city")
     said = stitched(context, tmp_path / "1")
     assert (said["tiles"], said["bounds"], said["drives"]) == ([], None, [])
+
+
+def city(context: WorkerContext) -> None:
+    """Six drives on 600 m of road."""
+    for seed in range(6):
+        add(context, f"drive {seed}", seed, lat=LAT + 0.001 * seed)
+
+
+def run(context: WorkerContext, job_id: int) -> list[JobMessage]:
+    """A worker's run of one job; the messages of those that follow."""
+    sent: list[JobMessage] = []
+    assert run_job(context, stage_hooks, sent.extend, job_id)
+    return sent
+
+
+def requested(context: WorkerContext) -> int:
+    with context.database.write() as session:
+        return jobs.request_stitch(session, "city").id
+
+
+def test_regions_merged_in_parts_by_workers_in_any_order_are_the_same_map(
+    context: WorkerContext, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = other_service(tmp_path / "other")
+    city(context)
+    city(other)
+    (publishing,) = run(other, requested(other))
+    run(other, publishing.job_id)
+    monkeypatch.setattr(region_merging, "REGIONS_OF_PART", 4)
+    parent = requested(context)
+    parts = run(context, parent)
+    assert len(parts) > 3
+    with ThreadPoolExecutor(2) as two_workers:
+        following = [message for sent in two_workers.map(lambda part: run(context, part.job_id), parts[::-1]) for message in sent]
+    assert [message.job_id for message in following] == [parent]
+    (publishing,) = run(context, parent)
+    run(context, publishing.job_id)
+    assert newest(context) == newest(other)
+    assert not (context.folders.map("city") / "parts" / "stitch").exists() or not any(
+        (context.folders.map("city") / "parts" / "stitch").rglob(region_merging.PART_FILE)
+    )
+    other.database.close()
+
+
+def test_while_a_stitch_waits_for_its_parts_no_other_job_of_the_map_is_to_be_had(
+    context: WorkerContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    city(context)
+    monkeypatch.setattr(region_merging, "REGIONS_OF_PART", 4)
+    parent = requested(context)
+    parts = run(context, parent)
+    late = add(context, "late", 9)
+    second = requested(context)
+    assert second != parent
+    assert not run_job(context, stage_hooks, lambda _: None, second)
+    held = jobs.claim(context.database, parts[0].job_id, "dead", 0.0)
+    assert held is not None
+    for part in parts[1:]:
+        run(context, part.job_id)
+    assert sweep.requeue_lost(context.database, 3) == 1
+    (again,) = run(context, parts[0].job_id)
+    (publishing,) = run(context, again.job_id)
+    assert not run_job(context, stage_hooks, lambda _: None, second)
+    run(context, publishing.job_id)
+    with context.database.read() as session:  # the regions that the late drive bears on were merged by the stitch itself
+        assert late in maps.drives_of(session, "city", 1)
+
+
+def test_a_part_that_fails_for_good_fails_its_stitch_and_the_map_goes_on(
+    context: WorkerContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    city(context)
+    monkeypatch.setattr(region_merging, "REGIONS_OF_PART", 4)
+    parts = run(context, requested(context))
+    held = jobs.claim(context.database, parts[0].job_id, "w", 60.0)
+    assert held is not None
+    with context.database.write() as session:
+        jobs.fail(session, held, "no luck", final=True)
+    for part in parts[1:]:
+        run(context, part.job_id)
+    (publishing, *_) = run_to_the_end(context, requested(context))
+    run(context, publishing.job_id)
+    assert len(newest(context)["drives"]) == 6  # type: ignore[arg-type]
+
+
+def run_to_the_end(context: WorkerContext, job_id: int) -> list[JobMessage]:
+    """A stitch with its parts."""
+    sent = run(context, job_id)
+    while sent and sent[0].queue == "stitch":
+        sent = [message for part in sent for message in run(context, part.job_id)]
+    return sent

@@ -26,7 +26,7 @@ FUSED_SHARE: Final = 0.6
 
 def prepare_stitch(attempt: StageAttempt) -> PreparedStage:
     """The stage; where many regions have changed, several workers merge them."""
-    key = key_of_inputs(attempt)
+    key = str(attempt.claim.payload["key"]) if attempt.claim.part else key_of_inputs(attempt)
     folder = attempt.context.folders.map(str(attempt.claim.map_id)) / "parts" / "stitch" / key
     parts = RegionParts(attempt, folder)
     return PreparedStage(key, lambda: stitch(attempt, parts.made()), parts.of_stage())

@@ -67,7 +67,7 @@ def create_map_job(
 def request_stitch(session: Session, map_id: str) -> Job:
     """The stitch job that will see what this transaction commits: one that nobody has claimed yet, or a new one. Locks the map."""
     session.execute(select(Map.id).where(Map.id == map_id).with_for_update())
-    waiting = select(Job).where(Job.map_id == map_id, Job.stage == "stitch", Job.state == "queued", Job.token == 0)
+    waiting = select(Job).where(Job.map_id == map_id, Job.stage == "stitch", Job.state == "queued", Job.token == 0, Job.part == 0)
     return session.scalars(waiting.order_by(Job.id)).first() or create_map_job(session, "stitch", map_id)
 
 
