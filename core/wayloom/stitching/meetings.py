@@ -5,13 +5,16 @@ other drives come or go.
 """
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from wayloom.errors import StageError
 from wayloom.loops.priors import Closure
+from wayloom.registration.register import Prior
 from wayloom.stitching.agreement import agreeing, one_place
-from wayloom.stitching.appearance_pairs import by_appearance
+from wayloom.stitching.appearance_pairs import by_appearance, guess
 from wayloom.stitching.located_pairs import near_by_place, prior_of_places
 from wayloom.stitching.meeting_settings import MeetingSettings
 from wayloom.stitching.placed_drive import PlacedDrive
@@ -60,17 +63,30 @@ def check_pair(a: PlacedDrive, b: PlacedDrive) -> None:
 def pairs_by_place(search: PairSearch) -> tuple[list[Closure], dict[str, int]]:
     """Pairs of views where GNSS places both drives, and why others were refused."""
     a, b, settings = search.a, search.b, search.settings
-    search_pairs(search, lambda j: [(i, prior_of_places(a, b, i, j)) for i in near_by_place(a, b, search.anchors, j, settings)])
+
+    def candidates(j: int) -> list[tuple[int, Callable[[], Prior]]]:
+        return [(i, partial(prior_of_places, a, b, i, j)) for i in near_by_place(a, b, search.anchors, j, settings)]
+
+    search_pairs(search, candidates)
     return agreeing(search, settings.least_agreeing)
 
 
 def pairs_by_appearance(search: PairSearch) -> tuple[list[Closure], dict[str, int]]:
     """Pairs of views where one drive does not know its place, and why others were refused."""
     asked = by_appearance(search.a, search.b, search.settings)
-    search_pairs(search, lambda j: [(i, None) for i in asked.candidates(j)])
+
+    def candidates(j: int) -> list[tuple[int, Callable[[], Prior]]]:
+        return [(i, partial(guessed, search, i, j, yaw)) for i, yaw in asked.candidates(j)]
+
+    search_pairs(search, candidates, are_guesses=True)
     pairs, refused = agreeing(search, search.settings.least_agreeing_alone)
     pairs, more = one_place(search, pairs)
     return pairs, refused | more
+
+
+def guessed(search: PairSearch, i: int, j: int, yaw_rad: float) -> Prior:
+    """T_i_j of the cameras of two views that may see one place, by the index."""
+    return guess(search.scene(0, i), search.scene(1, j), yaw_rad)
 
 
 def report(search: PairSearch, accepted: int, meetings: int, refused: dict[str, int]) -> dict[str, Any]:

@@ -71,16 +71,20 @@ def start_search(a: PlacedDrive, b: PlacedDrive, settings: MeetingSettings) -> P
     )
 
 
-def search_pairs(search: PairSearch, candidates: Callable[[int], Iterable[tuple[int, Prior | None]]]) -> None:
+def search_pairs(
+    search: PairSearch, candidates: Callable[[int], Iterable[tuple[int, Callable[[], Prior]]]], are_guesses: bool = False
+) -> None:
     """Try each scout of b with its candidates, and follow what fits along the road.
 
-    candidates : of a keyframe of b the keyframes of a that may see the same place, the likeliest first, with priors T_i_j of the
-                 cameras
+    candidates  : of a keyframe of b the keyframes of a that may see the same place, the likeliest first, with priors T_i_j of the
+                  cameras
+    are_guesses : the priors are no evidence
     """
-    for j in search.b.anchors(search.settings.scout_m).tolist():
+    settings = search.settings
+    for j in search.b.anchors(settings.scout_alone_m if are_guesses else settings.scout_m).tolist():
         for i, prior in candidates(j):
-            if not is_covered(search, i, j):
-                closure = attempt(search, i, j, prior)
+            if not is_covered(search, i, j) and (i, j) not in search.tried:
+                closure = attempt(search, i, j, prior(), are_guesses)
                 if closure is not None:
                     follow(search, closure)
 
@@ -96,12 +100,18 @@ def is_covered(search: PairSearch, i: int, j: int) -> bool:
     return False
 
 
-def attempt(search: PairSearch, i: int, j: int, prior: Prior | None) -> Closure | None:
-    """Register b's view at keyframe j to a's at i, prior T_i_j of the cameras; None where the pair is refused or was tried."""
+def attempt(search: PairSearch, i: int, j: int, prior: Prior, is_guess: bool = False) -> Closure | None:
+    """Register b's view at keyframe j to a's at i, prior T_i_j of the cameras; None where the pair is refused or was tried.
+
+    is_guess : the prior says where to search, but is no evidence, so that the views must fit as well as without one
+    """
     if (i, j) in search.tried:
         return None
     one, other = search.scene(0, i), search.scene(1, j)
-    found = register_scenes(one, other, level_prior(prior, one, other), search.settings.registration)
+    settings = search.settings.registration
+    if is_guess:
+        settings = settings.model_copy(update={"min_soundness": settings.min_soundness_alone})
+    found = register_scenes(one, other, level_prior(prior, one, other), settings)
     search.tried[i, j] = found.refused
     if found.refused:
         return None
@@ -110,10 +120,8 @@ def attempt(search: PairSearch, i: int, j: int, prior: Prior | None) -> Closure 
     return closure
 
 
-def level_prior(prior: Prior | None, one: Scene, other: Scene) -> Prior | None:
+def level_prior(prior: Prior, one: Scene, other: Scene) -> Prior:
     """The prior of two cameras as one of their level frames."""
-    if prior is None:
-        return None
     T_one, T_other = one.view.T_level_cam, other.view.T_level_cam
     Ad = se3.adjoint(T_one)
     return Prior(T_one @ prior.T_a_b @ se3.inverse(T_other), Ad @ prior.covariance @ Ad.T)
