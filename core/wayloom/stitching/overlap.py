@@ -1,4 +1,4 @@
-"""Which drives may overlap: those whose submaps' surroundings, widened by their covariance, share a cell of a grid.
+"""Grid look-up of drives that may overlap: their submaps' surroundings, widened by their covariance, share a cell.
 
 The cells of a drive depend on it alone, so a store can keep them and find a new drive's neighbours by a look-up.
 """
