@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from wayloom.mapping.bias_courses import BiasCourse, bias_courses, moved_by
-from wayloom.mapping.drive_equations import DriveState
+from wayloom.mapping.drive_equations import DriveEquations, DriveState
+from wayloom.mapping.gnss_factors import receiver_sigmas
 from wayloom.mapping.linear_beliefs import LinearBeliefs
 from wayloom.mapping.stretch_choice import LEAST_SHARE, Choice, rivals
 from wayloom.mapping.truncated_squares import FIRST_SOLVES, LEAST_WEIGHT
@@ -25,16 +26,21 @@ FOUND = 36.0
 """Chi-square of three degrees, six sigmas of one: real odometry errs in more ways than its model, by 16 on the recordings."""
 HINTED = float(chi2.ppf(0.999, 3))
 MOST_COURSES = 8
+DENIED_SIGMAS = 3.0
+"""Of the receiver's prior, beyond which its errors are not looked for in single windows."""
+BAND = 0.95
+"""Quantile of chi-square beyond which the squares deny the model, and widen the covariance in proportion."""
 
 
 @dataclass(frozen=True, slots=True)
 class Examined:
     """believed (W,) of the witnesses, the state with them, and moved (H, K, 6): left perturbations (v, omega) of every node of the
-    graph by which the drive may lie elsewhere, one sigma each."""
+    graph by which the drive may lie elsewhere, one sigma each; excess: squares over their expectation, where that is denied."""
 
     believed: BoolArray
     state: DriveState
     moved: FloatArray
+    excess: float
 
 
 def examine(graph: WitnessGraph, choice: Choice) -> Examined:
@@ -44,15 +50,21 @@ def examine(graph: WitnessGraph, choice: Choice) -> Examined:
     for _ in range(MOST_COURSES):
         linear = LinearBeliefs(graph, believed, visits, state)
         courses = sorted(bias_courses(graph, linear), key=lambda course: -course.chi2)
-        if not courses or courses[0].chi2 <= FOUND or not _without(believed, courses[0]).any():
+        if not courses or courses[0].chi2 <= FOUND or _receiver_is_denied(graph, state) or not _without(believed, courses[0]).any():
             break
         moved += _instead(linear, courses)
         believed = _without(believed, courses[0])
-        state = _solved(graph, believed, visits, state)
+        state = _equations(graph, believed, visits).descend(state, FIRST_SOLVES)
     others = rivals(graph, choice, linear)
     moved += [np.sqrt(share) * by for share, by in zip(others.share, others.moved, strict=True)]
     moved += [moved_by(linear, course) for course in _hinted(courses)]
-    return Examined(believed, state, np.array(moved).reshape(-1, len(graph.nodes), 6))
+    excess = _excess(graph, believed, visits, state)
+    return Examined(believed, state, np.array(moved).reshape(-1, len(graph.nodes), 6), excess)
+
+
+def _receiver_is_denied(graph: WitnessGraph, state: DriveState) -> bool:
+    """Whether clock or lever arm are far from what is told of them: that is an error of the whole drive, and no burst."""
+    return bool((np.abs(state.receiver) > DENIED_SIGMAS * receiver_sigmas(graph.noise)).any())
 
 
 def _instead(linear: LinearBeliefs, courses: list[BiasCourse]) -> list[FloatArray]:
@@ -72,9 +84,17 @@ def _without(believed: BoolArray, course: BiasCourse) -> BoolArray:
     return out
 
 
-def _solved(graph: WitnessGraph, believed: BoolArray, visits: BoolArray, state: DriveState) -> DriveState:
+def _equations(graph: WitnessGraph, believed: BoolArray, visits: BoolArray) -> DriveEquations:
     weight = np.where(believed, 1.0, LEAST_WEIGHT) * graph.importance[graph.witnesses.stretch]
-    return graph.weighted(weight, np.where(visits, 1.0, LEAST_WEIGHT)).descend(state, FIRST_SOLVES)
+    return graph.weighted(weight, np.where(visits, 1.0, LEAST_WEIGHT))
+
+
+def _excess(graph: WitnessGraph, believed: BoolArray, visits: BoolArray, state: DriveState) -> float:
+    """The squares of what is believed over their expectation (global test of the model: W. Baarda 1968); 1 within the band."""
+    loops, up = graph.evidence.loops, graph.evidence.up
+    degrees = 3 * int(believed.sum()) + 6 * len(np.unique(loops.group[visits[loops.visit]])) + 2 * len(up)
+    squares = 2.0 * _equations(graph, believed, visits).cost(state)
+    return squares / degrees if squares > chi2.ppf(BAND, degrees) else 1.0
 
 
 def _hinted(courses: list[BiasCourse]) -> list[BiasCourse]:

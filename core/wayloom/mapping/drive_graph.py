@@ -63,7 +63,7 @@ def optimise_drive(
     state = equations.descend(equations.first_state(screened.T_enu_node, screened.receiver))
     tree = equations.tree(state)
     receiver_covariance = marginal(tree, receiver_key())
-    covariance = left_covariances(tree, state.T_enu_node)
+    covariance = screened.excess * left_covariances(tree, state.T_enu_node)
     covariance[:, :3, :3] += screened.unconfirmed_m**2 * np.eye(3)
     covariance += screened.doubt
     seen = clock_sigmas(state.receiver[0], receiver_covariance[0, 0], noise)

@@ -66,8 +66,8 @@ LEAST_DOUBT = 0.25
 class Screening:
     """fixes as they really scatter; inlier (M,); noise_ratio by kind; shifted stretches; T_enu_node
     (K, 4, 4) of all nodes and receiver (4,) at the end of it; unconfirmed_m: see `DriveSolution`; doubt (K, 6, 6) of the left
-    perturbation of the nodes, by what may be wrong beside (`wayloom.mapping.belief_doubts`); closed (V,) visits whose closures are
-    believed."""
+    perturbation of the nodes, by what may be wrong beside (`wayloom.mapping.belief_doubts`); excess: of the squares
+    over their expectation; closed (V,) visits whose closures are believed."""
 
     fixes: AntennaFixes
     inlier: BoolArray
@@ -77,6 +77,7 @@ class Screening:
     receiver: FloatArray
     unconfirmed_m: float
     doubt: FloatArray
+    excess: float
     closed: BoolArray
 
 
@@ -118,7 +119,7 @@ def _of_calm(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, 
     T = carried(chain, graph.nodes, state.T_enu_node)
     doubt = doubt_covariance(graph.nodes, examined.moved, len(T))
     unconfirmed_m = _unconfirmed_m(witnesses, good, witnesses.means(offset))
-    return Screening(fixes, inlier, ratios, shifted, T, state.receiver, unconfirmed_m, doubt, closed)
+    return Screening(fixes, inlier, ratios, shifted, T, state.receiver, unconfirmed_m, doubt, examined.excess, closed)
 
 
 def _ramps(chain: OdometryChain, fixes: AntennaFixes, jump: BoolArray, T_enu_node: FloatArray, noise: DriveNoise) -> BoolArray:
@@ -129,7 +130,8 @@ def _ramps(chain: OdometryChain, fixes: AntennaFixes, jump: BoolArray, T_enu_nod
     so_far = np.cumsum(jump)
     jumps: IntArray = so_far[last] - so_far
     calm, restless = (jumps == 0) & (last > first), jumps >= RESTLESS_JUMPS
-    of_jumps = first[restless], last[restless]
+    jumps_at = np.flatnonzero(jump)
+    of_jumps = jumps_at[so_far[first[restless]]], jumps_at[so_far[last[restless]] - 1]
     first, last = first[calm], last[calm]
     antenna = fixes.antenna_enu(T_enu_node, np.zeros(RECEIVER))
     moved = antenna[last] - antenna[first]
@@ -140,8 +142,8 @@ def _ramps(chain: OdometryChain, fixes: AntennaFixes, jump: BoolArray, T_enu_nod
     loose = (RAMP_HEADING_RAD * length) ** 2 + (turned * (noise.lever_m + noise.time_offset_s * length / RAMP_S)) ** 2
     spread = fixes.covariance[first] + fixes.covariance[last] + loose[:, None, None] * np.eye(3)
     far = np.einsum("ni,ni->n", step, np.linalg.solve(spread, step[:, :, None])[:, :, 0]) > chi2.ppf(JUMP_PROBABILITY, 3)
-    begin = np.searchsorted(fixes.t_s, fixes.t_s[np.concatenate([first[far], of_jumps[0]])] - GUARD_S)
-    end = np.searchsorted(fixes.t_s, fixes.t_s[np.concatenate([last[far], of_jumps[1]])] + GUARD_S, side="right")
+    begin = np.append(np.searchsorted(fixes.t_s, fixes.t_s[first[far]] - GUARD_S), of_jumps[0])
+    end = np.append(np.searchsorted(fixes.t_s, fixes.t_s[last[far]] + GUARD_S, side="right"), of_jumps[1])
     for a, b in zip(begin.tolist(), end.tolist(), strict=True):
         out[a:b] = True
     return out
@@ -159,7 +161,7 @@ def _of_heavy_tails(
     tails = heavy_tailed(chain, fixes, T_enu_node, noise)
     every = {kind: ratios.get(kind, 1.0) * tails.inflation for kind in np.unique(fixes.kind).tolist()}
     nothing = np.zeros((len(T_enu_node), 6, 6))
-    return Screening(tails.fixes, np.ones(len(fixes), bool), every, (), tails.T_enu_node, tails.receiver, 0.0, nothing, closed)
+    return Screening(tails.fixes, np.ones(len(fixes), bool), every, (), tails.T_enu_node, tails.receiver, 0.0, nothing, 1.0, closed)
 
 
 def _steps(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray) -> tuple[FloatArray, FloatArray]:
