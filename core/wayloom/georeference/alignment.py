@@ -86,14 +86,16 @@ def georeference(
         guess = guess_nodes(chain.T_world_node, trajectory.segment[nodes], fixes, road_m, settings)
         progress(0.3, "optimising")
         solution = optimise_drive(chain, fixes, guess, noise, evidence)
-        if abs(solution.receiver[0]) > CURVED_S:
-            usable = usable_fixes(_on_time(log.gnss, solution.receiver[0]), trajectory, settings.max_fix_rate_hz)
-            fixes = _antenna_fixes(log, log.gnss, usable, trajectory, nodes, local, settings, solution.receiver[0])
+        denied, late_s = why_not_placed(fixes, solution, noise), float(solution.receiver[0])
+        if denied is None and abs(late_s) > CURVED_S:
+            usable = usable_fixes(_on_time(log.gnss, late_s), trajectory, settings.max_fix_rate_hz)
+            fixes = _antenna_fixes(log, log.gnss, usable, trajectory, nodes, local, settings, late_s)
             solution = optimise_drive(chain, fixes, guess, noise, evidence)
+            denied = why_not_placed(fixes, solution, noise)
     except np.linalg.LinAlgError:
         what = f"the {len(fixes)} GNSS fixes contradict each other and the odometry so much that no place fits them"
         raise StageError(f"{what}; look at them with `wayloom inspect`, or process the drive without GNSS") from None
-    if denied := why_not_placed(fixes, solution, noise):
+    if denied:
         geo = _in_own_frame(trajectory, nodes, chain, evidence, noise, denied)
         return _refused(geo, len(log.gnss), usable)
     progress(0.9, "placing every frame")
