@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from wayloom.mapping.bias_courses import BiasCourse, bias_courses, moved_by
 from wayloom.mapping.drive_equations import DriveEquations, DriveState
-from wayloom.mapping.gnss_factors import receiver_sigmas
+from wayloom.mapping.gnss_factors import receiver_covariance
 from wayloom.mapping.linear_beliefs import LinearBeliefs
 from wayloom.mapping.stretch_choice import LEAST_SHARE, Choice, rivals
 from wayloom.mapping.truncated_squares import FIRST_SOLVES, LEAST_WEIGHT
@@ -64,7 +64,7 @@ def examine(graph: WitnessGraph, choice: Choice) -> Examined:
 
 def _receiver_is_denied(graph: WitnessGraph, state: DriveState) -> bool:
     """Whether clock or lever arm are far from what is told of them: that is an error of the whole drive, and no burst."""
-    return bool((np.abs(state.receiver) > DENIED_SIGMAS * receiver_sigmas(graph.noise)).any())
+    return bool((np.abs(state.receiver) > DENIED_SIGMAS * np.sqrt(np.diag(receiver_covariance(graph.noise)))).any())
 
 
 def _instead(linear: LinearBeliefs, courses: list[BiasCourse]) -> list[FloatArray]:
