@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from wayloom.mapping.linear_beliefs import LinearBeliefs
 from wayloom.mapping.witness_graph import WitnessGraph
@@ -26,6 +27,8 @@ STEP = 0.15
 RAMPS = (0.2, 0.4)
 """Share of a window over which its error grows, and over which it goes."""
 AXES = np.arange(3)
+FORGOTTEN = 5.0
+"""Correlation times over which noise has anything in common."""
 LEAST_CONTROL = 1e-6
 """Share of the witnesses' information that all else must confirm for their error to be told at all."""
 
@@ -46,16 +49,18 @@ def bias_courses(graph: WitnessGraph, linear: LinearBeliefs) -> list[BiasCourse]
     t_s, rows = graph.fixes.t_s, np.flatnonzero(linear.believed)
     R_inverse = np.linalg.inv(linear.covariance[rows])
     g = np.einsum("nij,nj->ni", R_inverse, linear.error[rows])
-    M, N = _informations(graph, linear, R_inverse, rows)
+    Q, C = _control(linear, R_inverse, rows), _correlations(graph, rows)
     found = []
     for share in _shares(t_s):
         of_rows = share[rows]
         inside = np.flatnonzero(of_rows)
-        s, block = of_rows[inside], np.ix_(inside, AXES, inside, AXES)
-        M_s, N_s = (np.einsum("a,aibj,b->ij", s, matrix[block], s) for matrix in (M, N))
+        s = of_rows[inside]
+        of_all = np.einsum("aibj,b->aij", Q[:, :, inside], s)
+        M_s = np.einsum("a,aij->ij", s, of_all[inside])
         alone = np.einsum("a,aij->ij", s**2, R_inverse[inside])
         if len(inside) and np.linalg.eigvalsh(M_s)[0] > LEAST_CONTROL * np.trace(alone):
-            score = s @ g[inside]
+            score, flat = np.einsum("a,ai->i", s, g[inside]), of_all.reshape(-1, 3)
+            N_s = M_s + np.einsum("ni,nj->ij", flat, C @ flat)
             chi2, beta = float(score @ np.linalg.solve(N_s, score)), -np.linalg.solve(M_s, score)
             found.append(BiasCourse(chi2, rows[inside], s, beta))
     return found
@@ -78,28 +83,23 @@ def _shares(t_s: FloatArray) -> list[FloatArray]:
     return found
 
 
-def _informations(
-    graph: WitnessGraph, linear: LinearBeliefs, R_inverse: FloatArray, rows: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    """(w, 3, w, 3) Q and Q + Q C Q of the believed witnesses, rows (w,)."""
-    count, all_count = len(rows), len(linear.covariance)
-    S = linear.S.reshape(all_count, 3, all_count, 3)[rows][:, :, rows]
-    Q = -np.einsum("aij,ajbk,bkl->aibl", R_inverse, S, R_inverse, optimize=True)
-    each = np.arange(count)
+def _control(linear: LinearBeliefs, R_inverse: FloatArray, rows: IntArray) -> FloatArray:
+    """(w, 3, w, 3) Q of the believed witnesses, rows (w,)."""
+    count = len(linear.covariance)
+    S = linear.S.reshape(count, 3, count, 3)[rows][:, :, rows]
+    Q = -np.einsum("aij,ajbk->aibk", R_inverse, np.einsum("ajbk,bkl->ajbl", S, R_inverse))
+    each = np.arange(len(rows))
     Q[each, :, each, :] += R_inverse
-    flat = Q.reshape(3 * count, 3 * count)
-    N = flat + flat @ _correlations(graph, rows) @ flat
-    return Q, N.reshape(Q.shape)
+    return np.asarray(Q)
 
 
-def _correlations(graph: WitnessGraph, rows: IntArray) -> FloatArray:
-    """(3w, 3w) m^2 C: what the fixes' slow noise has in common at different witnesses."""
+def _correlations(graph: WitnessGraph, rows: IntArray) -> csr_array:
+    """(3w, 3w) m^2 C: what the fixes' slow noise has in common at different witnesses, over some correlation times."""
     fixes, noise = graph.fixes.take(rows), graph.noise
-    rho = np.exp(-np.abs(fixes.t_s[:, None] - fixes.t_s) / noise.correlation_s)
-    np.fill_diagonal(rho, 0.0)
+    apart_s = np.abs(fixes.t_s[:, None] - fixes.t_s)
+    i, j = np.nonzero((apart_s < FORGOTTEN * noise.correlation_s) & ~np.eye(len(rows), dtype=bool))
     variance = np.maximum(np.diagonal(fixes.covariance, axis1=1, axis2=2) - noise.gate_floor_m**2, 0.0)
     sigma = np.sqrt((1.0 - fixes.white_share[:, None] ** 2) * variance)
-    C = np.zeros((len(rows), 3, len(rows), 3))
-    for axis in range(3):
-        C[:, axis, :, axis] = sigma[:, None, axis] * sigma[:, axis] * rho
-    return C.reshape(3 * len(rows), 3 * len(rows))
+    values = sigma[i] * sigma[j] * np.exp(-apart_s[i, j] / noise.correlation_s)[:, None]
+    where = (3 * i[:, None] + AXES).ravel(), (3 * j[:, None] + AXES).ravel()
+    return csr_array((values.ravel(), where), shape=(3 * len(rows), 3 * len(rows)))

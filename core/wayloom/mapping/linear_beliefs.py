@@ -20,8 +20,10 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 OMEGA_FIRST = [3, 4, 5, 0, 1, 2]
-COLUMNS = 256
-"""Right sides that are solved at once."""
+COLUMNS = 4
+"""Right sides that are solved at once: so few that no BLAS splits the work among threads, which changes the last bits."""
+MOST_TURNED = 66
+"""Witnesses that may be turned over at once, for the same reason."""
 
 
 class LinearBeliefs:

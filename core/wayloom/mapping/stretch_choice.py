@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.mapping.drive_equations import DriveState
-from wayloom.mapping.linear_beliefs import LinearBeliefs
+from wayloom.mapping.linear_beliefs import MOST_TURNED, LinearBeliefs
 from wayloom.mapping.truncated_squares import FIRST_SOLVES, minima
 from wayloom.mapping.witness_graph import WitnessGraph
 
@@ -104,6 +104,8 @@ def _predicted(graph: WitnessGraph, choice: Choice, linear: LinearBeliefs) -> li
         if other[:count].any():
             turned = (other != choice.believed)[:count][graph.witnesses.stretch]
             witnesses = np.flatnonzero(turned & (linear.believed == choice.believed[:count][graph.witnesses.stretch]))
+            if len(witnesses) > MOST_TURNED:
+                continue
             found.append((linear.turned(witnesses)[0] + _priced(graph, other) - before, other, witnesses))
     return found
 
