@@ -38,6 +38,7 @@ class AntennaFixes:
 
     t_s           (M,) increasing, s
     node          (M,) row of the node
+    late_s        (M,) the time offset of the receiver at which p_node_gnss and v_node_gnss hold
     p_node_gnss   (M, 3) m, the antenna at the time of the fix in the node's camera frame
     v_node_gnss   (M, 3) m/s, its velocity there
     R_node_cam    (M, 3, 3) from the camera at the time of the fix to the node's camera
@@ -49,6 +50,7 @@ class AntennaFixes:
 
     t_s: FloatArray
     node: NDArray[np.int64]
+    late_s: FloatArray
     p_node_gnss: FloatArray
     v_node_gnss: FloatArray
     R_node_cam: FloatArray
@@ -66,7 +68,8 @@ class AntennaFixes:
 
     def p_node_antenna(self, receiver: FloatArray) -> FloatArray:
         """(M, 3) m, the antenna in its node's frame; receiver (4,): time offset s, error of the lever arm m."""
-        return np.asarray(self.p_node_gnss - receiver[0] * self.v_node_gnss + self.R_node_cam @ receiver[1:])
+        later = (receiver[0] - self.late_s)[:, None] * self.v_node_gnss
+        return np.asarray(self.p_node_gnss - later + self.R_node_cam @ receiver[1:])
 
     def antenna_enu(self, T_enu_node: FloatArray, receiver: FloatArray) -> FloatArray:
         """(M, 3) m: the antenna on poses T_enu_node (K, 4, 4)."""

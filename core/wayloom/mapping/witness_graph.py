@@ -36,9 +36,12 @@ class WitnessGraph:
     def equations(self, weight: FloatArray) -> DriveEquations:
         """With the weight (B + V,), 0 to 1, of each stretch's and each visit's information."""
         of_fixes, of_loops = np.split(np.maximum(weight, LEAST_WEIGHT) * self.importance, [len(self.witnesses)])
-        fixes = IndependentFixes(self.fixes, of_fixes[self.witnesses.stretch])
-        terms = (LoopTerms(self.evidence.loops, of_loops), self.evidence.up)
-        return DriveEquations(self.coarse, self.links, fixes, self.noise, terms)
+        return self.weighted(of_fixes[self.witnesses.stretch], of_loops)
+
+    def weighted(self, of_witness: FloatArray, of_visit: FloatArray) -> DriveEquations:
+        """With the weight (W,) > 0 of each witness's and (V,) of each visit's information."""
+        terms = (LoopTerms(self.evidence.loops, of_visit), self.evidence.up)
+        return DriveEquations(self.coarse, self.links, IndependentFixes(self.fixes, of_witness), self.noise, terms)
 
     def solve(self, weight: FloatArray, start: DriveState, solves: int) -> DriveState:
         """Descend from a state."""
