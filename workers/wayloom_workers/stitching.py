@@ -1,8 +1,9 @@
 """Stitch stage of the map: all placed submaps merged in one frame and cut into tiles."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -12,7 +13,8 @@ from wayloom.geodesy import wgs84
 from wayloom.geodesy.antimeridian import rolled, union_of
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.uncertainty import moved_covariance
-from wayloom.stitching.merge import KEY_LIMITS, merge
+from wayloom.stitching.grid import KEY_LIMITS
+from wayloom.stitching.regions import RegionKey, fuse_region, regions_of, whole_map
 from wayloom.store import maps
 from wayloom.store.maps import TileEntry
 from wayloom.store.tables import SubmapRow
@@ -21,6 +23,8 @@ from wayloom.tiles.pyramid import Track, build_tiles
 from wayloom_workers.publishing import TILES_FILE
 from wayloom_workers.stage_hooks import StageAttempt
 
+SUBMAPS_KEPT: Final = 64
+"""Unpacked, about 100 MB at full size. Regions come row by row, so their submaps do."""
 MARGIN_M: Final = 500.0
 """Of the submaps' own size: they are judged by the place of their origin, and reach 100 m of road and 60 m of sight from it."""
 
@@ -66,32 +70,46 @@ def _reached(frame: MapFrame, rows: Sequence[SubmapRow], reach_m: NDArray[np.flo
 
 
 def _tiles(attempt: StageAttempt, rows: Sequence[SubmapRow], frame: MapFrame) -> list[TileEntry]:
-    """Merge, cut, and store each tile under its hash."""
-    tracks: list[tuple[tuple[str, int, str], Track]] = []
+    """Fuse region by region, cut, and store each tile under its hash."""
     settings = attempt.context.settings
-    voxels = merge(_placed(attempt, rows, frame, tracks), settings.merge)
-    in_order = [track for _, track in sorted(tracks, key=lambda item: item[0])]
+    load = lru_cache(maxsize=SUBMAPS_KEPT)(lambda row: _placed(attempt, rows[row], frame))
+    tracks, rows_of = _reach(attempt, load, len(rows))
+    regions = []
+    for count, key in enumerate(sorted(rows_of)):
+        attempt.progress(0.1 + 0.4 * count / len(rows_of), f"region {count + 1} of {len(rows_of)}")
+        regions.append(fuse_region(key, [load(row) for row in rows_of[key]], settings.merge))
+    voxels = whole_map(regions, frame, settings.merge)
     entries = []
-    for count, tile in enumerate(build_tiles(voxels, frame, settings.tiles, in_order)):
+    for count, tile in enumerate(build_tiles(voxels, frame, settings.tiles, tracks)):
         digest = attempt.context.blobs.put(tile.data)
         entries.append(TileEntry(tile.layer, tile.z, tile.x, tile.y, digest, tile.media_type, len(tile.data)))
         attempt.progress(0.5 + 0.5 * (1.0 - 0.5 ** (count / 200.0)), f"{count + 1} tiles")
     return entries
 
 
-def _placed(
-    attempt: StageAttempt, rows: Sequence[SubmapRow], frame: MapFrame, tracks: list[tuple[tuple[str, int, str], Track]]
-) -> Iterator[PlacedSubmap]:
-    """The submaps, one in memory at a time, all in the map's frame; their tracks are left in `tracks`."""
-    for count, row in enumerate(rows):
-        attempt.progress(0.5 * count / len(rows), f"submap {count + 1} of {len(rows)}")
-        submap = decode_submap(attempt.context.blobs.get(row.digest), row.digest)
-        T_map_row = wgs84.T_enu_enu(frame, MapFrame(*row.frame))
-        covariance = moved_covariance(T_map_row, np.array(row.covariance, np.float64)[None])[0]
-        placed = PlacedSubmap(submap, T_map_row @ np.array(row.T_enu_submap, np.float64), covariance, row.drive_id, frame)
-        if len(submap.keyframe_t_ns):
-            tracks.append(((row.drive_id, int(submap.keyframe_t_ns[0]), row.digest), Track(row.drive_id, placed.track_enu())))
-        yield placed
+def _reach(
+    attempt: StageAttempt, load: Callable[[int], PlacedSubmap], count: int
+) -> tuple[list[Track], dict[RegionKey, list[int]]]:
+    """The tracks of all submaps, in an order of their own, and the submaps, by row, that reach each region."""
+    tracks: list[tuple[tuple[str, int, str], Track]] = []
+    rows_of: dict[RegionKey, list[int]] = {}
+    for row in range(count):
+        attempt.progress(0.1 * row / count, f"submap {row + 1} of {count}")
+        item = load(row)
+        if len(item.submap.keyframe_t_ns):
+            name = (item.drive_id, int(item.submap.keyframe_t_ns[0]), item.submap.digest)
+            tracks.append((name, Track(item.drive_id, item.track_enu())))
+        for key in regions_of(item, attempt.context.settings.merge):
+            rows_of.setdefault(key, []).append(row)
+    return [track for _, track in sorted(tracks, key=lambda entry: entry[0])], rows_of
+
+
+def _placed(attempt: StageAttempt, row: SubmapRow, frame: MapFrame) -> PlacedSubmap:
+    """A submap in the map's frame."""
+    submap = decode_submap(attempt.context.blobs.get(row.digest), row.digest)
+    T_map_row = wgs84.T_enu_enu(frame, MapFrame(*row.frame))
+    covariance = moved_covariance(T_map_row, np.array(row.covariance, np.float64)[None])[0]
+    return PlacedSubmap(submap, T_map_row @ np.array(row.T_enu_submap, np.float64), covariance, row.drive_id, frame)
 
 
 def _bounds(rows: Sequence[SubmapRow]) -> maps.Box | None:
