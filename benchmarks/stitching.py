@@ -1,50 +1,250 @@
-"""Points a second of the merge, and how much faster it is than the naive twin of the tests.
+"""The map's fusion measured: what it costs as drives come, and how true it is on simulated drives.
 
-python benchmarks/stitching.py [--points 50000] [--submaps 20] [--json FILE]
+python benchmarks/stitching.py speed [--drives 7,14,28,56]       made drives: whole map, one more drive, the sums of before
+python benchmarks/stitching.py accuracy OUT LOG [OUT LOG ...]    OUT of `wayloom process`, LOG simulated with --truth; [--poses own]
+
+Further: --json FILE, --write (the table of `accuracy` or `speed` into docs/benchmarks/stitching.md).
 """
 
 import argparse
 import json
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "stitching"))
 
-from test_merge import naive
+from made_walls import street_submap
 
-from submaps.made_submaps import random_submap
+from pages import DOCS, put_between_marks
+from wayloom.config.classes import CLASS_ID, MOVING_CLASSES, SKY, VOID
+from wayloom.evaluation.true_surfaces import TrueSurfaces, true_surfaces
+from wayloom.geodesy import wgs84
+from wayloom.geometry import se3
+from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
+from wayloom.georeference.types import GeoReference
+from wayloom.georeference.uncertainty import moved_covariance
+from wayloom.labelling.files import load_labels
+from wayloom.logs.registry import open_log
+from wayloom.logs.simulated_truth import FIRST_MOVER, open_truth
+from wayloom.odometry.result.odometry_file import load_odometry
+from wayloom.simulation.city.city import build_city
+from wayloom.simulation.city.city_settings import CitySettings
+from wayloom.simulation.models.catalogue import Models
+from wayloom.simulation.recording.presets import CITY_ORIGIN
+from wayloom.stitching.grid import pack
+from wayloom.stitching.layers import STATIC
 from wayloom.stitching.merge import merge
+from wayloom.stitching.points import PERSONS, Box, canonical, map_points
+from wayloom.stitching.regions import STATIC_CLASSES, fuse_region, fused_points, regions_of
+from wayloom.stitching.settings import MergeSettings
+from wayloom.submaps.split import make_submaps
+from wayloom.submaps.submap import PlacedSubmap
+
+PAGE = DOCS / "benchmarks" / "stitching.md"
+SETTINGS = MergeSettings()
+BUILDING = CLASS_ID["building"]
+SEEN_M = 0.3
+"""A drive saw a place where a sample of what its camera saw lies so near."""
+STREET_M, POINTS = 300.0, 12_000
+"""Of a made drive; each street is driven by two."""
 
 
 def main() -> None:
-    """Measure, print one line, write JSON where asked."""
+    """Measure, print, write where asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--points", type=int, default=50_000, help="of a submap")
-    parser.add_argument("--submaps", type=int, default=20)
+    parser.add_argument("what", choices=("speed", "accuracy"))
+    parser.add_argument("paths", nargs="*", type=Path)
+    parser.add_argument("--drives", default="7,14,28,56")
+    parser.add_argument("--poses", choices=("true", "own"), default="true")
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
-    merge([random_submap(0)])  # compiles
-    placed = [random_submap(seed, options.points, spread_m=30.0) for seed in range(options.submaps)]
-    few = [random_submap(seed, 500, spread_m=30.0) for seed in range(4)]
-    rate = options.points * options.submaps / seconds(lambda: merge(placed))
-    naive_rate = 2000 / seconds(lambda: naive(few, 0.1))
-    result = {"points_per_second": rate, "naive_points_per_second": naive_rate, "ratio": rate / naive_rate}
-    print(f"merge {rate:.3g} points/s, naive twin {naive_rate:.3g} points/s, ratio {result['ratio']:.0f}")
+    rows = speed([int(n) for n in options.drives.split(",")]) if options.what == "speed" else accuracy(options.paths, options.poses)
+    name = options.what if options.what == "speed" else f"{options.what} {options.poses}"
+    print(table(rows))
     if options.json:
-        options.json.write_text(json.dumps(result, indent=1) + "\n")
+        options.json.write_text(json.dumps(rows, indent=1) + "\n")
+    if options.write:
+        put_between_marks(PAGE, name, table(rows))
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Markdown."""
+    head = list(rows[0])
+    lines = [f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
+    return "\n".join(lines + [f"| {' | '.join(str(row[key]) for key in head)} |" for row in rows]) + "\n"
+
+
+# Speed
+
+
+def speed(counts: Sequence[int]) -> list[dict[str, Any]]:
+    """Seconds of the whole map, of what one more drive asks for, and of the sums of before."""
+    merge(made_drive(0)[:1])  # compiles
+    rows = []
+    for count in counts:
+        placed = [item for drive in range(count) for item in made_drive(drive)]
+        points = sum(len(item.submap) for item in placed)
+        whole, one, before = (
+            seconds(lambda p=placed: merge(p)),  # type: ignore[misc]
+            seconds(lambda p=placed, n=count: one_more(p, made_drive(n))),  # type: ignore[misc]
+            seconds(lambda p=placed: whole_table(p)),  # type: ignore[misc]
+        )
+        rows.append(
+            {
+                "drives": count,
+                "points": points,
+                "whole map, s": round(whole, 2),
+                "µs a point": round(1e6 * whole / points, 1),
+                "one more drive, s": round(one, 2),
+                "sums over the whole table, s": round(before, 2),
+            }
+        )
+    return rows
+
+
+def made_drive(number: int) -> list[PlacedSubmap]:
+    """Four submaps along the street number // 2."""
+    out = []
+    for piece in range(4):
+        item = street_submap(3 * (4 * number + piece), POINTS // 4, f"drive-{number:03d}", STREET_M / 4)
+        item.T_enu_submap[:2, 3] += [100.0 * (number // 2), piece * STREET_M / 4]
+        out.append(item)
+    return out
+
+
+def one_more(placed: list[PlacedSubmap], new: list[PlacedSubmap]) -> None:
+    """Fuse the regions that a new drive touches; which submaps reach a region is known to a map that is kept."""
+    touched = {key for item in new for key in regions_of(item)}
+    reach = {id(item): REACH.setdefault(item.submap.digest, regions_of(item)) for item in placed}
+    for key in sorted(touched):
+        fuse_region(key, [item for item in placed if key in reach[id(item)]] + new)
+
+
+REACH: dict[str, set[Any]] = {}
+
+
+def whole_table(placed: list[PlacedSubmap]) -> None:
+    """The merge of before: sums of voxels, and every 16 submaps all of them added up into one table."""
+    parts: list[tuple[Any, Any]] = []
+    for item in placed:
+        key, row = np.unique(pack(np.floor(item.points_enu() / 0.1).astype(np.int64)), return_inverse=True)
+        sums = np.zeros((len(key), 25), np.int64)
+        np.add.at(sums, row, 1)
+        parts.append((key, sums))
+        if len(parts) == 16 or item is placed[-1]:
+            union = np.unique(np.concatenate([key for key, _ in parts]))
+            total = np.zeros((len(union), 25), np.int64)
+            for key, sums in parts:
+                total[np.searchsorted(union, key)] += sums
+            parts = [(union, total)]
 
 
 def seconds(work: Callable[[], object]) -> float:
-    """Wall time of the best of three runs."""
+    """Wall time of the best of two runs."""
     times = []
-    for _ in range(3):
+    for _ in range(2):
         start = time.perf_counter()
         work()
         times.append(time.perf_counter() - start)
     return min(times)
+
+
+# Accuracy
+
+
+@dataclass(frozen=True)
+class Member:
+    """A drive: its submaps, and the true class and instance of each of their points by digest."""
+
+    placed: list[PlacedSubmap]
+    truth: dict[str, tuple[Any, Any]]
+    seen: cKDTree
+    track: Any
+
+
+def member_of(out: Path, log_path: Path, poses: str) -> Member:
+    """Read a processed drive and its truth, in the city's frame."""
+    log, truth, stages = open_log(log_path), open_truth(log_path), out / "stages"
+    odometry = load_odometry(stages / "odometry" / "odometry.npz")
+    if poses == "true":
+        sure = np.tile(np.eye(6) * 1e-6, (len(truth), 1, 1))
+        geo = GeoReference(CITY_ORIGIN, truth.T_enu_cam.copy(), sure)
+    else:
+        own = load_georeference(stages / "georeference" / GEOREFERENCE_FILE)
+        T = wgs84.T_enu_enu(CITY_ORIGIN, own.frame)
+        geo = GeoReference(CITY_ORIGIN, T @ own.T_enu_cam, moved_covariance(T, own.covariance))
+    placed = make_submaps(log, odometry, load_labels(stages / "labelling" / "labels.npz"), geo, drive_id=log_path.name)
+    camera, points = log.rig.camera, {}
+    for item in placed:
+        submap = item.submap
+        classes, instances = np.zeros(len(submap), np.uint8), np.zeros(len(submap), np.uint16)
+        for k, frame in enumerate(submap.keyframe_frame.tolist()):
+            rows = np.flatnonzero(submap.keyframe == k)
+            uv = camera.project(se3.transform(se3.inverse(submap.T_submap_cam[k]), submap.xyz[rows].astype(np.float64)))
+            u, v = np.rint(uv).astype(int).clip(0, [camera.width - 1, camera.height - 1]).T
+            classes[rows], instances[rows] = truth.class_id(frame)[v, u], truth.instance(frame)[v, u]
+        points[submap.digest] = classes, instances
+    return Member(placed, points, cKDTree(truth.surface().points_enu), truth.T_enu_cam[::5, :3, 3])
+
+
+def accuracy(paths: Sequence[Path], poses: str) -> list[dict[str, Any]]:
+    """Each drive alone, and the first two, three, … together."""
+    members = [member_of(out, log, poses) for out, log in zip(paths[::2], paths[1::2], strict=True)]
+    city = json.loads((paths[1].parent / "simulation.json").read_text())["preset"]["city"]
+    track = np.concatenate([member.track for member in members])
+    facades = true_surfaces(build_city(CitySettings(**city), Models()), track, 70.0, (BUILDING,))
+    alone = [judged([member], facades, member.placed[0].drive_id) for member in members]
+    return alone + [judged(members[:n], facades, f"the first {n}") for n in range(2, len(members) + 1)]
+
+
+def judged(members: Sequence[Member], facades: TrueSurfaces, name: str) -> dict[str, Any]:
+    """Facades and labels of the points before, of the fused map, and of what several drives vote on."""
+    items = canonical(item for member in members for item in member.placed)
+    truth = {digest: columns for member in members for digest, columns in member.truth.items()}
+    points = map_points(items, Box(*(np.full(2, side * 1e6) for side in (-1.0, 1.0, -1.0, 1.0))), SETTINGS)
+    kept = [~np.isin(item.submap.label, (*PERSONS, SKY, VOID)) for item in items]
+    classes, instances = (
+        np.concatenate([truth[item.submap.digest][column][rows] for item, rows in zip(items, kept, strict=True)])
+        for column in (0, 1)
+    )
+    fused, layer = fused_points(points, SETTINGS)
+    voxels = merge(items)
+    static = layer == STATIC
+    row = np.searchsorted(pack(voxels.keys.astype(np.int64)), pack(np.floor(fused.xyz / SETTINGS.voxel_m).astype(np.int64)[static]))
+    counts = np.zeros((len(voxels), 256), np.int32)
+    np.add.at(counts, (row, classes[static]), 1)
+    movers = np.bincount(row, instances[static] >= FIRST_MOVER, len(voxels)) > 0.5 * counts.sum(axis=1)
+    before = ~np.isin(points.label, MOVING_CLASSES) & (classes == BUILDING) & (instances < FIRST_MOVER)
+    wall = (counts.argmax(axis=1) == BUILDING) & ~movers
+    errors, old = facades.distance(voxels.points_enu[wall]), facades.distance(points.xyz[before])
+    equal = np.isin(classes[static], STATIC_CLASSES) & (instances[static] < FIRST_MOVER)
+    true, own, new = classes[static][equal], points.label[static][equal], voxels.label[row][equal]
+    seen = np.sum([member.seen.query(voxels.points_enu, distance_upper_bound=SEEN_M)[0] < SEEN_M for member in members], axis=0)
+    shared, many = voxels.drives >= 2, len(members) > 1
+    several = [errors[voxels.drives[wall] == n] if n < 3 else errors[voxels.drives[wall] >= n] for n in (1, 2, 3)]
+    return {
+        "drives": name,
+        "points, % published": f"{len(points)}, {100 * static[~np.isin(points.label, MOVING_CLASSES)].mean():.0f}",
+        "facade points: median cm, % > 15 cm, > 50 cm": stated(old),
+        "facade voxels: the same": stated(errors),
+        "% > 15 cm by 1, 2, 3+ drives": ", ".join(f"{100 * (e > 0.15).mean():.1f}" if len(e) else "–" for e in several),
+        "% voxels by 2+ drives; where 2+ saw": f"{100 * shared.mean():.0f}; {100 * shared[seen >= 2].mean():.0f}" if many else "–",
+        "labels of equal points: own → map, %": f"{100 * (own == true).mean():.2f} → {100 * (new == true).mean():.2f}",
+    }  # fmt: skip
+
+
+def stated(errors: Any) -> str:
+    """Median in cm, and the shares beyond 15 and 50 cm in percent."""
+    return f"{100 * np.median(errors):.1f}, {100 * (errors > 0.15).mean():.1f}, {100 * (errors > 0.5).mean():.1f}"
 
 
 if __name__ == "__main__":

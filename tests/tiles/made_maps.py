@@ -4,7 +4,7 @@ import numpy as np
 
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import map_frame_for
-from wayloom.stitching.merge import STATIC_CLASSES
+from wayloom.stitching.regions import STATIC_CLASSES
 from wayloom.stitching.voxel_map import VoxelMap
 from wayloom.tiles.pyramid import Track
 
@@ -20,17 +20,12 @@ def made_map(voxels: int = 3000, lon: float = 8.39, lat: float = 48.98, extent_m
     label = rng.choice(STATIC_CLASSES, n).astype(np.uint8)
     votes = rng.uniform(0.0, 1.0, (n, 19)).astype(np.float32)
     votes[np.arange(n), label] = 2.0
-    return VoxelMap(
-        frame,
-        0.1,
-        keys[rows],
-        points[rows],
-        votes,
-        label,
-        rng.integers(1, 50, n).astype(np.uint32),
-        rng.integers(1, 400, n).astype(np.uint16),
-        rng.integers(10**18, 2 * 10**18, n),
-    )
+    count, drives, seen_ns = rng.integers(1, 50, n).astype(np.uint32), rng.integers(1, 400, n), rng.integers(10**18, 2 * 10**18, n)
+    start = np.concatenate([[0], np.cumsum(drives)])
+    drive = (np.arange(start[-1]) - np.repeat(start[:-1], drives)).astype(np.int32)
+    names = tuple(f"drive-{i:03d}" for i in range(400))
+    sigma = np.full(n, 0.05, np.float32)
+    return VoxelMap(frame, 0.1, keys[rows], points[rows], sigma, votes, label, count, start, drive, seen_ns - 10**9, seen_ns, names)
 
 
 def made_tracks(voxel_map: VoxelMap) -> list[Track]:

@@ -12,7 +12,7 @@ from wayloom.geodesy.map_frame import MapFrame
 from wayloom.pipeline.code_version import code_version
 from wayloom.pipeline.digests import sha256_of_json
 from wayloom.pipeline.settings import WayloomSettings
-from wayloom.stitching.merge import KEY_LIMITS
+from wayloom.stitching.grid import KEY_LIMITS
 from wayloom.store import map_versions, maps
 from wayloom.store.database import Session
 from wayloom.store.maps import Box, SubmapPlace
@@ -20,7 +20,7 @@ from wayloom.store.maps import Box, SubmapPlace
 FloatArray = NDArray[np.float64]
 MARGIN_M: Final = 500.0
 """Of the submaps' own size: they are judged by the place of their origin, and reach 100 m of road and 60 m of sight from it."""
-MADE_BY: Final = ("wayloom.stitching.regions", "wayloom.tiles.updates")
+MADE_BY: Final = ("wayloom.stitching.region_files", "wayloom.tiles.updates")
 """The modules whose code makes regions and tiles."""
 
 

@@ -14,7 +14,9 @@ from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.uncertainty import moved_covariance
 from wayloom.pipeline.digests import sha256_of_json
-from wayloom.stitching.regions import RegionKey, encode_region, fuse_region
+from wayloom.stitching.region_files import encode_region
+from wayloom.stitching.regions import RegionKey, fuse_region, halo_m
+from wayloom.stitching.settings import MergeSettings
 from wayloom.store import map_versions, maps
 from wayloom.store.map_versions import RegionEntry
 from wayloom.store.tables import SubmapRow
@@ -29,9 +31,9 @@ REGIONS_OF_PART: Final = 32
 PLAN_FILE, PART_FILE = "plan.json", "regions.json"
 
 
-def changed_regions(state: MapState) -> list[RegionKey]:
+def changed_regions(state: MapState, settings: MergeSettings) -> list[RegionKey]:
     """The regions that are to be looked through, sorted: columns of neighbours."""
-    return sorted({key for box in state.changed for key in regions_of_box(box, state.frame)})
+    return sorted({key for box in state.changed for key in regions_of_box(box, state.frame, settings)})
 
 
 class Merger:
@@ -44,8 +46,10 @@ class Merger:
 
     def rows(self, key: RegionKey) -> list[SubmapRow]:
         """The submaps that may bear on a region: whose boxes touch its own. Sorted."""
+        settings = self._context.settings.merge
+        box = region_box(key, self._state.frame, settings, halo_m(settings))
         with self._context.database.read() as session:
-            rows = maps.submaps(session, self._map_id, region_box(key, self._state.frame))
+            rows = maps.submaps(session, self._map_id, box)
         return [row for row in rows if (row.drive_id, row.position) in self._state.submaps]
 
     def inputs(self, rows: Sequence[SubmapRow]) -> str:
@@ -59,10 +63,10 @@ class Merger:
             again = map_versions.region_made_from(session, self._map_id, key, inputs)
         if again is not None and self._context.blobs.has(again.digest):
             return again
-        voxels = fuse_region(key, self._placed(rows), self._context.settings.merge)
-        if not len(voxels):
+        region = fuse_region(key, self._placed(rows), self._context.settings.merge)
+        if not any(map(len, region.layers.values())):
             return None
-        data = encode_region(voxels)
+        data = encode_region(region, self._state.frame)
         members = sorted([row.drive_id, row.digest] for row in rows)
         return RegionEntry(*key, inputs, self._context.blobs.put(data), members, len(data))
 
@@ -96,7 +100,7 @@ class RegionParts:
         """What finished parts have left."""
         lists = (json.loads(path.read_text(encoding="utf-8")) for path in sorted(self._folder.glob(f"*/{PART_FILE}")))
         entries = (RegionEntry(**entry) for found in lists for entry in found)
-        return {entry.key: entry for entry in entries}
+        return {RegionKey(*entry.key): entry for entry in entries}
 
     def _state(self) -> MapState:
         with self._attempt.context.database.read() as session:
@@ -106,7 +110,7 @@ class RegionParts:
         """The parts of the plan, written down at the first look, that are not there."""
         plan = self._folder / PLAN_FILE
         if not plan.is_file():
-            keys = changed_regions(self._state())
+            keys = changed_regions(self._state(), self._attempt.context.settings.merge)
             parts = [keys[start : start + REGIONS_OF_PART] for start in range(0, len(keys), REGIONS_OF_PART)]
             if len(parts) < 2:
                 return []
@@ -116,7 +120,7 @@ class RegionParts:
 
     def _plan(self) -> list[list[RegionKey]]:
         found = json.loads((self._folder / PLAN_FILE).read_text(encoding="utf-8"))
-        return [[(east, north) for east, north in part] for part in found]
+        return [[RegionKey(*key) for key in part] for part in found]
 
     def _has(self, part: int) -> bool:
         return (self._folder / str(part) / PART_FILE).is_file()

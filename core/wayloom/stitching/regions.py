@@ -1,67 +1,179 @@
-"""Regions: the squares of the map frame's grid by which the map is merged, stored and made anew."""
+"""Regions of the map: squares of the grid, each a pure function of the set of submaps around it.
 
-import itertools
-from collections.abc import Iterable
-from typing import Final
+What is fused at a place depends on the points within `halo_m` of it and on nothing else. All sums are of whole numbers or run in
+the canonical order of drive, digest and row. So a region has the same bits whatever order its submaps come in, and the union of all
+regions is what one region as large as the map gives.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.errors import InputError
-from wayloom.files.blob import decode_blob, encode_blob
+from wayloom.config.classes import CLASS_COUNT, MOVING_CLASSES, SKY
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.stitching.merge import merge
+from wayloom.stitching.fusion import FITS, FusedPoints, fuse
+from wayloom.stitching.grid import unpack
+from wayloom.stitching.layers import LAYERS, MOVING, PARKED, STATIC, UNCONFIRMED, layers_of
+from wayloom.stitching.points import VEHICLES, Box, MapPoints, canonical, check_reach, frame_of, map_points
 from wayloom.stitching.settings import MergeSettings
-from wayloom.stitching.voxel_map import VoxelMap, map_of_arrays
+from wayloom.stitching.voxel_map import VoxelMap, union
+from wayloom.stitching.voxels import VOTE_UNIT, pooled, voxels_of
 from wayloom.submaps.submap import PlacedSubmap
 
 FloatArray = NDArray[np.float64]
-RegionKey = tuple[int, int]
-"""Column from the west, row from the south."""
-REGION_M: Final = 64.0
-HALO_M: Final = 2.0
-"""How far around a region points bear on what is in it."""
-MAGIC: Final = b"WLREGION"
-VERSION: Final = 1
-DTYPES: Final = {
-    "keys": "<i4", "points_enu": "<f8", "votes": "<f4", "label": "|u1", "count": "<u4", "drives": "<u2", "last_seen_ns": "<i8",
-}  # fmt: skip
+STATIC_CLASSES: Final = np.array([c for c in range(CLASS_COUNT) if c not in MOVING_CLASSES and c != SKY])
+CLASSES_OF_LAYER: Final = {
+    STATIC: STATIC_CLASSES,
+    UNCONFIRMED: STATIC_CLASSES,
+    PARKED: np.array(VEHICLES),
+    MOVING: np.array(VEHICLES),
+}
 
 
-def region_edges(key: RegionKey) -> tuple[FloatArray, FloatArray]:
-    """South-western and north-eastern corner (2,), m east and north in the map's frame."""
-    low = REGION_M * np.array(key, np.float64)
-    return low, low + REGION_M
+class RegionKey(NamedTuple):
+    """Region from (east, north) to one more, in units of its edge from the frame's origin."""
+
+    east: int
+    north: int
 
 
-def regions_within(low_enu: FloatArray, high_enu: FloatArray) -> Iterable[RegionKey]:
-    """The regions that points of a box (2,) to (2,), m east and north, may bear on."""
-    first = np.floor((low_enu - HALO_M) / REGION_M).astype(int).tolist()
-    last = np.floor((high_enu + HALO_M) / REGION_M).astype(int).tolist()
-    return itertools.product(range(first[0], last[0] + 1), range(first[1], last[1] + 1))
+@dataclass(frozen=True, slots=True)
+class RegionMap:
+    """The layers of one region by their names in LAYERS. Parked and moving things, and what waits for another drive to confirm it,
+    are kept apart: only `static` is published."""
+
+    key: RegionKey
+    layers: dict[str, VoxelMap]
 
 
-def fuse_region(key: RegionKey, placed: Iterable[PlacedSubmap], settings: MergeSettings) -> VoxelMap:
-    """The voxels of a region, from the submaps that bear on it, in any order."""
-    voxels = merge(placed, settings)
-    low, high = region_edges(key)
-    flat = (voxels.keys[:, :2] + 0.5) * settings.voxel_m
-    inside = (flat >= low) & (flat < high)
-    return voxels.take(inside[:, 0] & inside[:, 1])
+def region_edge_m(settings: MergeSettings) -> float:
+    """m: whole voxels."""
+    return max(1, round(settings.region_m / settings.voxel_m)) * settings.voxel_m
 
 
-def encode_region(voxels: VoxelMap) -> bytes:
-    """The region's bytes: equal voxels give equal bytes."""
-    assert voxels.frame is not None
-    frame = [voxels.frame.lon_deg, voxels.frame.lat_deg, voxels.frame.height_m]
-    header = {"frame": frame, "voxel_m": voxels.voxel_m}
-    return encode_blob(MAGIC, VERSION, header, {name: np.asarray(getattr(voxels, name), dtype) for name, dtype in DTYPES.items()})
+def halo_m(settings: MergeSettings) -> float:
+    """m around a region that decide what it holds.
+
+    A voxel's votes come from points within `vote_reach_m` of it after the fusion. Which plane a point was moved to, up to
+    `reach_m`, is chosen among planes up to `reach_m` around it, which reach half a cell beyond their own; and each fit of a cell's
+    plane asks for the points of the cells next to it and for their planes before. What confirms a point is itself fused.
+    """
+    fits = (FITS + 1.5) * settings.surface_cell_m
+    votes = max(settings.vote_reach_m, settings.lone_vote_reach_m)
+    return 2.0 * settings.reach_m + settings.confirm_m + votes + fits + 2.0 * settings.voxel_m
 
 
-def decode_region(data: bytes, name: str = "region") -> VoxelMap:
-    """The inverse of `encode_region`. Raises InputError for bytes that are none."""
-    try:
-        header, arrays = decode_blob(data, MAGIC, VERSION, DTYPES)
-        return map_of_arrays(MapFrame(*header["frame"]), float(header["voxel_m"]), arrays)
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"is no region or is damaged ({error})", file=name, remedy="have the map stitched anew") from error
+def region_edges(key: RegionKey, settings: MergeSettings, around_m: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    """South-western and north-eastern corner (2,), m east and north in the map's frame, of a region and so much around it."""
+    low = np.array(key) * region_edge_m(settings)
+    return low - around_m, low + region_edge_m(settings) + around_m
+
+
+def regions_within(low_enu: FloatArray, high_enu: FloatArray, settings: MergeSettings) -> Iterator[RegionKey]:
+    """The regions that something in a box (2,) to (2,), m east and north, may change."""
+    edge, halo = region_edge_m(settings), halo_m(settings)
+    west, south = np.floor((low_enu - halo) / edge).astype(np.int64).tolist()
+    east, north = np.floor((high_enu + halo) / edge).astype(np.int64).tolist()
+    return (RegionKey(i, j) for i in range(west, east + 1) for j in range(south, north + 1))
+
+
+def regions_of(item: PlacedSubmap, settings: MergeSettings = MergeSettings()) -> set[RegionKey]:
+    """The regions that a submap may change: those that its points, and the halo around them, reach."""
+    xyz = item.points_enu()
+    check_reach(item, xyz, settings.voxel_m)
+    edge, halo = region_edge_m(settings), halo_m(settings)
+    low, high = (np.floor((xyz[:, :2] + side * halo) / edge).astype(np.int64) for side in (-1.0, 1.0))
+    corners = np.unique(np.hstack([low, high]), axis=0) if len(xyz) else np.zeros((0, 4), np.int64)
+    return {
+        RegionKey(i, j)
+        for west, south, east, north in corners.tolist()
+        for i in range(west, east + 1)
+        for j in range(south, north + 1)
+    }
+
+
+def region_inputs_digest(key: RegionKey, placed: Iterable[PlacedSubmap], settings: MergeSettings = MergeSettings()) -> str:
+    """SHA-256 of all that a region is made from: submaps that reach it, poses, covariances, settings, frame."""
+    inputs = [
+        [item.drive_id, item.submap.digest, item.T_enu_submap.tolist(), np.nan_to_num(item.covariance).tolist()]
+        for item in canonical(placed)
+        if key in regions_of(item, settings)
+    ]
+    frame = next((item.frame for item in canonical(placed)), None)
+    content = [list(key), settings.model_dump(), None if frame is None else [frame.lon_deg, frame.lat_deg, frame.height_m], inputs]
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+
+
+def fuse_region(key: RegionKey, placed: Iterable[PlacedSubmap], settings: MergeSettings = MergeSettings()) -> RegionMap:
+    """The layers of one region of the map.
+
+    placed : at least every submap that `regions_of` says to reach it, in any order; one that comes twice counts once
+    Raises StageError when the submaps are of different frames, or lie beyond KEY_LIMITS voxels from the frame's origin.
+    """
+    items = canonical(placed)
+    low_voxel = np.array(key) * max(1, round(settings.region_m / settings.voxel_m))
+    points = map_points(items, _box(key, settings), settings)
+    fused, layer = fused_points(points, settings)
+    layers = {
+        name: _voxel_map(points, fused, np.flatnonzero(layer == number), number, low_voxel, frame_of(items), settings)
+        for number, name in enumerate(LAYERS)
+    }
+    return RegionMap(key, layers)
+
+
+def fused_points(points: MapPoints, settings: MergeSettings) -> tuple[FusedPoints, NDArray[np.int8]]:
+    """Where points lie after the fusion, and the layer (P,) of each."""
+    fused = fuse(points, settings)
+    return fused, layers_of(points, fused, settings)
+
+
+def _box(key: RegionKey, settings: MergeSettings) -> Box:
+    edge, halo = region_edge_m(settings), halo_m(settings)
+    low = np.array(key) * edge
+    high = (np.array(key) + 1) * edge
+    return Box(low - halo, high + halo, low, high)
+
+
+def _voxel_map(
+    points: MapPoints,
+    fused: FusedPoints,
+    rows: NDArray[np.int64],
+    layer: int,
+    low_voxel: NDArray[np.int64],
+    frame: MapFrame | None,
+    settings: MergeSettings,
+) -> VoxelMap:
+    voxels = voxels_of(points, fused, rows, settings.voxel_m)
+    count = max(1, round(settings.region_m / settings.voxel_m))
+    within = unpack(voxels.key)[:, :2] - low_voxel
+    own = pooled(voxels, np.flatnonzero(((within >= 0) & (within < count)).all(axis=1)), fused, len(points.drive_ids), settings)
+    classes = CLASSES_OF_LAYER[layer]
+    used = np.unique(own.drive)
+    return VoxelMap(
+        frame,
+        settings.voxel_m,
+        unpack(own.key).astype(np.int32),
+        own.xyz,
+        np.sqrt(own.variance).astype(np.float32),
+        (own.votes / VOTE_UNIT).astype(np.float32),
+        classes[np.argmax(own.votes[:, classes], axis=1)].astype(np.uint8),
+        own.count.astype(np.uint32),
+        own.drive_start,
+        np.searchsorted(used, own.drive).astype(np.int32),
+        own.first_ns,
+        own.last_ns,
+        tuple(points.drive_ids[row] for row in used.tolist()),
+        points.left_out if layer == STATIC else {},
+    )
+
+
+def whole_map(
+    regions: Sequence[RegionMap], frame: MapFrame | None, settings: MergeSettings = MergeSettings(), layer: str = "static"
+) -> VoxelMap:
+    """One layer of all regions."""
+    return union([region.layers[layer] for region in regions], frame, settings.voxel_m)

@@ -1,4 +1,4 @@
-"""Settings of the voxel fusion."""
+"""Settings of the fusion of submaps."""
 
 from pydantic import Field
 
@@ -6,6 +6,22 @@ from wayloom.config.settings import Settings
 
 
 class MergeSettings(Settings):
-    """The voxel grid. It is fixed for a map: changing it makes another map."""
+    """The grids, and what is believed of a point. They are fixed for a map: changing one makes another map."""
 
     voxel_m: float = Field(0.1, ge=0.01, le=10.0, description="edge of a voxel, m")
+    region_m: float = Field(64.0, ge=8.0, le=1e6, description="edge of a region, m; rounded to whole voxels")
+    surface_cell_m: float = Field(
+        0.8, ge=0.1, le=5.0, description="edge of a cell of the planes, m; each is fitted to three cells a side"
+    )
+    surface_points: float = Field(8.0, ge=4.0, description="least points, by their weights, that make a plane")
+    surface_sigma_m: float = Field(1.0, gt=0.0, description="points that make planes have at most this sigma, m")
+    surface_floor_m: float = Field(0.02, gt=0.0, description="no surface is taken to be more even than this, m")
+    gate_sigma: float = Field(2.0, gt=0.0, description="a point is taken to be on a surface that lies within so many sigma")
+    reach_m: float = Field(2.0, gt=0.0, le=10.0, description="no point is moved further than this onto a surface, m")
+    across_rad: float = Field(0.002, gt=0.0, description="sigma of a point across its ray, radians")
+    lone_sigma_m: float = Field(0.3, gt=0.0, description="a point that nothing confirms is published up to this sigma, m")
+    confirm_m: float = Field(0.2, gt=0.0, le=1.0, description="a point of another drive so near confirms it, m")
+    vote_reach_m: float = Field(0.5, gt=0.0, le=2.0, description="points of one surface so near vote together, m")
+    lone_vote_reach_m: float = Field(0.2, gt=0.0, le=2.0, description="the same for points on no surface, m")
+    surface_thickness_m: float = Field(0.15, gt=0.0, description="how far from its plane a point still votes on a surface, m")
+    standing_s: float = Field(1.0, gt=0.0, description="a vehicle that a drive sees at one place for so long is parked, s")

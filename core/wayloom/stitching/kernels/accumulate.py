@@ -20,12 +20,13 @@ def add_points(
     offset_sum: IntArray,
     votes: IntArray,
     count: IntArray,
+    first_seen_ns: IntArray,
     last_seen_ns: IntArray,
 ) -> None:
     """Add P points to V voxels, in place.
 
     voxel (P,) row of each point's voxel; weight (P,); offset (P, 3) place within the voxel; seen_ns (P,); the ragged votes of the
-    points; weight_sum (V,), offset_sum (V, 3), votes (V, C), count (V,), last_seen_ns (V,) are added to.
+    points; weight_sum (V,), offset_sum (V, 3), votes (V, C), count, first_seen_ns, last_seen_ns (V,) are added to.
     """
     for p in range(len(voxel)):
         v = voxel[p]
@@ -35,30 +36,5 @@ def add_points(
         for k in range(vote_start[p], vote_start[p + 1]):
             votes[v, vote_class[k]] += vote_weight[k]
         count[v] += 1
+        first_seen_ns[v] = min(first_seen_ns[v], seen_ns[p])
         last_seen_ns[v] = max(last_seen_ns[v], seen_ns[p])
-
-
-@njit(cache=True, error_model="numpy")
-def add_voxels(
-    voxel: IntArray,
-    other_weight: IntArray,
-    other_offset: IntArray,
-    other_votes: IntArray,
-    other_count: IntArray,
-    other_seen_ns: IntArray,
-    weight_sum: IntArray,
-    offset_sum: IntArray,
-    votes: IntArray,
-    count: IntArray,
-    last_seen_ns: IntArray,
-) -> None:
-    """Add the sums of other voxels, row by row, to those at voxel (P,); arrays as in `add_points`, in place."""
-    for p in range(len(voxel)):
-        v = voxel[p]
-        weight_sum[v] += other_weight[p]
-        for axis in range(3):
-            offset_sum[v, axis] += other_offset[p, axis]
-        for c in range(votes.shape[1]):
-            votes[v, c] += other_votes[p, c]
-        count[v] += other_count[p]
-        last_seen_ns[v] = max(last_seen_ns[v], other_seen_ns[p])

@@ -1,0 +1,1 @@
+"""Kernels of the measurements: arrays in, arrays out."""

@@ -1,0 +1,46 @@
+"""Regions come back from their bytes, and nothing else is taken for one."""
+
+import numpy as np
+import pytest
+
+from stitching.comparison import assert_identical
+from stitching.made_walls import street_submap
+from submaps.made_submaps import FRAME
+from wayloom.errors import InputError
+from wayloom.stitching.layers import LAYERS
+from wayloom.stitching.region_files import decode_region, encode_region
+from wayloom.stitching.regions import RegionKey, fuse_region, regions_of, regions_within
+from wayloom.stitching.settings import MergeSettings
+
+STREET = [street_submap(seed) for seed in range(3)]
+SETTINGS = MergeSettings(region_m=16.0)
+
+
+def test_a_region_comes_back_from_its_bytes_with_all_of_its_layers() -> None:
+    for key in sorted(regions_of(STREET[0], SETTINGS)):
+        region = fuse_region(key, STREET, SETTINGS)
+        back = decode_region(encode_region(region, FRAME))
+        assert back.key == key
+        for layer in LAYERS:
+            assert_identical(back.layers[layer], region.layers[layer])
+        assert encode_region(back, FRAME) == encode_region(region, FRAME)
+
+
+@pytest.mark.parametrize("damage", [lambda d: d[:60], lambda d: d[:-1], lambda d: b"", lambda d: b"WLPOINTS" + d[8:]])
+def test_damaged_regions_are_refused(damage) -> None:
+    data = encode_region(fuse_region(RegionKey(0, 0), [], SETTINGS), FRAME)
+    with pytest.raises(InputError, match="is no region"):
+        decode_region(damage(data))
+
+
+def test_the_regions_of_a_box_are_at_least_those_of_the_submap_in_it() -> None:
+    for item in STREET:
+        flat = item.points_enu()[:, :2]
+        assert regions_of(item, SETTINGS) <= set(regions_within(flat.min(axis=0), flat.max(axis=0), SETTINGS))
+        assert len(set(regions_within(flat.min(axis=0), flat.max(axis=0), SETTINGS))) < 60
+
+
+def test_a_region_without_submaps_is_empty() -> None:
+    region = fuse_region(RegionKey(3, -2), [], SETTINGS)
+    assert {len(layer) for layer in region.layers.values()} == {0}
+    assert np.shape(region.layers["static"].votes) == (0, 19)
