@@ -71,7 +71,7 @@ def row(name: str, log: DriveLog, odometry: OdometryResult, labels: PointLabels,
     """Of the table: one drive, geo-referenced with the labels used or not."""
     T_true, place = true_poses(log)
     plain = types.SimpleNamespace(
-        **{name: getattr(log, name) for name in ("gnss", "p_cam_gnss", "name", "rig", "t_ns", "T_cam_imu")}
+        **{name: getattr(log, name) for name in ("gnss", "p_cam_gnss", "receiver", "name", "rig", "t_ns", "T_cam_imu")}
     )
     plain.imu, plain.gnss = None, log.gnss if gnss else None
     geo = georeference(plain, odometry, labels=labels if used else None)  # type: ignore[arg-type]

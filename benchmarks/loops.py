@@ -3,11 +3,12 @@
 python benchmarks/loops.py drives OUT LOG [OUT LOG ...]   OUT of `wayloom process`, LOG simulated with --truth
 python benchmarks/loops.py halves OUT OUT POSES           drives of even and odd frames of one log, its KITTI poses (frames by time)
 python benchmarks/loops.py apart OUT OUT                  drives that never meet: every pair of anchors, no prior
+python benchmarks/loops.py features OUT LOG [OUT LOG ...] anchors of all drives that lie apart: whether features suffice
 python benchmarks/loops.py made [--pairs 1000]            made streets, other ones or look-alike blocks, no prior and false priors
 python benchmarks/loops.py whole OUT LOG [OUT LOG ...]    what the graph makes of the closures: the drive's end against its start
 
-Further: --json FILE, --write (the tables of `made` and `whole` into docs/benchmarks/loops.md), --spacing METRES of the anchors of
-`halves` and `apart`.
+Further: --json FILE, --write (the tables of `made` and `whole` into docs/benchmarks/loops.md; rows of drives that are not measured
+now stay), --spacing METRES of the anchors of `halves`, `apart` and `features`.
 """
 
 import argparse
@@ -21,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from pages import DOCS, put_between_marks
+from pages import DOCS, between_marks, put_between_marks
 from registration.made_streets import made_street, view_of
 from wayloom.geometry import se3
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
@@ -34,17 +35,20 @@ from wayloom.places.files import load_places
 from wayloom.places.road import road_m, spaced
 from wayloom.places.types import Places
 from wayloom.places.views import view_at
+from wayloom.registration.feature_evidence import feature_evidence
+from wayloom.registration.matches import match, pose_of_matches
 from wayloom.registration.register import Prior, register_scenes
 from wayloom.registration.scene import prepare
 from wayloom.registration.search import level_pose
 from wayloom.registration.settings import RegistrationSettings
+from wayloom.registration.verification import features_suffice
 
 PAGE = DOCS / "benchmarks" / "loops.md"
 SETTINGS = RegistrationSettings()
 FALSE_M, FALSE_DEG = 1.0, 3.0
 CHI2_95 = 12.59
 """Chi-square of 6 degrees of freedom."""
-SAME_PLACE_M = 6.0
+SAME_PLACE_M, ELSEWHERE_M = 6.0, 25.0
 OPPOSITE = "other streets, opposite ways, a false prior of 3 m that both are one place"
 SAME_WAY = "other streets, the same way, no local features, the same prior"
 ALIKE = "look-alike blocks two blocks apart, an honest prior of 3 m"
@@ -54,7 +58,7 @@ WIDE = np.diag([3.0**2] * 2 + [0.5**2] + [np.deg2rad(1.0) ** 2] * 2 + [np.deg2ra
 def main() -> None:
     """Measure, print, write JSON where asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("drives", "halves", "apart", "made", "whole"))
+    parser.add_argument("what", choices=("drives", "halves", "apart", "features", "made", "whole"))
     parser.add_argument("paths", nargs="*", type=Path)
     parser.add_argument("--pairs", type=int, default=1000)
     parser.add_argument("--spacing", type=float, default=8.0)
@@ -70,12 +74,14 @@ def main() -> None:
         rows = halves(*options.paths, options.spacing)
     elif options.what == "apart":
         rows = [apart(*options.paths, options.spacing)]
+    elif options.what == "features":
+        rows = [features_alone(options.paths[::2], options.paths[1::2], options.spacing, options.pairs)]
     elif options.what == "whole":
         rows = [whole(out, log) for out, log in zip(options.paths[::2], options.paths[1::2], strict=True)]
     else:
         rows = made(options.pairs)
     if options.write and options.what in ("made", "whole"):
-        put_between_marks(PAGE, options.what, table(rows))
+        put_between_marks(PAGE, options.what, table(rows) if options.what == "made" else with_other_drives(table(rows)))
     if options.what not in ("drives", "made"):
         print("\n".join(json.dumps(row) for row in rows))
     if options.json:
@@ -178,6 +184,14 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
 
 
+def with_other_drives(measured: str) -> str:
+    """The table of `whole` as it stands on the page, with the measured rows, by drive and GNSS, in place of their former ones."""
+    rows: dict[tuple[str, ...], str] = {}
+    for line in between_marks(PAGE, "whole").splitlines() + measured.splitlines():
+        rows[tuple(line.split(" | ")[:2])] = line
+    return "\n".join(rows.values())
+
+
 def halves(even: Path, odd: Path, poses: Path, spacing: float) -> list[dict[str, Any]]:
     """Pairs of anchors of two drives of one recording, each anchor of the one with the nearest of the other, no prior."""
     T_true = np.tile(np.eye(4), (len(numbers := np.loadtxt(poses)), 1, 1))
@@ -226,6 +240,28 @@ def apart(one: Path, other: Path, spacing: float) -> dict[str, Any]:
         "taken": taken,
         "cpu_s_a_pair": round((time.process_time() - start) / pairs, 2),
     }
+
+
+def features_alone(outs: list[Path], logs: list[Path], spacing: float, pairs: int) -> dict[str, Any]:
+    """Of pairs of anchors that lie apart, drawn evenly: in how many the features suffice for the pose that most agree with."""
+    views, cameras = [], []
+    for out, log in zip(outs, logs, strict=True):
+        places, odometry = places_of(out), load_odometry(out / "stages" / "odometry" / "odometry.npz")
+        for k in anchors(places, spacing):
+            views.append(view_at(places, int(k)))
+            cameras.append(open_truth(log).T_enu_cam[odometry.keyframes.frame[k], :3, 3])
+    i, j = np.tril_indices(len(views), -1)
+    apart_m = np.linalg.norm(np.array(cameras)[i] - np.array(cameras)[j], axis=1)
+    chosen = np.random.default_rng(7).permutation(np.flatnonzero(apart_m > ELSEWHERE_M))[:pairs]
+    found = []
+    for x in chosen:
+        matches = match(views[i[x]], views[j[x]])
+        pose = pose_of_matches(*matches)
+        if pose is not None and pose[1] >= SETTINGS.many_matches:
+            found.append(feature_evidence(*matches, pose[0]))
+    likest = min(found, key=lambda evidence: evidence["chance_log10"], default=None)
+    suffice = sum(features_suffice(evidence, SETTINGS) for evidence in found)
+    return {"pairs": len(chosen), "many agree": len(found), "suffice": suffice, "likest": likest}
 
 
 def made(pairs: int) -> list[dict[str, Any]]:

@@ -14,3 +14,10 @@ def put_between_marks(page: Path, name: str, text: str) -> None:
     before, rest = page.read_text(encoding="utf-8").split(begin)
     _, after = rest.split(end)
     page.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
+
+
+def between_marks(page: Path, name: str) -> str:
+    """What stands between the marks. Raises ValueError where the page does not hold each mark once."""
+    _, rest = page.read_text(encoding="utf-8").split(f"<!-- {name}: begin -->\n")
+    text, _ = rest.split(f"<!-- {name}: end -->\n")
+    return text.strip("\n")

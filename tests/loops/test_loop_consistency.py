@@ -107,3 +107,22 @@ def test_a_set_stands_against_one_of_less_than_half_its_size() -> None:
 def test_none_is_kept_of_none() -> None:
     T, road = circle()
     assert consistent([], T, road, SETTINGS).shape == (0,)
+
+
+def test_one_closure_that_features_alone_know_stands_for_itself() -> None:
+    T, road = circle()
+    assert not consistent([true_closure(2)], T, road, SETTINGS).any()
+    assert consistent([replace(true_closure(2), alone=True)], T, road, SETTINGS).all()
+
+
+def test_it_does_not_where_the_odometry_denies_it_or_does_not_know_the_place() -> None:
+    T, road = circle()
+    assert not consistent([replace(true_closure(2, 8.0), alone=True)], T, road, SETTINGS).any()
+    unsure = SETTINGS.model_copy(update={"max_prior_sigma_alone_m": 0.5})
+    assert not consistent([replace(true_closure(2), alone=True)], T, road, unsure).any()
+
+
+def test_it_goes_where_a_set_denies_it() -> None:
+    T, road = circle()
+    closures = [replace(true_closure(4, 3.0), alone=True)] + [true_closure(i) for i in (2, 4, 6)]
+    np.testing.assert_array_equal(consistent(closures, T, road, SETTINGS), [False, True, True, True])

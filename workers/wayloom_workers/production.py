@@ -28,12 +28,13 @@ from wayloom.submaps.files import load_submaps
 from wayloom.submaps.submap import PlacedSubmap
 from wayloom_workers.publishing import publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
-from wayloom_workers.rig_memory import forget, remember, remember_scale, rig_file_for
+from wayloom_workers.rig_memory import forget, remember, remember_gnss, rig_file_for
 from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, StageParts, keyed_by_inputs
 from wayloom_workers.stitching import stitch
 
 TRACK_POINTS: Final = 2000
 ODOMETRY: Final = "odometry"
+GEOREFERENCE: Final = "georeference"
 
 
 def _settings(attempt: StageAttempt) -> ProcessSettings:
@@ -46,7 +47,7 @@ def _prepare(attempt: StageAttempt) -> PreparedStage:
     assert attempt.log_path is not None
     source = LogSource(attempt.log_path, attempt.gnss_path)
     stage, settings = attempt.claim.stage, _settings(attempt)
-    if stage == ODOMETRY:
+    if stage in (ODOMETRY, GEOREFERENCE):
         settings = settings.model_copy(update={"rig": rig_file_for(attempt, source.log)})
     context = StageContext(source, attempt.inputs_dir, settings, attempt.claim.drive_id)
     key = stage_key(stage, context)
@@ -89,7 +90,7 @@ def _remember_rig(attempt: StageAttempt) -> None:
 def _share_georeference(attempt: StageAttempt) -> None:
     """The pictures of the drive's quality, and what GNSS says of the rig."""
     _share_quality(attempt)
-    remember_scale(attempt)
+    remember_gnss(attempt)
 
 
 def _remove(attempt: StageAttempt) -> None:

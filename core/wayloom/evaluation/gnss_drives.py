@@ -16,7 +16,7 @@ from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.georeference.rigid import R_ENU_LEVELCAM
 from wayloom.logs.sidecars.oxts import UP_FACTOR
-from wayloom.logs.types import FixType, GnssTrack, ImuTrack
+from wayloom.logs.types import NOTHING_STATED, FixType, GnssTrack, ImuTrack, StatedReceiver
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 from wayloom.simulation.sensors.gnss import SIGMA_M, burst_errors, fix_errors
 from wayloom.simulation.vehicle.vehicle_settings import GnssBurst
@@ -41,6 +41,7 @@ class MadeLog:
     name: str = "made"
     imu: ImuTrack | None = None
     T_cam_imu: FloatArray | None = None
+    receiver: StatedReceiver = NOTHING_STATED
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Made fleets with exact truth: drives over a grid of streets, what GNSS of each kind leaves of their places, and their meetings.
+"""Made fleets with exact truth: drives over a grid of streets with GNSS of each kind, and their meetings.
 
 A drive's errors are those of a small smoother, solved exactly: submaps joined by odometry (white noise and a share for the scale),
 a fix at each submap with an error that wanders (Ornstein-Uhlenbeck over the road). Its posterior covariance is what the drive

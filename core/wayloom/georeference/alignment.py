@@ -3,11 +3,14 @@
 The graph is built in the tangent plane of the drive's own place, where up is up; the result is moved to the map's frame as a whole.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.calibration.receiver import ReceiverEvidence
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError
 from wayloom.geodesy import wgs84
@@ -19,6 +22,8 @@ from wayloom.georeference.first_guess import guess_nodes, level_world
 from wayloom.georeference.fixes import UsableFixes, usable_fixes
 from wayloom.georeference.gravity.witnesses import observed_up, witnesses_report
 from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
+from wayloom.georeference.receiver_prior import ReceiverPrior, lever_sigma_m, receiver_prior
+from wayloom.georeference.receiver_report import ReceiverFound
 from wayloom.georeference.refusal import why_not_placed
 from wayloom.georeference.report import WORST_GRADE, PlacedDrive, georeference_report
 from wayloom.georeference.scale_prior import scale_prior
@@ -45,6 +50,7 @@ def georeference(
     progress: Progress = silent,
     closures: LoopClosures | None = None,
     labels: PointLabels | None = None,
+    rig_receiver: Sequence[ReceiverEvidence] = (),
 ) -> GeoReference:
     """T_enu_cam and its covariance for every frame of the log.
 
@@ -52,6 +58,7 @@ def georeference(
             poses are in the drive's own (`wayloom.mapping.own_frame`), covariances relative to the first frame.
     closures : loops between keyframes; None has none
     labels : of the odometry's points, by which walls and streets say where up is
+    rig_receiver : what other drives of the rig tell of its GNSS clock and lever arm
     Raises StageError when nothing was tracked, a pose is not finite, or no place fits the fixes.
     """
     trajectory = odometry.trajectory
@@ -66,18 +73,20 @@ def georeference(
     evidence = Evidence(
         closure_links(closures or no_loops(), odometry.keyframes, nodes, chain), observed_up(log, odometry, labels, nodes, settings)
     )
-    noise = _noise(settings, log, scale_prior(odometry.report, settings))
+    prior = receiver_prior(log, int(trajectory.t_ns[0]), settings, rig_receiver)
+    noise = _noise(settings, log, scale_prior(odometry.report, settings), prior)
     if log.gnss is None or len(log.gnss) == 0:
         return _in_own_frame(trajectory, nodes, chain, evidence, noise, NO_GNSS)
     progress(0.0, "choosing fixes")
-    usable = usable_fixes(log.gnss, trajectory, settings.max_fix_rate_hz)
+    gnss = replace(log.gnss, t_ns=log.gnss.t_ns - round(1e9 * prior.mean[0]))
+    usable = usable_fixes(gnss, trajectory, settings.max_fix_rate_hz)
     if len(usable.rows) == 0:
         message = f"none of {len(log.gnss)} GNSS fixes can be used; {NO_GNSS}"
         geo = _in_own_frame(trajectory, nodes, chain, evidence, noise, message)
         geo.report["fixes"]["unusable"] = usable.unusable
         return geo
     local = median_place(log.gnss.lon_lat_height[usable.rows])
-    fixes = _antenna_fixes(log, log.gnss, usable, trajectory, nodes, local, settings)
+    fixes = _antenna_fixes(prior.mean[1:], gnss, usable, trajectory, nodes, local, settings)
     progress(0.2, "first alignment")
     try:
         guess = guess_nodes(chain.T_world_node, trajectory.segment[nodes], fixes, road_m, settings)
@@ -95,7 +104,8 @@ def georeference(
     T_local_cam = spread_poses(trajectory, nodes, solution.T_enu_node)
     covariance = spread_covariances(len(trajectory), nodes, solution.covariance)
     placed = PlacedDrive(T_local_cam, covariance, trajectory)
-    report = georeference_report(log.gnss, usable, fixes, solution, placed, settings)
+    receiver = ReceiverFound(solution, prior, log.p_cam_gnss)
+    report = georeference_report(log.gnss, usable, fixes, solution, placed, receiver, settings)
     report["up"] = witnesses_report(evidence.up)
     report["loops"] = closures_report(evidence.loops, solution.closed, solution.T_enu_node, nodes)
     progress(1.0, "geo-referenced")
@@ -129,7 +139,7 @@ def _refused(geo: GeoReference, in_log: int, usable: UsableFixes) -> GeoReferenc
     return geo
 
 
-def _noise(settings: GeoReferenceSettings, log: DriveLog, scale_sigma: float) -> DriveNoise:
+def _noise(settings: GeoReferenceSettings, log: DriveLog, scale_sigma: float, prior: ReceiverPrior) -> DriveNoise:
     return DriveNoise(
         position_m=settings.position_noise_m,
         rotation_rad=float(np.radians(settings.rotation_noise_deg)),
@@ -142,12 +152,13 @@ def _noise(settings: GeoReferenceSettings, log: DriveLog, scale_sigma: float) ->
         gate_floor_m=settings.gate_floor_m,
         gate_probability=settings.gate_probability,
         time_offset_s=settings.time_offset_sigma_s,
-        lever_m=settings.lever_sigma_m if log.p_cam_gnss.any() else settings.unknown_lever_sigma_m,
+        lever_m=lever_sigma_m(log, settings),
+        receiver=prior.covariance,
     )
 
 
 def _antenna_fixes(
-    log: DriveLog,
+    p_cam_gnss: FloatArray,
     gnss: GnssTrack,
     usable: UsableFixes,
     trajectory: Trajectory,
@@ -159,12 +170,12 @@ def _antenna_fixes(
     node = nearest_node(nodes, trajectory.segment, usable.frame)
     T_node_cam = se3.inverse(trajectory.T_world_cam[nodes[node]]) @ usable.T_world_cam
     from_node_m = np.linalg.norm(T_node_cam[:, :3, 3], axis=1)
-    v_cam_gnss = usable.twist[:, :3] + np.cross(usable.twist[:, 3:], log.p_cam_gnss)
+    v_cam_gnss = usable.twist[:, :3] + np.cross(usable.twist[:, 3:], p_cam_gnss)
     variance = settings.sigma_floor_m**2 + settings.position_noise_m**2 * from_node_m
     return AntennaFixes(
         t_s=(gnss.t_ns[usable.rows] - trajectory.t_ns[0]) * 1e-9,
         node=node,
-        p_node_gnss=T_node_cam[:, :3, :3] @ log.p_cam_gnss + T_node_cam[:, :3, 3],
+        p_node_gnss=T_node_cam[:, :3, :3] @ p_cam_gnss + T_node_cam[:, :3, 3],
         v_node_gnss=(T_node_cam[:, :3, :3] @ v_cam_gnss[:, :, None])[:, :, 0],
         R_node_cam=T_node_cam[:, :3, :3],
         position_enu=wgs84.enu_from_lonlatheight(gnss.lon_lat_height[usable.rows], local),

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.loops.priors import Closure, cycle_chi2
+from wayloom.loops.priors import Closure, cycle_chi2, is_sure
 from wayloom.loops.settings import LoopSettings
 
 FloatArray = NDArray[np.float64]
@@ -12,12 +12,18 @@ RIVAL_SHARE = 0.5
 
 
 def consistent(closures: list[Closure], T_world_cam: FloatArray, road: FloatArray, settings: LoopSettings) -> NDArray[np.bool_]:
-    """(L,) which closures belong to a set of at least `least_agreeing` neighbours that all agree with each other.
+    """(L,) which closures belong to a set of at least `least_agreeing` neighbours that all agree with each other, or with one that
+    is sure (`wayloom.loops.priors.is_sure`).
 
     Where two sets deny each other, the smaller one goes, and both where it is not much smaller.
     """
     chi2 = cycles(closures, T_world_cam, road, settings)
-    sets = [members for members in agreeing_sets(closures, road, chi2, settings) if len(members) >= settings.least_agreeing]
+    sure = np.array([is_sure(c, T_world_cam, road, settings) for c in closures], bool)
+    sets = [
+        members
+        for members in agreeing_sets(closures, road, chi2, settings)
+        if len(members) >= settings.least_agreeing or sure[members].any()
+    ]
     second = np.array([road[c.second] for c in closures])
     accepted = np.zeros(len(closures), bool)
     for members in sets:

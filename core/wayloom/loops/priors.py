@@ -15,12 +15,16 @@ LEAST_M, LEAST_RAD = 0.05, float(np.deg2rad(0.2))
 
 @dataclass(frozen=True, slots=True)
 class Closure:
-    """A verified pair: first < second, rows in Keyframes; T_first_second (4, 4) of the cameras and its covariance (6, 6)."""
+    """A verified pair: first < second, rows in Keyframes; T_first_second (4, 4) of the cameras and its covariance (6, 6).
+
+    alone : whether local features alone know the pose, beyond chance
+    """
 
     first: int
     second: int
     T_first_second: FloatArray
     covariance: FloatArray
+    alone: bool = False
 
 
 def drift_covariance(road_m: float, T: FloatArray, settings: LoopSettings) -> FloatArray:
@@ -62,3 +66,16 @@ def cycle_chi2(one: Closure, other: Closure, T_world_cam: FloatArray, road: Floa
     prior = around(one, T_world_cam, road, (other.first, other.second), settings)
     xi = se3.log(other.T_first_second @ se3.inverse(prior.T_a_b))
     return float(xi @ np.linalg.solve(prior.covariance + other.covariance, xi))
+
+
+def is_sure(closure: Closure, T_world_cam: FloatArray, road: FloatArray, settings: LoopSettings) -> bool:
+    """Whether a closure needs no others beside it: features alone know it, and the odometry, being sure of the place, agrees.
+
+    Features do not tell look-alike places apart; the odometry does.
+    """
+    road_m = abs(float(road[closure.second] - road[closure.first]))
+    if not closure.alone or settings.drift_share * road_m > settings.max_prior_sigma_alone_m:
+        return False
+    prior = by_odometry(T_world_cam, road, closure.first, closure.second, settings)
+    xi = se3.log(closure.T_first_second @ se3.inverse(prior.T_a_b))
+    return float(xi @ np.linalg.solve(prior.covariance + closure.covariance, xi)) <= settings.max_cycle_chi2

@@ -19,6 +19,7 @@ from wayloom.places.views import view_at
 from wayloom.registration.register import Prior, register_scenes
 from wayloom.registration.scene import Scene, prepare
 from wayloom.registration.types import Registration
+from wayloom.registration.verification import features_suffice
 
 FloatArray = NDArray[np.float64]
 SCENES: Final = 24
@@ -101,16 +102,16 @@ def attempt(search: Search, i: int, j: int, prior: Prior) -> Closure | None:
     search.tried[i, j] = found.refused
     if found.refused:
         return None
-    closure = closure_of(i, j, found, T_a, T_b)
+    closure = closure_of(i, j, found, T_a, T_b, features_suffice(found.evidence, search.settings.registration))
     search.closures.append(closure)
     return closure
 
 
-def closure_of(i: int, j: int, found: Registration, T_level_i: FloatArray, T_level_j: FloatArray) -> Closure:
-    """The registration of level frames as one of cameras."""
+def closure_of(i: int, j: int, found: Registration, T_level_i: FloatArray, T_level_j: FloatArray, alone: bool) -> Closure:
+    """The registration of level frames as one of cameras; alone : whether features suffice for it."""
     T_i_level = se3.inverse(T_level_i)
     Ad = se3.adjoint(T_i_level)
-    return Closure(i, j, T_i_level @ found.T_a_b @ T_level_j, Ad @ found.covariance @ Ad.T)
+    return Closure(i, j, T_i_level @ found.T_a_b @ T_level_j, Ad @ found.covariance @ Ad.T, alone)
 
 
 def follow(search: Search, start: Closure) -> None:

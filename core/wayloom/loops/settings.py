@@ -17,6 +17,9 @@ class LoopSettings(Settings):
     drift_share: float = Field(0.007, gt=0, le=0.1, description="standard deviation of the odometry's place, share of the road")
     drift_deg_per_sqrt_m: float = Field(0.05, gt=0, le=1, description="standard deviation of its attitude, degrees a root metre")
     max_prior_sigma_m: float = Field(15.0, gt=0, description="no loop is looked for where the odometry is less certain, m")
+    max_prior_sigma_alone_m: float = Field(
+        5.0, gt=0, description="a closure known by features alone stands without others where the odometry is as certain, m"
+    )
     least_agreeing: int = Field(3, ge=2, le=20, description="closures of neighbours that must agree, at least")
     agreeing_road_m: float = Field(60.0, gt=0, description="neighbours are within this road of each other, m")
     max_cycle_chi2: float = Field(16.8, gt=0, description="chi-square, 6 degrees of freedom, of a cycle of two closures at most")

@@ -22,7 +22,7 @@ from wayloom.mapping.gnss_factors import (
     information_roots,
     receiver_key,
     receiver_prior,
-    receiver_sigmas,
+    receiver_root,
     white_covariance,
 )
 from wayloom.mapping.odometry_links import OdometryLinks, add_scale_factors, link_cost, link_factors, pose_key, scale_key
@@ -189,7 +189,7 @@ class DriveEquations:
 
     def cost(self, at: DriveState) -> float:
         """Half the sum of squares, as gtsam counts."""
-        prior = 0.5 * float(((at.receiver / receiver_sigmas(self.noise)) ** 2).sum())
+        prior = 0.5 * float(((receiver_root(self.noise) @ at.receiver) ** 2).sum())
         own = float(self._graph.error(at.values))
         others = sum(term.cost(at.T_enu_node, at.values) for term in self.terms)
         return own + link_cost(self.links, at.T_enu_node, at.scale) + self.fixes.cost(at) + others + prior

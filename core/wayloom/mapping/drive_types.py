@@ -73,7 +73,11 @@ class AntennaFixes:
 
 @dataclass(frozen=True, slots=True)
 class DriveNoise:
-    """Sigmas, explained in `wayloom.mapping.drive_graph`: m and rad, for one metre of road where they grow; scale_sigma a share."""
+    """Sigmas, explained in `wayloom.mapping.drive_graph`: m and rad, for one metre of road where they grow; scale_sigma a share.
+
+    receiver : (4, 4) covariance of time offset, s, and lever arm, m, where the log states or the rig's memory knows them beside
+               time_offset_s and lever_m; None where neither does
+    """
 
     position_m: float
     rotation_rad: float
@@ -87,6 +91,7 @@ class DriveNoise:
     gate_probability: float
     time_offset_s: float
     lever_m: float
+    receiver: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +104,8 @@ class DriveSolution:
     inlier        (M,) whether the fix was used
     residual_enu  (M, 3) m
     receiver      (4,) time offset s and error of the lever arm m; receiver_covariance (4, 4)
+    told          what the drive alone says of the receiver
+    overruled     of clock and lever arm, whether the drive denies what was known of it
     noise_ratio   for each kind of fix that scatters more than it says: how many times
     shifted       stretches of fixes that lie apart from the others
     unconfirmed_m metres by which the drive would lie elsewhere if the lesser part of its fixes were right; see `fix_screening`
@@ -113,10 +120,21 @@ class DriveSolution:
     residual_enu: FloatArray
     receiver: FloatArray
     receiver_covariance: FloatArray
+    told: "ReceiverTold"
+    overruled: tuple[bool, bool]
     noise_ratio: dict[int, float]
     shifted: tuple["ShiftedFixes", ...]
     unconfirmed_m: float
     closed: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class ReceiverTold:
+    """information (4, 4), pull (4,) of time offset, s, and error of the lever arm, m, without any prior: the marginal of the
+    drive's graph, exp -1/2 [r^T information r - 2 pull^T r]."""
+
+    information: FloatArray
+    pull: FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -115,15 +115,22 @@ def fix_factors(
 
 def receiver_prior(noise: DriveNoise, receiver: FloatArray) -> gtsam.JacobianFactor:
     """The prior of the receiver (4,), linear there, whitened."""
-    weight = 1.0 / receiver_sigmas(noise)
-    return gtsam.JacobianFactor(receiver_key(), np.diag(weight), -weight * receiver, gtsam.noiseModel.Unit.Create(RECEIVER))
+    root = receiver_root(noise)
+    return gtsam.JacobianFactor(receiver_key(), root, -root @ receiver, gtsam.noiseModel.Unit.Create(RECEIVER))
 
 
-def receiver_sigmas(noise: DriveNoise) -> FloatArray:
-    """(4,) prior sigmas: time offset s, lever arm m."""
-    return np.array([noise.time_offset_s, noise.lever_m, noise.lever_m, noise.lever_m])
+def receiver_root(noise: DriveNoise) -> FloatArray:
+    """(4, 4) upper triangular S with S^T S the information of the receiver's prior: time offset s, lever arm m."""
+    return np.asarray(information_roots(receiver_covariance(noise)[None])[0])
+
+
+def receiver_covariance(noise: DriveNoise) -> FloatArray:
+    """(4, 4) prior covariance of time offset, s, and lever arm, m."""
+    if noise.receiver is not None:
+        return noise.receiver
+    return np.diag(np.square([noise.time_offset_s, noise.lever_m, noise.lever_m, noise.lever_m]))
 
 
 def information_roots(covariance: FloatArray) -> FloatArray:
-    """(M, 3, 3) upper triangular S with S^T S = covariance^-1."""
+    """(M, n, n) upper triangular S with S^T S = covariance^-1."""
     return np.asarray(np.swapaxes(np.linalg.cholesky(np.linalg.inv(covariance)), 1, 2))

@@ -47,11 +47,19 @@ class Matches:
     def __len__(self) -> int:
         return len(self.p_level)
 
+    def depth_sigma(self) -> FloatArray:
+        """(M, 3) m, level frame: along each ray, one standard deviation long."""
+        ray = self.p_level - se3.inverse(self.T_cam_level)[:, :3, 3]
+        sigma = np.sqrt(np.trace(self.spread, axis1=1, axis2=2))
+        return np.asarray(ray * (sigma / np.maximum(np.linalg.norm(ray, axis=1), 1e-9))[:, None])
+
     def every(self, step: int) -> "Matches":
         """One of `step` matches."""
-        return Matches(
-            self.p_level[::step], self.spread[::step], self.seen_at[::step], self.T_cam_level[::step], self.focal_px
-        )  # fmt: skip
+        return self.take(slice(None, None, step))
+
+    def take(self, rows: slice | NDArray[np.bool_]) -> "Matches":
+        """Some of the matches; a mask has (M,) rows."""
+        return Matches(self.p_level[rows], self.spread[rows], self.seen_at[rows], self.T_cam_level[rows], self.focal_px)
 
 
 def match(a: PlaceView, b: PlaceView) -> tuple[Matches, Matches]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from wayloom.geometry import se3
 from wayloom.places.types import PlaceView
 from wayloom.registration.distinctness import distinctness
+from wayloom.registration.feature_evidence import feature_evidence
 from wayloom.registration.matches import GATE2, SIGMA_PX, Matches, equations, errors2, match, pose_of_matches
 from wayloom.registration.refinement import STAGES, Fit, refine, with_height
 from wayloom.registration.scene import Scene, prepare
@@ -110,6 +111,8 @@ def judge(
         "inliers": inliers,
         "sigma_m": round(float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1])), 4),
     }
+    if inliers >= settings.many_matches:
+        evidence |= feature_evidence(*matches, T)
     words = refusal(evidence, settings, prior is not None)
     if inliers < settings.min_matches and looks_alike(a.view, b.view, T):
         words = words or f"both look the same way and only {inliers} local features agree"

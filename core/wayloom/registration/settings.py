@@ -16,6 +16,12 @@ class RegistrationSettings(Settings):
     prior_sigmas: float = Field(3.5, gt=0, le=10, description="poses farther than this from the prior are not searched")
     min_overlap: float = Field(0.2, ge=0, le=1, description="share of either view's points that the other must have seen")
     min_overlap_features: float = Field(0.1, ge=0, le=1, description="the same where many local features agree")
+    min_overlap_alone: float = Field(0.05, ge=0, le=1, description="the same where local features alone know the pose")
+    max_chance_log10: float = Field(
+        -6.0, le=0, description="log10 of the number of false alarms of features that know a pose alone, at most"
+    )
+    max_feature_sigma_m: float = Field(0.1, gt=0, le=1, description="largest standard deviation of the place by such features, m")
+    max_feature_sigma_deg: float = Field(0.3, gt=0, le=5, description="the same of the attitude, degrees")
     many_matches: int = Field(40, ge=4, description="local features that are many")
     min_score: float = Field(0.8, ge=0, description="mean log likelihood ratio of the points, where few local features agree")
     max_seen_through: float = Field(0.05, ge=0, le=1, description="share of points that may stand where the other view saw through")

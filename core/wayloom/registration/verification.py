@@ -47,16 +47,25 @@ def soundness(evidence: dict[str, Any]) -> float:
     return float(evidence["agreement"] * (1.0 - evidence["through"]) ** SEEN_THROUGH_POWER)
 
 
+def features_suffice(evidence: dict[str, Any], settings: RegistrationSettings) -> bool:
+    """Whether features alone know the pose, in all directions, and chance did not make them agree."""
+    return bool(
+        evidence.get("chance_log10", 0.0) <= settings.max_chance_log10
+        and evidence["feature_sigma_m"] <= settings.max_feature_sigma_m
+        and evidence["feature_sigma_deg"] <= settings.max_feature_sigma_deg
+    )
+
+
 def refusal(evidence: dict[str, Any], settings: RegistrationSettings, has_prior: bool) -> str:
     """Why the pose is not believed; empty where it is."""
     many = evidence["inliers"] >= settings.many_matches
     overlap, through, agreement = evidence["overlap"], evidence["through"], evidence["agreement"]
+    few_points = settings.min_overlap_features if many else settings.min_overlap
+    if features_suffice(evidence, settings):
+        few_points = settings.min_overlap_alone
     least = settings.min_soundness if has_prior else settings.min_soundness_alone
     checks = (
-        (
-            overlap < (settings.min_overlap_features if many else settings.min_overlap),
-            f"the views share {overlap:.0%} of their points",
-        ),
+        (overlap < few_points, f"the views share {overlap:.0%} of their points"),
         (through > settings.max_seen_through, f"{through:.0%} stand where the other view saw through"),
         (agreement < settings.min_class_agreement, f"classes agree for {agreement:.0%} of the points"),
         (soundness(evidence) < least, f"{through:.1%} are seen through and classes agree for {agreement:.0%} only"),

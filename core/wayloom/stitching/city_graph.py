@@ -72,21 +72,23 @@ def optimise_city(
     _check(given, heard)
     joined = join_drives(given, heard, settings)
     usable = [meeting for meeting in heard if meeting.drive_a in joined and meeting.drive_b in joined]
-    nodes = _nodes([_chain(one, settings, memory) for one in joined.values()], usable)
+    own = {name: drive_chain(one.drive, settings, memory.chains) for name, one in joined.items()}
+    nodes = _nodes([_with_place(chain, joined[name]) for name, chain in own.items()], usable)
     T, covariance = nodes.T0.copy(), np.concatenate([np.zeros((0, 6, 6)), *(chain.drive.covariance for chain in nodes.chains)])
     used, chi2, cycle = np.zeros(len(usable), np.bool_), np.zeros(len(usable)), np.zeros(len(usable))
     windows, solved = _windows(nodes, settings), {}
     for core, around in windows:
-        inside = np.flatnonzero(np.isin(nodes.ends, around).all(axis=1)) if len(usable) else np.zeros(0, np.int64)
+        here, published = (np.bincount(rows, minlength=len(T)) > 0 for rows in (around, core))
+        inside = np.flatnonzero(here[nodes.ends].all(axis=1))
         digest = _digest(nodes, around, inside, settings)
         solved[digest] = memory.windows.get(digest) or solve_window(_window(nodes, around, inside), settings.confidence)
         result, rows = solved[digest], np.searchsorted(around, core)
         T[core], covariance[core] = result.T_map_submap[rows], result.covariance[rows]
-        own = np.isin(nodes.ends[inside, 0], core)
-        used[inside[own]], chi2[inside[own]], cycle[inside[own]] = result.used[own], result.chi2[own], result.cycle_chi2[own]
+        mine = published[nodes.ends[inside, 0]]
+        rows = inside[mine]
+        used[rows], chi2[rows], cycle[rows] = result.used[mine], result.chi2[mine], result.cycle_chi2[mine]
     fresh = sum(digest not in memory.windows for digest in solved)
-    memory.windows = solved
-    memory.chains = {chain.digest: chain for chain in nodes.chains}
+    memory.windows, memory.chains = solved, {chain.digest: chain for chain in own.values()}
     limit = float(chi_square.ppf(settings.confidence, 6))
     verdicts = iter([_judged(*one, limit) for one in zip(usable, used, chi2, cycle, strict=True)])
     judged = [
@@ -101,12 +103,13 @@ def canonical(meeting: Meeting) -> tuple[str, int, str, int, bytes, bytes]:
     return *ends, meeting.T_a_b.tobytes(), meeting.covariance.tobytes()
 
 
-def _chain(one: Joined, settings: CityGraphSettings, memory: CityMemory) -> DriveChain:
-    chain = drive_chain(one.drive, settings, memory.chains)
+def _with_place(chain: DriveChain, one: Joined) -> DriveChain:
+    """The chain with what is known of the places before meetings are joined."""
     if one.covariance is one.drive.covariance:
         return chain
     Ad = se3.adjoint(se3.from_rotation_translation(np.tile(np.eye(3), (len(chain.T0), 1, 1)), -chain.T0[:, :3, 3]))
-    return replace(chain, around=Ad @ one.covariance @ np.swapaxes(Ad, 1, 2))
+    around = Ad @ one.covariance @ np.swapaxes(Ad, 1, 2)
+    return replace(chain, around=around, digest=chain.digest + hashlib.sha256(around.tobytes()).hexdigest())
 
 
 def _nodes(chains: list[DriveChain], meetings: Sequence[Meeting]) -> Nodes:
@@ -201,7 +204,7 @@ def _digest(nodes: Nodes, around: IntArray, inside: IntArray, settings: CityGrap
     text = hashlib.sha256(settings.model_dump_json().encode())
     for d in np.unique(drive).tolist():
         chain = nodes.chains[d]
-        text.update(chain.digest.encode() + chain.around.tobytes() + (around[drive == d] - nodes.start[d]).tobytes())
+        text.update(chain.digest.encode() + (around[drive == d] - nodes.start[d]).tobytes())
     text.update(np.searchsorted(around, nodes.ends[inside]).tobytes())
     text.update(nodes.T_a_b[inside].tobytes() + nodes.covariance[inside].tobytes())
     return text.hexdigest()
@@ -244,6 +247,9 @@ def _check(drives: Sequence[DrivePlaces], meetings: Sequence[Meeting]) -> None:
                 raise InputError(what, record=f"meeting {k}", remedy="find the meetings of these drives again")
         if meeting.drive_a == meeting.drive_b and meeting.submap_a == meeting.submap_b:
             raise InputError("joins a submap with itself", record=f"meeting {k}", remedy="leave it out")
-        sound = np.isfinite(meeting.T_a_b).all() and np.isfinite(meeting.covariance).all()
-        if not sound or np.linalg.eigvalsh(meeting.covariance)[0] <= 0.0:
-            raise InputError("has no pose or no covariance", record=f"meeting {k}", remedy="leave it out")
+    if meetings:
+        both = np.array([np.hstack([np.vstack([one.T_a_b, np.zeros((2, 4))]), one.covariance]) for one in meetings])
+        wrong = ~np.isfinite(both).all(axis=(1, 2))
+        wrong[~wrong] = np.linalg.eigvalsh(both[~wrong, :, 4:])[:, 0] <= 0.0
+        if wrong.any():
+            raise InputError("has no pose or no covariance", record=f"meeting {int(np.argmax(wrong))}", remedy="leave it out")

@@ -1,4 +1,4 @@
-"""A drive's submaps as a Gauss-Markov chain: the joint distribution of neighbours, without counting any of its information twice.
+"""Gauss-Markov chain of a drive's submaps, which counts none of the drive's information twice.
 
 What a drive knows of its submaps is the marginal covariance P_k of each, of left perturbations xi_k in the map's frame (a common
 shift of the drive is one and the same xi for all), and the covariance C_k of neighbours. The chain

@@ -45,6 +45,17 @@ class Proposal:
     covariance: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class View:
+    """A meeting seen from a drive: with which submap of which other, by which of its own; T_other_own (4, 4), covariance (6, 6)."""
+
+    other: str
+    submap: int
+    own: int
+    T_other_own: FloatArray
+    covariance: FloatArray
+
+
 def join_drives(drives: Sequence[DrivePlaces], meetings: Sequence[Meeting], settings: CityGraphSettings) -> dict[str, Joined]:
     """By id: located drives as they are, others where their meetings put them; those whose meetings do not agree are left out.
 
@@ -52,46 +63,57 @@ def join_drives(drives: Sequence[DrivePlaces], meetings: Sequence[Meeting], sett
     """
     by_id = {drive.drive_id: drive for drive in sorted(drives, key=lambda drive: drive.drive_id)}
     placed = {name: Joined(drive, drive.covariance) for name, drive in by_id.items() if drive.located}
-    loose = [name for name in by_id if name not in placed]
-    while loose:
-        found = {name: _proposed(by_id[name], placed, meetings, settings) for name in loose}
-        name = max(loose, key=lambda one: found[one].votes)  # the first of equals
-        best = found[name]
+    seen = _seen_from({name for name in by_id if name not in placed}, meetings)
+    found = {name: _proposed(by_id[name], placed, views, settings) for name, views in seen.items()}
+    while found:
+        name = max(found, key=lambda one: found[one].votes)  # the first of equals
+        best = found.pop(name)
         if best.votes < settings.least_agreeing:
             break
         placed[name] = Joined(joined(by_id[name], best.T_map_own, settings), best.covariance)
-        loose.remove(name)
-    return placed
+        for other in found:
+            if any(view.other == name for view in seen[other]):
+                found[other] = _proposed(by_id[other], placed, seen[other], settings)
+    return dict(sorted(placed.items()))
 
 
-def _proposed(drive: DrivePlaces, placed: dict[str, Joined], meetings: Sequence[Meeting], settings: CityGraphSettings) -> Proposal:
+def _seen_from(loose: set[str], meetings: Sequence[Meeting]) -> dict[str, list[View]]:
+    """The views of each of the drives, drives and views in canonical order."""
+    out: dict[str, list[View]] = {name: [] for name in sorted(loose)}
+    for one in meetings:
+        if one.drive_b in loose:
+            out[one.drive_b].append(View(one.drive_a, one.submap_a, one.submap_b, one.T_a_b, one.covariance))
+        if one.drive_a in loose:
+            back = se3.inverse(one.T_a_b)
+            out[one.drive_a].append(View(one.drive_b, one.submap_b, one.submap_a, back, _moved(back, one.covariance)))
+    for views in out.values():
+        views.sort(key=lambda view: (view.other, view.submap, view.own, view.T_other_own.tobytes()))
+    return out
+
+
+def _proposed(drive: DrivePlaces, placed: dict[str, Joined], views: Sequence[View], settings: CityGraphSettings) -> Proposal:
     """The best proposal; one without votes where no meeting is with a drive that has a place."""
-    own = sorted(
-        (one for one in (_seen_from(meeting, drive.drive_id) for meeting in meetings) if one is not None and one[0] in placed),
-        key=lambda one: (one[0], one[1], one[2], one[3].tobytes()),
-    )
-    if not own:
+    views = [view for view in views if view.other in placed]
+    if not views:
         return Proposal(0, np.eye(4), drive.covariance)
-    at = np.array([placed[other].drive.T_map_submap[k] for other, k, _, _, _ in own])
-    known = np.array([placed[other].covariance[k] for other, k, _, _, _ in own])
-    Z, C = np.array([one[3] for one in own]), np.array([one[4] for one in own])
-    row = np.array([one[2] for one in own])
-    here = at @ Z
+    at = np.array([placed[view.other].drive.T_map_submap[view.submap] for view in views])
+    known = np.array([placed[view.other].covariance[view.submap] for view in views])
+    row = np.array([view.own for view in views])
+    here = at @ np.array([view.T_other_own for view in views])
     T_map_own = here @ se3.inverse(drive.T_map_submap[row])
-    total = known + _moved(at, C)  # of the left perturbation in the map's frame
-    c2 = float(chi_square.ppf(settings.confidence, 6))
-    votes = np.array([(_differences(k, here, T_map_own, total, row, drive, settings) <= c2).sum() for k in range(len(own))])
+    total = known + _moved(at, np.array([view.covariance for view in views]))  # of the left perturbation in the map's frame
+    agree = _differences(here, T_map_own, total, row, drive, settings) <= float(chi_square.ppf(settings.confidence, 6))
+    votes = (agree | np.eye(len(row), dtype=np.bool_)).sum(axis=1)
     spread = np.trace(_moved(_shift(-here[:, :3, 3]), total)[:, :3, :3], axis1=1, axis2=2)
     best = int(np.lexsort((spread, -votes))[0])
-    T_level = _level(T_map_own[best], drive.T_map_submap[row[best], :3, 3], here[best, :3, 3])
     k = int(row[best])
+    T_level = _level(T_map_own[best], drive.T_map_submap[k, :3, 3], here[best, :3, 3])
     places = (T_level @ drive.T_map_submap)[:, :3, 3]
-    drift = _moved(_shift(0.5 * (places + places[k])), _drift(drive, k, np.arange(len(drive)), settings))
+    drift = _moved(_shift(0.5 * (places + places[k])), _drift(drive, np.full(len(drive), k), np.arange(len(drive)), settings))
     return Proposal(int(votes[best]), T_level, total[best] + drift)
 
 
 def _differences(
-    k: int,
     here: FloatArray,
     T_map_own: FloatArray,
     total: FloatArray,
@@ -99,32 +121,24 @@ def _differences(
     drive: DrivePlaces,
     settings: CityGraphSettings,
 ) -> FloatArray:
-    """(P,) chi-square of the difference of each proposal from the k-th, about the middle of their submaps."""
-    middle = _shift(-0.5 * (here + here[k])[:, :3, 3])
-    off = middle @ T_map_own @ se3.inverse(T_map_own[k]) @ se3.inverse(middle)
-    both = total + np.where(np.arange(len(row)) == k, 0.0, 1.0)[:, None, None] * total[k]
-    return mahalanobis2(off, _moved(middle, both) + _drift(drive, int(row[k]), row, settings), False)
+    """(P, P) chi-square of the difference of each two of P proposals, about the middle of their submaps."""
+    P = len(row)
+    i, j = np.divmod(np.arange(P * P), P)
+    middle = _shift(-0.5 * (here[i] + here[j])[:, :3, 3])
+    off = middle @ T_map_own[i] @ se3.inverse(T_map_own[j]) @ se3.inverse(middle)
+    spread = _moved(middle, total[i] + total[j]) + _drift(drive, row[i], row[j], settings)
+    return mahalanobis2(off, spread, False).reshape(P, P)
 
 
-def _drift(drive: DrivePlaces, k: int, rows: IntArray, settings: CityGraphSettings) -> FloatArray:
-    """(P, 6, 6) by which the odometry may err between submap k and others (P,), about the middle between them."""
+def _drift(drive: DrivePlaces, first: IntArray, second: IntArray, settings: CityGraphSettings) -> FloatArray:
+    """(P, 6, 6) by which the odometry may err between submaps first and second (P,), about the middle between them."""
     end = np.cumsum(drive.length_m)
-    road = np.abs(end[rows] - end[k])
+    road = np.abs(end[second] - end[first])
     turn2 = np.radians(settings.rotation_noise_deg) ** 2 * road
     position2 = settings.position_noise_m**2 * road + turn2 * road**2 / 12.0 + (settings.scale_sigma * road) ** 2
     lost = np.concatenate([[0], np.cumsum(~drive.connected)])
-    free = FAR2 * (lost[rows] != lost[k])
+    free = FAR2 * (lost[second] != lost[first])
     return np.asarray((np.repeat(np.stack([position2, turn2], axis=1), 3, axis=1) + free[:, None])[:, :, None] * np.eye(6))
-
-
-def _seen_from(meeting: Meeting, drive_id: str) -> tuple[str, int, int, FloatArray, FloatArray] | None:
-    """The other drive, its submap, the drive's submap, T_other_own and its left covariance; None where it is not of this drive."""
-    if meeting.drive_b == drive_id:
-        return meeting.drive_a, meeting.submap_a, meeting.submap_b, meeting.T_a_b, meeting.covariance
-    if meeting.drive_a == drive_id:
-        back = se3.inverse(meeting.T_a_b)
-        return meeting.drive_b, meeting.submap_b, meeting.submap_a, back, _moved(back, meeting.covariance)
-    return None
 
 
 def _level(T_map_own: FloatArray, p_own: FloatArray, p_map: FloatArray) -> FloatArray:

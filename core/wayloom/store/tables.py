@@ -172,6 +172,7 @@ class RigEvidence(Base):
     digest      of the blob of its calibration observations; own_digest of the rig file that these alone give
     t_ns        when the drive was recorded, or, where its log does not say, registered
     scale       what GNSS says of the drive's length (`wayloom.calibration.baseline.ScaleByGnss`)
+    receiver    what the drive says of GNSS clock and lever arm (`wayloom.calibration.receiver.ReceiverEvidence`)
     from_ns     when the epoch that it lies in began
     chi_square  by which it contradicts the epoch before, where it began one; stray: where it agrees with none
     """
@@ -183,6 +184,7 @@ class RigEvidence(Base):
     own_digest: Mapped[str] = mapped_column(DIGEST)
     t_ns: Mapped[int]
     scale: Mapped[dict[str, Any] | None]
+    receiver: Mapped[dict[str, Any] | None]
     from_ns: Mapped[int]
     chi_square: Mapped[float | None]
     stray: Mapped[bool] = mapped_column(default=False)

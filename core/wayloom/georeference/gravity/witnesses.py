@@ -57,9 +57,9 @@ def _of_accelerometer(log: DriveLog, odometry: OdometryResult, settings: GeoRefe
     windows = up_by_accelerometer(
         log.imu, log.T_cam_imu, odometry.trajectory, settings.scale_sigma, settings.standing_position_m + settings.position_noise_m
     )
-    floor = np.radians(settings.accelerometer_floor_deg)
-    for frame, up, sigma in zip(windows.frame.tolist(), windows.up_cam, windows.sigma_rad.tolist(), strict=True):
-        yield frame, up, (sigma**2 + floor**2) * np.eye(2), 0
+    floor2 = np.radians(settings.accelerometer_floor_deg) ** 2
+    for frame, up, covariance in zip(windows.frame.tolist(), windows.up_cam, windows.covariance, strict=True):
+        yield frame, up, covariance[np.ix_(ROLL_PITCH, ROLL_PITCH)] + floor2 * np.eye(2), 0
 
 
 def _of_surroundings(odometry: OdometryResult, label: NDArray[np.uint8]) -> Iterator[Observation]:
