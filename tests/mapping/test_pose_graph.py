@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wayloom.errors import InputError
 from wayloom.evaluation.g2o_files import read_g2o
-from wayloom.evaluation.made_graphs import city_drive, measured_graph, sphere, with_false_loops
+from wayloom.evaluation.made_graphs import city_drive, measured_graph, sphere, with_false_groups, with_false_loops
 from wayloom.geometry import se3
 from wayloom.mapping.marginals import left_covariances
 from wayloom.mapping.pose_graph import optimise_pose_graph
@@ -57,6 +57,15 @@ def test_random_rotations_as_a_guess_lead_to_the_optimum() -> None:
 def test_a_tenth_of_false_loops_changes_nothing(seed: int) -> None:
     made = sphere(8, 12, 0.05, 0.01, seed=seed)
     false = with_false_loops(made.graph, len(made.graph) // 20, seed=seed)
+    clean, solution = optimise_pose_graph(made.graph), optimise_pose_graph(false)
+    assert np.array_equal(solution.weight > 0.0, np.arange(len(false)) < len(made.graph))
+    np.testing.assert_allclose(solution.T_world_node, clean.T_world_node, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_groups_of_false_loops_that_agree_with_each_other_change_nothing(seed: int) -> None:
+    made = sphere(10, 20, 0.02, 0.005, seed=seed)
+    false = with_false_groups(made.graph, 24, 6, seed=seed)
     clean, solution = optimise_pose_graph(made.graph), optimise_pose_graph(false)
     assert np.array_equal(solution.weight > 0.0, np.arange(len(false)) < len(made.graph))
     np.testing.assert_allclose(solution.T_world_node, clean.T_world_node, atol=1e-6)

@@ -117,7 +117,7 @@ def test_the_jacobians_in_space_are_the_slopes_of_the_error(angle: float) -> Non
         return out[0]
 
     by_first, by_second = np.empty((6, 6)), np.empty((6, 6))
-    spatial_edges.fill_jacobians(T[0], T[1], error(np.zeros(6), np.zeros(6)), by_first, by_second)
+    spatial_edges.fill_edge_jacobians(T[0], T[1], error(np.zeros(6), np.zeros(6)), by_first, by_second)
     np.testing.assert_allclose(by_first, central(lambda d: error(d, np.zeros(6)), 6), atol=2e-8)
     np.testing.assert_allclose(by_second, central(lambda d: error(np.zeros(6), d), 6), atol=2e-8)
 
@@ -134,6 +134,6 @@ def test_the_jacobians_in_the_plane_are_the_slopes_of_the_error() -> None:
         return out[0]
 
     jacobians = np.empty((2, 3, 3))
-    planar_edges.fill_jacobians(poses[0], poses[1], z, jacobians[0], jacobians[1])
+    planar_edges.fill_edge_jacobians(poses[0], poses[1], z, jacobians[0], jacobians[1])
     for k in range(2):
         np.testing.assert_allclose(jacobians[k], central(lambda d, k=k: error(k, d), 3), atol=1e-9)

@@ -145,3 +145,47 @@ def with_false_loops(graph: PoseGraph, count: int, seed: int) -> PoseGraph:
         information=np.concatenate([graph.information, graph.information[twin]]),
         is_loop=np.concatenate([graph.is_loop, np.ones(count, np.bool_)]),
     )
+
+
+def with_false_groups(graph: PoseGraph, count: int, size: int, seed: int) -> PoseGraph:
+    """The graph and about `count` false loops more, in groups of `size` that agree with each other, as look-alike streets give.
+
+    Each group joins two stretches of the drive, pose by pose, by one random step as long as the graph's loops.
+    """
+    rng = np.random.default_rng(seed)
+    groups, m = max(1, round(count / size)), np.arange(size)
+    step, told = _odometry(graph)
+    starts = np.flatnonzero(np.convolve(~told, np.ones(size - 1, np.int64), mode="valid") == 0)  # of unbroken stretches
+    seeds = with_false_loops(graph, groups, seed)
+    first, second, T = [], [], []
+    for k in range(len(graph), len(graph) + groups):
+        i, j = rng.choice(starts, 2, replace=False)
+        first.append(i + m)
+        second.append(j + m)
+        T.append(se3.inverse(chained(step[i : i + size - 1])) @ seeds.T_first_second[k] @ chained(step[j : j + size - 1]))
+    information = np.repeat(seeds.information[len(graph) :], size, axis=0)
+    noise = se3.exp(_drawn(information, rng))
+    return replace(
+        graph,
+        first=np.concatenate([graph.first, *first]),
+        second=np.concatenate([graph.second, *second]),
+        T_first_second=np.concatenate([graph.T_first_second, noise @ np.concatenate(T)]),
+        information=np.concatenate([graph.information, information]),
+        is_loop=np.concatenate([graph.is_loop, np.ones(groups * size, np.bool_)]),
+    )
+
+
+def _odometry(graph: PoseGraph) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Trusted steps (N - 1, 4, 4) from each pose to the next, and whether there is one (N - 1,)."""
+    rows = np.flatnonzero(~graph.is_loop & (graph.second == graph.first + 1))
+    step, told = np.tile(np.eye(4), (graph.poses - 1, 1, 1)), np.zeros(graph.poses - 1, np.bool_)
+    step[graph.first[rows]], told[graph.first[rows]] = graph.T_first_second[rows], True
+    return step, told
+
+
+def _drawn(information: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """(E, 6) of noise with information (E, 6, 6); none in directions of which it tells nothing."""
+    value, axes = np.linalg.eigh(information)
+    told = value > 1e-9 * value[:, -1:]
+    sigma = np.where(told, 1.0 / np.sqrt(np.where(told, value, 1.0)), 0.0)
+    return np.asarray((axes @ (sigma * rng.normal(size=value.shape))[:, :, None])[:, :, 0])

@@ -1,12 +1,12 @@
 """Non-monotone Gauss-Newton with Levenberg-Marquardt where it fails, over the equations of a pose graph."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.mapping.block_cholesky import NotPositiveDefiniteError, block_factor
-from wayloom.mapping.pose_graph_equations import GraphEquations
+from wayloom.mapping.block_cholesky import BlockPattern, NotPositiveDefiniteError, block_factor
 
 FloatArray = NDArray[np.float64]
 PATIENCE = 3
@@ -14,6 +14,24 @@ PATIENCE = 3
 meet, the valley of low cost is
 narrow and bent: a long right step leaves it and the next one returns; a method that only descends would creep along it."""
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-5, 1e-7, 1e6
+
+
+class Equations(Protocol):
+    """Weighted least squares over poses: F errors of d numbers, N nodes; see `wayloom.mapping.pose_graph_equations`."""
+
+    @property
+    def pattern(self) -> BlockPattern: ...
+
+    @property
+    def block(self) -> int: ...
+
+    def errors(self, state: FloatArray) -> FloatArray: ...
+
+    def chi2(self, errors: FloatArray) -> FloatArray: ...
+
+    def normal(self, state: FloatArray, errors: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]: ...
+
+    def moved(self, state: FloatArray, step: FloatArray) -> FloatArray: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +52,7 @@ class Descent:
     iterations: int
 
 
-def descend(equations: GraphEquations, state: FloatArray, weight: FloatArray, most: int, converged: float) -> Descent:
+def descend(equations: Equations, state: FloatArray, weight: FloatArray, most: int, converged: float) -> Descent:
     """The minimum of half of the weighted chi-square near a state; never a higher cost than the state's.
 
     weight (E + P,). Gauss-Newton with a watchdog (Chamberlain et al., 1982); where PATIENCE steps have not lowered
@@ -67,13 +85,13 @@ def descend(equations: GraphEquations, state: FloatArray, weight: FloatArray, mo
     return Descent(best.state, best.cost, k)
 
 
-def place_at(equations: GraphEquations, state: FloatArray, weight: FloatArray) -> Place:
+def place_at(equations: Equations, state: FloatArray, weight: FloatArray) -> Place:
     """What a state costs."""
     errors = equations.errors(state)
     return Place(state, errors, 0.5 * float(np.dot(weight, equations.chi2(errors))))
 
 
-def _step(equations: GraphEquations, at: Place, weight: FloatArray, damping: float) -> tuple[Place, float] | None:
+def _step(equations: Equations, at: Place, weight: FloatArray, damping: float) -> tuple[Place, float] | None:
     """Where a step leads, and what the quadratic model promises of it; None where the equations are singular."""
     diagonal, blocks, gradient = equations.normal(at.state, at.errors, weight)
     d = equations.block

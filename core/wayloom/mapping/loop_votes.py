@@ -36,11 +36,13 @@ class Chain:
     T_world_node (N, 4, 4) dead reckoning
     part         (N,) which unbroken chain a pose is on
     covariance   (N, 6, 6) of the left perturbation of T_world_node from the first pose on; differences are those between two poses
+    length       (N,) uncertainty along the chain from the first pose on, as `lengths` of its steps
     """
 
     T_world_node: FloatArray
     part: IntArray
     covariance: FloatArray
+    length: FloatArray
 
 
 def agreeing(equations: GraphEquations, loops: BoolArray, c2: float) -> BoolArray:
@@ -92,8 +94,8 @@ def _scaled(chi2: FloatArray, c2: float, block: int, quantile: float) -> float:
 
 def cycle_chi2(equations: GraphEquations, loops: IntArray) -> FloatArray:
     """(L,) least chi-square of the cycles that loops, rows (L,) of edges, close with a neighbour or the chain; inf if none."""
-    covariance = _left_covariances(equations)
-    chain = _chain(equations, covariance, loops)
+    covariance = left_covariances_of_edges(equations)
+    chain = chain_of(equations, covariance, loops)
     first, second = equations.first[loops], equations.second[loops]
     turned = first > second
     Z = equations.T_first_second[loops]
@@ -103,52 +105,62 @@ def cycle_chi2(equations: GraphEquations, loops: IntArray) -> FloatArray:
     ends = np.stack([np.minimum(first, second), np.maximum(first, second)], axis=1)
     best = np.full(len(loops), np.inf)
     short = np.flatnonzero((ends[:, 1] - ends[:, 0] <= REACH) & (chain.part[ends[:, 0]] == chain.part[ends[:, 1]]))
-    step, step_covariance = _along(chain, ends[short, 0], ends[short, 1])
-    best[short] = _mahalanobis2(Z[short] @ se3.inverse(step), own[short] + step_covariance, equations.planar)
+    step, step_covariance = along(chain, ends[short, 0], ends[short, 1])
+    best[short] = mahalanobis2(Z[short] @ se3.inverse(step), own[short] + step_covariance, equations.planar)
     for a, b in _pairs(ends):
         keep = (chain.part[ends[a]] == chain.part[ends[b]]).all(axis=1)
         a, b = a[keep], b[keep]
-        near, near_covariance = _along(chain, ends[a, 0], ends[b, 0])
-        far, far_covariance = _along(chain, ends[a, 1], ends[b, 1])
+        near, near_covariance = along(chain, ends[a, 0], ends[b, 0])
+        far, far_covariance = along(chain, ends[a, 1], ends[b, 1])
         around = Z[a] @ far @ se3.inverse(Z[b]) @ se3.inverse(near)
-        total = own[a] + _moved(Z[a], far_covariance) + _moved(near, own[b]) + near_covariance
-        np.minimum.at(best, a, _mahalanobis2(around, total, equations.planar))
+        total = own[a] + moved(Z[a], far_covariance) + moved(near, own[b]) + near_covariance
+        np.minimum.at(best, a, mahalanobis2(around, total, equations.planar))
     return best
 
 
-def _left_covariances(equations: GraphEquations) -> FloatArray:
+def left_covariances_of_edges(equations: GraphEquations) -> FloatArray:
     """(E + P, 6, 6) of the left perturbation of what was measured."""
     omega = equations.information
     slack = ROUNDING * np.abs(omega).max(axis=(1, 2), initial=np.finfo(float).tiny)
     axes = np.array(PLANAR_ROWS) if equations.planar else np.arange(6)
     right = np.zeros((len(omega), 6, 6))
     right[:, axes[:, None], axes] = np.linalg.inv(omega + slack[:, None, None] * np.eye(equations.block))
-    return _moved(equations.T_first_second, right)
+    return moved(equations.T_first_second, right)
 
 
-def _chain(equations: GraphEquations, covariance: FloatArray, loops: IntArray) -> Chain:
+def chain_of(equations: GraphEquations, covariance: FloatArray, loops: IntArray) -> Chain:
     nodes = len(equations.held) - 1
     trusted = np.ones(len(equations.first), np.bool_)
     trusted[loops] = False
     steps = np.flatnonzero(trusted & (equations.second == equations.first + 1) & (equations.second < nodes))
     edge = np.full(nodes - 1, -1)
-    edge[equations.first[steps]] = steps
+    steps = steps[np.lexsort((lengths(covariance)[steps], equations.first[steps]))]
+    i, surest = np.unique(equations.first[steps], return_index=True)
+    edge[i] = steps[surest]
     T, C = np.tile(np.eye(4), (nodes, 1, 1)), np.zeros((nodes, 6, 6))
     for k in np.flatnonzero(edge >= 0).tolist():
         T[k + 1] = T[k] @ equations.T_first_second[edge[k]]
     told = np.flatnonzero(edge >= 0)
-    C[told + 1] = _moved(T[told], covariance[edge[told]])
-    return Chain(T, np.concatenate([[0], np.cumsum(edge < 0)]), np.cumsum(C, axis=0))
+    C[told + 1] = moved(T[told], covariance[edge[told]])
+    length = np.zeros(nodes)
+    length[told + 1] = lengths(covariance)[edge[told]]
+    return Chain(T, np.concatenate([[0], np.cumsum(edge < 0)]), np.cumsum(C, axis=0), np.cumsum(length))
 
 
-def _along(chain: Chain, i: IntArray, j: IntArray) -> tuple[FloatArray, FloatArray]:
+def lengths(covariance: FloatArray) -> FloatArray:
+    """(E,) how uncertain edges are, by covariances (E, 6, 6): the mean of their variances, each in units of its median."""
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    return np.asarray((variance / np.maximum(np.median(variance, axis=0), np.finfo(float).tiny)).mean(axis=1))
+
+
+def along(chain: Chain, i: IntArray, j: IntArray) -> tuple[FloatArray, FloatArray]:
     """Steps (L, 4, 4) from poses i to j (L,) of one part, and covariances (L, 6, 6) of their left perturbations."""
     back = se3.inverse(chain.T_world_node[i])
     between = chain.covariance[np.maximum(i, j)] - chain.covariance[np.minimum(i, j)]
-    return np.asarray(back @ chain.T_world_node[j]), _moved(back, between)
+    return np.asarray(back @ chain.T_world_node[j]), moved(back, between)
 
 
-def _moved(T: FloatArray, covariance: FloatArray) -> FloatArray:
+def moved(T: FloatArray, covariance: FloatArray) -> FloatArray:
     Ad = se3.adjoint(T)
     return np.asarray(Ad @ covariance @ np.swapaxes(Ad, 1, 2))
 
@@ -162,7 +174,7 @@ def _pairs(ends: IntArray) -> list[tuple[IntArray, IntArray]]:
     return [(row[taken[:, c]], other[taken[:, c], c].astype(np.int64)) for c in range(k)]
 
 
-def _mahalanobis2(around: FloatArray, covariance: FloatArray, planar: bool) -> FloatArray:
+def mahalanobis2(around: FloatArray, covariance: FloatArray, planar: bool) -> FloatArray:
     """(L,) of what cycles (L, 4, 4) fail to close by."""
     axes = np.array(PLANAR_ROWS) if planar else np.arange(6)
     rows, origin = np.arange(len(around)), np.eye(4)[None]

@@ -19,6 +19,7 @@ from scipy.stats import chi2 as chi_square
 
 from wayloom.mapping.descent import Descent, descend, place_at
 from wayloom.mapping.initialisation import chordal_poses
+from wayloom.mapping.loop_paths import closing
 from wayloom.mapping.loop_votes import agreeing, plausible, scaled_limit
 from wayloom.mapping.pose_graph_checks import check_graph
 from wayloom.mapping.pose_graph_equations import GraphEquations, graph_equations
@@ -79,7 +80,10 @@ def _without_false_loops(
     """Truncated least squares by graduation, and where it began: at the loops that agree with their neighbours; where
     few do, also at the trusted edges alone and at the caller's guess, whichever ends lowest.
     """
-    tree, agreed = np.where(loops & ~_spanning(equations, loops), 0.0, 1.0), agreeing(equations, loops, c2)
+    tree, agreed = (
+        np.where(loops & ~_spanning(equations, loops), 0.0, 1.0),
+        closing(equations, loops, agreeing(equations, loops, c2), c2),
+    )
     search = Search(equations, loops, tree, _held(equations, T_world_node), settings)
     if agreed.sum() >= MOST_AGREE * loops.sum():
         return search.extended(agreed, c2), "agreeing loops"

@@ -49,7 +49,7 @@ class GraphEquations:
     def of(self, kept: BoolArray) -> "GraphEquations":
         """The equations of some of the edges and priors (E + P,), over a pattern of their own."""
         first, second = self.first[kept], self.second[kept]
-        rows, columns, slot = _block_slots(first, second, self.held)
+        rows, columns, slot = block_slots(first, second, self.held)
         return replace(
             self,
             first=first,
@@ -91,9 +91,22 @@ class GraphEquations:
         d = self.block
         diagonal, blocks = np.zeros((len(self.held), d, d)), np.zeros((self.pairs, d, d))
         gradient = np.zeros((len(self.held), d))
-        add = normal_equations.add_planar if self.planar else normal_equations.add_spatial
-        information = weight[:, None, None] * self.information
-        add(state, self.first, self.second, self.measured, errors, information, self.slot, diagonal, blocks, gradient)
+        by_first, by_second = np.empty((2, len(self.first), d, d))
+        fill = planar_edges.fill_jacobians if self.planar else spatial_edges.fill_jacobians
+        fill(state, self.first, self.second, self.measured, errors, by_first, by_second)
+        normal_equations.add_edges(
+            self.first,
+            self.second,
+            errors,
+            self.information,
+            weight,
+            by_first,
+            by_second,
+            self.slot,
+            diagonal,
+            blocks,
+            gradient,
+        )
         diagonal[self.held], gradient[self.held] = np.eye(d), 0.0
         return diagonal, blocks, gradient
 
@@ -119,7 +132,7 @@ def graph_equations(graph: PoseGraph) -> GraphEquations:
     held[0] = len(priors.pose) == 0
     if graph.planar:
         information = information[:, PLANAR_ROWS][:, :, PLANAR_ROWS]
-    rows, columns, slot = _block_slots(first, second, held)
+    rows, columns, slot = block_slots(first, second, held)
     pattern = block_pattern(len(held), rows, columns)
     measured = planar_of(T) if graph.planar else T
     return GraphEquations(
@@ -136,7 +149,7 @@ def graph_equations(graph: PoseGraph) -> GraphEquations:
     )
 
 
-def _block_slots(first: IntArray, second: IntArray, held: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
+def block_slots(first: IntArray, second: IntArray, held: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
     """Rows and columns (B,) of the blocks off the diagonal, row < column, and where each edge adds to them."""
     free = np.flatnonzero(~(held[first] | held[second]))
     low, high = np.minimum(first, second), np.maximum(first, second)

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.mapping.descent import descend
-from wayloom.mapping.pose_graph_equations import GraphEquations
+from wayloom.mapping.descent import Equations, descend
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -39,9 +38,7 @@ def truncated_weights(chi2: FloatArray, c2: float, mu: float) -> FloatArray:
     return np.asarray(np.clip(np.sqrt(mu * (mu + 1.0)) / r - mu, 0.0, 1.0))
 
 
-def graduate(
-    equations: GraphEquations, state: FloatArray, loops: BoolArray, c2: float, least_mu: float = 0.0
-) -> tuple[FloatArray, int]:
+def graduate(equations: Equations, state: FloatArray, loops: BoolArray, c2: float, least_mu: float = 0.0) -> tuple[FloatArray, int]:
     """Where the surrogates lead from a state, and linear systems solved; loops (E + P,): the edges that are weighed.
 
     least_mu: where a state is near the solution already, surrogates far from the truncated cost would lead away again
@@ -60,7 +57,7 @@ def graduate(
     return state, systems
 
 
-def settle(equations: GraphEquations, state: FloatArray, loops: BoolArray, c2: float, most: int, converged: float) -> Weighed:
+def settle(equations: Equations, state: FloatArray, loops: BoolArray, c2: float, most: int, converged: float) -> Weighed:
     """Truncated least squares near a state: loops below c2 count in full, others not at all, until none changes sides."""
     weight, systems = _sides(equations, state, loops, c2), 0
     for _ in range(MOST_REVISIONS):
@@ -74,6 +71,6 @@ def settle(equations: GraphEquations, state: FloatArray, loops: BoolArray, c2: f
     return Weighed(state, weight, cost, systems)
 
 
-def _sides(equations: GraphEquations, state: FloatArray, loops: BoolArray, c2: float) -> FloatArray:
+def _sides(equations: Equations, state: FloatArray, loops: BoolArray, c2: float) -> FloatArray:
     chi2 = equations.chi2(equations.errors(state))
     return np.where(loops & (chi2 > c2), 0.0, 1.0)

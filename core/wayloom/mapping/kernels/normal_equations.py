@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from wayloom.mapping.kernels import planar_edges, spatial_edges
+from wayloom.mapping.kernels.spatial_edges import product
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -25,47 +25,29 @@ def fill_costs(errors: FloatArray, information: FloatArray, chi2: FloatArray) ->
 
 
 @njit(cache=True, error_model="numpy")
-def add_spatial(
-    T: FloatArray,
+def add_edges(
     first: IntArray,
     second: IntArray,
-    measured: FloatArray,
     errors: FloatArray,
     information: FloatArray,
+    weight: FloatArray,
+    by_first: FloatArray,
+    by_second: FloatArray,
     slot: IntArray,
     diagonal: FloatArray,
     blocks: FloatArray,
     gradient: FloatArray,
 ) -> None:
-    """Add edges in SE(3) to diagonal (N, 6, 6), blocks (P, 6, 6), gradient (N, 6) of half of chi2.
+    """Add edges with errors (E, d) and Jacobians (E, d, d) to diagonal (N, d, d), blocks (P, d, d), gradient (N, d) of half of the
+    weighted chi2.
 
     slot (E,): row of blocks for nodes first and second, or ~row where that block is for second and first;
     len(blocks) where there is none
     """
-    by_first, by_second = np.empty((6, 6)), np.empty((6, 6))
     for e in range(len(first)):
-        spatial_edges.fill_jacobians(T[first[e]], T[second[e]], errors[e], by_first, by_second)
-        add_edge(first[e], second[e], errors[e], information[e], by_first, by_second, slot[e], diagonal, blocks, gradient)
-
-
-@njit(cache=True, error_model="numpy")
-def add_planar(
-    poses: FloatArray,
-    first: IntArray,
-    second: IntArray,
-    measured: FloatArray,
-    errors: FloatArray,
-    information: FloatArray,
-    slot: IntArray,
-    diagonal: FloatArray,
-    blocks: FloatArray,
-    gradient: FloatArray,
-) -> None:
-    """The same for edges in the plane, d = 3."""
-    by_first, by_second = np.empty((3, 3)), np.empty((3, 3))
-    for e in range(len(first)):
-        planar_edges.fill_jacobians(poses[first[e]], poses[second[e]], measured[e], by_first, by_second)
-        add_edge(first[e], second[e], errors[e], information[e], by_first, by_second, slot[e], diagonal, blocks, gradient)
+        if weight[e] > 0.0:
+            omega = weight[e] * information[e]
+            add_edge(first[e], second[e], errors[e], omega, by_first[e], by_second[e], slot[e], diagonal, blocks, gradient)
 
 
 @njit(cache=True, error_model="numpy")
@@ -85,7 +67,7 @@ def add_edge(
     d = len(error)
     for side in range(2):
         own, node = (by_first, i) if side == 0 else (by_second, j)
-        weighted = spatial_edges.product(information, own)  # Omega J
+        weighted = product(information, own)  # Omega J
         for a in range(d):
             for c in range(d):
                 gradient[node, c] += weighted[a, c] * error[a]

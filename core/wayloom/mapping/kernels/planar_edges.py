@@ -28,7 +28,22 @@ def fill_errors(poses: FloatArray, first: IntArray, second: IntArray, measured: 
 
 
 @njit(cache=True, error_model="numpy")
-def fill_jacobians(a: FloatArray, b: FloatArray, measured: FloatArray, by_first: FloatArray, by_second: FloatArray) -> None:
+def fill_jacobians(
+    poses: FloatArray,
+    first: IntArray,
+    second: IntArray,
+    measured: FloatArray,
+    errors: FloatArray,
+    by_first: FloatArray,
+    by_second: FloatArray,
+) -> None:
+    """by_first and by_second (E, 3, 3) of errors (E, 3), between nodes first and second (E,) of poses (N, 3)."""
+    for e in range(len(first)):
+        fill_edge_jacobians(poses[first[e]], poses[second[e]], measured[e], by_first[e], by_second[e])
+
+
+@njit(cache=True, error_model="numpy")
+def fill_edge_jacobians(a: FloatArray, b: FloatArray, measured: FloatArray, by_first: FloatArray, by_second: FloatArray) -> None:
     """Of an edge's error (3,) by its poses a and b (3,), perturbed on the right: (3, 3) each."""
     c, s = np.cos(a[2]), np.sin(a[2])
     dx, dy = b[0] - a[0], b[1] - a[1]

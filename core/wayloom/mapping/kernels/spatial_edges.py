@@ -120,7 +120,22 @@ def product(A: FloatArray, B: FloatArray) -> FloatArray:
 
 
 @njit(cache=True, error_model="numpy")
-def fill_jacobians(A: FloatArray, B: FloatArray, error: FloatArray, by_first: FloatArray, by_second: FloatArray) -> None:
+def fill_jacobians(
+    T: FloatArray,
+    first: IntArray,
+    second: IntArray,
+    measured: FloatArray,
+    errors: FloatArray,
+    by_first: FloatArray,
+    by_second: FloatArray,
+) -> None:
+    """by_first and by_second (E, 6, 6) of errors (E, 6), between nodes first and second (E,) of T (N, 4, 4)."""
+    for e in range(len(first)):
+        fill_edge_jacobians(T[first[e]], T[second[e]], errors[e], by_first[e], by_second[e])
+
+
+@njit(cache=True, error_model="numpy")
+def fill_edge_jacobians(A: FloatArray, B: FloatArray, error: FloatArray, by_first: FloatArray, by_second: FloatArray) -> None:
     """Of an edge's error (6,) by its poses A and B (4, 4), perturbed on the right: (6, 6) each."""
     fill_inverse_right_jacobian(error, by_second)
     back = np.empty((3, 4))
