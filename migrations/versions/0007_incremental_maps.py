@@ -63,12 +63,26 @@ def upgrade() -> None:
         "changed_boxes",
         sa.Column("id", INTEGER, autoincrement=True, nullable=False),
         sa.Column("map_id", sa.String(length=63), nullable=False),
+        sa.Column("drive_id", sa.String(length=64), nullable=False),
         *(sa.Column(name, sa.Float(precision=53), nullable=False) for name in ("min_lon", "min_lat", "max_lon", "max_lat")),
         sa.ForeignKeyConstraint(["map_id"], ["maps.id"], name=op.f("fk_changed_boxes_map_id"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_changed_boxes")),
     )
     op.create_index("ix_changed_boxes_map_id", "changed_boxes", ["map_id"])
+    op.create_table(
+        "meetings",
+        *(
+            sa.Column(name, sa.String(length=length), nullable=False)
+            for name, length in (("map_id", 63), ("drive_a", 64), ("drive_b", 64), ("inputs", 64), ("digest", 64))
+        ),
+        sa.Column("count", INTEGER, nullable=False),
+        sa.PrimaryKeyConstraint("map_id", "drive_a", "drive_b", name=op.f("pk_meetings")),
+    )
+    op.create_index("ix_meetings_drive_b", "meetings", ["drive_b"])
     with op.batch_alter_table("submaps") as submaps:
+        submaps.add_column(sa.Column("own_T_enu_submap", sa.JSON(), nullable=False, server_default="[]"))
+        submaps.add_column(sa.Column("own_covariance", sa.JSON(), nullable=False, server_default="[]"))
+        submaps.add_column(sa.Column("length_m", sa.Float(precision=53), nullable=False, server_default="0"))
         submaps.add_column(sa.Column("track", sa.JSON(), nullable=False, server_default="[]"))
         submaps.add_column(sa.Column("track_t_ns", INTEGER, nullable=False, server_default="0"))
     with op.batch_alter_table("map_versions") as versions:
@@ -133,8 +147,9 @@ def downgrade() -> None:
         tiles.create_primary_key("pk_tiles", ["map_id", "version", "layer", "z", "x", "y"])
     with op.batch_alter_table("submaps") as submaps:
         submaps.drop_column("track_t_ns")
-        submaps.drop_column("track")
-    for table in ("changed_boxes", "map_drives", "regions"):
+        for name in ("track", "length_m", "own_covariance", "own_T_enu_submap"):
+            submaps.drop_column(name)
+    for table in ("meetings", "changed_boxes", "map_drives", "regions"):
         op.drop_table(table)
 
 

@@ -113,6 +113,8 @@ def stitch(attempt: StageAttempt) -> None:
         "built_with": "",
         "taken_in": sorted(boxes),
         "regions": [],
+        "moved": [],
+        "facts": {},
         "dropped_regions": [],
         "dropped_tiles": [] if rows else sorted(before),
         "frame": [8.5, 49.5, 0.0],

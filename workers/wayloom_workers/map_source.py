@@ -18,13 +18,12 @@ from wayloom.stitching.voxel_map import VoxelMap, union
 from wayloom.store import maps
 from wayloom.store.map_versions import current_regions
 from wayloom.store.maps import Box
-from wayloom.store.tables import SubmapRow
 from wayloom.submaps.submap import decode_submap
 from wayloom.tiles.grid import TILE_PX, TileAddress, pixel_from_lonlat, tile_bounds
 from wayloom.tiles.mvt import BUFFER, EXTENT, LonLatTrack
 from wayloom.tiles.settings import TileSettings
 from wayloom.tiles.updates import COUNTS_LAYER, ancestor, block_zoom, margin_px
-from wayloom_workers.map_state import MapState
+from wayloom_workers.map_state import MapState, PlacedRow
 from wayloom_workers.stage_hooks import StageAttempt
 
 FloatArray = NDArray[np.float64]
@@ -46,7 +45,7 @@ class MapSource:
         self, attempt: StageAttempt, state: MapState, new: Mapping[RegionKey, str], dropped: Collection[RegionKey]
     ) -> None:
         self._context, self._map_id = attempt.context, str(attempt.claim.map_id)
-        self._frame, self._submaps, self._base = state.frame, state.submaps, 0 if state.whole else state.base
+        self._state, self._frame, self._base = state, state.frame, 0 if state.whole else state.base
         self._new, self._dropped = new, frozenset(dropped)
         self._settings = attempt.context.settings.tiles
         self._region = lru_cache(HELD_REGIONS)(self._decoded)
@@ -73,14 +72,14 @@ class MapSource:
 
     def tracks(self, addresses: Collection[TileAddress]) -> Sequence[LonLatTrack]:
         """The pieces of road of the submaps near these tiles, by drive and time."""
-        found: dict[tuple[str, int, str], SubmapRow] = {}
+        found: dict[tuple[str, int, str], PlacedRow] = {}
         with self._context.database.read() as session:
             for box in _boxes(addresses):
-                rows = (row for row in maps.submaps(session, self._map_id, box) if (row.drive_id, row.position) in self._submaps)
+                rows = self._state.rows(session, self._map_id, box)
                 found |= {(row.drive_id, row.track_t_ns, row.digest): row for row in rows}
         return [LonLatTrack(key[0], self._track(found[key])) for key in sorted(found)]
 
-    def _track(self, row: SubmapRow) -> FloatArray:
+    def _track(self, row: PlacedRow) -> FloatArray:
         """(K, 2) degrees; of a row that was written before rows had tracks, from its blob."""
         if row.track:
             return np.array(row.track, np.float64)

@@ -163,7 +163,8 @@ def submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) 
     return SubmapRow(
         drive_id=drive_id, map_id=map_id, position=position, digest=placed.submap.digest, point_count=len(placed.submap),
         frame=[placed.frame.lon_deg, placed.frame.lat_deg, placed.frame.height_m], T_enu_submap=placed.T_enu_submap.tolist(),
-        covariance=covariance.tolist(), track=track.tolist(), track_t_ns=int(placed.submap.keyframe_t_ns.min(initial=2**62)),
+        covariance=covariance.tolist(), own_T_enu_submap=placed.T_enu_submap.tolist(), own_covariance=covariance.tolist(),
+        length_m=placed.submap.length_m, track=track.tolist(), track_t_ns=int(placed.submap.keyframe_t_ns.min(initial=2**62)),
         min_lon=west, min_lat=south, max_lon=east, max_lat=north,
     )  # fmt: skip
 

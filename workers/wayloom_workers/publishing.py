@@ -7,13 +7,13 @@ from typing import Final
 
 import structlog
 
-from wayloom.store import jobs, map_versions
+from wayloom.store import jobs, map_versions, meetings
 from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseError, Session
 from wayloom.store.folders import Folders
 from wayloom.store.garbage import drop_unused
 from wayloom.store.jobs import JobMessage
-from wayloom.store.map_versions import NewVersion, RegionEntry, TileEntry
+from wayloom.store.map_versions import MovedSubmap, NewVersion, RegionEntry, TileEntry
 from wayloom_workers.stage_hooks import StageAttempt
 
 log = structlog.get_logger()
@@ -61,10 +61,13 @@ def publish(session: Session, attempt: StageAttempt) -> list[JobMessage]:
         dropped_tiles=[(layer, z, x, y) for layer, z, x, y in stitched["dropped_tiles"]],
         regions=[RegionEntry(**entry) for entry in stitched["regions"]],
         dropped_regions=[(east, north) for east, north in stitched["dropped_regions"]],
+        moved=[MovedSubmap(**{**one, "box": tuple(one["box"])}) for one in stitched["moved"]],
         taken_in=stitched["taken_in"],
-        facts={"out_of_reach": stitched["out_of_reach"]} if stitched["out_of_reach"] else {},
+        facts=stitched["facts"] | ({"out_of_reach": stitched["out_of_reach"]} if stitched["out_of_reach"] else {}),
         built_with=stitched["built_with"],
         out_of_reach=tuple(stitched["out_of_reach"]),
     )
+    changed = map_versions.changed_drives(session, str(attempt.claim.map_id))
     map_versions.publish(session, str(attempt.claim.map_id), new, attempt.context.settings.map_versions_kept)
+    meetings.forget_gone(session, str(attempt.claim.map_id), changed)
     return []

@@ -18,17 +18,26 @@ from wayloom.stitching.region_files import encode_region
 from wayloom.stitching.regions import RegionKey, fuse_region, halo_m
 from wayloom.stitching.settings import MergeSettings
 from wayloom.store import map_versions, maps
-from wayloom.store.map_versions import RegionEntry
-from wayloom.store.tables import SubmapRow
+from wayloom.store.map_versions import MovedSubmap, RegionEntry
 from wayloom.submaps.submap import PlacedSubmap, Submap, decode_submap
+from wayloom_workers.city_alignment import Alignment, align
 from wayloom_workers.map_source import region_box, regions_of_box
-from wayloom_workers.map_state import MapState, read_state
+from wayloom_workers.map_state import MapState, PlacedRow, read_state
 from wayloom_workers.stage_hooks import StageAttempt, StageParts
 
 HELD_SUBMAPS: Final = 64
 REGIONS_OF_PART: Final = 32
 """Neighbours, so that a part decodes few submaps of another's; fewer changed regions than two parts' are merged by one worker."""
-PLAN_FILE, PART_FILE = "plan.json", "regions.json"
+PLAN_FILE, PLACES_FILE, PART_FILE = "plan.json", "places.json", "regions.json"
+
+
+def aligned_state(attempt: StageAttempt) -> MapState:
+    """The state of the map with its drives aligned."""
+    map_id = str(attempt.claim.map_id)
+    with attempt.context.database.read() as session:
+        state = read_state(session, map_id, attempt.context.settings)
+        changed = maps.drives_with_submaps(session, map_id) if state.whole else map_versions.changed_drives(session, map_id)
+    return state.aligned(align(attempt, state.frame, changed, state.submaps))
 
 
 def changed_regions(state: MapState, settings: MergeSettings) -> list[RegionKey]:
@@ -44,20 +53,19 @@ class Merger:
         self._submap = lru_cache(HELD_SUBMAPS)(self._decoded)
         self._T_map_cell = lru_cache(64)(lambda cell: wgs84.T_enu_enu(state.frame, MapFrame(*cell)))
 
-    def rows(self, key: RegionKey) -> list[SubmapRow]:
+    def rows(self, key: RegionKey) -> list[PlacedRow]:
         """The submaps that may bear on a region: whose boxes touch its own. Sorted."""
         settings = self._context.settings.merge
         box = region_box(key, self._state.frame, settings, halo_m(settings))
         with self._context.database.read() as session:
-            rows = maps.submaps(session, self._map_id, box)
-        return [row for row in rows if (row.drive_id, row.position) in self._state.submaps]
+            return self._state.rows(session, self._map_id, box)
 
-    def inputs(self, rows: Sequence[SubmapRow]) -> str:
+    def inputs(self, rows: Sequence[PlacedRow]) -> str:
         """Digest of all that a region is made from."""
         places = [[row.drive_id, row.digest, row.frame, row.T_enu_submap, row.covariance] for row in rows]
         return sha256_of_json({"with": self._state.built_with, "submaps": places})
 
-    def region(self, key: RegionKey, rows: Sequence[SubmapRow], inputs: str) -> RegionEntry | None:
+    def region(self, key: RegionKey, rows: Sequence[PlacedRow], inputs: str) -> RegionEntry | None:
         """The region, stored; one of a version that is kept, where it was made from the same; None when nothing lies in it."""
         with self._context.database.read() as session:
             again = map_versions.region_made_from(session, self._map_id, key, inputs)
@@ -70,14 +78,14 @@ class Merger:
         members = sorted([row.drive_id, row.digest] for row in rows)
         return RegionEntry(*key, inputs, self._context.blobs.put(data), members, len(data))
 
-    def _placed(self, rows: Sequence[SubmapRow]) -> Iterator[PlacedSubmap]:
+    def _placed(self, rows: Sequence[PlacedRow]) -> Iterator[PlacedSubmap]:
         """The submaps in the map's frame."""
         for row in rows:
             T_map_cell = self._T_map_cell(tuple(row.frame))
             covariance = moved_covariance(T_map_cell, np.array(row.covariance, np.float64)[None])[0]
             yield PlacedSubmap(self._submap(row.digest), self._T_map_submap(row), covariance, row.drive_id, self._state.frame)
 
-    def _T_map_submap(self, row: SubmapRow) -> np.ndarray:
+    def _T_map_submap(self, row: PlacedRow) -> np.ndarray:
         moved: np.ndarray = self._T_map_cell(tuple(row.frame)) @ np.array(row.T_enu_submap, np.float64)
         return moved
 
@@ -103,18 +111,26 @@ class RegionParts:
         return {RegionKey(*entry.key): entry for entry in entries}
 
     def _state(self) -> MapState:
+        """The state that the plan was made for; without one, as it is."""
+        places = self._folder / PLACES_FILE
+        if not places.is_file():
+            return aligned_state(self._attempt)
         with self._attempt.context.database.read() as session:
-            return read_state(session, str(self._attempt.claim.map_id), self._attempt.context.settings)
+            state = read_state(session, str(self._attempt.claim.map_id), self._attempt.context.settings)
+        found = json.loads(places.read_text(encoding="utf-8"))
+        return state.aligned(Alignment(tuple(MovedSubmap(**{**one, "box": tuple(one["box"])}) for one in found), {}))
 
     def _missing(self) -> list[int]:
         """The parts of the plan, written down at the first look, that are not there."""
         plan = self._folder / PLAN_FILE
         if not plan.is_file():
-            keys = changed_regions(self._state(), self._attempt.context.settings.merge)
+            state = self._state()
+            keys = changed_regions(state, self._attempt.context.settings.merge)
             parts = [keys[start : start + REGIONS_OF_PART] for start in range(0, len(keys), REGIONS_OF_PART)]
             if len(parts) < 2:
                 return []
             self._folder.mkdir(parents=True, exist_ok=True)
+            write_atomically(self._folder / PLACES_FILE, json.dumps([asdict(one) for one in state.moved.values()]).encode())
             write_atomically(plan, json.dumps(parts).encode())
         return [number for number, _ in enumerate(self._plan(), 1) if not self._has(number)]
 

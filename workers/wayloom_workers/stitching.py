@@ -15,13 +15,14 @@ from wayloom.store import map_versions
 from wayloom.store.map_versions import RegionEntry, TileEntry, TileKey
 from wayloom.tiles.updates import touched_tiles, updated_tiles
 from wayloom_workers.map_source import MapSource, blocks_of_box, region_box
-from wayloom_workers.map_state import MapState, read_state
+from wayloom_workers.map_state import MapState
 from wayloom_workers.publishing import TILES_FILE
-from wayloom_workers.region_merging import Merger, RegionParts, changed_regions
+from wayloom_workers.region_merging import Merger, RegionParts, aligned_state, changed_regions
 from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, key_of_inputs
 
-FUSED_SHARE: Final = 0.6
-"""Of the progress, when the regions are merged."""
+ALIGNED_SHARE: Final = 0.4
+FUSED_SHARE: Final = 0.7
+"""Of the progress, when the drives are aligned, and when the regions are merged."""
 
 
 def prepare_stitch(attempt: StageAttempt) -> PreparedStage:
@@ -37,8 +38,7 @@ def stitch(attempt: StageAttempt, made: Mapping[RegionKey, RegionEntry] = Mappin
 
     made : regions that parts of the stage have merged; one that was made from other submaps than there are by now does not count
     """
-    with attempt.context.database.read() as session:
-        state = read_state(session, str(attempt.claim.map_id), attempt.context.settings)
+    state = aligned_state(attempt)
     regions, dropped_regions = _merged_regions(attempt, state, made)
     tiles, dropped_tiles = _cut_tiles(attempt, state, regions, dropped_regions)
     content: dict[str, Any] = {
@@ -48,6 +48,8 @@ def stitch(attempt: StageAttempt, made: Mapping[RegionKey, RegionEntry] = Mappin
         "drives": list(state.drives),
         "out_of_reach": list(state.out_of_reach),
         "submaps": len(state.submaps),
+        "moved": [asdict(one) for one in state.moved.values()],
+        "facts": dict(state.facts),
         "bounds": state.bounds,
         "taken_in": sorted(state.boxes),
         "tiles": [asdict(entry) for entry in tiles],
@@ -70,7 +72,7 @@ def _merged_regions(
     made: list[RegionEntry] = []
     gone = sorted(RegionKey(*key) for key in kept.keys() - set(keys)) if state.whole else []
     for count, key in enumerate(keys):
-        attempt.progress(FUSED_SHARE * count / len(keys), f"region {count + 1} of {len(keys)}")
+        attempt.progress(ALIGNED_SHARE + (FUSED_SHARE - ALIGNED_SHARE) * count / len(keys), f"region {count + 1} of {len(keys)}")
         rows = merger.rows(key)
         inputs = merger.inputs(rows)
         if rows and key in kept and kept[key].inputs == inputs:

@@ -16,7 +16,8 @@ from wayloom.loops.settings import LoopSettings
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.places.settings import PlaceSettings
 from wayloom.segmentation.settings import SegmentationSettings
-from wayloom.stitching.settings import MergeSettings
+from wayloom.stitching.meeting_settings import MeetingSettings
+from wayloom.stitching.settings import CityGraphSettings, MergeSettings
 from wayloom.submaps.settings import SubmapSettings
 from wayloom.tiles.settings import TileSettings
 
@@ -56,6 +57,8 @@ class WayloomSettings(ServiceSettings, ProcessSettings):
     gate: GateSettings = GateSettings()
     merge: MergeSettings = MergeSettings()
     tiles: TileSettings = TileSettings()
+    meetings: MeetingSettings = MeetingSettings()
+    city_graph: CityGraphSettings = CityGraphSettings()
 
     def of_drives(self) -> ProcessSettings:
         """The part that a drive's stages are told: no address, no key."""

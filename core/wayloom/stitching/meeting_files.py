@@ -13,10 +13,11 @@ from wayloom.stitching.types import Meeting
 
 FORMAT: Final = "wayloom-meetings"
 VERSION: Final = 1
+REMEDY: Final = "register the two drives again"
 
 
-def save_meetings(found: DriveMeetings, path: Path) -> None:
-    """Write atomically."""
+def encode_meetings(found: DriveMeetings) -> bytes:
+    """The file's bytes."""
     rows = [
         {
             "drives": [m.drive_a, m.drive_b],
@@ -27,19 +28,31 @@ def save_meetings(found: DriveMeetings, path: Path) -> None:
         for m in found.meetings
     ]
     content = {"format": FORMAT, "version": VERSION, "meetings": rows, "report": found.report}
-    write_atomically(path, json.dumps(content, indent=1, sort_keys=True).encode())
+    return json.dumps(content, indent=1, sort_keys=True).encode()
+
+
+def save_meetings(found: DriveMeetings, path: Path) -> None:
+    """Write atomically."""
+    write_atomically(path, encode_meetings(found))
 
 
 def load_meetings(path: Path) -> DriveMeetings:
     """Read what `save_meetings` wrote. Raises StageError where the file is missing, damaged or of another version."""
-    remedy = "register the two drives again"
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        return decode_meetings(path.read_bytes(), str(path))
+    except OSError as error:
+        raise StageError(f"{path}: no readable file of meetings ({type(error).__name__}); {REMEDY}") from error
+
+
+def decode_meetings(data: bytes, name: str = "meetings") -> DriveMeetings:
+    """The inverse of `encode_meetings`. Raises StageError where the bytes are none, or of another version."""
+    try:
+        content = json.loads(data)
         if content["format"] != FORMAT or content["version"] != VERSION:
-            raise StageError(f"{path}: version {content['version']}, this program reads {VERSION}; {remedy}")
+            raise StageError(f"{name}: version {content['version']}, this program reads {VERSION}; {REMEDY}")
         return DriveMeetings(tuple(_meeting(row) for row in content["meetings"]), content["report"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise StageError(f"{path}: no readable file of meetings ({type(error).__name__}); {remedy}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise StageError(f"{name}: no readable file of meetings ({type(error).__name__}); {REMEDY}") from error
 
 
 def _meeting(row: dict[str, Any]) -> Meeting:

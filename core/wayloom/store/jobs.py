@@ -5,7 +5,7 @@ is guarded by that token, so a worker that was thought dead and comes back can d
 nothing to do.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -157,6 +157,12 @@ def input_keys(session: Session, drive_id: str, stage: str) -> dict[str, str]:
     if len(keys) < len(read):
         raise ConflictError(f"{stage} was started before {', '.join(name for name in read if name not in keys)}")
     return {name: keys[name] for name in read}
+
+
+def keys_of_outputs(session: Session, drive_id: str, stages: Sequence[str]) -> dict[str, str]:
+    """For each of the stages that is done, the key of its output."""
+    rows = session.scalars(select(Job).where(Job.drive_id == drive_id, Job.stage.in_(stages), Job.state == "done", Job.part == 0))
+    return {job.stage: str(job.payload["key"]) for job in rows}
 
 
 def retry(session: Session, drive_id: str) -> list[JobMessage]:

@@ -15,7 +15,7 @@ from wayloom.errors import ConflictError
 from wayloom.store import maps
 from wayloom.store.database import now_s
 from wayloom.store.maps import Box
-from wayloom.store.tables import ChangedBox, Drive, Map, MapDrive, MapVersion, RegionRow, TileRow
+from wayloom.store.tables import ChangedBox, Drive, Map, MapDrive, MapVersion, RegionRow, SubmapRow, TileRow
 from wayloom.tiles.formats import SERVED_LAYERS
 
 OUT_OF_REACH = "lies too far from the map's origin for one grid: give it a map of its own (WAYLOOM_MAP_ID)"
@@ -64,6 +64,20 @@ class RegionEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class MovedSubmap:
+    """A submap and its place by the city graph, as in `SubmapRow`; own_T_enu_submap tells the row that was moved."""
+
+    drive_id: str
+    position: int
+    digest: str
+    own_T_enu_submap: list[list[float]]
+    T_enu_submap: list[list[float]]
+    covariance: list[list[float]]
+    track: list[list[float]]
+    box: Box
+
+
+@dataclass(frozen=True, slots=True)
 class NewVersion:
     """What publishing writes.
 
@@ -72,6 +86,7 @@ class NewVersion:
     drives         all that are in the map
     tiles, dropped_tiles      those that are new or another than in `base`, and those that are no more
     regions, dropped_regions  likewise
+    moved          submaps that the city graph places elsewhere than `base` has them
     taken_in       ids of the changed boxes that this version has taken in
     out_of_reach   drives that lie too far from the frame's origin to be in it
     """
@@ -85,6 +100,7 @@ class NewVersion:
     dropped_tiles: Sequence[TileKey] = ()
     regions: Sequence[RegionEntry] = ()
     dropped_regions: Sequence[RegionKey] = ()
+    moved: Sequence[MovedSubmap] = ()
     taken_in: Sequence[int] = ()
     facts: dict[str, Any] = field(default_factory=dict)
     built_with: str = ""
@@ -103,6 +119,8 @@ def publish(session: Session, map_id: str, new: NewVersion, kept: int) -> int:
     counted = _replace_tiles(session, map_id, number, new)
     _replace_regions(session, map_id, number, new)
     _replace_drives(session, map_id, number, new.drives)
+    for one in new.moved:
+        _move(session, one)
     session.add(MapVersion(
         map_id=map_id, version=number, created_at=now, frame=list(new.frame), built_with=new.built_with,
         drive_count=len(new.drives), submap_count=new.submap_count, bounds=None if new.bounds is None else list(new.bounds),
@@ -170,6 +188,13 @@ def changed_boxes(session: Session, map_id: str) -> dict[int, Box]:
     """Where the map is to be stitched anew, by id of the row."""
     rows = session.scalars(select(ChangedBox).where(ChangedBox.map_id == map_id).order_by(ChangedBox.id))
     return {row.id: (row.min_lon, row.min_lat, row.max_lon, row.max_lat) for row in rows}
+
+
+def changed_drives(session: Session, map_id: str) -> Sequence[str]:
+    """Ids of the drives whose submaps came, went or were placed anew since, sorted; some may be gone."""
+    return session.scalars(
+        select(ChangedBox.drive_id).where(ChangedBox.map_id == map_id).distinct().order_by(ChangedBox.drive_id)
+    ).all()
 
 
 def changes(session: Session, map_id: str, number: int) -> tuple[Sequence[TileRow], Sequence[TileRow]]:
@@ -248,6 +273,15 @@ def _forget(session: Session, map_id: str, newest: int) -> None:
     session.execute(delete(MapVersion).where(MapVersion.map_id == map_id, MapVersion.version <= newest))
     for table in (TileRow, RegionRow, MapDrive):
         session.execute(delete(table).where(table.map_id == map_id, table.until <= newest + 1))
+
+
+def _move(session: Session, moved: MovedSubmap) -> None:
+    """Place a submap, unless its drive was processed anew or removed meanwhile: then the next stitch will."""
+    row = session.get(SubmapRow, (moved.drive_id, moved.position))
+    if row is not None and (row.digest, row.own_T_enu_submap or row.T_enu_submap) == (moved.digest, moved.own_T_enu_submap):
+        row.own_T_enu_submap, row.own_covariance = moved.own_T_enu_submap, row.own_covariance or row.covariance
+        row.T_enu_submap, row.covariance, row.track = moved.T_enu_submap, moved.covariance, moved.track
+        row.min_lon, row.min_lat, row.max_lon, row.max_lat = moved.box
 
 
 def _finish_drives(session: Session, map_id: str, out_of_reach: Sequence[str], now: float) -> None:

@@ -18,6 +18,23 @@ PASSES: Final = or_(Drive.gate == "merge", Drive.released_at.is_not(None))
 """Of a drive: it was found good enough for the map, or an operator released it. As `gate.passes`."""
 
 
+def submaps_of(session: Session, drive_id: str) -> Sequence[SubmapRow]:
+    """The submaps of a drive, in the order of the road."""
+    return session.scalars(select(SubmapRow).where(SubmapRow.drive_id == drive_id).order_by(SubmapRow.position)).all()
+
+
+def drives_with_submaps(session: Session, map_id: str) -> Sequence[str]:
+    """Ids of all drives of a map, sorted."""
+    query = select(SubmapRow.drive_id).join(Drive, Drive.id == SubmapRow.drive_id).where(*_merged(map_id))
+    return session.scalars(query.distinct().order_by(SubmapRow.drive_id)).all()
+
+
+def drives_near(session: Session, map_id: str, box: Box) -> Sequence[str]:
+    """Ids of the drives of a map that have a submap touching the box, sorted."""
+    query = select(SubmapRow.drive_id).join(Drive, Drive.id == SubmapRow.drive_id).where(*_merged(map_id), touches(box))
+    return session.scalars(query.distinct().order_by(SubmapRow.drive_id)).all()
+
+
 @dataclass(frozen=True, slots=True)
 class SubmapPlace:
     """Where a submap lies, without its points: the origin (east, north, up) of its own frame in its cell's, and its box."""
@@ -112,8 +129,8 @@ def place_submaps(session: Session, drive_id: str, rows: Sequence[SubmapRow]) ->
 def mark_changed(session: Session, drive_id: str) -> None:
     """The map is to be stitched anew where this drive's submaps are."""
     session.flush()
-    box = (SubmapRow.map_id, SubmapRow.min_lon, SubmapRow.min_lat, SubmapRow.max_lon, SubmapRow.max_lat)
-    names = ["map_id", "min_lon", "min_lat", "max_lon", "max_lat"]
+    names = ["map_id", "drive_id", "min_lon", "min_lat", "max_lon", "max_lat"]
+    box = [getattr(SubmapRow, name) for name in names]
     here = select(*box).where(SubmapRow.drive_id == drive_id).order_by(SubmapRow.position)
     session.execute(insert(ChangedBox).from_select(names, here))
 

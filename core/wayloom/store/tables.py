@@ -153,8 +153,11 @@ class Job(Base):
 
 
 class SubmapRow(Base):
-    """A submap's place; its points are the blob `digest`. The box is in degrees, around its points and its track, for look-up.
+    """A submap's place in the map; its points are the blob `digest`. The box is in degrees, around points and track, for look-up.
 
+    T_enu_submap, covariance          where the newest version has it: by the city graph where the drive meets others
+    own_T_enu_submap, own_covariance  by the drive's own geo-reference; [] in rows older than the city graph: the same
+    length_m  of road
     track   (K, 2) longitude and latitude of its keyframes, and when the first of them was taken (`track_t_ns`)
     """
 
@@ -167,6 +170,9 @@ class SubmapRow(Base):
     frame: Mapped[list[Any]]
     T_enu_submap: Mapped[list[Any]]
     covariance: Mapped[list[Any]]
+    own_T_enu_submap: Mapped[list[Any]] = mapped_column(default=list)
+    own_covariance: Mapped[list[Any]] = mapped_column(default=list)
+    length_m: Mapped[float] = mapped_column(default=0.0)
     track: Mapped[list[Any]] = mapped_column(default=list)
     track_t_ns: Mapped[int] = mapped_column(default=0)
     min_lon: Mapped[float]
@@ -322,13 +328,30 @@ class MapDrive(Base):
 
 
 class ChangedBox(Base):
-    """A place where submaps came, went or moved since the map was stitched; degrees, as in `SubmapRow`. The version that has taken
-    it in drops it."""
+    """A place where submaps of a drive came, went or moved since the map was stitched; degrees, as in `SubmapRow`. The version that
+    has taken it in drops it."""
 
     __tablename__ = "changed_boxes"
     id: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     map_id: Mapped[str] = mapped_column(ForeignKey("maps.id", ondelete="CASCADE"), index=True)
+    drive_id: Mapped[str] = mapped_column(DIGEST)
     min_lon: Mapped[float]
     min_lat: Mapped[float]
     max_lon: Mapped[float]
     max_lat: Mapped[float]
+
+
+class MeetingRow(Base):
+    """What the registration of two drives found; kept for as long as both are what they were.
+
+    inputs  digest of both drives' submaps and places, the frame, the settings and the code
+    digest  of the blob, a file of meetings (docs/formats.md); count: how many there are
+    """
+
+    __tablename__ = "meetings"
+    map_id: Mapped[str] = mapped_column(String(63), primary_key=True)
+    drive_a: Mapped[str] = mapped_column(DIGEST, primary_key=True)
+    drive_b: Mapped[str] = mapped_column(DIGEST, primary_key=True, index=True)
+    inputs: Mapped[str] = mapped_column(DIGEST)
+    digest: Mapped[str] = mapped_column(DIGEST)
+    count: Mapped[int]
