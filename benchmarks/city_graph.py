@@ -5,7 +5,7 @@
 accuracy  20 drives of four kinds over the same streets, ten seeds: places, NEES, false meetings, with and without the drives' own
           covariance of neighbours
 cells     places by cells with their surroundings against the whole, by the width of the surroundings
-growth    what one more drive costs, at 10, 100 and 1,000 drives of one density
+growth    what one more drive costs, at 10 to 1,000 drives of one density
 Times are those of one processor, kernels compiled before.
 """
 
@@ -31,7 +31,7 @@ from wayloom.stitching.settings import CityGraphSettings  # noqa: E402
 
 PAGE = DOCS / "benchmarks" / "city_graph.md"
 SEEDS = range(10)
-SIZES = (10, 100, 1000)
+SIZES = (10, 100, 300, 1000)
 HALOS = (250.0, 500.0, 750.0)
 
 

@@ -115,13 +115,14 @@ class Search:
         """From loops (E + P,) that agree with their neighbours to those that may be right by the poses' covariances, and
         to all at the end: the many false ones would fill the factors of every step.
         """
-        equations, systems = self.equations, 0
+        equations, systems, limit = self.equations, 0, c2
         kept = agreed | (self.tree > 0.0)
         for _ in range(MOST_EXTENSIONS):
             part = self.part(kept)
             first = part.over(np.ones(int(kept.sum())))
             systems += first.iterations
-            limit = min(c2, scaled_limit(equations.chi2(equations.errors(first.state))[agreed], c2, equations.block))
+            told = scaled_limit(equations.chi2(equations.errors(first.state))[agreed], c2, equations.block)
+            limit = min(limit, told)  # false loops that came in bend what agrees: it never tells a wider limit than before
             wider = kept | plausible(equations, part.equations, first.state, limit)
             if (wider == kept).all():
                 break
