@@ -30,6 +30,7 @@ from meeting_pictures import wall_picture
 from pages import DOCS, put_between_marks
 from wayloom.geometry import se3
 from wayloom.logs.simulated_truth import open_truth
+from wayloom.loops.priors import Closure
 from wayloom.odometry.result.odometry_file import load_odometry
 from wayloom.places.files import load_places
 from wayloom.registration.verification import both_ways
@@ -135,9 +136,7 @@ def pair_row(one: KnownDrive, other: KnownDrive) -> dict[str, Any]:
     hits = recall(search, a.truth, b.truth, [(p.first, p.second - len(a.drive.places)) for p in pairs])
     if not sum(hits[1::2]) and not found.meetings:
         return {}
-    of_pairs = np.array(
-        [pair_error(p.T_first_second, p.covariance, a.truth[p.first], b.truth[p.second - len(a.truth)]) for p in pairs]
-    )
+    of_pairs = errors_of_pairs(pairs, a, b)
     of_meetings = np.array([meeting_error(m, a, b) for m in found.meetings])
     row: dict[str, Any] = {"drives": f"{a.drive.drive_id}, {b.drive.drive_id}"}
     for k, (low, high) in enumerate(pairwise(OVERLAPS)):
@@ -148,6 +147,12 @@ def pair_row(one: KnownDrive, other: KnownDrive) -> dict[str, Any]:
 
 def search_size(search: PairSearch) -> int:
     return len(search.tried)
+
+
+def errors_of_pairs(pairs: list[Closure], a: KnownDrive, b: KnownDrive) -> np.ndarray:
+    """(N, 3) metres, degrees, chi-square."""
+    rows = ((a.truth[p.first], b.truth[p.second - len(a.truth)]) for p in pairs)
+    return np.array([pair_error(p.T_first_second, p.covariance, *truth) for p, truth in zip(pairs, rows, strict=True)])
 
 
 def pair_error(T: np.ndarray, covariance: np.ndarray, T_enu_a: np.ndarray, T_enu_b: np.ndarray) -> tuple[float, float, float]:
@@ -237,9 +242,9 @@ def halves(even: Path, odd: Path, write: bool) -> list[dict[str, Any]]:
         start = time.process_time()
         search = start_search(a.drive, drive, SETTINGS)
         found, pairs = found_meetings(search)
-        errors = np.array([meeting_error(m, a, b) for m in found.meetings])
-        row = {"second half": name, "views compared": found.report["tried"], "fit": found.report["fitting"], "taken": len(pairs)}
-        rows.append(row | summary("meetings", errors) | {"CPU s": round(time.process_time() - start, 1)})
+        row = {"second half": name, "views compared": found.report["tried"], "fit": found.report["fitting"]}
+        row |= summary("pairs", errors_of_pairs(pairs, a, b)) | {"meetings": len(found.meetings)}
+        rows.append(row | {"CPU s": round(time.process_time() - start, 1)})
         print(json.dumps(rows[-1]), json.dumps(found.report), flush=True)
         if write and name == "single-point GNSS" and found.meetings:
             wall_picture(PICTURE, a.drive, b.drive, found.meetings)
