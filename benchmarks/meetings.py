@@ -2,7 +2,7 @@
 
 python benchmarks/meetings.py drives OUT LOG [OUT LOG ...]    all pairs of simulated drives of one city (with truth), as `wayloom
                                                               process` left them in OUT
-python benchmarks/meetings.py alone OUT LOG OUT LOG           the second drive's GNSS is taken away
+python benchmarks/meetings.py alone OUT LOG OUT LOG [...]     drives in pairs, each second one's GNSS taken away
 python benchmarks/meetings.py apart OUT LOG OUT LOG [...]     drives of different cities in pairs, the one falsely put where the
                                                               other is
 python benchmarks/meetings.py halves EVEN ODD                 clip A as two drives with half in common, the second's GNSS degraded
@@ -88,7 +88,7 @@ def of_drives(what: str, paths: list[Path]) -> list[dict[str, Any]]:
     if what == "drives":
         pairs = list(combinations(drives, 2))
     elif what == "alone":
-        pairs = [(drives[0], replace(drives[1], drive=unlocated(drives[1].drive)))]
+        pairs = [(one, replace(other, drive=unlocated(other.drive))) for one, other in zip(drives[::2], drives[1::2], strict=True)]
     else:
         pairs = [(one, laid_over(other, one)) for one, other in zip(drives[::2], drives[1::2], strict=True)]
     for one, other in pairs:
