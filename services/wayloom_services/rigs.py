@@ -5,12 +5,13 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Response
 
+from wayloom.calibration.receiver import ReceiverEvidence, receiver_facts
 from wayloom.store import rigs
 from wayloom.store.database import Session
 from wayloom.store.tables import Rig, RigEvidence, RigVersion
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem
-from wayloom_services.schemas import RigDriveOut, RigEpochOut, RigList, RigOut, RigVersionOut
+from wayloom_services.schemas import ReceiverEpochOut, RigDriveOut, RigEpochOut, RigList, RigOut, RigVersionOut
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {404: {"model": Problem}, 401: {"model": Problem}}
 RigKey = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
@@ -55,8 +56,13 @@ def _rig_out(session: Session, rig: Rig) -> RigOut:
     return RigOut(
         id=rig.id, vehicle_id=rig.vehicle_id, rig_id=rig.rig_id, created_at=rig.created_at,
         drives=[_drive_out(row) for row in evidence], epochs=[_epoch_out(evidence, start) for start in starts],
-        versions=[_version_out(row) for row in versions],
+        receivers=[ReceiverEpochOut(**epoch) for epoch in _receivers(evidence)], versions=[_version_out(row) for row in versions],
     )  # fmt: skip
+
+
+def _receivers(evidence: Sequence[RigEvidence]) -> list[dict[str, Any]]:
+    told = [ReceiverEvidence.from_facts(row.drive_id, row.t_ns, row.receiver) for row in evidence if row.receiver is not None]
+    return receiver_facts(told)
 
 
 def _drive_out(row: RigEvidence) -> RigDriveOut:

@@ -133,6 +133,29 @@ class VersionOut(BaseModel):
     facts: dict[str, Any]
 
 
+class TileName(BaseModel):
+    """Where a tile is."""
+
+    layer: str
+    z: int
+    x: int
+    y: int
+
+
+class ChangedTile(TileName):
+    """A tile that a version brought; the digest is its ETag."""
+
+    digest: str
+    bytes: int
+
+
+class ChangeList(BaseModel):
+    """What a version changed."""
+
+    changed: list[ChangedTile]
+    gone: list[TileName]
+
+
 class VersionList(BaseModel):
     """The versions that are kept, newest first."""
 
@@ -181,6 +204,21 @@ class RigEpochOut(BaseModel):
     stray: bool = Field(description="one drive that agrees with nothing before and after")
 
 
+class ReceiverEpochOut(BaseModel):
+    """A stretch of a rig's life with one GNSS clock and one place of the antenna, as its drives tell them."""
+
+    from_time: float
+    drives: list[str]
+    chi_square: float | None = Field(
+        description="of four, by which its first drive contradicts the epoch before; None for the first"
+    )
+    stray: bool = Field(description="one drive that agrees with nothing before and after")
+    time_offset_s: float = Field(description="by how much the stamps of fixes are too late")
+    sigma_time_offset_s: float = Field(description="where the lever arm is not given")
+    p_cam_gnss_m: list[float] = Field(description="the antenna in the left camera's frame, by the drives alone")
+    sigma_p_cam_gnss_m: list[float]
+
+
 class RigVersionOut(BaseModel):
     """A version of a rig's file: what was known, from which drives."""
 
@@ -202,6 +240,7 @@ class RigOut(BaseModel):
     created_at: float
     drives: list[RigDriveOut]
     epochs: list[RigEpochOut]
+    receivers: list[ReceiverEpochOut]
     versions: list[RigVersionOut]
 
 

@@ -1,9 +1,12 @@
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from wayloom.calibration.learn import learn_rig
+from wayloom.calibration.receiver import ReceiverEvidence
 from wayloom.calibration.rig_file import RigFile, differences, read_rig_file, text_of, write_rig_file
 from wayloom.calibration.score_moments import SIZE, ScoreMoments
 from wayloom.errors import CalibrationError
@@ -112,3 +115,27 @@ def test_every_parameter_stands_in_the_file_under_its_name() -> None:
     text = text_of(made())
     for name in PARAMETERS:
         assert text.count(f"\n{name} = ") == 3
+
+
+def test_what_drives_tell_of_the_receiver_comes_back_with_its_drives(tmp_path: Path) -> None:
+    told = tuple(ReceiverEvidence(f"day {k}", k, np.diag([4e5, 1e3, 0.0, 1e3]) + k, np.arange(4.0)) for k in (1, 2))
+    write_rig_file(replace(made(), receivers=told), tmp_path / "RIG.toml")
+    assert "ms late" in (tmp_path / "RIG.toml").read_text()
+    back = read_rig_file(tmp_path / "RIG.toml").receivers
+    assert [(one.drive_id, one.t_ns) for one in back] == [("day 1", 1), ("day 2", 2)]
+    for one, two in zip(back, told, strict=True):
+        np.testing.assert_array_equal(one.information, two.information)
+        np.testing.assert_array_equal(one.pull, two.pull)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "what"), [("pull = [0.0, 1.0]", "4 numbers"), ('t_ns = "noon"', "whole number"), ("information = [[1.0]]", "4 rows")]
+)
+def test_a_damaged_receiver_is_told_with_its_key(tmp_path: Path, wrong: str, what: str) -> None:
+    write_rig_file(replace(made(), receivers=(ReceiverEvidence("one", 5, np.eye(4), np.zeros(4)),)), tmp_path / "RIG.toml")
+    text, key = (tmp_path / "RIG.toml").read_text(), wrong.split(" ")[0]
+    before, _, after = text.partition("[[receiver]]")
+    pattern = rf"{key} = \[\n(  \[.*\],\n)*\]" if key == "information" else rf"{key} = .*"
+    (tmp_path / "RIG.toml").write_text(before + "[[receiver]]" + re.sub(pattern, wrong, after, count=1))
+    with pytest.raises(CalibrationError, match=what):
+        read_rig_file(tmp_path / "RIG.toml")

@@ -10,7 +10,7 @@ from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.georeference.rigid import R_ENU_LEVELCAM
-from wayloom.logs.types import FixType, GnssTrack, ImuTrack
+from wayloom.logs.types import NOTHING_STATED, FixType, GnssTrack, ImuTrack, StatedReceiver
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +28,7 @@ class MadeLog:
     name: str = "made"
     imu: ImuTrack | None = None
     T_cam_imu: FloatArray | None = None
+    receiver: StatedReceiver = NOTHING_STATED
 
 
 @dataclass

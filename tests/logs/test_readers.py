@@ -9,12 +9,45 @@ from logs.made_drives import FRAMES, RIG, START_NS, T_CAM_IMU, WRITERS, made_fra
 from wayloom.errors import LogError, UnknownFormatError
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geodesy.wgs84 import enu_from_lonlatheight
-from wayloom.logs.drive_writer import DriveWriter
+from wayloom.logs.drive_writer import DriveWriter, SensorExtrinsics
 from wayloom.logs.registry import LOG_FORMATS, open_log
 from wayloom.logs.sidecars.oxts import ins_trajectory
-from wayloom.logs.types import FixType, StereoFrame
+from wayloom.logs.types import NOTHING_STATED, FixType, StatedReceiver, StereoFrame
+from wayloom.pipeline.log_parts import gnss_digest
 
 formats = pytest.mark.parametrize("log_format", list(LOG_FORMATS))
+
+
+@formats
+def test_what_is_stated_of_the_gnss_receiver_comes_back_and_counts_for_the_geo_reference(tmp_path: Path, log_format: str) -> None:
+    writer, name = WRITERS[log_format]
+    stated = StatedReceiver(-0.02, 1e-3, 0.01)
+    sensors = SensorExtrinsics(np.array([0.1, -0.5, -1.0]), receiver=stated)
+    with writer(tmp_path / name, RIG, extrinsics=sensors) as drive:
+        for frame in made_frames(FRAMES, True):
+            drive.add(frame)
+    log = open_log(tmp_path / name)
+    assert log.receiver == stated
+    silent = open_log(write_drive(tmp_path / "silent", log_format))
+    assert silent.receiver == NOTHING_STATED
+    before = gnss_digest(log)
+    log.receiver = NOTHING_STATED
+    assert gnss_digest(log) != before
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        ('{"gnss_time_offset_s": 0.1}', "gnss_time_offset_sigma_s"),
+        ('{"gnss_time_offset_sigma_s": 0}', "greater than or equal"),
+        ('{"p_cam_gnss_sigma_m": 0.1}', "p_cam_gnss_m"),
+    ],
+)
+def test_a_receiver_that_is_stated_by_halves_is_refused(tmp_path: Path, content: str, what: str) -> None:
+    drive = write_drive(tmp_path, "kitti-odometry")
+    (drive / "wayloom.json").write_text(content)
+    with pytest.raises(LogError, match=what):
+        open_log(drive)
 
 
 def test_every_format_is_tested_here() -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
-from wayloom.logs.types import StereoFrame
+from wayloom.logs.types import NOTHING_STATED, StereoFrame
 
 FloatArray = NDArray[np.float64]
 CAMERA = PinholeCamera(200.0, 200.0, 159.5, 99.5, 320, 200)
@@ -96,6 +96,7 @@ class MadeLog:
     gnss = None
     imu = None
     p_cam_gnss = np.zeros(3)
+    receiver = NOTHING_STATED
     T_cam_imu = None
     rig_id = None
     vehicle_id = None

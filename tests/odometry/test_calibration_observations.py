@@ -16,7 +16,8 @@ from wayloom.geometry import se3
 from wayloom.geometry.lens import IDENTITY, project_scaled
 from wayloom.odometry.rig import calibration_observations as module
 from wayloom.odometry.rig.calibration_file import is_observations_file, load_observations, save_observations
-from wayloom.odometry.rig.calibration_observations import CalibrationObservations, ObservationCollector, drive_name
+from wayloom.odometry.rig.calibration_observations import CalibrationObservations, ObservationCollector
+from wayloom.odometry.rig.drive_name import drive_name
 from wayloom.odometry.rig.posed_pair import PosedPair
 from wayloom.odometry.rig.rows import RightRectifier
 

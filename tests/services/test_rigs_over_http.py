@@ -1,18 +1,23 @@
 """Rigs over HTTP: what is known, from which drives, and the file."""
 
 import hashlib
+from pathlib import Path
 
 import httpx2
 import pytest
+from typer.testing import CliRunner
 
 from service_kit.running import ApiAlone
+from wayloom.cli.main import app
+from wayloom.errors import NotFoundError
 from wayloom.store import drives, rigs
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.manifest import Manifest, ManifestFile
-from wayloom.store.rigs import Evidence, EvidenceEpoch, NewRigVersion
+from wayloom.store.rigs import ByGnss, Evidence, EvidenceEpoch, NewRigVersion
 
 CONTENT = b"format_version = 2\n"
+TOLD = {"information": [[4e5, 0.0, 0.0, 0.0], *[[0.0] * 4] * 3], "pull": [8e3, 0.0, 0.0, 0.0]}
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +40,7 @@ def known(api_process: ApiAlone) -> tuple[str, str]:
             ids[1]: EvidenceEpoch(starts[1] * 10**9, 99.5, stray=False),
         }
         added = [Evidence(of, "b" * 64, "c" * 64, start * 10**9) for start, of in zip(starts, ids, strict=True)]
-        assert rigs.write(session, key, 0, epochs, new, added, {ids[1]: {"ratio": 1.001, "sigma": 3e-4}})
+        assert rigs.write(session, key, 0, epochs, new, added, {ids[1]: ByGnss({"ratio": 1.001, "sigma": 3e-4}, TOLD)})
     database.close()
     return key, ids[1]
 
@@ -48,6 +53,10 @@ def test_a_rig_shows_its_drives_its_epochs_and_its_versions(http: httpx2.Client,
     assert [version["version"] for version in found["versions"]] == [2, 1]
     assert found["versions"][0]["drives"] == [second]
     assert found["drives"][1]["gnss_ratio"] == 1.001
+    (receiver,) = found["receivers"]
+    assert receiver["drives"] == [second]
+    assert receiver["time_offset_s"] == pytest.approx(0.02, abs=1e-4)
+    assert 1e-3 < receiver["sigma_time_offset_s"] < 6e-3
     assert found in http.get("/v1/rigs").json()["rigs"]
 
 
@@ -63,3 +72,15 @@ def test_what_is_not_there_is_a_problem_document(http: httpx2.Client, known: tup
     answer = http.get(f"/v1/rigs/{path.format(key=known[0])}")
     assert answer.status_code in (404, 422)
     assert answer.headers["Content-Type"].startswith("application/problem+json")
+
+
+def test_the_command_line_lists_rigs_and_shows_one_with_its_file(
+    api_process: ApiAlone, known: tuple[str, str], tmp_path: Path
+) -> None:
+    runner, url = CliRunner(), api_process.url
+    listed = runner.invoke(app, ["rigs", "list", url])
+    assert "taxi roof: 2 drives, version 2, GNSS clock +20.0 ms" in listed.output
+    shown = runner.invoke(app, ["rigs", "show", url, "taxi", "--out", str(tmp_path / "RIG.toml")])
+    assert "changed (chi-square 100)" in shown.output
+    assert (tmp_path / "RIG.toml").read_bytes() == CONTENT
+    assert isinstance(runner.invoke(app, ["rigs", "show", url, "nobody"]).exception, NotFoundError)

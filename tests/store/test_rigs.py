@@ -6,7 +6,7 @@ from wayloom.errors import ConflictError, NotFoundError
 from wayloom.store import drives, rigs
 from wayloom.store.database import Database
 from wayloom.store.manifest import Manifest, ManifestFile
-from wayloom.store.rigs import Evidence, EvidenceEpoch, NewRigVersion
+from wayloom.store.rigs import ByGnss, Evidence, EvidenceEpoch, NewRigVersion
 
 
 def drive(database: Database, name: str) -> str:
@@ -52,11 +52,14 @@ def test_evidence_and_versions_are_written_as_one(database: Database) -> None:
         assert rigs.write(session, key, 0, {one: epoch(10)}, [version(10, one)], [evidence(one, 10)])
     with database.write() as session:
         epochs = {one: epoch(10), other: epoch(20, 99.0)}
-        assert rigs.write(session, key, 1, epochs, [version(20, other)], [evidence(other, 20)], {one: {"ratio": 1.01}})
+        assert rigs.write(
+            session, key, 1, epochs, [version(20, other)], [evidence(other, 20)], {one: ByGnss({"ratio": 1.01}, {"pull": [1.0]})}
+        )
     with database.read() as session:
         rows = rigs.evidence_of(session, key)
         assert [(row.drive_id, row.from_ns, row.chi_square) for row in rows] == [(one, 10, None), (other, 20, 99.0)]
         assert [row.scale for row in rows] == [{"ratio": 1.01}, None]
+        assert [row.receiver for row in rows] == [{"pull": [1.0]}, None]
         assert [row.version for row in rigs.versions(session, key)] == [2, 1]
         assert rigs.version(session, key).drives == [other]
         assert rigs.version(session, key, 1).drives == [one]

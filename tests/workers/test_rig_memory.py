@@ -10,6 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.made_observations import LENS, RIG, made_drive
+from wayloom.calibration.receiver import learnt_receiver
+from wayloom.calibration.rig_file import read_rig_file
 from wayloom.config.progress import silent
 from wayloom.geometry.camera import StereoRig
 from wayloom.geometry.lens import RightLens
@@ -227,10 +229,53 @@ def test_a_rig_of_the_settings_has_the_last_word_and_memory_can_be_turned_off(tm
 def test_what_gnss_says_of_a_drives_length_makes_a_version_with_a_baseline(context: WorkerContext) -> None:
     drive_id = str(drive(context, 0).claim.drive_id)
     scale = {"ratio": 1.004, "sigma": 3e-4, "by_lens": [0.0] * 10, "own_sigma": 0.0, "lens": [0.0] * 10, "baseline_ratio": 1.0}
-    rig_memory.learn_anew(context.database, context.blobs, KEY, scales={drive_id: scale})
+    rig_memory.learn_anew(context.database, context.blobs, KEY, by_gnss={drive_id: rigs.ByGnss(scale)})
     with context.database.read() as session:
         ratio = rigs.version(session, KEY).facts["baseline_ratio"]
         assert rigs.evidence_of(session, KEY)[0].scale == scale
     assert ratio["value"] == pytest.approx(1.004, abs=2e-4)
     assert ratio["sigma"] < 6e-4
     assert ratio["drives_with_gnss"] == 1
+
+
+def told_of_receiver(context: WorkerContext, number: int, late_s: float) -> str:
+    """A drive that turns corners with RTK, whose receiver's stamps are late by so much: its id."""
+    drive_id = str(drive(context, number).claim.drive_id)
+    information = np.diag([4e5, 1e3, 0.0, 1e3])
+    told = {"information": information.tolist(), "pull": (information @ [late_s, 0.1, 0.0, -1.0]).tolist()}
+    rig_memory.learn_anew(context.database, context.blobs, KEY, by_gnss={drive_id: rigs.ByGnss(None, told)})
+    return drive_id
+
+
+def test_what_drives_tell_of_the_gnss_clock_is_in_the_file_of_the_next(context: WorkerContext) -> None:
+    ids = [told_of_receiver(context, number, 0.02) for number in (0, 1)]
+    file = rig_memory.rig_file_for(*tracked(context, 2))  # type: ignore[arg-type]
+    assert file is not None
+    receivers = read_rig_file(file).receivers
+    assert [one.drive_id for one in receivers] == ids
+    learnt = learnt_receiver(receivers)
+    assert learnt is not None
+    assert learnt.mean[0] == pytest.approx(0.02, abs=1e-4)
+    assert np.sqrt(learnt.covariance[0, 0]) < 0.005
+
+
+def test_a_receiver_that_was_changed_begins_an_epoch_and_leaves_the_lens_alone(context: WorkerContext) -> None:
+    for number, late_s in enumerate((0.0, 0.0, 0.09)):
+        told_of_receiver(context, number, late_s)
+    with context.database.read() as session:
+        found = rigs.version(session, KEY)
+        evidence = rigs.evidence_of(session, KEY)
+    assert found.reason == "the GNSS receiver was changed"
+    assert len({row.from_ns for row in evidence}) == 1
+    before, after = found.facts["receiver"]
+    assert (len(before["drives"]), before["chi_square"], len(after["drives"])) == (2, None, 1)
+    assert after["time_offset_s"] == pytest.approx(0.09, abs=1e-3)
+
+
+def test_a_removed_drive_is_forgotten_by_the_receiver_too(context: WorkerContext) -> None:
+    attempts = [told_of_receiver(context, number, late_s) for number, late_s in enumerate((0.0, 0.09))]
+    with context.database.write() as session:
+        drives.get(session, attempts[1]).state = "removing"
+    rig_memory.learn_anew(context.database, context.blobs, KEY)
+    with context.database.read() as session:
+        assert [epoch["drives"] for epoch in rigs.version(session, KEY).facts["receiver"]] == [attempts[:1]]

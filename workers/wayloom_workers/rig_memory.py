@@ -1,6 +1,6 @@
 """Rig memory of the service: which version of its rig's file a drive is tracked with, and what its evidence makes of the rig.
 
-`remember` is called when a drive is tracked, `remember_scale` when it is geo-referenced, `forget` when it is removed. Each learns
+`remember` is called when a drive is tracked, `remember_gnss` when it is geo-referenced, `forget` when it is removed. Each learns
 the rig anew from the evidence that there is and writes evidence and versions as one (`wayloom.store.rigs.write`); what is there
 already is not written again, so a stage that is repeated changes nothing.
 """
@@ -15,14 +15,17 @@ import structlog
 
 from wayloom.calibration import memory
 from wayloom.calibration.baseline import ScaleByGnss
+from wayloom.calibration.epochs import Epoch
 from wayloom.calibration.learn import learn_rig
-from wayloom.calibration.memory import Epoch, RememberedDrive
+from wayloom.calibration.memory import RememberedDrive
+from wayloom.calibration.receiver import ReceiverEvidence, begins_epoch, receiver_facts
 from wayloom.calibration.report import rig_facts
 from wayloom.calibration.rig_file import RigFile, rig_for_log, rig_from_text, text_of
 from wayloom.calibration.scale import scale_facts
 from wayloom.calibration.settings import CalibrationSettings, with_bias_sigma
 from wayloom.errors import StageError
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
+from wayloom.georeference.receiver_report import receiver_by_drive
 from wayloom.georeference.scale_prior import scale_by_gnss
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
@@ -32,7 +35,7 @@ from wayloom.pipeline.stages.odometry import EVIDENCE_FILE
 from wayloom.store import drives, rigs
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
-from wayloom.store.rigs import Evidence, EvidenceEpoch, NewRigVersion
+from wayloom.store.rigs import ByGnss, Evidence, EvidenceEpoch, NewRigVersion
 from wayloom_workers.stage_hooks import RepeatStageError, StageAttempt
 
 log = structlog.get_logger()
@@ -72,18 +75,19 @@ def remember(attempt: StageAttempt, drive_log: DriveLog) -> None:
     _check_version(attempt, key)
 
 
-def remember_scale(attempt: StageAttempt) -> None:
-    """Give the rig what GNSS says of the drive's length, where it says anything."""
+def remember_gnss(attempt: StageAttempt) -> None:
+    """Give the rig what GNSS says of the drive's length, and the drive of its receiver, where either says anything."""
     drive_id, context = str(attempt.claim.drive_id), attempt.context
     with context.database.read() as session:
         known = rigs.evidence_of_drive(session, drive_id)
-    if known is None or known.scale is not None:
+    if known is None or known.scale is not None or known.receiver is not None:
         return
     odometry = load_odometry(attempt.inputs_dir / "odometry" / ODOMETRY_FILE)
     geo = load_georeference(attempt.out_dir / GEOREFERENCE_FILE)
     scale = scale_by_gnss(geo.report, odometry.report, context.settings.georeference)
-    if scale is not None:
-        learn_anew(context.database, context.blobs, known.rig, scales={drive_id: scale})
+    receiver = receiver_by_drive(geo.report) if context.settings.rig_memory else None
+    if scale is not None or receiver is not None:
+        learn_anew(context.database, context.blobs, known.rig, by_gnss={drive_id: ByGnss(scale, receiver)})
 
 
 def forget(attempt: StageAttempt) -> None:
@@ -96,43 +100,59 @@ def forget(attempt: StageAttempt) -> None:
 
 def learn_anew(
     database: Database, blobs: BlobStore, key: str, added: Evidence | None = None,
-    scales: Mapping[str, Mapping[str, Any]] | None = None,
+    by_gnss: Mapping[str, ByGnss] | None = None,
 ) -> None:  # fmt: skip
-    """Write what the rig's evidence says, with a drive or scales added. Raises StageError where the rig never stands still."""
+    """Write what the rig's evidence says, with a drive, or with what fixes say. Raises StageError where it never stands still."""
     for _ in range(ROUNDS):
         with database.read() as session:
             revision, rows, made = rigs.get(session, key).revision, rigs.evidence_of(session, key), rigs.versions(session, key)
-        evidence = [Evidence(row.drive_id, row.digest, row.own_digest, row.t_ns, row.scale) for row in rows]
+        evidence = [Evidence(row.drive_id, row.digest, row.own_digest, row.t_ns, row.scale, row.receiver) for row in rows]
         new = [added] if added is not None and added.drive_id not in {one.drive_id for one in evidence} else []
-        evidence = [replace(one, scale=(scales or {}).get(one.drive_id, one.scale)) for one in (*evidence, *new)]
+        evidence = [_with_gnss(one, (by_gnss or {}).get(one.drive_id, ByGnss())) for one in (*evidence, *new)]
         epochs = memory.split_epochs([_remembered(blobs, one) for one in evidence])
         newest = {version.from_ns: version.evidence for version in reversed(made)}
         found = [_version(blobs, epoch, evidence, bool(made)) for epoch in epochs if _is_new(epoch, evidence, newest)]
         of_drive = {name: EvidenceEpoch(epoch.from_ns, epoch.chi_square, epoch.stray) for epoch in epochs for name in epoch.ids}
         with database.write() as session:
-            if rigs.write(session, key, revision, of_drive, found, new, scales):
+            if rigs.write(session, key, revision, of_drive, found, new, by_gnss):
                 return
     raise StageError(f"rig {key[:12]} has changed {ROUNDS} times while it was learnt")
 
 
-def _is_new(epoch: Epoch, evidence: Sequence[Evidence], newest: Mapping[int, str]) -> bool:
+def _is_new(epoch: Epoch[RememberedDrive], evidence: Sequence[Evidence], newest: Mapping[int, str]) -> bool:
     return not epoch.stray and newest.get(epoch.from_ns) != _evidence_digest(epoch, evidence)
 
 
-def _evidence_digest(epoch: Epoch, evidence: Sequence[Evidence]) -> str:
+def _evidence_digest(epoch: Epoch[RememberedDrive], evidence: Sequence[Evidence]) -> str:
     of_epoch = set(epoch.ids)
-    return sha256_of_json(sorted([one.drive_id, one.digest, one.scale] for one in evidence if one.drive_id in of_epoch))
+    lens = sorted([one.drive_id, one.digest, one.scale] for one in evidence if one.drive_id in of_epoch)
+    told = [[one.drive_id, one.t_ns, one.information.tolist(), one.pull.tolist()] for one in _receivers(epoch, evidence)]
+    return sha256_of_json([lens, told] if told else lens)
 
 
-def _version(blobs: BlobStore, epoch: Epoch, evidence: Sequence[Evidence], has_versions: bool) -> NewRigVersion:
+def _receivers(epoch: Epoch[RememberedDrive], evidence: Sequence[Evidence]) -> tuple[ReceiverEvidence, ...]:
+    """What is told of the receiver until the epoch's newest drive: a knocked camera changes no clock."""
+    until = epoch.drives[-1].t_ns
+    told = [ReceiverEvidence.from_facts(one.drive_id, one.t_ns, one.receiver) for one in evidence if one.receiver is not None]
+    return tuple(sorted((one for one in told if one.t_ns <= until), key=lambda one: (one.t_ns, one.drive_id)))
+
+
+def _with_gnss(one: Evidence, said: ByGnss) -> Evidence:
+    return replace(one, scale=said.scale or one.scale, receiver=said.receiver or one.receiver)
+
+
+def _version(blobs: BlobStore, epoch: Epoch[RememberedDrive], evidence: Sequence[Evidence], has_versions: bool) -> NewRigVersion:
     """A version of an epoch's evidence; its file is in the blob store when this returns."""
-    rig = memory.learn_epoch(epoch)
+    rig = replace(memory.learn_epoch(epoch), receivers=_receivers(epoch, evidence))
     assert rig.covariance is not None
     assert rig.bias_sigma_px is not None
     settings = with_bias_sigma(CalibrationSettings(), rig.bias_sigma_px)
     scale = scale_facts(epoch.drives[-1].observations(), rig.lens, rig.baseline_ratio, rig.covariance, settings) or {}
     facts = rig_facts(rig) | {"scale_sigma": scale.get("sigma"), "scale_sigma_of_lens": scale.get("lens_sigma")}
+    facts |= {"receiver": receiver_facts(rig.receivers)}
     reason = "first drive" if not has_versions else "the rig was knocked" if len(epoch.drives) == 1 else "evidence changed"
+    if has_versions and rig.receivers and begins_epoch(rig.receivers, epoch.drives[-1].drive_id):
+        reason = "the GNSS receiver was changed"
     log.info("rig learnt", rig_id=rig.rig_id, drives=len(epoch.drives), reason=reason)
     digest = blobs.put(text_of(rig).encode())
     return NewRigVersion(epoch.from_ns, _evidence_digest(epoch, evidence), digest, tuple(sorted(epoch.ids)), reason, facts)

@@ -151,6 +151,7 @@ def _joined(learnt: RigFile, known: RigFile) -> RigFile:
         pull=learnt.pull + known.pull,
         scores=(learnt.scores or ScoreMoments()) + (known.scores or ScoreMoments()),
         matches=learnt.matches + known.matches,
+        receivers=known.receivers,
     )
 
 

@@ -20,6 +20,7 @@ from scipy.special import chdtri
 
 from wayloom.calibration.baseline import ScaleByGnss, joint_covariance, with_gnss
 from wayloom.calibration.covariance import lens_covariance
+from wayloom.calibration.epochs import Epoch, split
 from wayloom.calibration.learn import learn_rig
 from wayloom.calibration.residuals import LENS
 from wayloom.calibration.rig_file import RigFile, differences
@@ -60,52 +61,16 @@ class RememberedDrive:
     scale: ScaleByGnss | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Epoch:
-    """A stretch of a rig's life in which its drives agree.
-
-    drives      by the time of recording
-    chi_square  by which the first one contradicts the epoch before; None for the first epoch
-    stray       one drive that agrees with nothing before and nothing after
-    """
-
-    drives: tuple[RememberedDrive, ...]
-    chi_square: float | None = None
-    stray: bool = False
-
-    @property
-    def from_ns(self) -> int:
-        """When its first drive was recorded."""
-        return self.drives[0].t_ns
-
-    @property
-    def ids(self) -> tuple[str, ...]:
-        """Names of its drives."""
-        return tuple(drive.drive_id for drive in self.drives)
+def split_epochs(
+    drives: Sequence[RememberedDrive], settings: CalibrationSettings = CalibrationSettings()
+) -> list[Epoch[RememberedDrive]]:
+    """The epochs of a rig's lens, by time; each drive is in one of them."""
+    return split(drives, lambda drive, epoch: contradiction(drive, epoch, settings), KNOCKED_CHI_SQUARE)
 
 
-def split_epochs(drives: Sequence[RememberedDrive], settings: CalibrationSettings = CalibrationSettings()) -> list[Epoch]:
-    """The epochs of a rig, by time; each drive is in one of them."""
-    closed: list[Epoch] = []
-    strays: list[Epoch] = []
-    now: Epoch | None = None
-    for drive in sorted(drives, key=lambda one: (one.t_ns, one.drive_id)):
-        against = 0.0 if now is None else contradiction(drive, now, settings)
-        if now is None:
-            now = Epoch((drive,))
-        elif against <= KNOCKED_CHI_SQUARE:
-            now = replace(now, drives=(*now.drives, drive))
-        elif len(now.drives) == 1 and closed and contradiction(drive, closed[-1], settings) <= KNOCKED_CHI_SQUARE:
-            strays.append(replace(now, stray=True))
-            now = closed.pop()
-            now = replace(now, drives=(*now.drives, drive))
-        else:
-            closed.append(now)
-            now = Epoch((drive,), against)
-    return sorted([*closed, *strays, *([] if now is None else [now])], key=lambda epoch: (epoch.from_ns, epoch.ids))
-
-
-def contradiction(drive: RememberedDrive, epoch: Epoch, settings: CalibrationSettings = CalibrationSettings()) -> float:
+def contradiction(
+    drive: RememberedDrive, epoch: Epoch[RememberedDrive], settings: CalibrationSettings = CalibrationSettings()
+) -> float:
     """Chi-square of ten degrees of freedom of a drive's own lens against that of an epoch; 0 where either says too little,
     ANOTHER_RIG where the log's calibration is another one's.
 
@@ -136,7 +101,7 @@ def sum_of(rigs: Sequence[RigFile], settings: CalibrationSettings = CalibrationS
     )  # fmt: skip
 
 
-def learn_epoch(epoch: Epoch, settings: CalibrationSettings = CalibrationSettings()) -> RigFile:
+def learn_epoch(epoch: Epoch[RememberedDrive], settings: CalibrationSettings = CalibrationSettings()) -> RigFile:
     """The file of an epoch: what its drives say together, with scales by GNSS, as far as its own uncertainty lets it be used."""
     older, newest = epoch.drives[:-AT_ONCE], epoch.drives[-AT_ONCE:]
     known = sum_of([drive.own for drive in older], settings) if older else None

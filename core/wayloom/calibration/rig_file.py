@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.calibration.receiver import STATES, ReceiverEvidence, learnt_receiver
 from wayloom.calibration.score_moments import COUNT, SIZE, ScoreMoments
 from wayloom.config.toml_text import toml_text
 from wayloom.errors import CalibrationError
@@ -48,6 +49,7 @@ class RigFile:
     baseline_ratio   true baseline over the given one, as far as drives with GNSS know it (`scales` of them)
     covariance   (11, 11) of lens and log baseline ratio; None in a file of `wayloom calibrate`
     bias_sigma_px how much the disparity bias differs from drive to drive, where the drives tell
+    receivers    what each of the rig's drives tells of GNSS clock and lever arm, by the time of recording; of all its epochs
     """
 
     rig_id: str | None
@@ -65,6 +67,7 @@ class RigFile:
     covariance: FloatArray | None = None
     scales: int = 0
     bias_sigma_px: float | None = None
+    receivers: tuple[ReceiverEvidence, ...] = ()
 
 
 def write_rig_file(rig: RigFile, file: Path) -> None:
@@ -178,6 +181,7 @@ def text_of(rig: RigFile) -> str:
         "]",
         *_scale_lines(rig),
         *_score_lines(rig.scores or ScoreMoments()),
+        *_receiver_lines(rig.receivers),
     ]
     return "\n".join(lines) + "\n"
 
@@ -211,6 +215,24 @@ def _score_lines(scores: ScoreMoments) -> list[str]:
     ]
 
 
+def _receiver_lines(receivers: Sequence[ReceiverEvidence]) -> list[str]:
+    """Each drive's part; what they come to, for people, stands in a comment."""
+    learnt = learnt_receiver(receivers)
+    if learnt is None:
+        return []
+    sigma = np.sqrt(np.diag(learnt.covariance))
+    lines = [
+        "",
+        f"# The GNSS clock by the newest epoch's drives: {1e3 * learnt.mean[0]:+.1f} ms late, sigma {1e3 * sigma[0]:.1f} ms "
+        "where the lever arm is not given.",
+        "# What each drive tells of (time offset in s, antenna in the left camera's frame in m), without any prior.",
+    ]
+    for one in sorted(receivers, key=lambda one: (one.t_ns, one.drive_id)):
+        lines += ["[[receiver]]", f"drive = {toml_text(one.drive_id)}", f"t_ns = {one.t_ns}", f"pull = {_row(one.pull)}"]
+        lines += ["information = [", *(f"  {_row(row)}," for row in one.information), "]"]
+    return lines
+
+
 def _row(values: FloatArray) -> str:
     return f"[{', '.join(repr(float(value)) for value in values)}]"
 
@@ -241,7 +263,7 @@ class _Reader:
         return RigFile(
             self._rig_id(), self._rig(), self._drives(), lens_from_values(values), sigma, self._determined(), information, pull,
             None if version == WITHOUT_SCORES else self._scores(), int(self._number("matches", 0.0)), self._number("noise_px", 0.0),
-            *self._scale(),
+            *self._scale(), self._receivers(),
         )  # fmt: skip
 
     def _get(self, key: str) -> Any:
@@ -308,6 +330,22 @@ class _Reader:
             raise self._bad("scale.covariance", "is no covariance")
         bias = self._number("scale.bias_sigma_px", 0.0) if "bias_sigma_px" in self._get("scale") else None
         return ratio, covariance, int(self._number("scale.drives_with_gnss", 0.0)), bias
+
+    def _receivers(self) -> tuple[ReceiverEvidence, ...]:
+        tables = self.content.get("receiver", [])
+        if not isinstance(tables, list):
+            raise self._bad("receiver", "must be tables, [[receiver]]")
+        return tuple(_Reader(self.file, table).receiver() for table in tables)
+
+    def receiver(self) -> ReceiverEvidence:
+        """What one drive tells of the receiver, of its table."""
+        name, t_ns = self._get("drive"), self._get("t_ns")
+        if not isinstance(name, str) or not isinstance(t_ns, int) or isinstance(t_ns, bool):
+            raise self._bad("receiver", "needs drive, a text, and t_ns, a whole number")
+        information = self._matrix("information", STATES)
+        if not np.linalg.eigvalsh(information)[0] >= -1e-6 * np.abs(information).max():
+            raise self._bad("receiver.information", "has a negative eigenvalue")
+        return ReceiverEvidence(name, t_ns, information, self._floats("pull", STATES))
 
     def _determined(self) -> NDArray[np.bool_]:
         known = [self._get(f"right_lens.determined.{name}") for name in PARAMETERS]

@@ -35,14 +35,16 @@ def calibrate_command(
     from wayloom.calibration.rig_file import read_rig_file, write_rig_file
     from wayloom.files.atomic import check_writable, write_atomically
     from wayloom.pipeline.folders import writing_to
+    from wayloom.pipeline.rig_learning import receivers_of, with_receivers
 
     known = None if rig is None else read_rig_file(rig)
     with writing_to(out):
         for file in filter(None, (out, json)):
             check_writable(file)
-        observations = [drive for source in sources for drive in observations_of(source, threads, (out, json))]
-        calibration = learn_rig(observations, known=known)
-        write_rig_file(calibration.rig, out)
+        drives = [(source, drive) for source in sources for drive in observations_of(source, threads, (out, json))]
+        calibration = learn_rig([drive for _, drive in drives], known=known)
+        told = [one for source, drive in drives for one in receivers_of(source / IN_STAGES.parts[0], drive.name)]
+        write_rig_file(with_receivers(calibration, (*calibration.rig.receivers, *told)), out)
         if json is not None:
             write_atomically(json, _json(facts(calibration)))
     warn(calibration)

@@ -21,6 +21,9 @@ def process_command(
     rig: Annotated[
         Path | None, typer.Option(help="What `wayloom calibrate` learnt of the rig: a RIG.toml, or a folder of them.")
     ] = None,
+    learn_rig: Annotated[
+        Path | None, typer.Option(help="A RIG.toml to which this drive is added when it is done; made where there is none.")
+    ] = None,
     threads: Annotated[int | None, typer.Option(min=1, max=64, help="Threads; default all cores.")] = None,
     origin: Annotated[
         str | None, typer.Option(metavar="LON,LAT,H", help="Origin of the map frame; default the centre of the degree cell.")
@@ -31,7 +34,9 @@ def process_command(
 ) -> None:
     """Track, segment, label, geo-reference: trajectory, cloud, overlays, map picture and report of one drive."""
     from wayloom.config.sources import Option
-    from wayloom.pipeline.drive import process_drive
+    from wayloom.files.atomic import check_writable
+    from wayloom.pipeline.drive import STAGES_DIR, process_drive
+    from wayloom.pipeline.rig_learning import learn_from_drive
     from wayloom.pipeline.settings import load_settings
     from wayloom.pipeline.usable import check_usable
     from wayloom.reports.drive_report import JSON_FILE, write_report
@@ -44,9 +49,12 @@ def process_command(
     )  # fmt: skip
     loaded = load_settings(config, *given, threads=default_threads())
     check_usable(loaded)
+    if learn_rig is not None:
+        check_writable(learn_rig)
     with ProgressBars() as progress:
         result = process_drive(log, out, loaded.settings.of_drives(), gnss, progress, write_report)
-    for warning in warnings(result):
+    learnt = [] if learn_rig is None else learn_from_drive(out / STAGES_DIR, learn_rig)
+    for warning in (*warnings(result), *learnt):
         sys.stderr.write(f"wayloom: warning: {warning}\n")
     if json:
         typer.echo((out / JSON_FILE).read_text(), nl=False)

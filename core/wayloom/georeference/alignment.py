@@ -3,11 +3,14 @@
 The graph is built in the tangent plane of the drive's own place, where up is up; the result is moved to the map's frame as a whole.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.calibration.receiver import ReceiverEvidence
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import StageError
 from wayloom.geodesy import wgs84
@@ -19,6 +22,8 @@ from wayloom.georeference.first_guess import guess_nodes, level_world
 from wayloom.georeference.fixes import UsableFixes, usable_fixes
 from wayloom.georeference.gravity.witnesses import observed_up, witnesses_report
 from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
+from wayloom.georeference.receiver_prior import ReceiverPrior, lever_sigma_m, receiver_prior
+from wayloom.georeference.receiver_report import ReceiverFound
 from wayloom.georeference.refusal import why_not_placed
 from wayloom.georeference.report import WORST_GRADE, PlacedDrive, georeference_report
 from wayloom.georeference.scale_prior import scale_prior
@@ -34,6 +39,8 @@ from wayloom.mapping.evidence import Evidence
 from wayloom.odometry.types import OdometryResult, Trajectory
 
 FloatArray = NDArray[np.float64]
+CURVED_S = 0.02
+"""Time offset beyond which the way is no straight line over it: a corner at 2 m/s^2 leaves it by half a millimetre."""
 NO_GNSS = "no GNSS: map in the drive's own frame"
 
 
@@ -45,6 +52,7 @@ def georeference(
     progress: Progress = silent,
     closures: LoopClosures | None = None,
     labels: PointLabels | None = None,
+    rig_receiver: Sequence[ReceiverEvidence] = (),
 ) -> GeoReference:
     """T_enu_cam and its covariance for every frame of the log.
 
@@ -52,6 +60,7 @@ def georeference(
             poses are in the drive's own (`wayloom.mapping.own_frame`), covariances relative to the first frame.
     closures : loops between keyframes; None has none
     labels : of the odometry's points, by which walls and streets say where up is
+    rig_receiver : what other drives of the rig tell of its GNSS clock and lever arm
     Raises StageError when nothing was tracked, a pose is not finite, or no place fits the fixes.
     """
     trajectory = odometry.trajectory
@@ -62,31 +71,39 @@ def georeference(
         raise StageError(f"the odometry's pose of frame {int(np.argmin(finite))} is not finite: track the drive again")
     nodes = choose_nodes(trajectory, odometry.keyframes.frame, settings.node_spacing_m)
     road_m = travelled(trajectory)[nodes]
-    chain = odometry_chain(trajectory, nodes, settings.level_every_m)
+    chain = odometry_chain(trajectory, nodes, settings.level_every_m, odometry.keyframes)
     evidence = Evidence(
         closure_links(closures or no_loops(), odometry.keyframes, nodes, chain), observed_up(log, odometry, labels, nodes, settings)
     )
-    noise = _noise(settings, log, scale_prior(odometry.report, settings))
+    prior = receiver_prior(log, int(trajectory.t_ns[0]), settings, rig_receiver)
+    noise = _noise(settings, log, scale_prior(odometry.report, settings), prior)
     if log.gnss is None or len(log.gnss) == 0:
         return _in_own_frame(trajectory, nodes, chain, evidence, noise, NO_GNSS)
     progress(0.0, "choosing fixes")
-    usable = usable_fixes(log.gnss, trajectory, settings.max_fix_rate_hz)
+    gnss = _on_time(log.gnss, prior.mean[0])
+    usable = usable_fixes(gnss, trajectory, settings.max_fix_rate_hz)
     if len(usable.rows) == 0:
         message = f"none of {len(log.gnss)} GNSS fixes can be used; {NO_GNSS}"
         geo = _in_own_frame(trajectory, nodes, chain, evidence, noise, message)
         geo.report["fixes"]["unusable"] = usable.unusable
         return geo
     local = median_place(log.gnss.lon_lat_height[usable.rows])
-    fixes = _antenna_fixes(log, log.gnss, usable, trajectory, nodes, local, settings)
+    fixes = _antenna_fixes(prior.mean[1:], gnss, usable, trajectory, nodes, local, settings)
     progress(0.2, "first alignment")
     try:
         guess = guess_nodes(chain.T_world_node, trajectory.segment[nodes], fixes, road_m, settings)
         progress(0.3, "optimising")
         solution = optimise_drive(chain, fixes, guess, noise, evidence)
+        denied, late_s = why_not_placed(fixes, solution, noise), float(solution.receiver[0])
+        if denied is None and abs(late_s) > CURVED_S:
+            usable = usable_fixes(_on_time(gnss, late_s), trajectory, settings.max_fix_rate_hz)
+            fixes = _antenna_fixes(prior.mean[1:], gnss, usable, trajectory, nodes, local, settings, late_s)
+            solution = optimise_drive(chain, fixes, guess, noise, evidence)
+            denied = why_not_placed(fixes, solution, noise)
     except np.linalg.LinAlgError:
         what = f"the {len(fixes)} GNSS fixes contradict each other and the odometry so much that no place fits them"
         raise StageError(f"{what}; look at them with `wayloom inspect`, or process the drive without GNSS") from None
-    if denied := why_not_placed(fixes, solution, noise):
+    if denied:
         geo = _in_own_frame(trajectory, nodes, chain, evidence, noise, denied)
         return _refused(geo, len(log.gnss), usable)
     progress(0.9, "placing every frame")
@@ -95,7 +112,8 @@ def georeference(
     T_local_cam = spread_poses(trajectory, nodes, solution.T_enu_node)
     covariance = spread_covariances(len(trajectory), nodes, solution.covariance)
     placed = PlacedDrive(T_local_cam, covariance, trajectory)
-    report = georeference_report(log.gnss, usable, fixes, solution, placed, settings)
+    receiver = ReceiverFound(solution, prior, log.p_cam_gnss)
+    report = georeference_report(log.gnss, usable, fixes, solution, placed, receiver, settings)
     report["up"] = witnesses_report(evidence.up)
     report["loops"] = closures_report(evidence.loops, solution.closed, solution.T_enu_node, nodes)
     progress(1.0, "geo-referenced")
@@ -129,7 +147,7 @@ def _refused(geo: GeoReference, in_log: int, usable: UsableFixes) -> GeoReferenc
     return geo
 
 
-def _noise(settings: GeoReferenceSettings, log: DriveLog, scale_sigma: float) -> DriveNoise:
+def _noise(settings: GeoReferenceSettings, log: DriveLog, scale_sigma: float, prior: ReceiverPrior) -> DriveNoise:
     return DriveNoise(
         position_m=settings.position_noise_m,
         rotation_rad=float(np.radians(settings.rotation_noise_deg)),
@@ -142,29 +160,41 @@ def _noise(settings: GeoReferenceSettings, log: DriveLog, scale_sigma: float) ->
         gate_floor_m=settings.gate_floor_m,
         gate_probability=settings.gate_probability,
         time_offset_s=settings.time_offset_sigma_s,
-        lever_m=settings.lever_sigma_m if log.p_cam_gnss.any() else settings.unknown_lever_sigma_m,
+        lever_m=lever_sigma_m(log, settings),
+        receiver=prior.covariance,
+        window_factor=settings.window_factor,
     )
 
 
+def _on_time(gnss: GnssTrack, late_s: float) -> GnssTrack:
+    """The fixes with the stamps of a clock that is late_s too late put right."""
+    return replace(gnss, t_ns=gnss.t_ns - round(1e9 * late_s))
+
+
 def _antenna_fixes(
-    log: DriveLog,
+    p_cam_gnss: FloatArray,
     gnss: GnssTrack,
     usable: UsableFixes,
     trajectory: Trajectory,
     nodes: NDArray[np.int64],
     local: MapFrame,
     settings: GeoReferenceSettings,
+    late_s: float = 0.0,
 ) -> AntennaFixes:
-    """The fixes in the local plane; each antenna as seen from the nearest node, through the odometry between the two."""
+    """The fixes in the local plane; each antenna as seen from the nearest node, through the odometry between the two.
+
+    usable : at their times by a clock that is late_s too late
+    """
     node = nearest_node(nodes, trajectory.segment, usable.frame)
     T_node_cam = se3.inverse(trajectory.T_world_cam[nodes[node]]) @ usable.T_world_cam
     from_node_m = np.linalg.norm(T_node_cam[:, :3, 3], axis=1)
-    v_cam_gnss = usable.twist[:, :3] + np.cross(usable.twist[:, 3:], log.p_cam_gnss)
+    v_cam_gnss = usable.twist[:, :3] + np.cross(usable.twist[:, 3:], p_cam_gnss)
     variance = settings.sigma_floor_m**2 + settings.position_noise_m**2 * from_node_m
     return AntennaFixes(
         t_s=(gnss.t_ns[usable.rows] - trajectory.t_ns[0]) * 1e-9,
         node=node,
-        p_node_gnss=T_node_cam[:, :3, :3] @ log.p_cam_gnss + T_node_cam[:, :3, 3],
+        late_s=np.full(len(usable.rows), late_s),
+        p_node_gnss=T_node_cam[:, :3, :3] @ p_cam_gnss + T_node_cam[:, :3, 3],
         v_node_gnss=(T_node_cam[:, :3, :3] @ v_cam_gnss[:, :, None])[:, :, 0],
         R_node_cam=T_node_cam[:, :3, :3],
         position_enu=wgs84.enu_from_lonlatheight(gnss.lon_lat_height[usable.rows], local),

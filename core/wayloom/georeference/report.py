@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from wayloom.georeference.fixes import UsableFixes
 from wayloom.georeference.nodes import travelled
+from wayloom.georeference.receiver_report import ReceiverFound, receiver_facts, receiver_notes, untold_clock
 from wayloom.georeference.rigid import horizontal_spread
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.uncertainty import heading_sigma_rad, position_covariance
@@ -19,9 +20,6 @@ FloatArray = NDArray[np.float64]
 GRADES: Final = (("A", 0.1), ("B", 0.3), ("C", 1.0), ("D", 3.0))
 """Grade and the median sigma of the position, m, up to which it is given; E beyond. A doubt costs one grade."""
 WORST_GRADE: Final = "E"
-SIGNIFICANT_SIGMA: Final = 4.0
-UNTOLD_SHARE: Final = 0.4
-"""Of the clock's prior sigma, from which on the drive has told little of it."""
 DOUBTFUL_SHARE: Final = 0.5
 
 
@@ -41,6 +39,7 @@ def georeference_report(
     fixes: AntennaFixes,
     solution: DriveSolution,
     placed: PlacedDrive,
+    receiver: ReceiverFound,
     settings: GeoReferenceSettings,
 ) -> dict[str, Any]:
     """JSON-ready facts; lengths in m, angles in degrees."""
@@ -58,7 +57,7 @@ def georeference_report(
     return {
         "geo_referenced": True,
         "grade": grade(float(np.median(np.linalg.norm(sigma, axis=1))), len(doubts)),
-        "messages": [*doubts, *_receiver_notes(solution), *_untold_clock(fixes, solution, sigma, settings)],
+        "messages": [*doubts, *receiver_notes(receiver), *untold_clock(fixes, solution, sigma, settings)],
         "fixes": {
             "in_log": len(gnss),
             "used": int(solution.inlier.sum()),
@@ -71,7 +70,7 @@ def georeference_report(
         ],
         "shifted": [_shifted(stretch, fixes) for stretch in solution.shifted],
         "scatter_ratio": {FixType(kind).name.lower(): round(ratio, 2) for kind, ratio in solution.noise_ratio.items()},
-        **_receiver(solution),
+        **receiver_facts(receiver, int(placed.trajectory.t_ns[0])),
         "residual_rms_m": _rounded(np.sqrt((residual**2).mean(axis=0))),
         "residual_max_m": round(float(np.linalg.norm(residual, axis=1).max()), 4),
         "sigma_enu_m": {"median": _rounded(np.median(sigma, axis=0)), "worst": _rounded(sigma.max(axis=0))},
@@ -104,47 +103,6 @@ def _doubts(fixes: AntennaFixes, solution: DriveSolution) -> list[str]:
         name = FixType(kind).name.lower()
         doubts.append(f"{name} fixes scatter {ratio:.1f} times as much as their covariance says: it was widened")
     return doubts
-
-
-def _receiver_notes(solution: DriveSolution) -> list[str]:
-    """A clock or a lever arm that the drive found to be off."""
-    sigma = np.sqrt(np.diag(solution.receiver_covariance))
-    notes = []
-    if abs(solution.receiver[0]) > SIGNIFICANT_SIGMA * sigma[0]:
-        late = solution.receiver[0]
-        notes.append(
-            f"the GNSS clock is {1e3 * abs(late):.0f} ms {'late' if late > 0 else 'early'} (sigma {1e3 * sigma[0]:.0f} ms)"
-        )
-    if (np.abs(solution.receiver[1:]) > SIGNIFICANT_SIGMA * sigma[1:]).any():
-        right, down, forward = solution.receiver[1:]
-        notes.append(f"the antenna is {right:+.2f} m right, {down:+.2f} m down, {forward:+.2f} m forward of where the log says")
-    return notes
-
-
-def _untold_clock(
-    fixes: AntennaFixes, solution: DriveSolution, sigma_enu_m: FloatArray, settings: GeoReferenceSettings
-) -> list[str]:
-    """A word where most of the stated sigma (N, 3) is that of a clock: a straight road at one speed hardly tells it."""
-    clock_s = float(np.sqrt(solution.receiver_covariance[0, 0]))
-    along_m = clock_s * float(np.median(np.linalg.norm(fixes.v_node_gnss, axis=1)))
-    stated_m = float(np.median(np.linalg.norm(sigma_enu_m, axis=1)))
-    if clock_s < UNTOLD_SHARE * settings.time_offset_sigma_s or 2.0 * along_m**2 <= stated_m**2:
-        return []
-    return [
-        f"this drive hardly tells how late the GNSS clock is (sigma {1e3 * clock_s:.0f} ms): it may lie {along_m:.2f} m elsewhere "
-        "along the road (1 sigma); corners would tell, or `georeference.time_offset_sigma_s` where the clock is known"
-    ]
-
-
-def _receiver(solution: DriveSolution) -> dict[str, Any]:
-    """Time offset, s, and the correction of the lever arm, m, in the camera's frame, with sigmas."""
-    sigma = np.sqrt(np.diag(solution.receiver_covariance))
-    return {
-        "time_offset_s": round(float(solution.receiver[0]), 5),
-        "sigma_time_offset_s": round(float(sigma[0]), 5),
-        "lever_correction_m": _rounded(solution.receiver[1:]),
-        "sigma_lever_m": _rounded(sigma[1:]),
-    }
 
 
 def _shifted(stretch: ShiftedFixes, fixes: AntennaFixes) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from wayloom.logs.sidecars.gnss_csv import GNSS_NAME, write_gnss_csv
 from wayloom.logs.sidecars.imu_csv import IMU_NAME, write_imu_csv
 from wayloom.logs.sidecars.oxts_writer import OxtsPacket, OxtsWriter
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, Sidecar
-from wayloom.logs.types import GnssTrack, Image, ImuTrack, StereoFrame
+from wayloom.logs.types import NOTHING_STATED, GnssTrack, Image, ImuTrack, StatedReceiver, StereoFrame
 
 FloatArray = NDArray[np.float64]
 SIDES: Final = ("left", "right")
@@ -33,6 +33,7 @@ class SensorExtrinsics:
     """Mounting of the sensors beside the cameras, each None where unknown or absent.
 
     p_cam_gnss   (3,) m, the antenna in the left camera's frame
+    receiver     what is stated of its clock and place
     T_cam_imu    (4, 4), the IMU's frame into the left camera's
     T_cam_lidar  (4, 4), the LiDAR's frame into the left camera's
     """
@@ -40,6 +41,7 @@ class SensorExtrinsics:
     p_cam_gnss: FloatArray | None = None
     T_cam_imu: FloatArray | None = None
     T_cam_lidar: FloatArray | None = None
+    receiver: StatedReceiver = NOTHING_STATED
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +107,9 @@ class DriveWriter(ABC):
             rig_id=rig_id,
             vehicle_id=vehicle_id,
             p_cam_gnss_m=None if p_cam_gnss is None else tuple(p_cam_gnss.tolist()),
+            p_cam_gnss_sigma_m=extrinsics.receiver.lever_sigma_m,
+            gnss_time_offset_s=None if extrinsics.receiver.time_offset_sigma_s is None else extrinsics.receiver.time_offset_s,
+            gnss_time_offset_sigma_s=extrinsics.receiver.time_offset_sigma_s,
             T_cam_imu=None if T_cam_imu is None else tuple(tuple(row) for row in T_cam_imu.tolist()),
         )
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +71,22 @@ class ImuTrack:
     angular_rate: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class StatedReceiver:
+    """What a log states of its GNSS receiver; None where it does not.
+
+    time_offset_s        by how much the stamps of its fixes are too late against the cameras', s, and the sigma of that
+    lever_sigma_m        sigma of p_cam_gnss, m, each axis
+    """
+
+    time_offset_s: float = 0.0
+    time_offset_sigma_s: float | None = None
+    lever_sigma_m: float | None = None
+
+
+NOTHING_STATED: Final = StatedReceiver()
+
+
 class DriveLog(Protocol):
     """A drive as a vehicle recorded it. A reader streams: it never holds a drive's images in memory.
 
@@ -82,6 +98,7 @@ class DriveLog(Protocol):
     colour        whether frames are RGB
     gnss, imu     None where the log has none
     p_cam_gnss    (3,) m: the antenna in the left camera's frame; zeros where unknown (then "lever arm" is in `missing`)
+    receiver      what is stated of the GNSS clock, and how well of the antenna's place
     T_cam_imu     (4, 4), None without IMU
     truth         (N, 4, 4) T_world_cam in any world frame, NaN where unknown; None where the log has none
     rig_id        of the rig, by which a folder of rig files is looked up; None where the log does not say it
@@ -100,6 +117,7 @@ class DriveLog(Protocol):
     gnss: GnssTrack | None
     imu: ImuTrack | None
     p_cam_gnss: FloatArray
+    receiver: StatedReceiver
     T_cam_imu: FloatArray | None
     truth: FloatArray | None
     rig_id: str | None

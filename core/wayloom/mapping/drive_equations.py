@@ -22,7 +22,7 @@ from wayloom.mapping.gnss_factors import (
     information_roots,
     receiver_key,
     receiver_prior,
-    receiver_sigmas,
+    receiver_root,
     white_covariance,
 )
 from wayloom.mapping.odometry_links import OdometryLinks, add_scale_factors, link_cost, link_factors, pose_key, scale_key
@@ -179,17 +179,21 @@ class DriveEquations:
 
     def tree(self, at: DriveState) -> gtsam.GaussianBayesTree:
         """By QR: Cholesky gives up where a heading that nothing observes stands beside millimetres."""
+        return self.linear(at).eliminateMultifrontal(function=gtsam.EliminateQR)
+
+    def linear(self, at: DriveState) -> gtsam.GaussianFactorGraph:
+        """All factors, linear at a state, whitened."""
         linear = self._graph.linearize(at.values)
         linear.push_back(link_factors(self.links, at.T_enu_node, at.scale))
         linear.push_back(self.fixes.factors(at))
         for term in self.terms:
             linear.push_back(term.factors(at.T_enu_node, at.values))
         linear.push_back(receiver_prior(self.noise, at.receiver))
-        return linear.eliminateMultifrontal(function=gtsam.EliminateQR)
+        return linear
 
     def cost(self, at: DriveState) -> float:
         """Half the sum of squares, as gtsam counts."""
-        prior = 0.5 * float(((at.receiver / receiver_sigmas(self.noise)) ** 2).sum())
+        prior = 0.5 * float(((receiver_root(self.noise) @ at.receiver) ** 2).sum())
         own = float(self._graph.error(at.values))
         others = sum(term.cost(at.T_enu_node, at.values) for term in self.terms)
         return own + link_cost(self.links, at.T_enu_node, at.scale) + self.fixes.cost(at) + others + prior

@@ -5,7 +5,8 @@ and for every fix that is kept the true place g of the antenna at that time.
 
 - Odometry between neighbouring nodes: small white noise, and a scale that varies slowly (`wayloom.mapping.odometry_links`).
   After a loss the link is the constant-motion guess and nearly free, so the segments are held together by GNSS.
-- GNSS: correlated noise, time offset and lever arm (`wayloom.mapping.gnss_factors`); stretches of fixes that lie apart are found
+- GNSS: correlated noise, time offset and lever arm (`wayloom.mapping.gnss_factors`), held against what is known of them
+  (`wayloom.mapping.receiver_knowledge`); stretches of fixes that lie apart are found
   first (`wayloom.mapping.fix_screening`) and left out.
 - Loop closures between any two nodes (`wayloom.mapping.loop_factors`), judged together with the fixes, or, where there are none,
   against the odometry alone (`wayloom.mapping.own_frame`).
@@ -29,13 +30,14 @@ from wayloom.mapping.drive_equations import (
     marginal,
     scale_sigmas,
 )
-from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, DriveSolution, OdometryChain
+from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, DriveSolution, OdometryChain, ReceiverTold
 from wayloom.mapping.evidence import Evidence
 from wayloom.mapping.fix_screening import screen
-from wayloom.mapping.gnss_factors import receiver_key
+from wayloom.mapping.gnss_factors import RECEIVER, receiver_key
 from wayloom.mapping.loop_factors import LoopTerms
 from wayloom.mapping.odometry_links import links_of
 from wayloom.mapping.own_frame import StartGauge, closed_in_own_frame
+from wayloom.mapping.receiver_knowledge import believed, told_by_drive, with_receiver
 
 FloatArray = NDArray[np.float64]
 CLOCK_SIGMAS = 8.0
@@ -55,6 +57,7 @@ def optimise_drive(
     T_enu_node : (K, 4, 4) first guess
     Fixes and closures that are found to lie apart are left out altogether; at least one fix is needed.
     """
+    known, noise = noise.receiver, replace(noise, receiver=None)
     screened = screen(chain, fixes, T_enu_node, noise, evidence)
     kept = screened.fixes.take(np.flatnonzero(screened.inlier))
     links = links_of(chain, noise)
@@ -63,10 +66,19 @@ def optimise_drive(
     state = equations.descend(equations.first_state(screened.T_enu_node, screened.receiver))
     tree = equations.tree(state)
     receiver_covariance = marginal(tree, receiver_key())
-    covariance = left_covariances(tree, state.T_enu_node)
+    told = told_by_drive(state.receiver, receiver_covariance, noise)
+    overruled = (False, False)
+    if known is not None:
+        prior, overruled = believed(told, known, noise)
+        equations = with_receiver(equations, prior)
+        state = equations.descend(state)
+        tree = equations.tree(state)
+        receiver_covariance = marginal(tree, receiver_key())
+    covariance = screened.excess * left_covariances(tree, state.T_enu_node)
     covariance[:, :3, :3] += screened.unconfirmed_m**2 * np.eye(3)
+    covariance += screened.doubt
     seen = clock_sigmas(state.receiver[0], receiver_covariance[0, 0], noise)
-    if seen <= CLOCK_SIGMAS:
+    if known is None and seen <= CLOCK_SIGMAS:
         hint_s = min(abs(state.receiver[0]), noise.time_offset_s) if seen > HINTED_SIGMAS else 0.0
         covariance[:, :3, :3] += _shift_covariance(kept, state, hint_s)
         state = _with_clock_held(equations, state)
@@ -79,6 +91,8 @@ def optimise_drive(
         fixes.residuals(state.T_enu_node, state.receiver),
         state.receiver,
         receiver_covariance,
+        told,
+        overruled,
         screened.noise_ratio,
         screened.shifted,
         screened.unconfirmed_m,
@@ -135,6 +149,8 @@ def optimise_without_fixes(
         np.zeros((0, 3)),
         state.receiver,
         marginal(tree, receiver_key()),
+        ReceiverTold(np.zeros((RECEIVER, RECEIVER)), np.zeros(RECEIVER)),
+        (False, False),
         {},
         (),
         0.0,

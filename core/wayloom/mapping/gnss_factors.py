@@ -2,7 +2,8 @@
 
 The unknowns beside the poses are the true place g_k of the antenna at each fix, the receiver's time offset tau (its stamps are
 tau too late) and the error delta of the lever arm, in the camera's frame. With p_k, v_k the antenna's place and velocity in the
-frame of its node and R_k the rotation from the camera at the fix to the node, e_k = T_enu_node (p_k - tau v_k + R_k delta) - g_k.
+frame of its node where the stamps are tau_0 too late, and R_k the rotation from the camera at the fix to the node,
+    e_k = T_enu_node (p_k - (tau - tau_0) v_k + R_k delta) - g_k.
 Noise of fixes is correlated over time (multipath, atmosphere, a filter inside the receiver), so N fixes are not N witnesses: z_k
 = g_k + b_k + w_k,   w white with covariance s^2 R_k,   b Ornstein-Uhlenbeck with covariance (1 - s^2) R_k and time T. With rho =
 exp(-dt / T) the density of the b_k is, exactly, the product of plain Gaussians exp -1/2 [ sum_k u_k |b_k|^2 + sum_k rho_k / (1 -
@@ -115,15 +116,22 @@ def fix_factors(
 
 def receiver_prior(noise: DriveNoise, receiver: FloatArray) -> gtsam.JacobianFactor:
     """The prior of the receiver (4,), linear there, whitened."""
-    weight = 1.0 / receiver_sigmas(noise)
-    return gtsam.JacobianFactor(receiver_key(), np.diag(weight), -weight * receiver, gtsam.noiseModel.Unit.Create(RECEIVER))
+    root = receiver_root(noise)
+    return gtsam.JacobianFactor(receiver_key(), root, -root @ receiver, gtsam.noiseModel.Unit.Create(RECEIVER))
 
 
-def receiver_sigmas(noise: DriveNoise) -> FloatArray:
-    """(4,) prior sigmas: time offset s, lever arm m."""
-    return np.array([noise.time_offset_s, noise.lever_m, noise.lever_m, noise.lever_m])
+def receiver_root(noise: DriveNoise) -> FloatArray:
+    """(4, 4) upper triangular S with S^T S the information of the receiver's prior: time offset s, lever arm m."""
+    return np.asarray(information_roots(receiver_covariance(noise)[None])[0])
+
+
+def receiver_covariance(noise: DriveNoise) -> FloatArray:
+    """(4, 4) prior covariance of time offset, s, and lever arm, m."""
+    if noise.receiver is not None:
+        return noise.receiver
+    return np.diag(np.square([noise.time_offset_s, noise.lever_m, noise.lever_m, noise.lever_m]))
 
 
 def information_roots(covariance: FloatArray) -> FloatArray:
-    """(M, 3, 3) upper triangular S with S^T S = covariance^-1."""
+    """(M, n, n) upper triangular S with S^T S = covariance^-1."""
     return np.asarray(np.swapaxes(np.linalg.cholesky(np.linalg.inv(covariance)), 1, 2))

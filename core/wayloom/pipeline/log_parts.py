@@ -2,7 +2,7 @@
 
 images    every file of the log by name and content, calibration and time stamps as read, and the version of the code that decodes
           them; all files, because a calibration file decides how images are rectified
-gnss      the fixes as read, wherever they came from, and the antenna's place
+gnss      the fixes as read, wherever they came from, the antenna's place and what is stated of the receiver
 imu       the samples as read, wherever they came from, and the sensor's place
 exposure  the exposure times as read
 name      what the log is called: results that other programs collect bear it
@@ -45,10 +45,12 @@ def images_digest(log: DriveLog, reader_version: str) -> str:
 
 
 def gnss_digest(log: DriveLog, reader_version: str = "") -> str:
-    """One digest of the fixes as read and of the antenna's place."""
+    """One digest of the fixes as read, of the antenna's place and of what is stated of both."""
     gnss = log.gnss
     fixes = () if gnss is None else (gnss.t_ns, gnss.lon_lat_height, gnss.covariance_enu, gnss.fix_type)
-    return _digest_of_arrays(*fixes, log.p_cam_gnss)
+    said = (log.receiver.time_offset_s, log.receiver.time_offset_sigma_s, log.receiver.lever_sigma_m)
+    stated = np.array([np.nan if value is None else value for value in said])
+    return _digest_of_arrays(*fixes, log.p_cam_gnss, stated)
 
 
 def imu_digest(log: DriveLog, reader_version: str = "") -> str:

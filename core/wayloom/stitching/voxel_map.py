@@ -1,6 +1,8 @@
 """Voxel map: the static layer of the map on a regular grid in the map's frame."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,3 +66,21 @@ class VoxelMap:
             self.last_seen_ns[rows],
             self.left_out,
         )
+
+
+def joined_maps(parts: Sequence[VoxelMap], frame: MapFrame | None, voxel_m: float) -> VoxelMap:
+    """Maps of one frame that share no voxel, one behind the other."""
+    dtypes = {
+        "keys": np.int32, "points_enu": np.float64, "votes": np.float32, "label": np.uint8, "count": np.uint32, "drives": np.uint16,
+        "last_seen_ns": np.int64,
+    }  # fmt: skip
+    widths = {"keys": (3,), "points_enu": (3,), "votes": (CLASS_COUNT,)}
+    empty = {name: np.zeros((0, *widths.get(name, ())), dtype) for name, dtype in dtypes.items()}
+    arrays = {name: np.concatenate([none, *(getattr(part, name) for part in parts)]) for name, none in empty.items()}
+    return map_of_arrays(frame, voxel_m, arrays)
+
+
+def map_of_arrays(frame: MapFrame | None, voxel_m: float, arrays: Mapping[str, NDArray[Any]]) -> VoxelMap:
+    """The map of arrays by their names."""
+    held: dict[str, Any] = dict(arrays)
+    return VoxelMap(frame, voxel_m, **held)

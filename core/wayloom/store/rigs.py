@@ -28,6 +28,15 @@ class Evidence:
     own_digest: str
     t_ns: int
     scale: Mapping[str, Any] | None = None
+    receiver: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ByGnss:
+    """What a drive's fixes say of its rig; the columns of `RigEvidence`."""
+
+    scale: Mapping[str, Any] | None = None
+    receiver: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +133,7 @@ def version_for(session: Session, key: str, t_ns: int) -> RigVersion | None:
 
 def write(
     session: Session, key: str, revision: int, epochs: Mapping[str, EvidenceEpoch], new: Sequence[NewRigVersion],
-    added: Sequence[Evidence] = (), scales: Mapping[str, Mapping[str, Any]] | None = None,
+    added: Sequence[Evidence] = (), by_gnss: Mapping[str, ByGnss] | None = None,
 ) -> bool:  # fmt: skip
     """Put evidence, its epochs and new versions down as one. False, and nothing is written, where the rig's revision is another.
 
@@ -138,13 +147,15 @@ def write(
         of = epochs[one.drive_id]
         session.add(RigEvidence(
             drive_id=one.drive_id, rig=key, digest=one.digest, own_digest=one.own_digest, t_ns=one.t_ns, scale=one.scale,
-            from_ns=of.from_ns, chi_square=of.chi_square, stray=of.stray,
+            receiver=one.receiver, from_ns=of.from_ns, chi_square=of.chi_square, stray=of.stray,
         ))  # fmt: skip
     session.flush()
     for row in session.scalars(select(RigEvidence).where(RigEvidence.rig == key)):
         of = epochs[row.drive_id]
         row.from_ns, row.chi_square, row.stray = of.from_ns, of.chi_square, of.stray
-        row.scale = dict((scales or {}).get(row.drive_id) or row.scale or {}) or None
+        said = (by_gnss or {}).get(row.drive_id, ByGnss())
+        row.scale = dict(said.scale or row.scale or {}) or None
+        row.receiver = dict(said.receiver or row.receiver or {}) or None
     number, now = session.scalar(select(func.max(RigVersion.version)).where(RigVersion.rig == key)) or 0, now_s(session)
     for count, made in enumerate(new, start=1):
         session.add(RigVersion(

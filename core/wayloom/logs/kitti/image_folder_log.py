@@ -16,7 +16,7 @@ from wayloom.logs.images.image_files import ImageHeader, ImagePairs, read_grey, 
 from wayloom.logs.kitti.positioning import Positioning
 from wayloom.logs.sidecars.exposure_csv import EXPOSURE_NAME, read_exposure_csv
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, Sidecar
-from wayloom.logs.types import GnssTrack, Image, ImuTrack, StereoFrame
+from wayloom.logs.types import GnssTrack, Image, ImuTrack, StatedReceiver, StereoFrame
 
 FloatArray = NDArray[np.float64]
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
@@ -48,6 +48,7 @@ class ImageFolderLog:
     gnss: GnssTrack | None
     imu: ImuTrack | None
     p_cam_gnss: FloatArray
+    receiver: StatedReceiver
     T_cam_imu: FloatArray | None
     truth: FloatArray | None
     rig_id: str | None
@@ -190,6 +191,7 @@ def assemble(
         gnss=positioning.gnss,
         imu=positioning.imu,
         p_cam_gnss=positioning.p_cam_gnss,
+        receiver=sidecar.receiver,
         T_cam_imu=positioning.T_cam_imu,
         truth=truth,
         rig_id=sidecar.rig_id,

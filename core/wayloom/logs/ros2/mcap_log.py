@@ -26,7 +26,7 @@ from wayloom.logs.ros2.mcap_index import McapFile, Messages, Topic
 from wayloom.logs.ros2.mcap_rig import McapRig, find_rig
 from wayloom.logs.ros2.mcap_sensors import read_exposures, read_fixes, read_imu, read_places, read_truth
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, read_sidecar
-from wayloom.logs.types import GnssTrack, Image, ImuTrack, StereoFrame
+from wayloom.logs.types import GnssTrack, Image, ImuTrack, StatedReceiver, StereoFrame
 
 FloatArray = NDArray[np.float64]
 FORMAT: Final = "mcap"
@@ -49,6 +49,7 @@ class McapLog:
     gnss: GnssTrack | None
     imu: ImuTrack | None
     p_cam_gnss: FloatArray
+    receiver: StatedReceiver
     T_cam_imu: FloatArray | None
     truth: FloatArray | None
     rig_id: str | None
@@ -158,6 +159,7 @@ def open_mcap(path: Path, gnss: Path | None = None) -> McapLog:
         gnss=track,
         imu=imu,
         p_cam_gnss=p_cam_gnss,
+        receiver=sidecar.receiver,
         T_cam_imu=T_cam_imu,
         truth=truth,
         rig_id=sidecar.rig_id,

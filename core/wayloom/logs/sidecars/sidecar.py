@@ -1,15 +1,16 @@
-"""Sidecar metadata `wayloom.json`: rig and vehicle ids, lever arm, IMU extrinsics and topics that a layout has no place for."""
+"""Sidecar metadata `wayloom.json`: rig and vehicle ids, GNSS clock, lever arm, IMU extrinsics, topics: what layouts cannot hold."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from wayloom.config.settings import Settings
 from wayloom.errors import LogError
 from wayloom.files.text_files import read_text
+from wayloom.logs.types import StatedReceiver
 
 SIDECAR_NAME = "wayloom.json"
 SIMULATED_RIG = "simulated-"
@@ -27,11 +28,29 @@ class Sidecar(Settings):
     rig_id: Identifier | None = None
     vehicle_id: Identifier | None = None
     p_cam_gnss_m: tuple[Finite, Finite, Finite] | None = Field(None, description="the antenna in the left camera's frame, m")
+    p_cam_gnss_sigma_m: float | None = Field(None, ge=1e-4, le=10.0, description="its sigma, each axis, m")
+    gnss_time_offset_s: float | None = Field(None, ge=-10.0, le=10.0, description="by how much the fixes' stamps are too late, s")
+    gnss_time_offset_sigma_s: float | None = Field(
+        None, ge=1e-6, le=10.0, description="its sigma, s; an offset that is left out is 0: 0.001 says that both are on one clock"
+    )
     left_topic: Topic | None = Field(None, description="of a recording with topics: the left camera's images")
     right_topic: Topic | None = Field(None, description="the right camera's images")
     gnss_topic: Topic | None = Field(None, description="the fixes")
     imu_topic: Topic | None = Field(None, description="the IMU's samples")
     T_cam_imu: tuple[Row, Row, Row, Row] | None = Field(None, description="the IMU's frame into the left camera's")
+
+    @model_validator(mode="after")
+    def _says_how_well(self) -> Self:
+        if self.gnss_time_offset_s is not None and self.gnss_time_offset_sigma_s is None:
+            raise ValueError("gnss_time_offset_s needs gnss_time_offset_sigma_s beside it")
+        if self.p_cam_gnss_sigma_m is not None and self.p_cam_gnss_m is None:
+            raise ValueError("p_cam_gnss_sigma_m needs p_cam_gnss_m beside it")
+        return self
+
+    @property
+    def receiver(self) -> StatedReceiver:
+        """What is stated of the GNSS receiver."""
+        return StatedReceiver(self.gnss_time_offset_s or 0.0, self.gnss_time_offset_sigma_s, self.p_cam_gnss_sigma_m)
 
 
 def read_sidecar(folder: Path) -> Sidecar:

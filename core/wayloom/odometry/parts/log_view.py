@@ -17,7 +17,7 @@ class LogView:
         self.path, self.format, self.name, self.root, self.files = log.path, log.format, log.name, log.root, log.files
         self.rig, self.rig_id, self.vehicle_id, self.colour = log.rig, log.rig_id, log.vehicle_id, log.colour
         self.gnss, self.imu, self.p_cam_gnss, self.T_cam_imu = log.gnss, log.imu, log.p_cam_gnss, log.T_cam_imu
-        self.missing = log.missing
+        self.missing, self.receiver = log.missing, log.receiver
         self.t_ns = log.t_ns[first:stop]
         self.truth = None if log.truth is None else log.truth[first:stop]
 

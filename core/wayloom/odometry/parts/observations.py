@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.parts.plan import DrivePart
-from wayloom.odometry.rig.calibration_observations import MOST_GROUPS, CalibrationObservations, drive_name
+from wayloom.odometry.rig.calibration_observations import MOST_GROUPS, CalibrationObservations
+from wayloom.odometry.rig.drive_name import drive_name
 
 
 def join_observations(log: DriveLog, parts: Sequence[tuple[DrivePart, CalibrationObservations]]) -> CalibrationObservations:

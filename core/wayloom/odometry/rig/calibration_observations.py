@@ -6,7 +6,6 @@ rows or lens are corrected: observations stay valid whatever is learnt of the ri
 docs/calibration.md.
 """
 
-import hashlib
 from dataclasses import dataclass, field
 
 import cv2
@@ -19,6 +18,7 @@ from wayloom.logs.types import DriveLog
 from wayloom.odometry.kernels.matches import BORDER, HALF, match_patches
 from wayloom.odometry.kernels.stereo import NO_MATCH
 from wayloom.odometry.points import selection, stereo
+from wayloom.odometry.rig.drive_name import drive_name
 from wayloom.odometry.rig.posed_pair import PosedPair
 
 Image = NDArray[np.uint8]
@@ -244,11 +244,6 @@ class ObservationCollector:
             np.repeat(np.arange(S, dtype=np.int32), [len(s.pixels) for s in done]), pixels.astype(np.int32),
             right.astype(np.float32), left_target.astype(np.float32), right_target.astype(np.float32),
         )  # fmt: skip
-
-
-def drive_name(log: DriveLog) -> str:
-    """The log's name and eight digits of its time stamps' SHA-256: folders of different drives may have one name."""
-    return f"{log.name}#{hashlib.sha256(np.ascontiguousarray(log.t_ns, '<i8').tobytes()).hexdigest()[:8]}"
 
 
 def smoothed(image: Image) -> NDArray[np.float32]:

@@ -5,6 +5,7 @@ Leaves odometry.npz, evidence.npz (for `wayloom calibrate`) and report.json.
 
 import tempfile
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +77,6 @@ def _track_in_parts(context: StageContext, parts_dir: Path, out_dir: Path, progr
 
 
 def key_parts(context: StageContext) -> dict[str, Any]:
-    """The rig file by what it says, whatever its name. Raises CalibrationError for another rig's file."""
+    """The rig file by what it says of the cameras, whatever its name. Raises CalibrationError for another rig's file."""
     rig, _ = rig_for_log(context.settings.rig, context.log)
-    return {"rig": None if rig is None else odometry_parts.rig_version(rig)["sha256"]}
+    return {"rig": None if rig is None else odometry_parts.rig_version(replace(rig, receivers=()))["sha256"]}

@@ -18,6 +18,7 @@ from wayloom.logs.kitti.kitti_raw_writer import KittiRawWriter
 from wayloom.logs.ros2.mcap_writer import McapWriter
 from wayloom.logs.sidecars.sidecar import SIMULATED_RIG
 from wayloom.logs.simulated_truth import FOLDER as TRUTH_FOLDER
+from wayloom.logs.types import StatedReceiver
 from wayloom.simulation.recording.journal import RECORD_NAME, Journal, check_record, sole_run, write_record
 from wayloom.simulation.recording.presets import Preset, chosen_drives, find_preset
 from wayloom.simulation.recording.record_drive import Recording, plan_recording, record, route_plan
@@ -26,6 +27,7 @@ from wayloom.simulation.recording.worlds import build_world
 from wayloom.simulation.rendering.renderer import World
 from wayloom.simulation.traffic.drives import plan_drives
 from wayloom.simulation.vehicle.rigs import given_rig, sized_rig
+from wayloom.simulation.vehicle.vehicle_settings import VehicleSettings
 
 WRITERS: Final[dict[str, type[DriveWriter]]] = {
     "kitti": KittiOdometryWriter,
@@ -169,6 +171,12 @@ def run_settings(preset: Preset, output: OutputSettings, frames: int | None) -> 
     }
 
 
+def stated_receiver(vehicle: VehicleSettings) -> StatedReceiver:
+    """What a vehicle's log says of its GNSS clock."""
+    clock = vehicle.clock
+    return StatedReceiver() if clock.stated_offset_s is None else StatedReceiver(clock.stated_offset_s, clock.stated_sigma_s)
+
+
 def write_drive(
     out_dir: Path, world: World, preset: Preset, recording: Recording, output: OutputSettings, threads: int
 ) -> Iterator[int]:
@@ -182,7 +190,10 @@ def write_drive(
         rig_id=rig_id,
         vehicle_id=plan.vehicle_id,
         extrinsics=SensorExtrinsics(
-            np.array(vehicle.p_cam_gnss_m), vehicle.T_cam_imu, None if vehicle.lidar is None else vehicle.T_cam_lidar
+            np.array(vehicle.p_cam_gnss_m),
+            vehicle.T_cam_imu,
+            None if vehicle.lidar is None else vehicle.T_cam_lidar,
+            stated_receiver(vehicle),
         ),
         encoding=ImageEncoding(jpeg_quality=vehicle.jpeg_quality, distortion=vehicle.distortion),
         resume=True,

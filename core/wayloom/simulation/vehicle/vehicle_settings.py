@@ -88,6 +88,12 @@ class ClockSettings(Settings):
 
     offset_s: float = Field(default=0.0, ge=-10, le=10)
     drift: float = Field(default=0.0, ge=-1e-3, le=1e-3, description="s/s")
+    stated_offset_s: float | None = Field(default=None, ge=-10, le=10, description="what the log says of the offset; none: nothing")
+    stated_sigma_s: float = Field(default=1e-3, ge=1e-6, le=10, description="the sigma that it states with it")
+
+
+ON_ONE_PULSE: Final = ClockSettings(stated_offset_s=0.0)
+"""Receiver and cameras triggered by one pulse, and a log that says so."""
 
 
 class GnssStep(Settings):
@@ -172,7 +178,7 @@ class VehicleSettings(Settings):
     p_cam_gnss_m: Triple = Field(default=(0.05, -0.55, -0.90), description="antenna in the left camera's frame")
     p_cam_imu_m: Triple = Field(default=(0.3, 0.6, -0.8), description="IMU in the left camera's frame")
     imu_roll_pitch_yaw_rad: Triple = Field(default=(0.0, 0.0, 0.0), description="the IMU's axes against forward, left, up")
-    clock: ClockSettings = ClockSettings()
+    clock: ClockSettings = ON_ONE_PULSE
     gnss: GnssSettings | None = GnssSettings()
     imu: ImuSettings | None = None
     lidar: LidarSettings | None = None
