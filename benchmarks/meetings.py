@@ -94,7 +94,13 @@ def of_drives(what: str, paths: list[Path]) -> list[dict[str, Any]]:
     for one, other in pairs:
         rows.append(apart_row(one, other) if what == "apart" else pair_row(one, other))
         print(json.dumps(rows[-1]), flush=True)
-    return [row for row in rows if row]
+    return [total(rows)] if what == "apart" else [row for row in rows if row]
+
+
+def total(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """One row for all pairs of drives that do not meet."""
+    sums = {name: round(sum(row[name] for row in rows), 1) for name in rows[0] if name != "drives"}
+    return {"pairs of drives": len(rows)} | sums
 
 
 def known_drive(out: Path, log: Path) -> KnownDrive:
