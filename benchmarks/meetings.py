@@ -2,7 +2,7 @@
 
 python benchmarks/meetings.py drives OUT LOG [OUT LOG ...]    all pairs of simulated drives of one city (with truth), as `wayloom
                                                               process` left them in OUT
-python benchmarks/meetings.py alone OUT LOG OUT LOG           the second drive's GNSS is taken away
+python benchmarks/meetings.py alone OUT LOG OUT LOG [...]     drives in pairs, each second one's GNSS taken away
 python benchmarks/meetings.py apart OUT LOG OUT LOG [...]     drives of different cities in pairs, the one falsely put where the
                                                               other is
 python benchmarks/meetings.py halves EVEN ODD                 clip A as two drives with half in common, the second's GNSS degraded
@@ -30,6 +30,7 @@ from meeting_pictures import wall_picture
 from pages import DOCS, put_between_marks
 from wayloom.geometry import se3
 from wayloom.logs.simulated_truth import open_truth
+from wayloom.loops.priors import Closure
 from wayloom.odometry.result.odometry_file import load_odometry
 from wayloom.places.files import load_places
 from wayloom.registration.verification import both_ways
@@ -87,13 +88,19 @@ def of_drives(what: str, paths: list[Path]) -> list[dict[str, Any]]:
     if what == "drives":
         pairs = list(combinations(drives, 2))
     elif what == "alone":
-        pairs = [(drives[0], replace(drives[1], drive=unlocated(drives[1].drive)))]
+        pairs = [(one, replace(other, drive=unlocated(other.drive))) for one, other in zip(drives[::2], drives[1::2], strict=True)]
     else:
         pairs = [(one, laid_over(other, one)) for one, other in zip(drives[::2], drives[1::2], strict=True)]
     for one, other in pairs:
         rows.append(apart_row(one, other) if what == "apart" else pair_row(one, other))
         print(json.dumps(rows[-1]), flush=True)
-    return [row for row in rows if row]
+    return [total(rows)] if what == "apart" else [row for row in rows if row]
+
+
+def total(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """One row for all pairs of drives that do not meet."""
+    sums = {name: round(sum(row[name] for row in rows), 1) for name in rows[0] if name != "drives"}
+    return {"pairs of drives": len(rows)} | sums
 
 
 def known_drive(out: Path, log: Path) -> KnownDrive:
@@ -135,9 +142,7 @@ def pair_row(one: KnownDrive, other: KnownDrive) -> dict[str, Any]:
     hits = recall(search, a.truth, b.truth, [(p.first, p.second - len(a.drive.places)) for p in pairs])
     if not sum(hits[1::2]) and not found.meetings:
         return {}
-    of_pairs = np.array(
-        [pair_error(p.T_first_second, p.covariance, a.truth[p.first], b.truth[p.second - len(a.truth)]) for p in pairs]
-    )
+    of_pairs = errors_of_pairs(pairs, a, b)
     of_meetings = np.array([meeting_error(m, a, b) for m in found.meetings])
     row: dict[str, Any] = {"drives": f"{a.drive.drive_id}, {b.drive.drive_id}"}
     for k, (low, high) in enumerate(pairwise(OVERLAPS)):
@@ -148,6 +153,12 @@ def pair_row(one: KnownDrive, other: KnownDrive) -> dict[str, Any]:
 
 def search_size(search: PairSearch) -> int:
     return len(search.tried)
+
+
+def errors_of_pairs(pairs: list[Closure], a: KnownDrive, b: KnownDrive) -> np.ndarray:
+    """(N, 3) metres, degrees, chi-square."""
+    rows = ((a.truth[p.first], b.truth[p.second - len(a.truth)]) for p in pairs)
+    return np.array([pair_error(p.T_first_second, p.covariance, *truth) for p, truth in zip(pairs, rows, strict=True)])
 
 
 def pair_error(T: np.ndarray, covariance: np.ndarray, T_enu_a: np.ndarray, T_enu_b: np.ndarray) -> tuple[float, float, float]:
@@ -237,9 +248,9 @@ def halves(even: Path, odd: Path, write: bool) -> list[dict[str, Any]]:
         start = time.process_time()
         search = start_search(a.drive, drive, SETTINGS)
         found, pairs = found_meetings(search)
-        errors = np.array([meeting_error(m, a, b) for m in found.meetings])
-        row = {"second half": name, "views compared": found.report["tried"], "fit": found.report["fitting"], "taken": len(pairs)}
-        rows.append(row | summary("meetings", errors) | {"CPU s": round(time.process_time() - start, 1)})
+        row = {"second half": name, "views compared": found.report["tried"], "fit": found.report["fitting"]}
+        row |= summary("pairs", errors_of_pairs(pairs, a, b)) | {"meetings": len(found.meetings)}
+        rows.append(row | {"CPU s": round(time.process_time() - start, 1)})
         print(json.dumps(rows[-1]), json.dumps(found.report), flush=True)
         if write and name == "single-point GNSS" and found.meetings:
             wall_picture(PICTURE, a.drive, b.drive, found.meetings)

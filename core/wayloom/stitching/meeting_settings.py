@@ -14,7 +14,7 @@ class MeetingSettings(Settings):
     stride: int = Field(2, ge=1, le=20, description="of these, one in so many is tried along a road that both drives share")
     scout_m: float = Field(12.0, gt=0, le=200, description="road between keyframes from which a shared road is looked for, m")
     scout_alone_m: float = Field(24.0, gt=0, le=200, description="the same where a drive does not know its place, m")
-    near_m: float = Field(15.0, ge=1, le=60, description="views meet where their middles are nearer than this, m")
+    near_m: float = Field(25.0, ge=1, le=60, description="views meet where their middles are nearer than this, m")
     sigmas: float = Field(3.0, gt=0, le=10, description="widens what is near by so many standard deviations of both drives' places")
     candidates: int = Field(4, ge=1, le=100, description="places of the other drive that a scout compares with, at most")
     max_prior_sigma_m: float = Field(

@@ -14,6 +14,7 @@ from wayloom.places.views import view_at
 from wayloom.registration.register import Prior, bend_covariance, register_scenes
 from wayloom.registration.scene import Scene, prepare
 from wayloom.registration.types import Registration
+from wayloom.stitching.fine_alignment import finely_aligned
 from wayloom.stitching.meeting_settings import MeetingSettings
 from wayloom.stitching.placed_drive import PlacedDrive
 
@@ -115,7 +116,7 @@ def attempt(search: PairSearch, i: int, j: int, prior: Prior, is_guess: bool = F
     search.tried[i, j] = found.refused
     if found.refused:
         return None
-    closure = closure_of_middles(search, i, j, found, one, other)
+    closure = closure_of_middles(search, i, j, finely_aligned(one, other, found, settings), one, other)
     search.found.append(closure)
     return closure
 
