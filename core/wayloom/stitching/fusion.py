@@ -45,12 +45,14 @@ class FusedPoints:
 
     xyz       (P, 3) m; variance (P,) m^2, along the normal where there is a surface, else along the worst axis
     surface   (P,) row of the plane that the point lies on, -1: none
+    refuted   (P,) whether it lies on none, and its ray crosses one within `reach_m`: surfaces are opaque, and seen where they are
     planes    the surfaces
     """
 
     xyz: FloatArray
     variance: FloatArray
     surface: IntArray
+    refuted: NDArray[np.bool_]
     planes: Planes
 
 
@@ -98,4 +100,27 @@ def fuse(points: MapPoints, settings: MergeSettings) -> FusedPoints:
         variance,
         surface,
     )
-    return FusedPoints(fused, variance, surface, planes)
+    return FusedPoints(fused, variance, surface, _refuted(points, surface, planes, settings), planes)
+
+
+def _refuted(points: MapPoints, surface: IntArray, planes: Planes, settings: MergeSettings) -> NDArray[np.bool_]:
+    group = GROUP_OF_CLASS[points.label]
+    rows = np.flatnonzero((surface < 0) & (group != NO_SURFACE))
+    crossed = np.zeros(len(rows), np.bool_)
+    surfaces.crossing(
+        rows,
+        points.xyz,
+        group,
+        points.ray,
+        planes.key,
+        planes.table,
+        planes.low,
+        neighbour_steps(),
+        planes.plane,
+        settings.surface_cell_m,
+        settings.reach_m,
+        crossed,
+    )
+    out = np.zeros(len(points), np.bool_)
+    out[rows] = crossed
+    return out

@@ -21,7 +21,7 @@ class MergeSettings(Settings):
     across_rad: float = Field(0.002, gt=0.0, description="sigma of a point across its ray, radians")
     lone_sigma_m: float = Field(0.3, gt=0.0, description="a point that nothing confirms is published up to this sigma, m")
     confirm_m: float = Field(0.2, gt=0.0, le=1.0, description="a point of another drive so near confirms it, m")
-    vote_reach_m: float = Field(0.5, gt=0.0, le=2.0, description="points of one surface so near vote together, m")
+    vote_reach_m: float = Field(0.6, gt=0.0, le=2.0, description="points of one surface so near vote together, m")
     lone_vote_reach_m: float = Field(0.2, gt=0.0, le=2.0, description="the same for points on no surface, m")
     surface_thickness_m: float = Field(0.15, gt=0.0, description="how far from its plane a point still votes on a surface, m")
     standing_s: float = Field(1.0, gt=0.0, description="a vehicle that a drive sees at one place for so long is parked, s")
