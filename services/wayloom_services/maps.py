@@ -5,17 +5,22 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 
-from wayloom.store import maps
+from wayloom.store import map_versions, maps
+from wayloom.store.database import Session
+from wayloom.tiles.formats import SERVED_LAYERS
 from wayloom.tiles.grid import TileAddress, tile_bounds
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS
 from wayloom_services.errors import ProtocolError
 from wayloom_services.schemas import (
+    ChangedTile,
+    ChangeList,
     Feature,
     FeatureCollection,
     MapList,
     MapOut,
     SubmapList,
+    TileName,
     VersionList,
     VersionOut,
 )  # fmt: skip
@@ -43,19 +48,34 @@ async def all_maps(service: ServiceDep) -> MapList:
 @router.get("/maps/{map_id}")
 async def newest(map_id: MapId, service: ServiceDep) -> VersionOut:
     """The newest version; 404 until something is published."""
-    return version_out(await service.read(lambda session: maps.version(session, map_id)))
+    return await service.read(lambda session: version_out(session, maps.version(session, map_id)))
 
 
 @router.get("/maps/{map_id}/versions")
 async def versions(map_id: MapId, service: ServiceDep) -> VersionList:
     """The versions that are kept, newest first."""
-    return VersionList(versions=[version_out(row) for row in await service.read(lambda session: maps.versions(session, map_id))])
+    return VersionList(
+        versions=await service.read(lambda session: [version_out(session, row) for row in maps.versions(session, map_id)])
+    )
 
 
 @router.get("/maps/{map_id}/versions/{number}")
 async def version(map_id: MapId, number: Number, service: ServiceDep) -> VersionOut:
     """One version."""
-    return version_out(await service.read(lambda session: maps.version(session, map_id, number)))
+    return await service.read(lambda session: version_out(session, maps.version(session, map_id, number)))
+
+
+@router.get("/maps/{map_id}/versions/{number}/changes")
+async def changes(map_id: MapId, number: Number, service: ServiceDep) -> ChangeList:
+    """The tiles in which a version differs from the one before: those to fetch anew, and those that show nothing any more."""
+
+    def read(session: Session) -> ChangeList:
+        maps.version(session, map_id, number)
+        new, gone = map_versions.changes(session, map_id, number)
+        changed = [ChangedTile(layer=row.layer, z=row.z, x=row.x, y=row.y, digest=row.digest, bytes=row.size) for row in new]
+        return ChangeList(changed=changed, gone=[TileName(layer=row.layer, z=row.z, x=row.x, y=row.y) for row in gone])
+
+    return await service.read(read)
 
 
 @router.get("/maps/{map_id}/coverage")
@@ -125,6 +145,8 @@ async def _tile(service: Service, request: Request, map_version: tuple[str, int 
     (map_id, number), layer, z, x, y = map_version, path.layer, path.z, path.x, path.y
     if x >= 1 << z or y >= 1 << z:
         raise ProtocolError(404, "not-found", f"zoom {z} has no tile {x}/{y}: both go from 0 to {(1 << z) - 1}")
+    if layer not in SERVED_LAYERS:
+        return Response(status_code=204, headers={"Cache-Control": cache})
     row = await service.read(
         lambda session: maps.tile(session, map_id, maps.version(session, map_id, number).version, layer, z, x, y)
     )

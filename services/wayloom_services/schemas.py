@@ -133,6 +133,29 @@ class VersionOut(BaseModel):
     facts: dict[str, Any]
 
 
+class TileName(BaseModel):
+    """Where a tile is."""
+
+    layer: str
+    z: int
+    x: int
+    y: int
+
+
+class ChangedTile(TileName):
+    """A tile that a version brought; the digest is its ETag."""
+
+    digest: str
+    bytes: int
+
+
+class ChangeList(BaseModel):
+    """What a version changed."""
+
+    changed: list[ChangedTile]
+    gone: list[TileName]
+
+
 class VersionList(BaseModel):
     """The versions that are kept, newest first."""
 

@@ -5,7 +5,7 @@ import time
 from collections.abc import Mapping, Sequence
 
 from wayloom.config.stages import drive_stages, map_stages
-from wayloom.store import drives
+from wayloom.store import drives, maps
 from wayloom.store.database import Session
 from wayloom.store.drives import Received
 from wayloom.store.gate import STATE_OUTSIDE, passes
@@ -58,10 +58,11 @@ def _note(drive: Drive) -> str | None:
     return f"{STATE_OUTSIDE[drive.gate or 'hold']}: grade {drive.grade}: {why}"
 
 
-def version_out(row: MapVersion) -> VersionOut:
+def version_out(session: Session, row: MapVersion) -> VersionOut:
     """Response model of a map version."""
+    held = [*maps.drives_of(session, row.map_id, row.version)]
     return VersionOut(
-        map_id=row.map_id, version=row.version, created_at=row.created_at, frame=row.frame, drives=row.drives,
+        map_id=row.map_id, version=row.version, created_at=row.created_at, frame=row.frame, drives=held,
         submaps=row.submap_count, bounds=row.bounds, layers=row.layers, tiles=row.tile_count, bytes=row.byte_count, facts=row.facts,
     )  # fmt: skip
 

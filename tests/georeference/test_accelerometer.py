@@ -1,6 +1,6 @@
 import numpy as np
 
-from georeference.made_gnss_drives import odometry_of
+from georeference.made_gnss_drives import drifting, odometry_of
 from wayloom.geometry import se3
 from wayloom.georeference.gravity.accelerometer import GRAVITY_M_S2, up_by_accelerometer
 from wayloom.logs.types import ImuTrack
@@ -29,7 +29,7 @@ def winding_drive() -> tuple[np.ndarray, np.ndarray, ImuTrack]:
 def test_windows_that_begin_and_end_in_bends_tell_up_too():
     """By a plain mean of the force they were wrong by up to 0.34 degrees here; what is left is the polygon of the frames."""
     t_ns, T, imu = winding_drive()
-    windows = up_by_accelerometer(imu, np.eye(4), odometry_of(t_ns, T).trajectory, 0.0, 0.0)
+    windows = up_by_accelerometer(imu, np.eye(4), odometry_of(t_ns, T).trajectory, 0.0, 100.0, 0.0)
     assert len(windows.frame) == 9
     apart = np.linalg.norm(windows.up_cam - T[windows.frame, 2, :3], axis=1)
     assert np.degrees(apart.max()) < 0.01
@@ -37,13 +37,38 @@ def test_windows_that_begin_and_end_in_bends_tell_up_too():
 
 def test_an_error_of_scale_is_what_the_covariance_says_along_the_acceleration_and_nothing_across():
     t_ns, T, imu = winding_drive()
-    true = up_by_accelerometer(imu, np.eye(4), odometry_of(t_ns, T).trajectory, 0.02, 0.001)
+    true = up_by_accelerometer(imu, np.eye(4), odometry_of(t_ns, T).trajectory, 0.02, 1e9, 0.001)
     shrunk = T.copy()
     shrunk[:, :3, 3] /= 1.02
-    wrong = up_by_accelerometer(imu, np.eye(4), odometry_of(t_ns, shrunk).trajectory, 0.02, 0.001)
+    wrong = up_by_accelerometer(imu, np.eye(4), odometry_of(t_ns, shrunk).trajectory, 0.02, 1e9, 0.001)
     error = wrong.up_cam - true.up_cam
     sigmas2 = np.einsum("ni,ni->n", error, np.linalg.solve(wrong.covariance, error[:, :, None])[:, :, 0])
     assert 0.5 < sigmas2.max() < 1.2  # one sigma of scale, where the window's acceleration is large against the white part
     across, _, along = np.linalg.eigvalsh(wrong.covariance).T
     assert np.allclose(across, across[0])
     assert np.degrees(np.sqrt(along.max())) > 0.3
+
+
+def test_a_scale_that_wanders_tilts_up_along_the_view_as_much_as_the_covariance_says():
+    t_ns, T, imu = winding_drive()
+    true = up_by_accelerometer(imu, np.eye(4), odometry_of(t_ns, T).trajectory, 0.02, 100.0, 0.0)
+    error2, stated2 = [], []
+    for seed in range(12):
+        wandering = drifting(T, np.random.default_rng(seed), position_m=0.0, rotation_deg=0.0, scale_sigma=0.02)
+        seen = up_by_accelerometer(imu, np.eye(4), odometry_of(t_ns, wandering).trajectory, 0.02, 100.0, 0.0)
+        error2.append((seen.up_cam - true.up_cam)[:, 2] ** 2)
+        stated2.append(seen.covariance[:, 2, 2])
+    assert 0.7 < np.mean(error2) / np.mean(stated2) < 1.4
+    assert np.degrees(np.sqrt(np.mean(stated2))) > 0.1
+
+
+def test_a_window_with_a_hole_in_its_samples_says_nothing():
+    t_ns, T, imu = winding_drive()
+    trajectory = odometry_of(t_ns, T).trajectory
+    whole = up_by_accelerometer(imu, np.eye(4), trajectory, 0.02, 100.0, 0.0)
+    hole = (imu.t_ns > 6_000_000_000) & (imu.t_ns < 6_200_000_000)
+    holed = ImuTrack(imu.t_ns[~hole], imu.specific_force[~hole], imu.angular_rate[~hole])
+    left = up_by_accelerometer(holed, np.eye(4), trajectory, 0.02, 100.0, 0.0)
+    assert np.array_equal(left.frame, np.delete(whole.frame, 1))
+    none = ImuTrack(imu.t_ns[:0], imu.specific_force[:0], imu.angular_rate[:0])
+    assert len(up_by_accelerometer(none, np.eye(4), trajectory, 0.02, 100.0, 0.0).frame) == 0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from georeference.made_gnss_drives import LEVER, PLACE, MadeDrive, correlated, made_drive
+from wayloom.evaluation.gnss_cases import burst_case, nees, random_drive
 from wayloom.evaluation.gnss_drives import Receiver, city_way
 from wayloom.evaluation.gnss_drives import made_drive as city_drive
 from wayloom.geodesy import wgs84
@@ -128,3 +129,39 @@ def test_a_clock_that_a_straight_road_cannot_tell_gets_a_word_and_one_that_corne
     drive = city_drive(city_way(60.0), Receiver(late_s=0.02), 0)
     said = georeference(drive.log, drive.odometry).report["messages"]  # type: ignore[arg-type]
     assert not any("hardly tells" in message for message in said)
+
+
+def test_two_bursts_about_an_outage_are_told_from_the_fixes_after_them() -> None:
+    """One turn of two runs away from what the two descents find: the sigma of the wrong one was a seventh of its error."""
+    drive = random_drive(33)
+    assert nees(drive, georeference(drive.log, drive.odometry)).mean() < 3.0
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_ramp_of_a_metre_leaves_no_more_than_a_gap(seed: int) -> None:
+    """0.1 m at 0.12 to 0.2 m of sigma over the drive; the foot of a ramp, up to four sigmas off, stays believed."""
+    ramp = (GnssBurst(share=0.4, duration_s=20.0, size_m=1.0, wander_share=0.0, ramp_s=8.0),)
+    drive = city_drive(city_way(100.0), Receiver(bursts=ramp), seed)
+    geo = georeference(drive.log, drive.odometry)
+    error, sigma = errors_and_sigmas(drive, geo)
+    assert np.sqrt((error**2).mean()) < 0.15
+    assert (error < 4.0 * sigma).all()
+    assert len(geo.report["shifted"]) == 1
+
+
+def test_a_clock_late_by_a_fifth_of_a_second_is_found_where_the_way_bends() -> None:
+    drive = city_drive(city_way(60.0), Receiver(late_s=0.2), 0)
+    geo = georeference(drive.log, drive.odometry)
+    error, sigma = errors_and_sigmas(drive, geo)
+    assert geo.report["time_offset_s"] == pytest.approx(0.2, abs=0.01)
+    assert (error < 3.0 * sigma).all()
+
+
+def test_a_wandering_burst_costs_no_more_than_the_fixes_that_it_spoils() -> None:
+    case = burst_case(3.0, 20.0, 0.2)
+    assert case.told is not None
+    errors = []
+    for drive in (case.drive(0), case.told(0)):
+        error, _ = errors_and_sigmas(drive, georeference(drive.log, drive.odometry))
+        errors.append(np.sqrt((error**2).mean()))
+    assert errors[0] < 1.1 * errors[1]

@@ -14,6 +14,7 @@ from georeference.made_city_drives import (
 )
 from georeference.made_gnss_drives import MadeDrive
 from wayloom.errors import StageError
+from wayloom.geometry import se3
 from wayloom.georeference.alignment import georeference
 from wayloom.georeference.types import GeoReference
 from wayloom.georeference.uncertainty import position_covariance
@@ -56,6 +57,29 @@ def test_loops_bring_a_drive_without_gnss_home(way_home):
         errors(way_home, alone)[frames[again], :2]
     )
     assert closed.report["loops"]["used"] == len(closures)
+
+
+def test_closures_join_what_a_loss_of_tracking_parted(way_home):
+    """The second half of the odometry lies elsewhere and turned, as after a loss; only loops know how both go together."""
+    trajectory, keyframes = way_home.odometry.trajectory, way_home.odometry.keyframes
+    half = len(trajectory) // 2
+    lost = np.arange(len(trajectory)) >= half
+    T = trajectory.T_world_cam.copy()
+    T[lost] = T[half] @ se3.exp(np.array([3.0, 0.0, -8.0, 0.0, 0.4, 0.0])) @ se3.inverse(T[half]) @ T[lost]
+    segment = lost.astype(np.int32)
+    odometry = dataclasses.replace(
+        way_home.odometry,
+        trajectory=dataclasses.replace(trajectory, T_world_cam=T, segment=segment),
+        keyframes=dataclasses.replace(keyframes, segment=segment[keyframes.frame]),
+    )
+    closures = closures_of(way_home)
+    parted, joined = georeference(way_home.log, odometry), georeference(way_home.log, odometry, closures=closures)
+    frames = keyframes.frame[[int(closures.first[0]), int(closures.second[0])]]
+    truth = np.diff(way_home.T_place_cam[frames, :3, 3], axis=0)
+    gap = [np.linalg.norm(np.diff(geo.T_enu_cam[frames, :3, 3], axis=0) - truth) for geo in (parted, joined)]
+    assert gap[0] > 5.0
+    assert gap[1] < 0.2
+    assert joined.report["loops"]["used"] == len(closures)
 
 
 def test_without_gnss_the_covariance_is_relative_to_the_start(way_home):

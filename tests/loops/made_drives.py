@@ -1,5 +1,6 @@
 """Made drives through a made street, there and back, for the search for loops."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +10,7 @@ from registration.made_streets import CAMERA_M, Street, surface_points, visible
 from wayloom.geometry import se3
 from wayloom.places.cloud import packed
 from wayloom.places.extraction import joined
-from wayloom.places.types import PlaceFeatures, Places
+from wayloom.places.types import PlaceFeatures, Places, PlaceStations
 
 FloatArray = NDArray[np.float64]
 STEP_M = 2.0
@@ -71,3 +72,34 @@ def no_features() -> PlaceFeatures:
     """None at all."""
     none = np.zeros((0, 3), np.float32)
     return PlaceFeatures(np.zeros(0, np.int32), np.zeros((0, 32), np.uint8), none[:, :2], none, none[:, 0])
+
+
+def with_features(places: Places, T_street_cam: FloatArray, seed: int) -> Places:
+    """The places with stations and local features: corners of both walls that look alike from all cameras but for a few bits."""
+    rng = np.random.default_rng(seed)
+    start, end = T_street_cam[:, 1, 3].min(), T_street_cam[:, 1, 3].max() + 30.0
+    count = int(8 * (end - start))
+    corners = np.column_stack(
+        [rng.choice([-7.0, 7.0], count) + rng.normal(0, 0.8, count), rng.uniform(start, end, count), rng.uniform(0, 6, count)]
+    )
+    bits = rng.integers(0, 256, (count, 32)).astype(np.uint8)
+    seen = [_features(corners, bits, T, k, rng) for k, T in enumerate(T_street_cam)]
+    columns = [np.concatenate([getattr(f, name) for f in seen]) for name in ("keyframe", "bits", "uv", "p_cam", "sigma_m")]
+    stations = np.arange(0, len(T_street_cam), 5, dtype=np.int32)
+    grids = PlaceStations(stations, np.zeros((len(stations), 3, 32, 24), np.uint8))
+    return replace(places, features=PlaceFeatures(*columns), stations=grids)
+
+
+def _features(corners: FloatArray, bits: NDArray[np.uint8], T_street_cam: FloatArray, k: int, rng: np.random.Generator):  # type: ignore[no-untyped-def]
+    p = se3.transform(se3.inverse(T_street_cam), corners)
+    z = p[:, 2]
+    rows = np.flatnonzero((z > 4.0) & (z < 30.0) & (np.abs(p[:, 0]) < 0.8 * z) & (np.abs(p[:, 1]) < 0.3 * z))
+    sigma = 0.02 + 0.0015 * z[rows] ** 2
+    noisy = p[rows] * (1.0 + sigma * rng.normal(size=len(rows)) / z[rows])[:, None]
+    uv = 400.0 * p[rows, :2] / z[rows, None] + [320.0, 120.0] + rng.normal(0, 0.3, (len(rows), 2))
+    noisy[:, :2] = (uv - [320.0, 120.0]) / 400.0 * noisy[:, 2:]
+    flipped = np.packbits(rng.random((len(rows), 256)) < 0.03, axis=1)
+    return PlaceFeatures(
+        np.full(len(rows), k, np.int32), bits[rows] ^ flipped, uv.astype(np.float32), noisy.astype(np.float32),
+        sigma.astype(np.float32),
+    )  # fmt: skip

@@ -28,7 +28,8 @@ def exact_fixes(chain: OdometryChain, sigma: float = 0.1) -> AntennaFixes:
     lever = np.tile([0.3, -1.0, -0.5], (n, 1))
     antenna = np.einsum("nij,nj->ni", chain.T_world_node[:, :3, :3], lever) + chain.T_world_node[:, :3, 3]
     return AntennaFixes(
-        t_s=np.arange(n) * 0.1, node=np.arange(n), p_node_gnss=lever, v_node_gnss=np.tile([0.0, 0.0, 10.0], (n, 1)),
+        t_s=np.arange(n) * 0.1, node=np.arange(n), late_s=np.zeros(n),
+        p_node_gnss=lever, v_node_gnss=np.tile([0.0, 0.0, 10.0], (n, 1)),
         R_node_cam=np.tile(np.eye(3), (n, 1, 1)), position_enu=antenna, covariance=np.tile(np.eye(3) * sigma**2, (n, 1, 1)),
         kind=np.full(n, FixType.FIXED, np.uint8), white_share=np.full(n, 0.3),
     )  # fmt: skip
@@ -51,7 +52,8 @@ def test_a_poor_first_guess_comes_to_the_same_poses():
 def test_the_antenna_factor_has_the_derivatives_of_its_error():
     rng = np.random.default_rng(0)
     fix = AntennaFixes(
-        t_s=np.zeros(1), node=np.zeros(1, np.int64), p_node_gnss=rng.normal(size=(1, 3)), v_node_gnss=rng.normal(size=(1, 3)),
+        t_s=np.zeros(1), node=np.zeros(1, np.int64), late_s=np.full(1, 0.1),
+        p_node_gnss=rng.normal(size=(1, 3)), v_node_gnss=rng.normal(size=(1, 3)),
         R_node_cam=se3.exp(rng.normal(size=6))[None, :3, :3], position_enu=np.zeros((1, 3)), covariance=np.eye(3)[None],
         kind=np.zeros(1, np.uint8), white_share=np.ones(1),
     )  # fmt: skip

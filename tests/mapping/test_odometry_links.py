@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from wayloom.geometry import se3
+from wayloom.mapping.drive_types import DriveNoise, OdometryChain
 from wayloom.mapping.odometry_links import (
     STRETCH_M,
     OdometryLinks,
@@ -14,10 +17,15 @@ from wayloom.mapping.odometry_links import (
     link_errors,
     link_factors,
     link_jacobians,
+    links_of,
+    of_link_errors,
     pose_key,
     scale_key,
     stretches_of,
+    whitened,
 )
+
+NOISE = DriveNoise(0.005, np.radians(0.02), 0.002, np.radians(0.01), 0.002, 100.0, np.radians(3.0), 30.0, 0.02, 0.9999, 1e-6, 1e-6)
 
 
 @pytest.fixture
@@ -106,3 +114,37 @@ def test_the_chain_of_scales_is_an_ornstein_uhlenbeck_process():
         values.insert(scale_key(k), 0.0)
     hessian, _ = graph.linearize(values).hessian()
     assert np.allclose(np.linalg.inv(hessian), 0.02**2 * np.exp(-np.abs(middle[:, None] - middle[None]) / 100.0))
+
+
+def test_a_window_that_knows_more_than_the_noise_model_changes_nothing() -> None:
+    chain = chain_of(np.diag([1e-4] * 6) ** 2)
+    with_window, without = links_of(chain, NOISE), links_of(replace(chain, link_covariance=np.zeros((2, 6, 6))), NOISE)
+    errors = np.random.default_rng(0).normal(size=(2, 6))
+    np.testing.assert_allclose((whitened(with_window, errors) ** 2).sum(), (whitened(without, errors) ** 2).sum(), rtol=1e-9)
+
+
+def test_a_weak_window_widens_a_link_where_it_is_weak_and_nowhere_else() -> None:
+    weak = np.zeros((6, 6))
+    weak[2, 2] = 0.1**2  # m^2, along the view
+    links = links_of(chain_of(weak), NOISE)
+    W = links.narrow / links.sigma[:, None, :]
+    covariance = np.linalg.inv(np.swapaxes(W, 1, 2) @ W)
+    np.testing.assert_allclose(covariance[:, 5, 5], NOISE.window_factor * 0.1**2, rtol=1e-6)
+    others = [0, 1, 2, 3, 4]
+    np.testing.assert_allclose(np.diagonal(covariance, axis1=1, axis2=2)[:, others], links.sigma[:, others] ** 2, rtol=1e-6)
+
+
+def test_errors_of_a_link_follow_from_a_left_perturbation() -> None:
+    T, rng = se3.exp(np.array([1.0, -0.2, 0.4, 0.1, 0.3, -0.2])), np.random.default_rng(3)
+    xi = 1e-6 * rng.normal(size=6)
+    moved = se3.exp(xi) @ T
+    e_R, e_p = Rotation.from_matrix(T[:3, :3].T @ moved[:3, :3]).as_rotvec(), moved[:3, 3] - T[:3, 3]
+    J_J = of_link_errors(np.outer(xi, xi)[None], T[None])[0]
+    np.testing.assert_allclose(J_J, np.outer(np.hstack([e_R, e_p]), np.hstack([e_R, e_p])), atol=1e-17)
+
+
+def chain_of(covariance: np.ndarray) -> OdometryChain:
+    """Three nodes a metre apart, each link with this covariance (6, 6) of the window."""
+    T = np.tile(np.eye(4), (3, 1, 1))
+    T[:, 2, 3] = np.arange(3)
+    return OdometryChain(T, np.ones(2), np.ones(2, bool), np.array([0]), np.tile(covariance, (2, 1, 1)))

@@ -21,6 +21,7 @@ def fixes_along_a_road(sigma_m: float, stated_m: float, seed: int = 0) -> tuple[
         t_s=0.1 * np.arange(COUNT),
         node=np.arange(COUNT),
         p_node_gnss=zeros,
+        late_s=zeros[:, 0],
         v_node_gnss=zeros,
         R_node_cam=ones,
         position_enu=T[:, :3, 3] + rng.normal(size=(COUNT, 3)) * sigma_m,

@@ -40,6 +40,18 @@ def test_equal_results_give_equal_bytes(result: OdometryResult, tmp_path: Path) 
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
 
 
+def test_a_file_of_version_1_is_read_without_covariances_of_steps(result: OdometryResult, tmp_path: Path) -> None:
+    save_odometry(result, tmp_path / "new.npz")
+    with zipfile.ZipFile(tmp_path / "new.npz") as new, zipfile.ZipFile(tmp_path / "old.npz", "w") as old:
+        for name in new.namelist():
+            content = new.read(name).replace(b'"version": 2', b'"version": 1')
+            if name != "keyframes.step_covariance.npy":
+                old.writestr(name, content)
+    again = load_odometry(tmp_path / "old.npz")
+    np.testing.assert_array_equal(again.keyframes.T_world_cam, result.keyframes.T_world_cam)
+    assert np.isnan(again.keyframes.step_covariance).all()
+
+
 def test_numpy_opens_the_file_too(result: OdometryResult, tmp_path: Path) -> None:
     save_odometry(result, tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz") as arrays:

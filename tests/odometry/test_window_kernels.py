@@ -194,7 +194,7 @@ def test_adjustment_brings_a_disturbed_window_back_to_the_truth() -> None:
     window.frames.T_cam_world[0] = truth.frames.T_cam_world[0]
     robust = ROBUST._replace(max_energy=500.0)
     before = window.points.rho / truth.points.rho - 1.0
-    inlier, own, _ = adjustment.adjust_window(
+    inlier, own, *_ = adjustment.adjust_window(
         window.images,
         NUMBERS,
         window.frames,

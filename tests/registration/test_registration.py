@@ -74,7 +74,7 @@ def test_two_different_streets_are_refused_in_words_with_numbers(seed: int) -> N
     assert {"overlap", "through", "agreement", "score", "inliers", "sigma_m"} <= found.evidence.keys()
 
 
-@pytest.mark.parametrize(("i", "j"), [(0, 6), (3, 5), (5, 1)])
+@pytest.mark.parametrize(("i", "j"), [(1, 5), (3, 5), (2, 6)])
 def test_a_street_that_fits_as_any_street_does_is_refused_near_a_false_prior(i: int, j: int) -> None:
     """All other checks take these: the walls fit, but nothing that tells where along the street it is."""
     a, _ = view_of(made_street(i), 90.0, i)

@@ -16,7 +16,7 @@ import numpy as np
 from wayloom.config.gate import gate_of
 from wayloom.config.stages import REMOVAL
 from wayloom.errors import LogError
-from wayloom.store import drives, gate, maps
+from wayloom.store import drives, gate, map_versions, maps
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.tables import SubmapRow
@@ -98,19 +98,29 @@ def stitch(attempt: StageAttempt) -> None:
     note(attempt, "start")
     with attempt.context.database.read() as session:
         rows = maps.submaps(session, str(attempt.claim.map_id))
+        base = maps.get(session, str(attempt.claim.map_id)).version
+        before = map_versions.all_current_tiles(session, str(attempt.claim.map_id))
+        boxes = map_versions.changed_boxes(session, str(attempt.claim.map_id))
     while (attempt.context.folders.root / "stitch-waits").exists():
         time.sleep(0.02)
     rgba = np.zeros((256, 256, 4), np.uint8)
     rgba[64:192, 32:224] = (128, 64 + 10 * len(rows), 128, 255)
     content = png_bytes(rgba)
     digest = attempt.context.blobs.put(content)
+    tiles = [tile(zoom, digest, len(content)) for zoom in range(12, 19)] if rows else []
     said = {
+        "base": base,
+        "built_with": "",
+        "taken_in": sorted(boxes),
+        "regions": [],
+        "dropped_regions": [],
+        "dropped_tiles": [] if rows else sorted(before),
         "frame": [8.5, 49.5, 0.0],
         "drives": sorted({row.drive_id for row in rows}),
         "out_of_reach": [],
         "submaps": len(rows),
         "bounds": [LON, LAT, LON + 0.001, LAT + 0.001] if rows else None,
-        "tiles": [tile(zoom, digest, len(content)) for zoom in range(12, 19)] if rows else [],
+        "tiles": tiles,
     }
     (attempt.out_dir / TILES_FILE).write_text(json.dumps(said))
     note(attempt, "end")

@@ -15,7 +15,7 @@ from wayloom.store import drives, gate, maps
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.manifest import Manifest
-from wayloom.store.maps import NewVersion, TileEntry
+from wayloom.store.map_versions import NewVersion, TileEntry, publish
 from wayloom.store.migrate import upgrade
 from wayloom.store.tables import SubmapRow
 from wayloom_services import events
@@ -33,10 +33,8 @@ def published(api_process: ApiAlone) -> TileEntry:
     database = Database(f"sqlite:///{api_process.data / 'wayloom.db'}")
     with database.write() as session:
         maps.ensure_map(session, "city")
-        for _ in range(2):
-            maps.publish(
-                session, "city", NewVersion((8.5, 49.5, 0.0), (), 1, (8.39, 49.0, 8.41, 49.02), [tile, coarse], {}), kept=5
-            )
+        for base in range(2):
+            publish(session, "city", NewVersion(base, (8.5, 49.5, 0.0), (), 1, (8.39, 49.0, 8.41, 49.02), [tile, coarse]), kept=5)
     database.close()
     return tile
 

@@ -11,11 +11,11 @@ from wayloom.config.classes import MOVING_CLASSES, SKY, VOID
 from wayloom.stitching.layers import MOVING, PARKED, STATIC, UNCONFIRMED
 from wayloom.stitching.merge import merge
 from wayloom.stitching.points import Box, canonical, map_points, point_covariance
-from wayloom.stitching.regions import RegionKey, fuse_region, fused_points, regions_of
+from wayloom.stitching.regions import fuse_region, fused_points, regions_of
 from wayloom.stitching.settings import MergeSettings
 
 SETTINGS = MergeSettings()
-WHOLE = MergeSettings(region_m=1e6)
+WHOLE_M = 1e6
 EVERYWHERE = Box(*(np.full(2, side * 1e6) for side in (-1, 1, -1, 1)))
 
 
@@ -67,7 +67,7 @@ def test_an_unsure_point_that_nothing_confirms_is_kept_out_of_the_published_laye
     assert layer.tolist() == [UNCONFIRMED, STATIC]
     _, _, layer = fused_of([one, dataclasses.replace(one, drive_id="b")])
     assert layer.tolist() == [STATIC] * 4
-    region = fuse_region(sorted(regions_of(one, WHOLE))[0], [one], WHOLE)
+    region = fuse_region(sorted(regions_of(one, SETTINGS, WHOLE_M))[0], [one], SETTINGS, WHOLE_M)
     assert len(region.layers["unconfirmed"]) == 1
 
 
@@ -122,8 +122,8 @@ def test_every_point_is_in_one_layer_or_left_out():
 
 
 def _only_region(placed):
-    key = RegionKey(*np.floor(placed[0].T_enu_submap[:2, 3] / 1e6).astype(int).tolist())
-    return key, placed, WHOLE
+    east, north = np.floor(placed[0].T_enu_submap[:2, 3] / WHOLE_M).astype(int).tolist()
+    return (east, north), placed, SETTINGS, WHOLE_M
 
 
 def voters(labels_and_weights, step_m):

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from wayloom.store import drives, garbage, jobs, maps
+from wayloom.store import drives, garbage, jobs, map_versions, maps
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.garbage import drop_unused
 from wayloom.store.manifest import Manifest, ManifestFile
-from wayloom.store.maps import NewVersion, TileEntry
+from wayloom.store.map_versions import NewVersion, TileEntry
 from wayloom.store.tables import SubmapRow
 
 
@@ -29,8 +29,8 @@ def new_drive(database: Database) -> str:
 def publish(database: Database, digest: str, kept: int) -> None:
     tile = TileEntry("semantic", 18, 1, 2, digest, "image/png", 1)
     with database.write() as session:
-        maps.ensure_map(session, "city")
-        maps.publish(session, "city", NewVersion((8.5, 49.5, 0.0), (), 1, None, [tile], {}), kept)
+        base = maps.ensure_map(session, "city").version
+        map_versions.publish(session, "city", NewVersion(base, (8.5, 49.5, 0.0), (), 1, None, [tile]), kept)
 
 
 def test_a_tile_lives_as_long_as_a_version_that_shows_it(database: Database, blobs: BlobStore) -> None:

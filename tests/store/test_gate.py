@@ -7,10 +7,10 @@ from alembic import command
 from alembic.config import Config
 
 from wayloom.errors import ConflictError
-from wayloom.store import drives, gate, jobs, maps
+from wayloom.store import drives, gate, jobs, map_versions, maps
 from wayloom.store.database import Database
 from wayloom.store.manifest import Manifest, ManifestFile
-from wayloom.store.maps import NewVersion
+from wayloom.store.map_versions import NewVersion
 from wayloom.store.migrate import migrations_dir, upgrade
 from wayloom.store.tables import SubmapRow
 from wayloom_workers.completion import complete_drive
@@ -50,7 +50,8 @@ def state(database: Database, drive_id: str) -> str:
 
 def publish(database: Database, *drive_ids: str) -> None:
     with database.write() as session:
-        maps.publish(session, "city", NewVersion((8.5, 49.5, 0.0), drive_ids, 1, None, [], {}), kept=5)
+        base = maps.get(session, "city").version
+        map_versions.publish(session, "city", NewVersion(base, (8.5, 49.5, 0.0), drive_ids, 1, None, []), kept=5)
 
 
 @pytest.mark.parametrize(

@@ -5,14 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sqlalchemy import select
 
 from wayloom.errors import ConflictError, NotFoundError
-from wayloom.store import drives, gate, maps, uploads
+from wayloom.store import drives, gate, map_versions, maps, uploads
 from wayloom.store.database import Database
 from wayloom.store.folders import Folders
 from wayloom.store.manifest import Manifest, ManifestFile
-from wayloom.store.maps import NewVersion, TileEntry
-from wayloom.store.tables import SubmapRow
+from wayloom.store.map_versions import OUT_OF_REACH, NewVersion, RegionEntry, TileEntry, TileKey
+from wayloom.store.tables import ChangedBox, MapDrive, RegionRow, SubmapRow, TileRow
 
 TILE = TileEntry("semantic", 18, 1, 2, "a" * 64, "image/png", 100)
 
@@ -30,13 +31,13 @@ def register(database: Database, name: str) -> str:
         return drive_id
 
 
-def version(*tiles: TileEntry, drives: tuple[str, ...] = ()) -> NewVersion:
-    return NewVersion((8.5, 49.5, 0.0), drives, 1, (8.0, 49.0, 8.1, 49.1), tiles, {})
+def version(*tiles: TileEntry, drives: tuple[str, ...] = (), base: int = 0, dropped: tuple[TileKey, ...] = ()) -> NewVersion:
+    return NewVersion(base, (8.5, 49.5, 0.0), drives, 1, (8.0, 49.0, 8.1, 49.1), tiles, dropped)
 
 
 def publish_and_fail(database: Database) -> None:
     with database.write() as session:
-        maps.publish(session, "city", version(TILE), kept=2)
+        map_versions.publish(session, "city", version(replace(TILE, digest="b" * 64), base=1), kept=2)
         raise ConflictError("the power fails here")
 
 
@@ -72,11 +73,13 @@ def test_publishing_flips_the_pointer_and_finishes_the_drives_that_wait(database
         for waiting in (drive_id, other):
             row = drives.get(session, waiting)
             row.state, row.stitch_job_id = "stitching", 1
-        assert maps.publish(session, "city", version(TILE, drives=(drive_id,)), kept=5) == 1
+        assert map_versions.publish(session, "city", version(TILE, drives=(drive_id,)), kept=5) == 1
     with database.read() as session:
         assert maps.get(session, "city").version == 1
         found = maps.version(session, "city")
-        assert found.layers == {"semantic": {"min_zoom": 18, "max_zoom": 18, "media_type": "image/png", "tiles": 1}}
+        assert found.layers == {
+            "semantic": {"min_zoom": 18, "max_zoom": 18, "media_type": "image/png", "tiles": 1, "zooms": {"18": 1}}
+        }
         assert drives.get(session, drive_id).state == "done"
         assert drives.get(session, other).state == "stitching"
         tile = maps.tile(session, "city", 1, "semantic", 18, 1, 2)
@@ -91,7 +94,7 @@ def test_a_drive_that_a_later_map_job_takes_in_is_done_though_its_own_had_failed
         row = drives.get(session, drive_id)
         row.state, row.stitch_job_id, row.error = "failed", 1, "publish: the disk was full"
         drives.get(session, broken).state = "failed"
-        maps.publish(session, "city", version(TILE, drives=(drive_id, broken)), kept=5)
+        map_versions.publish(session, "city", version(TILE, drives=(drive_id, broken)), kept=5)
     with database.read() as session:
         assert (drives.get(session, drive_id).state, drives.get(session, drive_id).error) == ("done", None)
         assert drives.get(session, broken).state == "failed"
@@ -102,10 +105,10 @@ def test_a_drive_out_of_the_maps_reach_fails_and_says_why(database: Database) ->
     with database.write() as session:
         row = drives.get(session, drive_id)
         row.state, row.stitch_job_id = "stitching", 1
-        maps.publish(session, "city", replace(version(TILE), out_of_reach=(drive_id,)), kept=5)
+        map_versions.publish(session, "city", replace(version(TILE), out_of_reach=(drive_id,)), kept=5)
     with database.read() as session:
         row = drives.get(session, drive_id)
-        assert (row.state, row.error) == ("failed", maps.OUT_OF_REACH)
+        assert (row.state, row.error) == ("failed", OUT_OF_REACH)
 
 
 def test_nothing_published_and_no_map_are_told_apart(database: Database) -> None:
@@ -123,11 +126,108 @@ def test_nothing_published_and_no_map_are_told_apart(database: Database) -> None
 def test_old_versions_are_forgotten_with_their_tiles(database: Database) -> None:
     with database.write() as session:
         maps.ensure_map(session, "city")
-        for _ in range(4):
-            maps.publish(session, "city", version(TILE), kept=2)
+        for base in range(4):
+            map_versions.publish(session, "city", version(replace(TILE, digest=str(base) * 64), base=base), kept=2)
         assert [row.version for row in maps.versions(session, "city")] == [4, 3]
         assert maps.tile(session, "city", 2, "semantic", 18, 1, 2) is None
-        assert maps.tile(session, "city", 3, "semantic", 18, 1, 2) is not None
+        for number in (3, 4):
+            tile = maps.tile(session, "city", number, "semantic", 18, 1, 2)
+            assert tile is not None
+            assert tile.digest == str(number - 1) * 64
+        assert len(session.scalars(select(TileRow)).all()) == 2
+
+
+def test_a_version_costs_what_it_changes_and_every_kept_one_is_read_whole(database: Database) -> None:
+    """300 tiles, then five versions that each change one, drop one and bring one."""
+    rng = np.random.default_rng(0)
+    shown = {x: replace(TILE, x=x, digest=f"{x:064d}") for x in range(300)}
+    expected = [dict(shown)]
+    with database.write() as session:
+        maps.ensure_map(session, "city")
+        map_versions.publish(session, "city", version(*shown.values()), kept=9)
+        for base in range(1, 6):
+            changed, gone, new = int(rng.choice(sorted(shown))), int(rng.choice(sorted(shown))), 300 + base
+            shown.pop(gone)
+            entries = [replace(TILE, x=x, digest=f"{x + 1000 * base:064d}") for x in {changed, new} - {gone}]
+            shown |= {entry.x: entry for entry in entries}
+            dropped = (("semantic", 18, gone, 2),)
+            map_versions.publish(session, "city", version(*entries, base=base, dropped=dropped), kept=9)
+            expected.append(dict(shown))
+            came, ended = map_versions.changes(session, "city", base + 1)
+            assert {row.x: row.digest for row in came} == {entry.x: entry.digest for entry in entries}
+            assert [row.x for row in ended] == [gone]
+    with database.read() as session:
+        assert len(session.scalars(select(TileRow)).all()) <= 300 + 5 * 2
+        for number, tiles in enumerate(expected, 1):
+            rows = {x: maps.tile(session, "city", number, "semantic", 18, x, 2) for x in range(310)}
+            assert {x: row.digest for x, row in rows.items() if row} == {x: entry.digest for x, entry in tiles.items()}
+            found = maps.version(session, "city", number)
+            assert (found.tile_count, found.byte_count) == (len(tiles), 100 * len(tiles))
+        assert map_versions.current_tiles(session, "city", [entry.key for entry in tiles.values()]) == {
+            entry.key: entry for entry in tiles.values()
+        }
+
+
+def test_regions_and_drives_are_shared_by_versions_like_tiles(database: Database) -> None:
+    first, second = register(database, "a"), register(database, "b")
+    region = RegionEntry(3, -4, "1" * 64, "2" * 64, [[first, "3" * 64]], 10)
+    with database.write() as session:
+        map_versions.publish(session, "city", replace(version(drives=(first,)), regions=[region]), kept=2)
+        map_versions.publish(session, "city", version(drives=(first, second), base=1), kept=2)
+        assert map_versions.current_regions(session, "city") == {(3, -4): region}
+        assert map_versions.current_regions(session, "city", [(0, 0)]) == {}
+        map_versions.publish(session, "city", replace(version(drives=(second,), base=2), dropped_regions=[(3, -4)]), kept=2)
+        assert map_versions.current_regions(session, "city") == {}
+        assert map_versions.region_made_from(session, "city", (3, -4), "1" * 64) == region
+        assert [list(maps.drives_of(session, "city", number)) for number in (2, 3)] == [sorted([first, second]), [second]]
+        map_versions.publish(session, "city", version(drives=(second,), base=3), kept=1)
+        assert map_versions.region_made_from(session, "city", (3, -4), "1" * 64) is None
+        assert session.scalars(select(RegionRow)).all() == []
+        assert [row.drive_id for row in session.scalars(select(MapDrive))] == [second]
+
+
+def test_a_version_stitched_from_an_older_one_than_the_newest_is_refused(database: Database) -> None:
+    with database.write() as session:
+        maps.ensure_map(session, "city")
+        map_versions.publish(session, "city", version(TILE), kept=2)
+        with pytest.raises(ConflictError, match="version 1 was published while the changes of 0 were stitched"):
+            map_versions.publish(session, "city", version(TILE), kept=2)
+
+
+def test_where_submaps_come_go_and_are_let_in_the_map_has_changed_until_a_version_takes_it_in(database: Database) -> None:
+    drive_id = register(database, "a")
+
+    def boxes() -> list[float]:
+        with database.read() as session:
+            return [box[0] for box in map_versions.changed_boxes(session, "city").values()]
+
+    def row(west: float) -> SubmapRow:
+        return SubmapRow(
+            drive_id=drive_id, map_id="city", position=0, digest="0" * 64, point_count=1, frame=[8.5, 49.5, 0.0], T_enu_submap=[],
+            covariance=[], min_lon=west, min_lat=49.0, max_lon=west + 0.1, max_lat=49.1,
+        )  # fmt: skip
+
+    with database.write() as session:
+        maps.place_submaps(session, drive_id, [row(8.0)])
+    assert boxes() == [8.0]
+    with database.write() as session:
+        maps.place_submaps(session, drive_id, [row(9.0)])
+    assert boxes() == [8.0, 8.0, 9.0]
+    with database.write() as session:
+        taken_in = [*map_versions.changed_boxes(session, "city")]
+        gate.judge(session, drive_id, "E", ["worse"], "quarantine")
+        map_versions.publish(session, "city", replace(version(), taken_in=taken_in), kept=2)
+    assert boxes() == [9.0]
+    with database.write() as session:
+        gate.judge(session, drive_id, "E", ["as bad"], "quarantine")
+    assert boxes() == [9.0]
+    with database.write() as session:
+        session.execute(ChangedBox.__table__.delete())  # type: ignore[attr-defined]
+        drives.request_removal(session, drive_id)
+    assert boxes() == [9.0]
+    with database.write() as session:
+        drives.delete_rows(session, drive_id)
+    assert boxes() == [9.0, 9.0]
 
 
 def test_the_coverage_is_of_the_deepest_zoom_that_is_asked_for_and_names_a_place_once(database: Database) -> None:
@@ -138,20 +238,22 @@ def test_the_coverage_is_of_the_deepest_zoom_that_is_asked_for_and_names_a_place
     with database.write() as session:
         maps.ensure_map(session, "city")
         assert maps.coverage(session, "city", 17) == (0, [])
-        maps.publish(session, "city", version(at("semantic", 16, 1)), kept=2)
-        maps.publish(session, "city", version(*tiles), kept=2)
+        map_versions.publish(session, "city", version(at("semantic", 16, 1)), kept=2)
+        map_versions.publish(session, "city", version(*tiles, base=1, dropped=(("semantic", 16, 1, 2),)), kept=2)
         assert maps.coverage(session, "city", 17) == (16, [(4, 2), (5, 2)])
 
 
 def test_a_version_that_fails_to_be_written_leaves_the_old_one(database: Database) -> None:
     with database.write() as session:
         maps.ensure_map(session, "city")
-        maps.publish(session, "city", version(TILE), kept=2)
-    with pytest.raises(ConflictError):
+        map_versions.publish(session, "city", version(TILE), kept=2)
+    with pytest.raises(ConflictError, match="power"):
         publish_and_fail(database)
     with database.read() as session:
         assert maps.get(session, "city").version == 1
-        assert maps.tile(session, "city", 2, "semantic", 18, 1, 2) is None
+        with pytest.raises(NotFoundError, match="no version 2"):
+            maps.version(session, "city", 2)
+        assert [(row.since, row.until, row.digest) for row in session.scalars(select(TileRow))] == [(1, None, TILE.digest)]
 
 
 def test_submaps_of_a_box_are_those_that_a_look_at_each_one_finds(database: Database) -> None:

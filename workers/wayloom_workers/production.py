@@ -30,7 +30,7 @@ from wayloom_workers.publishing import publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
 from wayloom_workers.rig_memory import forget, remember, remember_gnss, rig_file_for
 from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, StageParts, keyed_by_inputs
-from wayloom_workers.stitching import stitch
+from wayloom_workers.stitching import prepare_stitch
 
 TRACK_POINTS: Final = 2000
 ODOMETRY: Final = "odometry"
@@ -157,12 +157,14 @@ def submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) 
     """The row of a submap that has a place on Earth."""
     assert placed.frame is not None
     covariance = np.where(np.isfinite(placed.covariance), placed.covariance, 0.0)
-    corners = placed.points_enu() if len(placed.submap) else placed.track_enu()
-    west, south, east, north = box_of(wgs84.lonlatheight_from_enu(corners, placed.frame)[:, :2])
+    track = wgs84.lonlatheight_from_enu(placed.track_enu(), placed.frame)[:, :2]
+    points = wgs84.lonlatheight_from_enu(placed.points_enu(), placed.frame)[:, :2]
+    west, south, east, north = box_of(np.vstack([track, points]))
     return SubmapRow(
         drive_id=drive_id, map_id=map_id, position=position, digest=placed.submap.digest, point_count=len(placed.submap),
         frame=[placed.frame.lon_deg, placed.frame.lat_deg, placed.frame.height_m], T_enu_submap=placed.T_enu_submap.tolist(),
-        covariance=covariance.tolist(), min_lon=west, min_lat=south, max_lon=east, max_lat=north,
+        covariance=covariance.tolist(), track=track.tolist(), track_t_ns=int(placed.submap.keyframe_t_ns.min(initial=2**62)),
+        min_lon=west, min_lat=south, max_lon=east, max_lat=north,
     )  # fmt: skip
 
 
@@ -171,7 +173,7 @@ _HOOKS: Final = {
     ODOMETRY: StageHooks(_prepare, share=_remember_rig),
     "georeference": StageHooks(_prepare, share=_share_georeference, record=_record_track),
     "submaps": StageHooks(_prepare, share=_share_submaps, record=_record_submaps),
-    "stitch": StageHooks(keyed_by_inputs(stitch), record=request_publish),
+    "stitch": StageHooks(prepare_stitch, record=request_publish),
     "publish": StageHooks(keyed_by_inputs(tidy), record=publish),
     REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=_remove, record=remove_rows),
 }

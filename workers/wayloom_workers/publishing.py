@@ -7,13 +7,13 @@ from typing import Final
 
 import structlog
 
-from wayloom.store import jobs, maps
+from wayloom.store import jobs, map_versions
 from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseError, Session
 from wayloom.store.folders import Folders
 from wayloom.store.garbage import drop_unused
 from wayloom.store.jobs import JobMessage
-from wayloom.store.maps import NewVersion, TileEntry
+from wayloom.store.map_versions import NewVersion, RegionEntry, TileEntry
 from wayloom_workers.stage_hooks import StageAttempt
 
 log = structlog.get_logger()
@@ -42,22 +42,29 @@ def tidy(attempt: StageAttempt) -> None:
 
 
 def _listed_tiles(folders: Folders) -> Iterator[str]:
-    """The digests in every list of tiles that is published, or may be yet."""
+    """The digests in every list of tiles and regions that is published, or may be yet."""
     for path in folders.all_maps.glob(f"*/stages/stitch/*/{TILES_FILE}"):
-        yield from (entry["digest"] for entry in json.loads(path.read_text(encoding="utf-8"))["tiles"])
+        listed = json.loads(path.read_text(encoding="utf-8"))
+        yield from (entry["digest"] for entry in [*listed["tiles"], *listed["regions"]])
 
 
 def publish(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     """The next version, and the flip of the map's pointer to it."""
     stitched = json.loads((attempt.inputs_dir / "stitch" / TILES_FILE).read_text(encoding="utf-8"))
     new = NewVersion(
+        base=stitched["base"],
         frame=tuple(stitched["frame"]),
         drives=tuple(stitched["drives"]),
         submap_count=stitched["submaps"],
         bounds=None if stitched["bounds"] is None else tuple(stitched["bounds"]),
         tiles=[TileEntry(**entry) for entry in stitched["tiles"]],
+        dropped_tiles=[(layer, z, x, y) for layer, z, x, y in stitched["dropped_tiles"]],
+        regions=[RegionEntry(**entry) for entry in stitched["regions"]],
+        dropped_regions=[(east, north) for east, north in stitched["dropped_regions"]],
+        taken_in=stitched["taken_in"],
         facts={"out_of_reach": stitched["out_of_reach"]} if stitched["out_of_reach"] else {},
+        built_with=stitched["built_with"],
         out_of_reach=tuple(stitched["out_of_reach"]),
     )
-    maps.publish(session, str(attempt.claim.map_id), new, attempt.context.settings.map_versions_kept)
+    map_versions.publish(session, str(attempt.claim.map_id), new, attempt.context.settings.map_versions_kept)
     return []

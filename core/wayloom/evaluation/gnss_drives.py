@@ -172,3 +172,12 @@ def with_bursts(receiver: Receiver, seconds: float, size_m: float, length_s: flo
     share = (np.arange(count) + 0.5) / count - 0.5 * length_s / seconds
     bursts = tuple(GnssBurst(share=float(s), duration_s=length_s, size_m=size_m, wander_share=wander_share) for s in share)
     return replace(receiver, bursts=bursts)
+
+
+def told_which_are_wrong(receiver: Receiver, seconds: float) -> Receiver:
+    """The same receiver with the fixes of its bursts and of its shift taken out, by one who knows them: all other noise stays."""
+    last_s = seconds - 1.0 / RATE_HZ
+    wrong = [(burst.share * last_s, burst.duration_s) for burst in receiver.bursts]
+    if any(receiver.shift_enu_m):
+        wrong.append((receiver.shift_from * last_s, seconds))
+    return replace(receiver, outages=(*receiver.outages, *wrong))

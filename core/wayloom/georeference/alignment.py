@@ -39,6 +39,8 @@ from wayloom.mapping.evidence import Evidence
 from wayloom.odometry.types import OdometryResult, Trajectory
 
 FloatArray = NDArray[np.float64]
+CURVED_S = 0.02
+"""Time offset beyond which the way is no straight line over it: a corner at 2 m/s^2 leaves it by half a millimetre."""
 NO_GNSS = "no GNSS: map in the drive's own frame"
 
 
@@ -69,7 +71,7 @@ def georeference(
         raise StageError(f"the odometry's pose of frame {int(np.argmin(finite))} is not finite: track the drive again")
     nodes = choose_nodes(trajectory, odometry.keyframes.frame, settings.node_spacing_m)
     road_m = travelled(trajectory)[nodes]
-    chain = odometry_chain(trajectory, nodes, settings.level_every_m)
+    chain = odometry_chain(trajectory, nodes, settings.level_every_m, odometry.keyframes)
     evidence = Evidence(
         closure_links(closures or no_loops(), odometry.keyframes, nodes, chain), observed_up(log, odometry, labels, nodes, settings)
     )
@@ -78,7 +80,7 @@ def georeference(
     if log.gnss is None or len(log.gnss) == 0:
         return _in_own_frame(trajectory, nodes, chain, evidence, noise, NO_GNSS)
     progress(0.0, "choosing fixes")
-    gnss = replace(log.gnss, t_ns=log.gnss.t_ns - round(1e9 * prior.mean[0]))
+    gnss = _on_time(log.gnss, prior.mean[0])
     usable = usable_fixes(gnss, trajectory, settings.max_fix_rate_hz)
     if len(usable.rows) == 0:
         message = f"none of {len(log.gnss)} GNSS fixes can be used; {NO_GNSS}"
@@ -92,10 +94,16 @@ def georeference(
         guess = guess_nodes(chain.T_world_node, trajectory.segment[nodes], fixes, road_m, settings)
         progress(0.3, "optimising")
         solution = optimise_drive(chain, fixes, guess, noise, evidence)
+        denied, late_s = why_not_placed(fixes, solution, noise), float(solution.receiver[0])
+        if denied is None and abs(late_s) > CURVED_S:
+            usable = usable_fixes(_on_time(gnss, late_s), trajectory, settings.max_fix_rate_hz)
+            fixes = _antenna_fixes(prior.mean[1:], gnss, usable, trajectory, nodes, local, settings, late_s)
+            solution = optimise_drive(chain, fixes, guess, noise, evidence)
+            denied = why_not_placed(fixes, solution, noise)
     except np.linalg.LinAlgError:
         what = f"the {len(fixes)} GNSS fixes contradict each other and the odometry so much that no place fits them"
         raise StageError(f"{what}; look at them with `wayloom inspect`, or process the drive without GNSS") from None
-    if denied := why_not_placed(fixes, solution, noise):
+    if denied:
         geo = _in_own_frame(trajectory, nodes, chain, evidence, noise, denied)
         return _refused(geo, len(log.gnss), usable)
     progress(0.9, "placing every frame")
@@ -154,7 +162,13 @@ def _noise(settings: GeoReferenceSettings, log: DriveLog, scale_sigma: float, pr
         time_offset_s=settings.time_offset_sigma_s,
         lever_m=lever_sigma_m(log, settings),
         receiver=prior.covariance,
+        window_factor=settings.window_factor,
     )
+
+
+def _on_time(gnss: GnssTrack, late_s: float) -> GnssTrack:
+    """The fixes with the stamps of a clock that is late_s too late put right."""
+    return replace(gnss, t_ns=gnss.t_ns - round(1e9 * late_s))
 
 
 def _antenna_fixes(
@@ -165,8 +179,12 @@ def _antenna_fixes(
     nodes: NDArray[np.int64],
     local: MapFrame,
     settings: GeoReferenceSettings,
+    late_s: float = 0.0,
 ) -> AntennaFixes:
-    """The fixes in the local plane; each antenna as seen from the nearest node, through the odometry between the two."""
+    """The fixes in the local plane; each antenna as seen from the nearest node, through the odometry between the two.
+
+    usable : at their times by a clock that is late_s too late
+    """
     node = nearest_node(nodes, trajectory.segment, usable.frame)
     T_node_cam = se3.inverse(trajectory.T_world_cam[nodes[node]]) @ usable.T_world_cam
     from_node_m = np.linalg.norm(T_node_cam[:, :3, 3], axis=1)
@@ -175,6 +193,7 @@ def _antenna_fixes(
     return AntennaFixes(
         t_s=(gnss.t_ns[usable.rows] - trajectory.t_ns[0]) * 1e-9,
         node=node,
+        late_s=np.full(len(usable.rows), late_s),
         p_node_gnss=T_node_cam[:, :3, :3] @ p_cam_gnss + T_node_cam[:, :3, 3],
         v_node_gnss=(T_node_cam[:, :3, :3] @ v_cam_gnss[:, :, None])[:, :, 0],
         R_node_cam=T_node_cam[:, :3, :3],

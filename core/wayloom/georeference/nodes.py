@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from wayloom.geometry import se3
 from wayloom.georeference.fixes import interpolate
 from wayloom.mapping.drive_types import OdometryChain
-from wayloom.odometry.types import Trajectory
+from wayloom.odometry.types import Keyframes, Trajectory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -34,8 +34,13 @@ def choose_nodes(trajectory: Trajectory, keyframes: NDArray[np.int32], spacing_m
     return np.flatnonzero(wanted)
 
 
-def odometry_chain(trajectory: Trajectory, nodes: IntArray, level_every_m: float) -> OdometryChain:
-    """The odometry between the nodes, and one level prior in the middle of each level_every_m (one a segment at least)."""
+def odometry_chain(
+    trajectory: Trajectory, nodes: IntArray, level_every_m: float, keyframes: Keyframes | None = None
+) -> OdometryChain:
+    """The odometry between the nodes, and one level prior in the middle of each level_every_m (one a segment at least).
+
+    keyframes : by which the links' covariance is known
+    """
     road = travelled(trajectory)[nodes]
     segment = trajectory.segment[nodes]
     level: list[int] = []
@@ -46,7 +51,29 @@ def odometry_chain(trajectory: Trajectory, nodes: IntArray, level_every_m: float
         middles = first + (np.arange(pieces) + 0.5) * (last - first) / pieces
         level += rows[np.searchsorted(road[rows], middles).clip(0, len(rows) - 1)].tolist()
     connected = segment[1:] == segment[:-1]
-    return OdometryChain(trajectory.T_world_cam[nodes], np.diff(road), connected, np.unique(np.array(level, np.int64)))
+    covariance = np.zeros((len(nodes) - 1, 6, 6)) if keyframes is None else link_covariances(keyframes, nodes, segment)
+    return OdometryChain(trajectory.T_world_cam[nodes], np.diff(road), connected, np.unique(np.array(level, np.int64)), covariance)
+
+
+def link_covariances(keyframes: Keyframes, nodes: IntArray, segment: NDArray[np.int32]) -> FloatArray:
+    """(K - 1, 6, 6) as `OdometryChain.link_covariance`, of nodes and the segments (K,) that they are in.
+
+    A link has that share of the covariance of the step between keyframes in which it lies that it has of its frames; one after a
+    segment's last keyframe goes by the step that led there. 0 where nothing is known.
+    """
+    out, covariance = np.zeros((len(nodes) - 1, 6, 6)), keyframes.step_covariance
+    if len(covariance) < 2:
+        return out
+    known = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
+    after = np.searchsorted(keyframes.frame, nodes[:-1], side="right")
+    filled = np.zeros(len(out), bool)
+    for row in (after, after - 1):
+        k = np.clip(row, 1, len(known) - 1)
+        good = ~filled & (row == k) & known[k] & (keyframes.segment[k] == segment[:-1])
+        share = np.diff(nodes)[good] / np.diff(keyframes.frame)[k[good] - 1]
+        out[good] = share[:, None, None] * covariance[k[good]]
+        filled |= good
+    return out
 
 
 def nearest_node(nodes: IntArray, segment: NDArray[np.int32], frames: IntArray) -> IntArray:

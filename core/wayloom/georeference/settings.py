@@ -18,6 +18,12 @@ class GeoReferenceSettings(Settings):
     standing_rotation_deg: float = Field(
         0.01, gt=0.0, le=5.0, description="odometry: sigma of rotation between nodes at one place, degrees"
     )
+    window_factor: float = Field(
+        3.0,
+        ge=0.0,
+        le=1000.0,
+        description="odometry: times its window's covariance, which counts where it is more than the noise above; 0: not used",
+    )
     scale_sigma: float = Field(0.02, gt=0.0, le=0.5, description="odometry: sigma of its scale, as a share; it varies slowly")
     local_scale_sigma: float = Field(
         0.002, gt=0.0, le=0.5, description="odometry: what its scale wanders by from street to street, of a rig that is known well"

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.loops.priors import Closure, cycle_chi2, is_sure
+from wayloom.loops.priors import Closure, cycle_chi2, is_sure, is_unplaced
 from wayloom.loops.settings import LoopSettings
 
 FloatArray = NDArray[np.float64]
@@ -18,11 +18,10 @@ def consistent(closures: list[Closure], T_world_cam: FloatArray, road: FloatArra
     Where two sets deny each other, the smaller one goes, and both where it is not much smaller.
     """
     chi2 = cycles(closures, T_world_cam, road, settings)
-    sure = np.array([is_sure(c, T_world_cam, road, settings) for c in closures], bool)
     sets = [
         members
         for members in agreeing_sets(closures, road, chi2, settings)
-        if len(members) >= settings.least_agreeing or sure[members].any()
+        if is_enough([closures[row] for row in members], T_world_cam, road, settings)
     ]
     second = np.array([road[c.second] for c in closures])
     accepted = np.zeros(len(closures), bool)
@@ -31,6 +30,15 @@ def consistent(closures: list[Closure], T_world_cam: FloatArray, road: FloatArra
         if all(RIVAL_SHARE * len(members) > len(rival) for rival in rivals):
             accepted[members] = True
     return accepted
+
+
+def is_enough(members: list[Closure], T_world_cam: FloatArray, road: FloatArray, settings: LoopSettings) -> bool:
+    """Whether a set of closures that agree is believed: where the odometry knows the place, many are enough, or one that is sure;
+    where it does not, there must be many, and features alone must know one."""
+    many = len(members) >= settings.least_agreeing
+    if is_unplaced(members[0], road, settings):
+        return many and any(closure.alone for closure in members)
+    return many or any(is_sure(closure, T_world_cam, road, settings) for closure in members)
 
 
 def agreeing_sets(closures: list[Closure], road: FloatArray, chi2: FloatArray, settings: LoopSettings) -> list[list[int]]:

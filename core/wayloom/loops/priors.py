@@ -76,6 +76,16 @@ def is_sure(closure: Closure, T_world_cam: FloatArray, road: FloatArray, setting
     road_m = abs(float(road[closure.second] - road[closure.first]))
     if not closure.alone or settings.drift_share * road_m > settings.max_prior_sigma_alone_m:
         return False
+    return odometry_chi2(closure, T_world_cam, road, settings) <= settings.max_cycle_chi2
+
+
+def odometry_chi2(closure: Closure, T_world_cam: FloatArray, road: FloatArray, settings: LoopSettings) -> float:
+    """Chi-square, 6 degrees of freedom, of a closure against the odometry between its two ends."""
     prior = by_odometry(T_world_cam, road, closure.first, closure.second, settings)
     xi = se3.log(closure.T_first_second @ se3.inverse(prior.T_a_b))
-    return float(xi @ np.linalg.solve(prior.covariance + closure.covariance, xi)) <= settings.max_cycle_chi2
+    return float(xi @ np.linalg.solve(prior.covariance + closure.covariance, xi))
+
+
+def is_unplaced(closure: Closure, road: FloatArray, settings: LoopSettings) -> bool:
+    """Whether the odometry knows too little of a closure's place to tell it from others that look like it."""
+    return settings.drift_share * abs(float(road[closure.second] - road[closure.first])) >= settings.max_prior_sigma_m

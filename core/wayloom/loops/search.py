@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 from wayloom.config.progress import Progress, silent
 from wayloom.geometry import se3
 from wayloom.loops.consistency import consistent
-from wayloom.loops.priors import Closure, around, by_odometry
+from wayloom.loops.priors import Closure, around, by_odometry, odometry_chi2
+from wayloom.loops.recognition import recognition
 from wayloom.loops.settings import LoopSettings
 from wayloom.loops.types import LoopClosures
 from wayloom.places.road import road_m, spaced
 from wayloom.places.types import Places
 from wayloom.places.views import view_at
+from wayloom.registration.feature_evidence import feature_evidence
+from wayloom.registration.matches import match, pose_of_matches
 from wayloom.registration.register import Prior, register_scenes
 from wayloom.registration.scene import Scene, prepare
 from wayloom.registration.types import Registration
@@ -24,6 +27,8 @@ from wayloom.registration.verification import features_suffice
 FloatArray = NDArray[np.float64]
 SCENES: Final = 24
 """Prepared views that are kept; each takes some megabytes."""
+APART_M: Final = 1e6
+"""Road that is put between segments: what the odometry knows of one from another is nothing."""
 MOST_MISSES: Final = 2
 """Neighbours in a row that fail before a road is no longer followed."""
 
@@ -67,9 +72,52 @@ def find_loops(places: Places, settings: LoopSettings = LoopSettings(), progress
                 follow(search, closure)
                 break
         progress((count + 1) / len(scouts), f"{len(search.closures)} pairs of places fit, {len(search.tried)} tried")
-    kept = consistent(search.closures, search.T_world_cam, road, settings)
+    recognise(search)
+    kept = consistent(search.closures, search.T_world_cam, road + APART_M * places.segment, settings)
     closures = sorted((c for c, is_kept in zip(search.closures, kept, strict=True) if is_kept), key=lambda c: (c.second, c.first))
     return loop_closures(closures, report(search, len(closures)))
+
+
+def recognise(search: Search) -> None:
+    """Closures that the place index proposes where the odometry cannot, if local features alone know the pose: registered without a
+    prior streets of other shape but like width pass for one. Each candidate is tried, so that look-alike places deny each other."""
+    places, settings, road = search.places, search.settings, search.road
+    known = recognition(places, settings)
+    if known is None:
+        return
+    for station, j in enumerate(places.stations.keyframe.tolist()):
+        for i in known.candidates(places, road, station, settings):
+            if any(is_beside(search, c, i, j) for c in search.closures) or not features_agree(search, i, j):
+                continue
+            closure = attempt(search, i, j, None)
+            if closure is not None and closure.alone and is_possible(search, closure):
+                follow(search, closure)
+            elif closure is not None:
+                search.closures.remove(closure)
+
+
+def features_agree(search: Search, i: int, j: int) -> bool:
+    """Whether the local features of two views suffice for a pose of one in the other."""
+    settings = search.settings.registration
+    matches = match(search.scene(i).view, search.scene(j).view)
+    pose = pose_of_matches(*matches)
+    if pose is None or pose[1] < settings.many_matches:
+        return False
+    return features_suffice(feature_evidence(*matches, pose[0]), settings)
+
+
+def is_beside(search: Search, closure: Closure, i: int, j: int) -> bool:
+    """Whether a pair is near a closure at both ends of the road."""
+    road = search.road
+    return bool(max(abs(road[closure.first] - road[i]), abs(road[closure.second] - road[j])) < search.settings.scout_m)
+
+
+def is_possible(search: Search, closure: Closure) -> bool:
+    """Whether the odometry does not deny a closure that was found without it; across a loss it says nothing."""
+    first, second, segment = closure.first, closure.second, search.places.segment
+    if segment[first] != segment[second]:
+        return True
+    return odometry_chi2(closure, search.T_world_cam, search.road, search.settings) <= search.settings.max_cycle_chi2
 
 
 def candidates(search: Search, j: int) -> list[int]:
@@ -90,14 +138,14 @@ def candidates(search: Search, j: int) -> list[int]:
     return chosen[: settings.candidates]
 
 
-def attempt(search: Search, i: int, j: int, prior: Prior) -> Closure | None:
+def attempt(search: Search, i: int, j: int, prior: Prior | None) -> Closure | None:
     """Register keyframe j's view to keyframe i's, prior T_i_j of the cameras; None where the pair is refused or was tried."""
     if (i, j) in search.tried:
         return None
     a, b = search.scene(i), search.scene(j)
     T_a, T_b = a.view.T_level_cam, b.view.T_level_cam
     Ad = se3.adjoint(T_a)
-    level = Prior(T_a @ prior.T_a_b @ se3.inverse(T_b), Ad @ prior.covariance @ Ad.T)
+    level = None if prior is None else Prior(T_a @ prior.T_a_b @ se3.inverse(T_b), Ad @ prior.covariance @ Ad.T)
     found = register_scenes(a, b, level, search.settings.registration)
     search.tried[i, j] = found.refused
     if found.refused:
@@ -134,7 +182,7 @@ def partner(search: Search, closure: Closure, j: int) -> int | None:
     """The anchor nearest to where the closure puts j; None where none is near, or only such as are too near along the road."""
     T, road, settings = search.T_world_cam, search.road, search.settings
     i = search.anchors[
-        (search.places.segment[search.anchors] == search.places.segment[j])
+        (search.places.segment[search.anchors] == search.places.segment[closure.first])
         & (road[j] - road[search.anchors] >= settings.min_road_m)
     ]
     if not len(i) or search.places.segment[j] != search.places.segment[closure.second]:

@@ -16,7 +16,10 @@ class LoopSettings(Settings):
     candidates: int = Field(6, ge=1, le=100, description="places that a scout compares with, at most")
     drift_share: float = Field(0.007, gt=0, le=0.1, description="standard deviation of the odometry's place, share of the road")
     drift_deg_per_sqrt_m: float = Field(0.05, gt=0, le=1, description="standard deviation of its attitude, degrees a root metre")
-    max_prior_sigma_m: float = Field(15.0, gt=0, description="no loop is looked for where the odometry is less certain, m")
+    max_prior_sigma_m: float = Field(
+        15.0, gt=0, description="where the odometry is less certain, places are looked up by appearance, m"
+    )
+    recognised: int = Field(3, ge=1, le=20, description="places that a station is compared with by appearance, at most")
     max_prior_sigma_alone_m: float = Field(
         5.0, gt=0, description="a closure known by features alone stands without others where the odometry is as certain, m"
     )

@@ -179,13 +179,17 @@ class DriveEquations:
 
     def tree(self, at: DriveState) -> gtsam.GaussianBayesTree:
         """By QR: Cholesky gives up where a heading that nothing observes stands beside millimetres."""
+        return self.linear(at).eliminateMultifrontal(function=gtsam.EliminateQR)
+
+    def linear(self, at: DriveState) -> gtsam.GaussianFactorGraph:
+        """All factors, linear at a state, whitened."""
         linear = self._graph.linearize(at.values)
         linear.push_back(link_factors(self.links, at.T_enu_node, at.scale))
         linear.push_back(self.fixes.factors(at))
         for term in self.terms:
             linear.push_back(term.factors(at.T_enu_node, at.values))
         linear.push_back(receiver_prior(self.noise, at.receiver))
-        return linear.eliminateMultifrontal(function=gtsam.EliminateQR)
+        return linear
 
     def cost(self, at: DriveState) -> float:
         """Half the sum of squares, as gtsam counts."""

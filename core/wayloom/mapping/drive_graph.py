@@ -74,8 +74,9 @@ def optimise_drive(
         state = equations.descend(state)
         tree = equations.tree(state)
         receiver_covariance = marginal(tree, receiver_key())
-    covariance = left_covariances(tree, state.T_enu_node)
+    covariance = screened.excess * left_covariances(tree, state.T_enu_node)
     covariance[:, :3, :3] += screened.unconfirmed_m**2 * np.eye(3)
+    covariance += screened.doubt
     seen = clock_sigmas(state.receiver[0], receiver_covariance[0, 0], noise)
     if known is None and seen <= CLOCK_SIGMAS:
         hint_s = min(abs(state.receiver[0]), noise.time_offset_s) if seen > HINTED_SIGMAS else 0.0

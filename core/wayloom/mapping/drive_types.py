@@ -1,6 +1,6 @@
 """Inputs, noise model and solution of the drive's factor graph."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +17,19 @@ class OdometryChain:
     length_m      (K - 1,) metres of road from each node to the next
     connected     (K - 1,) false where the track was lost between the two
     level         (k,) rows of the nodes that get a level prior
+    link_covariance  (K - 1, 6, 6) of xi = (v, omega), m and rad, of exp(xi) T_node_next, as the odometry's window of keyframes
+                  knows it; 0, the default, where it is not known
     """
 
     T_world_node: FloatArray
     length_m: FloatArray
     connected: BoolArray
     level: NDArray[np.int64]
+    link_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 6, 6)))
+
+    def __post_init__(self) -> None:
+        if len(self.link_covariance) != len(self.length_m):
+            object.__setattr__(self, "link_covariance", np.zeros((len(self.length_m), 6, 6)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +38,7 @@ class AntennaFixes:
 
     t_s           (M,) increasing, s
     node          (M,) row of the node
+    late_s        (M,) the time offset of the receiver at which p_node_gnss and v_node_gnss hold
     p_node_gnss   (M, 3) m, the antenna at the time of the fix in the node's camera frame
     v_node_gnss   (M, 3) m/s, its velocity there
     R_node_cam    (M, 3, 3) from the camera at the time of the fix to the node's camera
@@ -42,6 +50,7 @@ class AntennaFixes:
 
     t_s: FloatArray
     node: NDArray[np.int64]
+    late_s: FloatArray
     p_node_gnss: FloatArray
     v_node_gnss: FloatArray
     R_node_cam: FloatArray
@@ -55,11 +64,12 @@ class AntennaFixes:
 
     def take(self, rows: NDArray[np.int64]) -> "AntennaFixes":
         """The fixes of these rows."""
-        return AntennaFixes(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return AntennaFixes(*(getattr(self, column.name)[rows] for column in fields(self)))
 
     def p_node_antenna(self, receiver: FloatArray) -> FloatArray:
         """(M, 3) m, the antenna in its node's frame; receiver (4,): time offset s, error of the lever arm m."""
-        return np.asarray(self.p_node_gnss - receiver[0] * self.v_node_gnss + self.R_node_cam @ receiver[1:])
+        later = (receiver[0] - self.late_s)[:, None] * self.v_node_gnss
+        return np.asarray(self.p_node_gnss - later + self.R_node_cam @ receiver[1:])
 
     def antenna_enu(self, T_enu_node: FloatArray, receiver: FloatArray) -> FloatArray:
         """(M, 3) m: the antenna on poses T_enu_node (K, 4, 4)."""
@@ -75,8 +85,9 @@ class AntennaFixes:
 class DriveNoise:
     """Sigmas, explained in `wayloom.mapping.drive_graph`: m and rad, for one metre of road where they grow; scale_sigma a share.
 
-    receiver : (4, 4) covariance of time offset, s, and lever arm, m, where the log states or the rig's memory knows them beside
-               time_offset_s and lever_m; None where neither does
+    receiver      : (4, 4) covariance of time offset, s, and lever arm, m, where log or rig memory knows them beside
+                    time_offset_s and lever_m; None where neither does
+    window_factor : what `OdometryChain.link_covariance` is multiplied by
     """
 
     position_m: float
@@ -92,6 +103,7 @@ class DriveNoise:
     time_offset_s: float
     lever_m: float
     receiver: FloatArray | None = None
+    window_factor: float = 3.0
 
 
 @dataclass(frozen=True, slots=True)

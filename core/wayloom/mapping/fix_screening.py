@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from wayloom.mapping.belief_doubts import doubt_covariance, examine
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain, ShiftedFixes
 from wayloom.mapping.evidence import Evidence
 from wayloom.mapping.fix_witnesses import Witnesses, witnesses_of
@@ -64,8 +65,9 @@ LEAST_DOUBT = 0.25
 @dataclass(frozen=True, slots=True)
 class Screening:
     """fixes as they really scatter; inlier (M,); noise_ratio by kind; shifted stretches; T_enu_node
-    (K, 4, 4) of all nodes and receiver (4,) at the end of it; unconfirmed_m: see `DriveSolution`; closed (V,) visits whose
-    closures are believed."""
+    (K, 4, 4) of all nodes and receiver (4,) at the end of it; unconfirmed_m: see `DriveSolution`; doubt (K, 6, 6) of the left
+    perturbation of the nodes, by what may be wrong beside (`wayloom.mapping.belief_doubts`); excess: of the squares
+    over their expectation; closed (V,) visits whose closures are believed."""
 
     fixes: AntennaFixes
     inlier: BoolArray
@@ -74,6 +76,8 @@ class Screening:
     T_enu_node: FloatArray
     receiver: FloatArray
     unconfirmed_m: float
+    doubt: FloatArray
+    excess: float
     closed: BoolArray
 
 
@@ -103,16 +107,19 @@ def _of_calm(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, 
     witnesses = witnesses_of(fixes, jump, T_enu_node, noise)
     graph = WitnessGraph(chain, witnesses, noise, evidence)
     choice = choose(graph, T_enu_node)
-    state, (good, closed) = choice.state, np.split(choice.believed, [len(witnesses)])
+    good, closed = np.split(choice.believed, [len(witnesses)])
     if witnesses.duration_s[good].sum() < MAJORITY * witnesses.duration_s.sum() or not good.any():
         return _of_heavy_tails(chain, fixes, T_enu_node, noise, ratios, closed)
-    inlier = np.zeros(len(fixes), bool)
-    for first, last in zip(witnesses.first[good], witnesses.last[good], strict=True):
-        inlier[first : last + 1] = True
-    offset = witnesses.means(graph.fixes.residuals(state.T_enu_node, state.receiver))
-    shifted = _shifted(witnesses, good, jump, offset)
+    examined = examine(graph, choice)
+    state, believed, inlier = examined.state, examined.believed, np.zeros(len(fixes), bool)
+    for head, tail in zip(witnesses.head[believed], witnesses.tail[believed], strict=True):
+        inlier[head : tail + 1] = True
+    offset = graph.fixes.residuals(state.T_enu_node, state.receiver)
+    shifted = _shifted(witnesses, believed, jump, offset)
     T = carried(chain, graph.nodes, state.T_enu_node)
-    return Screening(fixes, inlier, ratios, shifted, T, state.receiver, _unconfirmed_m(witnesses, good, offset), closed)
+    doubt = doubt_covariance(graph.nodes, examined.moved, len(T))
+    unconfirmed_m = _unconfirmed_m(witnesses, good, witnesses.means(offset))
+    return Screening(fixes, inlier, ratios, shifted, T, state.receiver, unconfirmed_m, doubt, examined.excess, closed)
 
 
 def _ramps(chain: OdometryChain, fixes: AntennaFixes, jump: BoolArray, T_enu_node: FloatArray, noise: DriveNoise) -> BoolArray:
@@ -123,7 +130,8 @@ def _ramps(chain: OdometryChain, fixes: AntennaFixes, jump: BoolArray, T_enu_nod
     so_far = np.cumsum(jump)
     jumps: IntArray = so_far[last] - so_far
     calm, restless = (jumps == 0) & (last > first), jumps >= RESTLESS_JUMPS
-    of_jumps = first[restless], last[restless]
+    jumps_at = np.flatnonzero(jump)
+    of_jumps = jumps_at[so_far[first[restless]]], jumps_at[so_far[last[restless]] - 1]
     first, last = first[calm], last[calm]
     antenna = fixes.antenna_enu(T_enu_node, np.zeros(RECEIVER))
     moved = antenna[last] - antenna[first]
@@ -134,8 +142,8 @@ def _ramps(chain: OdometryChain, fixes: AntennaFixes, jump: BoolArray, T_enu_nod
     loose = (RAMP_HEADING_RAD * length) ** 2 + (turned * (noise.lever_m + noise.time_offset_s * length / RAMP_S)) ** 2
     spread = fixes.covariance[first] + fixes.covariance[last] + loose[:, None, None] * np.eye(3)
     far = np.einsum("ni,ni->n", step, np.linalg.solve(spread, step[:, :, None])[:, :, 0]) > chi2.ppf(JUMP_PROBABILITY, 3)
-    begin = np.searchsorted(fixes.t_s, fixes.t_s[np.concatenate([first[far], of_jumps[0]])] - GUARD_S)
-    end = np.searchsorted(fixes.t_s, fixes.t_s[np.concatenate([last[far], of_jumps[1]])] + GUARD_S, side="right")
+    begin = np.append(np.searchsorted(fixes.t_s, fixes.t_s[first[far]] - GUARD_S), of_jumps[0])
+    end = np.append(np.searchsorted(fixes.t_s, fixes.t_s[last[far]] + GUARD_S, side="right"), of_jumps[1])
     for a, b in zip(begin.tolist(), end.tolist(), strict=True):
         out[a:b] = True
     return out
@@ -152,7 +160,8 @@ def _of_heavy_tails(
     """No majority agrees with the odometry: every fix counts, with a variance that its residual tells."""
     tails = heavy_tailed(chain, fixes, T_enu_node, noise)
     every = {kind: ratios.get(kind, 1.0) * tails.inflation for kind in np.unique(fixes.kind).tolist()}
-    return Screening(tails.fixes, np.ones(len(fixes), bool), every, (), tails.T_enu_node, tails.receiver, 0.0, closed)
+    nothing = np.zeros((len(T_enu_node), 6, 6))
+    return Screening(tails.fixes, np.ones(len(fixes), bool), every, (), tails.T_enu_node, tails.receiver, 0.0, nothing, 1.0, closed)
 
 
 def _steps(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -204,17 +213,18 @@ def _jumps(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> BoolArr
     return jump
 
 
-def _shifted(witnesses: Witnesses, good: BoolArray, jump: BoolArray, offset: FloatArray) -> tuple[ShiftedFixes, ...]:
-    """The stretches of fixes that lie apart, joined where no jump stands between them."""
+def _shifted(witnesses: Witnesses, believed: BoolArray, jump: BoolArray, offset: FloatArray) -> tuple[ShiftedFixes, ...]:
+    """The fixes that lie apart, by witnesses (W,) and their offsets (W, 3) m, joined within a stretch and where no
+    jump stands between them."""
     found: list[list[int]] = []
-    for b in np.flatnonzero(~good).tolist():
-        if found and found[-1][-1] == b - 1 and not jump[witnesses.first[b]]:
-            found[-1].append(b)
+    begins = np.append(True, np.diff(witnesses.stretch) > 0) & jump[witnesses.head]
+    for w in np.flatnonzero(~believed).tolist():
+        if found and found[-1][-1] == w - 1 and not begins[w]:
+            found[-1].append(w)
         else:
-            found.append([b])
+            found.append([w])
     return tuple(
-        ShiftedFixes(int(witnesses.first[rows[0]]), int(witnesses.last[rows[-1]]), np.median(offset[rows], axis=0))
-        for rows in found
+        ShiftedFixes(int(witnesses.head[rows[0]]), int(witnesses.tail[rows[-1]]), np.median(offset[rows], axis=0)) for rows in found
     )
 
 

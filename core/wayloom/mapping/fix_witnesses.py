@@ -29,6 +29,7 @@ class Witnesses:
 
     fixes        the middle fix of each witness with the mean of all, and the covariance of that
     stretch      (W,) row of the stretch
+    head, tail   (W,) rows of the fixes of each witness, inclusive
     first, last  (B,) rows of the fixes of each stretch, inclusive
     cut          (B,) whether nothing but its length parts the stretch from the one before: no jump
     price        (B,) twice what leaving it out costs; duration_s (B,)
@@ -37,6 +38,8 @@ class Witnesses:
 
     fixes: AntennaFixes
     stretch: IntArray
+    head: IntArray
+    tail: IntArray
     first: IntArray
     last: IntArray
     cut: BoolArray
@@ -74,7 +77,7 @@ def witnesses_of(fixes: AntennaFixes, jump: BoolArray, T_enu_node: FloatArray, n
     duration = fixes.t_s[ends] - fixes.t_s[starts]
     price = chi2.ppf(noise.gate_probability, 3 * np.bincount(stretch)) + PRICE_S * duration
     return Witnesses(
-        replace(taken, position_enu=taken.position_enu + offset, covariance=spread), stretch, starts, ends,
+        replace(taken, position_enu=taken.position_enu + offset, covariance=spread), stretch, a, b, starts, ends,
         ~jump[starts], price, duration, np.clip(duration / IMPORTANT_S, LEAST_IMPORTANCE, 1.0),
     )  # fmt: skip
 

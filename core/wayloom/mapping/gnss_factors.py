@@ -2,7 +2,8 @@
 
 The unknowns beside the poses are the true place g_k of the antenna at each fix, the receiver's time offset tau (its stamps are
 tau too late) and the error delta of the lever arm, in the camera's frame. With p_k, v_k the antenna's place and velocity in the
-frame of its node and R_k the rotation from the camera at the fix to the node, e_k = T_enu_node (p_k - tau v_k + R_k delta) - g_k.
+frame of its node where the stamps are tau_0 too late, and R_k the rotation from the camera at the fix to the node,
+    e_k = T_enu_node (p_k - (tau - tau_0) v_k + R_k delta) - g_k.
 Noise of fixes is correlated over time (multipath, atmosphere, a filter inside the receiver), so N fixes are not N witnesses: z_k
 = g_k + b_k + w_k,   w white with covariance s^2 R_k,   b Ornstein-Uhlenbeck with covariance (1 - s^2) R_k and time T. With rho =
 exp(-dt / T) the density of the b_k is, exactly, the product of plain Gaussians exp -1/2 [ sum_k u_k |b_k|^2 + sum_k rho_k / (1 -

@@ -12,10 +12,15 @@ A link from node i to j, of which odometry says rotation R_ij and translation t_
     e_R = Log(R_ij^T R_i^T R_j),   e_p = R_i^T (p_j - p_i) - (1 + s) t_ij
 and, with gtsam's right perturbation (omega, v), R <- R Exp(omega), p <- p + R v, the Jacobians
     by i:  [-Jr^-1(e_R) R_j^T R_i, 0; hat(R_i^T (p_j - p_i)), -I]    by j:  [Jr^-1(e_R), 0; 0, R_i^T R_j]    by s:  [0; -t_ij].
+Where the odometry's window of keyframes was weak (darkness, bare walls, few or far points), its covariance says so. It knows only
+the noise of grey levels, not what all errs in common, so it widens the white sigmas and never narrows them: with D the diagonal
+covariance above and S = window_factor times the window's, a link's is the least that is nowhere below either,
+    D^1/2 V max(Lambda, 1) V^T D^1/2   with   V Lambda V^T = D^-1/2 S D^-1/2.
+docs/decisions/0041 has how that was chosen.
 The factors are linearised here, on arrays. (A factor in Python: gtsam's threads would queue for the interpreter.)
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
@@ -39,6 +44,7 @@ class OdometryLinks:
     sigma    (L, 6) rotation rad, position m: the order of gtsam
     stretch  (L,) row of the scale unknown
     scale_sigma, scale_rho  prior sigma of every s; (S + 1,) its correlation with the one before, 0 at both ends
+    narrow   (L, 6, 6) what errors over sigma are multiplied by to be white; the identity where none is given
     """
 
     first: IntArray
@@ -47,6 +53,11 @@ class OdometryLinks:
     stretch: IntArray
     scale_sigma: float
     scale_rho: FloatArray
+    narrow: FloatArray = field(default_factory=lambda: np.zeros((0, 6, 6)))
+
+    def __post_init__(self) -> None:
+        if len(self.narrow) != len(self.first):
+            object.__setattr__(self, "narrow", np.tile(np.eye(6), (len(self.first), 1, 1)))
 
     @property
     def stretches(self) -> int:
@@ -88,14 +99,33 @@ def links_of(chain: OdometryChain, noise: DriveNoise) -> OdometryLinks:
     rotation = np.hypot(noise.standing_rotation_rad, noise.rotation_rad * np.sqrt(length))
     white = np.hypot(noise.standing_position_m, noise.position_m * np.sqrt(length))
     position = np.hypot(white, noise.rotation_rad * length**1.5 / np.sqrt(3.0))
+    T_i_j = se3.inverse(chain.T_world_node[first]) @ chain.T_world_node[first + 1]
+    sigma = np.repeat(np.stack([rotation, position], axis=1), 3, axis=1)
     return OdometryLinks(
         first=first,
-        T_i_j=se3.inverse(chain.T_world_node[first]) @ chain.T_world_node[first + 1],
-        sigma=np.repeat(np.stack([rotation, position], axis=1), 3, axis=1),
+        T_i_j=T_i_j,
+        sigma=sigma,
         stretch=stretch,
         scale_sigma=noise.scale_sigma,
         scale_rho=chain_correlations(middle_m, noise.scale_length_m),
+        narrow=narrowing(of_link_errors(noise.window_factor * chain.link_covariance[first], T_i_j), sigma),
     )
+
+
+def of_link_errors(covariance: FloatArray, T_i_j: FloatArray) -> FloatArray:
+    """(L, 6, 6) of (e_R, e_p) from the covariance of xi = (v, omega), exp(xi) T_i_j: e_R = R_ij^T omega, e_p = v + omega x t_ij."""
+    J = np.zeros((len(T_i_j), 6, 6))
+    J[:, :3, 3:] = np.swapaxes(T_i_j[:, :3, :3], 1, 2)
+    J[:, 3:, :3] = np.eye(3)
+    J[:, 3:, 3:] = -se3.hat(T_i_j[:, :3, 3])
+    return J @ covariance @ np.swapaxes(J, 1, 2)
+
+
+def narrowing(covariance: FloatArray, sigma: FloatArray) -> FloatArray:
+    """(L, 6, 6) max(Lambda, 1)^-1/2 V^T of links' covariances (L, 6, 6) over their sigmas (L, 6); see above."""
+    over = covariance / (sigma[:, :, None] * sigma[:, None, :])
+    values, V = np.linalg.eigh(over)
+    return np.asarray(np.swapaxes(V, 1, 2) / np.sqrt(np.maximum(values, 1.0))[:, :, None])
 
 
 def link_errors(links: OdometryLinks, T_enu_node: FloatArray, scale: FloatArray) -> FloatArray:
@@ -143,8 +173,8 @@ def scale_key(stretch: int) -> int:
 def link_factors(links: OdometryLinks, T_enu_node: FloatArray, scale: FloatArray) -> gtsam.GaussianFactorGraph:
     """The links, linear at T_enu_node (K, 4, 4) and scale (S,), whitened."""
     errors = link_errors(links, T_enu_node, scale)
-    by_i, by_j, by_s = (J / links.sigma[:, :, None] for J in link_jacobians(links, T_enu_node, errors))
-    b = -errors / links.sigma
+    by_i, by_j, by_s = (links.narrow @ (J / links.sigma[:, :, None]) for J in link_jacobians(links, T_enu_node, errors))
+    b = -whitened(links, errors)
     graph, unit = gtsam.GaussianFactorGraph(), gtsam.noiseModel.Unit.Create(6)
     for k, (i, s) in enumerate(zip(links.first.tolist(), links.stretch.tolist(), strict=True)):
         graph.add(pose_key(i), by_i[k], pose_key(i + 1), by_j[k], scale_key(s), by_s[k], b[k], unit)
@@ -165,4 +195,9 @@ def add_scale_factors(graph: gtsam.NonlinearFactorGraph, links: OdometryLinks) -
 
 def link_cost(links: OdometryLinks, T_enu_node: FloatArray, scale: FloatArray) -> float:
     """Half the sum of squares of the whitened errors, as gtsam counts."""
-    return 0.5 * float(((link_errors(links, T_enu_node, scale) / links.sigma) ** 2).sum())
+    return 0.5 * float((whitened(links, link_errors(links, T_enu_node, scale)) ** 2).sum())
+
+
+def whitened(links: OdometryLinks, errors: FloatArray) -> FloatArray:
+    """(L, 6) of the links' errors (L, 6)."""
+    return np.asarray((links.narrow @ (errors / links.sigma)[:, :, None])[:, :, 0])

@@ -36,9 +36,12 @@ class WitnessGraph:
     def equations(self, weight: FloatArray) -> DriveEquations:
         """With the weight (B + V,), 0 to 1, of each stretch's and each visit's information."""
         of_fixes, of_loops = np.split(np.maximum(weight, LEAST_WEIGHT) * self.importance, [len(self.witnesses)])
-        fixes = IndependentFixes(self.fixes, of_fixes[self.witnesses.stretch])
-        terms = (LoopTerms(self.evidence.loops, of_loops), self.evidence.up)
-        return DriveEquations(self.coarse, self.links, fixes, self.noise, terms)
+        return self.weighted(of_fixes[self.witnesses.stretch], of_loops)
+
+    def weighted(self, of_witness: FloatArray, of_visit: FloatArray) -> DriveEquations:
+        """With the weight (W,) > 0 of each witness's and (V,) of each visit's information."""
+        terms = (LoopTerms(self.evidence.loops, of_visit), self.evidence.up)
+        return DriveEquations(self.coarse, self.links, IndependentFixes(self.fixes, of_witness), self.noise, terms)
 
     def solve(self, weight: FloatArray, start: DriveState, solves: int) -> DriveState:
         """Descend from a state."""
@@ -71,7 +74,17 @@ def coarse_chain(chain: OdometryChain, nodes: IntArray) -> OdometryChain:
     road = np.concatenate([[0.0], np.cumsum(chain.length_m)])
     breaks = np.concatenate([[0], np.cumsum(~chain.connected)])
     level = np.flatnonzero(np.isin(nodes, chain.level))
-    return OdometryChain(chain.T_world_node[nodes], np.diff(road[nodes]), np.diff(breaks[nodes]) == 0, level)
+    T, covariance = chain.T_world_node[nodes], summed_covariance(chain, nodes)
+    return OdometryChain(T, np.diff(road[nodes]), np.diff(breaks[nodes]) == 0, level, covariance)
+
+
+def summed_covariance(chain: OdometryChain, nodes: IntArray) -> FloatArray:
+    """(k - 1, 6, 6) as `OdometryChain.link_covariance` between the k nodes, both ends among them: of links one after the other,
+    independent."""
+    T = chain.T_world_node
+    first = np.searchsorted(nodes, np.arange(len(T) - 1), side="right") - 1
+    Ad = se3.adjoint(se3.inverse(T[nodes[first]]) @ T[:-1])
+    return np.add.reduceat(Ad @ chain.link_covariance @ np.swapaxes(Ad, 1, 2), nodes[:-1], axis=0)
 
 
 def carried(chain: OdometryChain, nodes: IntArray, T_enu_coarse: FloatArray) -> FloatArray:

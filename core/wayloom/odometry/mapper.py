@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.odometry.backend import ablation, adjustment, marginalisation, window
+from wayloom.odometry.backend import ablation, adjustment, marginalisation, steps, window
 from wayloom.odometry.backend.visual_inertial import VisualInertial
 from wayloom.odometry.kernels.arrays import Robust
 from wayloom.odometry.kernels.linear import orthonormalise
@@ -142,6 +142,7 @@ class Mapper:
         self.before_adjustment(self)
         with self.stopwatch("adjust"):
             self._minimise()
+            self.builder.add_step(steps.step_covariance(self.window, s.grey_sigma))
             adjustment.cull(self.window)
             if self.window.hold_disparity_bias and adjustment.bias_is_significant(self.window, s.grey_sigma, s.bias_gate):
                 self.window.hold_disparity_bias = False

@@ -33,13 +33,26 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True)
 class Keyframes:
-    """frame (K,) int32 index into the trajectory, increasing; T_world_cam (K, 4, 4), the final estimate;
-    affine (K, 4) a_left, b_left, a_right, b_right of I = exp(a) I_scene + b; segment (K,) int32."""
+    """Keyframes of a drive, K of them.
+
+    frame        (K,) int32 index into the trajectory, increasing
+    T_world_cam  (K, 4, 4), the final estimate
+    affine       (K, 4) a_left, b_left, a_right, b_right of I = exp(a) I_scene + b
+    segment      (K,) int32
+    step_covariance  (K, 6, 6) float32 of the step T_before_cam from the keyframe before: of xi = (v, omega), m and rad, of
+                 exp(xi) T_before_cam, in the axes of the camera before, as the window knew it when the keyframe came in
+                 (`wayloom.odometry.backend.steps`). NaN where it is not known: at the first of a segment; everywhere by default
+    """
 
     frame: NDArray[np.int32]
     T_world_cam: FloatArray
     affine: FloatArray
     segment: NDArray[np.int32]
+    step_covariance: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 6, 6), np.float32))
+
+    def __post_init__(self) -> None:
+        if len(self.step_covariance) != len(self.frame):
+            object.__setattr__(self, "step_covariance", np.full((len(self.frame), 6, 6), np.nan, np.float32))
 
     def __len__(self) -> int:
         return len(self.frame)

@@ -161,12 +161,17 @@ def polish(
 def covariance_of(T_a_b: FloatArray, H_surfaces: FloatArray, H_matches: FloatArray) -> FloatArray:
     """(6, 6) of the left perturbation. Neighbouring points share their errors, so that their information counts for a part only,
     and both views have bent by their own drift, which no number of points shows."""
-    apart = float(np.linalg.norm(T_a_b[:3, 3]))
-    bend_m, bend_rad = BEND_M + BEND_SHARE * apart, BEND_RAD + BEND_RAD_PER_M * apart
     tilt = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 0.0]) / np.deg2rad(2.0) ** 2
     H = H_surfaces / SURFACE_INFLATION + H_matches / MATCH_INFLATION + tilt + 1e-6 * np.eye(6)
-    covariance: FloatArray = np.linalg.inv(H) + np.diag([bend_m**2] * 3 + [bend_rad**2] * 3)
+    covariance: FloatArray = np.linalg.inv(H) + bend_covariance(T_a_b)
     return 0.5 * (covariance + covariance.T)
+
+
+def bend_covariance(T_a_b: FloatArray) -> FloatArray:
+    """(6, 6) of the left perturbation: what the views' own bending adds, the more the further apart their anchors are."""
+    apart = float(np.linalg.norm(T_a_b[:3, 3]))
+    bend_m, bend_rad = BEND_M + BEND_SHARE * apart, BEND_RAD + BEND_RAD_PER_M * apart
+    return np.diag([bend_m**2] * 3 + [bend_rad**2] * 3)
 
 
 def decide(judged: list[Registration], settings: RegistrationSettings) -> Registration:

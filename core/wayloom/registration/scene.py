@@ -11,6 +11,7 @@ from wayloom.labelling.neighbours import nearest
 from wayloom.places.types import PlaceView
 from wayloom.registration.kernels.rays import blow_up, carve
 from wayloom.registration.kernels.surfaces import surface_covariances
+from wayloom.registration.ray_sigmas import sigmas_beside
 from wayloom.registration.settings import RegistrationSettings
 
 FloatArray = NDArray[np.float64]
@@ -105,6 +106,7 @@ def prepare(view: PlaceView, settings: RegistrationSettings) -> Scene:
     kept = np.flatnonzero((group >= 0) & within & (view.sigma_m < settings.max_point_sigma_m) & (np.abs(view.xyz[:, 2]) < ABOVE_M))
     xyz, group, sigma_m = view.xyz[kept].astype(np.float64), group[kept], view.sigma_m[kept].astype(np.float64)
     cameras = view.cameras[view.camera[kept]]
+    sigma_m = sigmas_beside(xyz - cameras, sigma_m, view.camera[kept], group)
     origin = np.array([-HALF_WIDTH_M, -HALF_WIDTH_M, -BELOW_M])
     shape = tuple(int(n) for n in np.array([2 * HALF_WIDTH_M, 2 * HALF_WIDTH_M, BELOW_M + ABOVE_M]) / VOXEL_M)
     free, near = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)

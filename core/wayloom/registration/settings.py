@@ -8,7 +8,7 @@ from wayloom.config.settings import Settings
 class RegistrationSettings(Settings):
     """What is searched, and what a pose must show to be believed."""
 
-    max_point_sigma_m: float = Field(2.0, gt=0, le=20, description="points less certain than this along their ray are left out, m")
+    max_point_sigma_m: float = Field(0.7, gt=0, le=20, description="points less certain than this along their ray are left out, m")
     radius_m: float = Field(50.0, ge=10, le=60, description="surroundings of the anchor that take part, m")
     yaw_step_deg: float = Field(2.0, gt=0, le=10, description="step of the search over headings, degrees")
     search_m: float = Field(30.0, ge=2, le=60, description="search without a prior: how far apart the two anchors may be, m")

@@ -10,7 +10,7 @@ from wayloom.config.classes import CLASS_ID
 from wayloom.stitching.grid import hash_table, lowest, neighbour_steps, pack_cells
 from wayloom.stitching.kernels import surfaces
 from wayloom.stitching.points import MapPoints
-from wayloom.stitching.settings import MergeSettings
+from wayloom.stitching.settings import FITS, MergeSettings
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -20,8 +20,6 @@ GROUPS: Final = {GROUND: ("road", "sidewalk", "terrain"), UPRIGHT: ("building", 
 GROUP_OF_CLASS: Final = np.zeros(256, np.int64)
 for _group, _names in GROUPS.items():
     GROUP_OF_CLASS[[CLASS_ID[name] for name in _names]] = _group
-FITS: Final = 3
-"""Planes are fitted so often, each time to points weighted by their distance from the plane before."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from wayloom.errors import ConflictError, NotFoundError
 from wayloom.store.database import now_s
 from wayloom.store.jobs import JobMessage, create_drive_jobs, create_removal_job
 from wayloom.store.manifest import Manifest
-from wayloom.store.maps import ensure_map
+from wayloom.store.maps import ensure_map, mark_changed
 from wayloom.store.tables import Drive, DriveFile, Job, Vehicle
 
 
@@ -114,12 +114,14 @@ def request_removal(session: Session, drive_id: str) -> JobMessage:
     if drive.state == "removing":
         raise ConflictError(f"drive {drive_id[:12]} is being removed already")
     session.execute(delete(Job).where(Job.drive_id == drive_id))
+    mark_changed(session, drive_id)  # a stitch may run before the removal does
     drive.state, drive.error = "removing", None
     return create_removal_job(session, drive_id)
 
 
 def delete_rows(session: Session, drive_id: str) -> None:
-    """Forget the drive, its files, uploads, jobs and submaps."""
+    """Forget the drive, its files, uploads, jobs and submaps; the map has changed where these were."""
+    mark_changed(session, drive_id)
     session.execute(delete(Drive).where(Drive.id == drive_id))
 
 

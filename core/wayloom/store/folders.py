@@ -13,7 +13,7 @@ class Folders:
     drives/ID/stages/STAGE/KEY       a finished stage, KEY = hash of inputs, parameters and code version
     drives/ID/parts/STAGE/KEY        finished parts of a stage that is not yet finished
     drives/ID/attempts/STAGE-…       a stage that is running, or was when its worker died
-    maps/ID/stages, maps/ID/attempts the same for a map's jobs
+    maps/ID/stages, parts, attempts  the same for a map's jobs
     blobs/                           submaps and tiles by digest
     """
 

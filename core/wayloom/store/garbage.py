@@ -12,11 +12,11 @@ from sqlalchemy import select, text
 
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database, Session
-from wayloom.store.tables import Drive, Job, RigEvidence, RigVersion, SubmapRow, TileRow
+from wayloom.store.tables import Drive, Job, RegionRow, RigEvidence, RigVersion, SubmapRow, TileRow
 
 STORING: Final = ("odometry", "georeference", "submaps", "stitch", "remove")
 """The stages that store blobs."""
-NAMED: Final = (TileRow.digest, SubmapRow.digest, RigEvidence.digest, RigEvidence.own_digest, RigVersion.digest)
+NAMED: Final = (TileRow.digest, RegionRow.digest, SubmapRow.digest, RigEvidence.digest, RigEvidence.own_digest, RigVersion.digest)
 """Columns that name blobs."""
 GRACE_S: Final = 3600.0
 BATCH: Final = 100

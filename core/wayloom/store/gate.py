@@ -14,6 +14,7 @@ from wayloom.errors import ConflictError
 from wayloom.store import drives
 from wayloom.store.database import now_s
 from wayloom.store.jobs import JobMessage, request_stitch
+from wayloom.store.maps import mark_changed
 from wayloom.store.tables import Drive, Map
 
 STATE_OUTSIDE: Final = {"merge": "done", "hold": "held", "quarantine": "quarantined"}
@@ -23,11 +24,14 @@ STATE_OUTSIDE: Final = {"merge": "done", "hold": "held", "quarantine": "quaranti
 def judge(session: Session, drive_id: str, grade: str | None, reasons: Sequence[str], gate: Gate) -> None:
     """Write the verdict down. A release was for what the operator saw: it lapses when the new verdict is stricter."""
     drive = lock(session, drive_id)
+    before = passes(drive)
     stricter = drive.gate is not None and GATES.index(gate) > [*GATES].index(drive.gate)  # type: ignore[arg-type]
     if stricter and drive.released_at is not None:
         reasons = [*reasons, f"the release by {drive.released_by} was for a better grade and has lapsed"]
         _forget_release(drive)
     drive.grade, drive.gate, drive.reasons = grade, gate, list(reasons)
+    if passes(drive) != before:
+        mark_changed(session, drive_id)
 
 
 def passes(drive: Drive) -> bool:
@@ -43,6 +47,7 @@ def release(session: Session, drive_id: str, by: str, why: str) -> JobMessage | 
     drive = lock(session, drive_id)
     _check_can_be_released(drive)
     drive.released_at, drive.released_by, drive.released_why = now_s(session), by, why
+    mark_changed(session, drive_id)
     if drive.state not in STATE_OUTSIDE.values():
         return None
     job = request_stitch(session, drive.map_id)
@@ -59,6 +64,7 @@ def revoke(session: Session, drive_id: str) -> JobMessage | None:
     if drive.released_at is None:
         raise ConflictError(f"drive {drive_id[:12]} was not released")
     _forget_release(drive)
+    mark_changed(session, drive_id)
     if drive.stitch_job_id is None:
         return None
     return leave_out(session, drive)

@@ -67,7 +67,7 @@ def create_map_job(
 def request_stitch(session: Session, map_id: str) -> Job:
     """The stitch job that will see what this transaction commits: one that nobody has claimed yet, or a new one. Locks the map."""
     session.execute(select(Map.id).where(Map.id == map_id).with_for_update())
-    waiting = select(Job).where(Job.map_id == map_id, Job.stage == "stitch", Job.state == "queued", Job.token == 0)
+    waiting = select(Job).where(Job.map_id == map_id, Job.stage == "stitch", Job.state == "queued", Job.token == 0, Job.part == 0)
     return session.scalars(waiting.order_by(Job.id)).first() or create_map_job(session, "stitch", map_id)
 
 
@@ -205,12 +205,15 @@ def _update(session: Session, statement: Any, **values: Any) -> bool:
 
 
 def _map_is_busy(session: Session, job: Job) -> bool:
-    """One job of a map at a time, and what was stitched is published before the next stitch. Locks the map's row."""
+    """One job of a map at a time, but for the parts of one stage, and what was stitched is published before the next stitch.
+    Locks the map's row."""
     if job.map_id is None:
         return False
     session.execute(select(Map.id).where(Map.id == job.map_id).with_for_update())
     others = select(Job.id).where(Job.map_id == job.map_id, Job.id != job.id)
-    busy = others.where(Job.state == "running")
+    if job.part:
+        others = others.where(Job.id != job.parent_id, (Job.part == 0) | (Job.parent_id != job.parent_id))
+    busy = others.where((Job.state == "running") | ((Job.state == "waiting") & (Job.part == 0)))
     unpublished = others.where(Job.stage == "publish", Job.state == "queued")
     return bool(session.scalars(busy).first()) or (job.stage == "stitch" and bool(session.scalars(unpublished).first()))
 
@@ -225,6 +228,8 @@ def _fail_dependants(session: Session, job: Job, error: str) -> None:
     if job.drive_id is not None:
         _update(session, update(Drive).where(Drive.id == job.drive_id), **values)
     else:
+        if job.part:
+            _update(session, update(Job).where(Job.id == job.parent_id, Job.state == "waiting"), **values)
         _update(
             session, update(Drive).where(Drive.stitch_job_id == (job.parent_id or job.id), Drive.state == "stitching"), **values
         )

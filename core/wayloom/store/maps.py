@@ -2,16 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
-from sqlalchemy import Update, delete, func, insert, or_, select, update
-from sqlalchemy.orm import Session
+from sqlalchemy import ColumnElement, and_, delete, func, insert, or_, select
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
-from wayloom.errors import ConflictError, NotFoundError
+from wayloom.errors import NotFoundError
 from wayloom.store.database import now_s
-from wayloom.store.tables import Drive, Map, MapVersion, SubmapRow, TileRow
+from wayloom.store.tables import ChangedBox, Drive, Map, MapDrive, MapVersion, SubmapRow, TileRow
+from wayloom.tiles.formats import SERVED_LAYERS
 
-OUT_OF_REACH = "lies too far from the map's origin for one grid: give it a map of its own (WAYLOOM_MAP_ID)"
 Box = tuple[float, float, float, float]
 """West, south, east, north in degrees; across the antimeridian east is over 180 (`geodesy.antimeridian.box_of`)."""
 PASSES: Final = or_(Drive.gate == "merge", Drive.released_at.is_not(None))
@@ -19,34 +19,14 @@ PASSES: Final = or_(Drive.gate == "merge", Drive.released_at.is_not(None))
 
 
 @dataclass(frozen=True, slots=True)
-class TileEntry:
-    """One tile of a version: where it is and which blob it is."""
+class SubmapPlace:
+    """Where a submap lies, without its points: the origin (east, north, up) of its own frame in its cell's, and its box."""
 
-    layer: str
-    z: int
-    x: int
-    y: int
-    digest: str
-    media_type: str
-    size: int
-
-
-@dataclass(frozen=True, slots=True)
-class NewVersion:
-    """What publishing writes.
-
-    frame          longitude, latitude (degrees) and ellipsoidal height (m) of the map frame's origin
-    drives         those that are in the map
-    out_of_reach   those that lie too far from the frame's origin to be in it
-    """
-
+    drive_id: str
+    position: int
     frame: tuple[float, float, float]
-    drives: tuple[str, ...]
-    submap_count: int
-    bounds: Box | None
-    tiles: Sequence[TileEntry]
-    facts: dict[str, Any]
-    out_of_reach: tuple[str, ...] = ()
+    origin_enu: tuple[float, float, float]
+    box: Box
 
 
 def ensure_map(session: Session, map_id: str) -> Map:
@@ -89,26 +69,53 @@ def versions(session: Session, map_id: str) -> Sequence[MapVersion]:
     return session.scalars(select(MapVersion).where(MapVersion.map_id == map_id).order_by(MapVersion.version.desc())).all()
 
 
+def drives_of(session: Session, map_id: str, number: int) -> Sequence[str]:
+    """Ids of the drives that a version holds, sorted; those that have been removed since too."""
+    query = select(MapDrive.drive_id).where(MapDrive.map_id == map_id, of_version(MapDrive, number))
+    return session.scalars(query.order_by(MapDrive.drive_id)).all()
+
+
+def of_version(table: type[TileRow | MapDrive], number: int) -> ColumnElement[bool]:
+    """Of rows that versions share: they belong to this one."""
+    since: InstrumentedAttribute[int] = table.since
+    until: InstrumentedAttribute[int | None] = table.until
+    return (since <= number) & (until.is_(None) | (until > number))
+
+
 def tile(session: Session, map_id: str, number: int, layer: str, z: int, x: int, y: int) -> TileRow | None:
     """The tile's entry, None where nothing is mapped."""
-    return session.get(TileRow, (map_id, number, layer, z, x, y))
+    here = (TileRow.map_id == map_id, TileRow.layer == layer, TileRow.z == z, TileRow.x == x, TileRow.y == y)
+    return session.scalars(select(TileRow).where(*here, of_version(TileRow, number))).first()
 
 
 def coverage(session: Session, map_id: str, zoom: int) -> tuple[int, list[tuple[int, int]]]:
     """Where the newest version has tiles of any layer: (zoom, (x, y) in order), at this zoom, or, where it has none, at the next
     coarser one that has any; (0, []) where there is none."""
-    of_version = (TileRow.map_id == map_id, TileRow.version == get(session, map_id).version)
-    deepest = session.scalar(select(func.max(TileRow.z)).where(*of_version, TileRow.z <= zoom))
+    number = get(session, map_id).version
+    newest = (TileRow.map_id == map_id, of_version(TileRow, number), TileRow.layer.in_(SERVED_LAYERS))
+    deepest = session.scalar(select(func.max(TileRow.z)).where(*newest, TileRow.z <= zoom))
     if deepest is None:
         return 0, []
-    found = select(TileRow.x, TileRow.y).where(*of_version, TileRow.z == deepest).distinct().order_by(TileRow.x, TileRow.y)
+    found = select(TileRow.x, TileRow.y).where(*newest, TileRow.z == deepest).distinct().order_by(TileRow.x, TileRow.y)
     return deepest, [(x, y) for x, y in session.execute(found)]
 
 
 def place_submaps(session: Session, drive_id: str, rows: Sequence[SubmapRow]) -> None:
-    """Put a drive's submaps in the place of those that it had."""
+    """Put a drive's submaps in the place of those that it had; the map has changed where these were and where the new ones are."""
+    mark_changed(session, drive_id)
     session.execute(delete(SubmapRow).where(SubmapRow.drive_id == drive_id))
     session.add_all(rows)
+    session.flush()
+    mark_changed(session, drive_id)
+
+
+def mark_changed(session: Session, drive_id: str) -> None:
+    """The map is to be stitched anew where this drive's submaps are."""
+    session.flush()
+    box = (SubmapRow.map_id, SubmapRow.min_lon, SubmapRow.min_lat, SubmapRow.max_lon, SubmapRow.max_lat)
+    names = ["map_id", "min_lon", "min_lat", "max_lon", "max_lat"]
+    here = select(*box).where(SubmapRow.drive_id == drive_id).order_by(SubmapRow.position)
+    session.execute(insert(ChangedBox).from_select(names, here))
 
 
 def has_submaps(session: Session, drive_id: str) -> bool:
@@ -122,60 +129,33 @@ def submaps(session: Session, map_id: str, box: Box | None = None) -> Sequence[S
 
     Those of held and quarantined drives are not of the map.
     """
-    query = select(SubmapRow).join(Drive, Drive.id == SubmapRow.drive_id)
-    query = query.where(SubmapRow.map_id == map_id, Drive.state != "removing", PASSES)
+    query = select(SubmapRow).join(Drive, Drive.id == SubmapRow.drive_id).where(*_merged(map_id))
     if box is not None:
-        west, south, east, north = box
-        turns = ((SubmapRow.min_lon <= east + turn) & (SubmapRow.max_lon >= west + turn) for turn in (0.0, 360.0, -360.0))
-        query = query.where(or_(*turns), SubmapRow.min_lat <= north, SubmapRow.max_lat >= south)
+        query = query.where(touches(box))
     return session.scalars(query.order_by(SubmapRow.digest, SubmapRow.drive_id, SubmapRow.position)).all()
 
 
-def publish(session: Session, map_id: str, new: NewVersion, kept: int) -> int:
-    """Write the next version, flip the map's pointer to it, and finish the drives that waited for it. Returns its number.
-
-    Raises ConflictError when another version was published meanwhile.
-    """
-    before = get(session, map_id).version
-    number, now = before + 1, now_s(session)
-    session.add(MapVersion(
-        map_id=map_id, version=number, created_at=now, frame=list(new.frame), drives=list(new.drives), layers=_layers(new.tiles),
-        submap_count=new.submap_count, bounds=None if new.bounds is None else list(new.bounds), tile_count=len(new.tiles),
-        byte_count=sum(entry.size for entry in new.tiles), facts=new.facts,
-    ))  # fmt: skip
-    if new.tiles:
-        session.execute(insert(TileRow), [{"map_id": map_id, "version": number, **_columns(entry)} for entry in new.tiles])
-    flipped = session.execute(
-        update(Map).where(Map.id == map_id, Map.version == before).values(version=number).returning(Map.id)
-    ).all()
-    if not flipped:
-        raise ConflictError(f"map {map_id!r}: another version was published meanwhile")
-    taken_in = _stitched_drives(new.drives, "stitching", "failed")  # failed: its own map job was given up, this one has the drive
-    session.execute(taken_in.values(state="done", error=None, finished_at=now))
-    session.execute(
-        _stitched_drives(new.out_of_reach, "stitching", "done").values(state="failed", error=OUT_OF_REACH, finished_at=now)
+def places(session: Session, map_id: str) -> list[SubmapPlace]:
+    """Where all submaps of a map lie, by drive and position."""
+    row = SubmapRow
+    box = (row.min_lon, row.min_lat, row.max_lon, row.max_lat)
+    query = (
+        select(row.drive_id, row.position, row.frame, row.T_enu_submap, *box)
+        .join(Drive, Drive.id == SubmapRow.drive_id)
+        .where(*_merged(map_id))
     )
-    for table in (TileRow, MapVersion):
-        session.execute(delete(table).where(table.map_id == map_id, table.version <= number - kept))
-    return number
+    return [
+        SubmapPlace(drive_id, position, tuple(frame), (T[0][3], T[1][3], T[2][3]), (west, south, east, north))
+        for drive_id, position, frame, T, west, south, east, north in session.execute(query.order_by(row.drive_id, row.position))
+    ]
 
 
-def _stitched_drives(drive_ids: Sequence[str], *states: str) -> Update:
-    """An update of those of the drives that were given to the map and are in one of the states."""
-    return update(Drive).where(Drive.id.in_(drive_ids), Drive.state.in_(states), Drive.stitch_job_id.is_not(None))
+def _merged(map_id: str) -> tuple[ColumnElement[bool], ...]:
+    return SubmapRow.map_id == map_id, Drive.state != "removing", PASSES
 
 
-def _columns(entry: TileEntry) -> dict[str, Any]:
-    return {name: getattr(entry, name) for name in TileEntry.__slots__}
-
-
-def _layers(entries: Sequence[TileEntry]) -> dict[str, Any]:
-    """For each layer: its lowest and highest zoom, its media type and how many tiles it has."""
-    layers: dict[str, Any] = {}
-    for entry in entries:
-        layer = layers.setdefault(
-            entry.layer, {"min_zoom": entry.z, "max_zoom": entry.z, "media_type": entry.media_type, "tiles": 0}
-        )
-        layer["min_zoom"], layer["max_zoom"] = min(layer["min_zoom"], entry.z), max(layer["max_zoom"], entry.z)
-        layer["tiles"] += 1
-    return layers
+def touches(box: Box) -> ColumnElement[bool]:
+    """Of a submap: its box touches this one, west <= east, whichever way round the Earth either is written."""
+    west, south, east, north = box
+    turns = ((SubmapRow.min_lon <= east + turn) & (SubmapRow.max_lon >= west + turn) for turn in (0.0, 360.0, -360.0))
+    return and_(or_(*turns), SubmapRow.min_lat <= north, SubmapRow.max_lat >= south)

@@ -28,7 +28,9 @@ def await_parts(session: Session, held: Claim, parts: Sequence[int], key: str, m
     now = now_s(session)
     for part in parts:
         if part not in rows:
-            rows[part] = new_job(held.stage, now, drive_id=held.drive_id, parent_id=held.job_id, position=position, part=part)
+            rows[part] = new_job(
+                held.stage, now, drive_id=held.drive_id, map_id=held.map_id, parent_id=held.job_id, position=position, part=part
+            )
             session.add(rows[part])
         row = rows[part]
         row.state, row.attempt, row.error, row.sent_at, row.finished_at = "queued", 0, None, None, None
@@ -42,9 +44,9 @@ def await_parts(session: Session, held: Claim, parts: Sequence[int], key: str, m
 def after_part(session: Session, held: Claim) -> JobMessage | None:
     """The stage's own job, queued now if the part that `held` was, and that is done, was the last one. Locks the stage's row, so
     that of parts that end together one sees the other's end."""
-    own = select(Job).where(Job.drive_id == held.drive_id, Job.stage == held.stage, Job.part == 0).with_for_update()
-    job = session.scalars(own).first()
-    undone = select(Job.id).where(Job.drive_id == held.drive_id, Job.stage == held.stage, Job.part > 0, Job.state != "done")
+    parent = select(Job.parent_id).where(Job.id == held.job_id).scalar_subquery()
+    job = session.scalars(select(Job).where(Job.id == parent).with_for_update()).first()
+    undone = select(Job.id).where(Job.parent_id == parent, Job.stage == held.stage, Job.part > 0, Job.state != "done")
     if job is None or job.state != "waiting" or session.scalars(undone.limit(1)).first() is not None:
         return None
     job.state, job.sent_at = "queued", None
@@ -52,4 +54,4 @@ def after_part(session: Session, held: Claim) -> JobMessage | None:
 
 
 def _parts_of(held: Claim) -> Select[Job]:
-    return select(Job).where(Job.drive_id == held.drive_id, Job.stage == held.stage, Job.part > 0)
+    return select(Job).where(Job.parent_id == held.job_id, Job.stage == held.stage, Job.part > 0)

@@ -2,7 +2,20 @@
 
 from typing import Any
 
-from sqlalchemy import JSON, BigInteger, Float, ForeignKey, Index, Integer, LargeBinary, MetaData, String, Text, UniqueConstraint
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    Float,
+    ForeignKey,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Text,
+    UniqueConstraint,
+    text,
+)
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 NAMING = {
@@ -25,6 +38,12 @@ class Base(DeclarativeBase):
         list[Any]: JSON(),
         bytes: LargeBinary(),
     }
+
+
+def _ended(table: str) -> Index:
+    """Of rows that versions share, those that a version has ended. The others are found by their keys."""
+    ended = text("until IS NOT NULL")
+    return Index(f"ix_{table}_until", "map_id", "until", sqlite_where=ended, postgresql_where=ended)
 
 
 class Vehicle(Base):
@@ -134,7 +153,10 @@ class Job(Base):
 
 
 class SubmapRow(Base):
-    """A submap's place; its points are the blob `digest`. The box is in degrees, for look-up."""
+    """A submap's place; its points are the blob `digest`. The box is in degrees, around its points and its track, for look-up.
+
+    track   (K, 2) longitude and latitude of its keyframes, and when the first of them was taken (`track_t_ns`)
+    """
 
     __tablename__ = "submaps"
     drive_id: Mapped[str] = mapped_column(ForeignKey("drives.id", ondelete="CASCADE"), primary_key=True)
@@ -145,6 +167,8 @@ class SubmapRow(Base):
     frame: Mapped[list[Any]]
     T_enu_submap: Mapped[list[Any]]
     covariance: Mapped[list[Any]]
+    track: Mapped[list[Any]] = mapped_column(default=list)
+    track_t_ns: Mapped[int] = mapped_column(default=0)
     min_lon: Mapped[float]
     min_lat: Mapped[float]
     max_lon: Mapped[float]
@@ -223,15 +247,20 @@ class Map(Base):
 
 
 class MapVersion(Base):
-    """One published state of a map. Never changed after it is written."""
+    """One published state of a map. Never changed after it is written.
+
+    layers      for each layer its media type and, by zoom, how many tiles it has
+    built_with  digest of the settings, the code and the frame that its regions and tiles were made with
+    """
 
     __tablename__ = "map_versions"
     map_id: Mapped[str] = mapped_column(ForeignKey("maps.id", ondelete="CASCADE"), primary_key=True)
     version: Mapped[int] = mapped_column(primary_key=True)
     created_at: Mapped[float]
     frame: Mapped[list[Any]]
-    drives: Mapped[list[Any]]
+    built_with: Mapped[str] = mapped_column(DIGEST, default="")
     submap_count: Mapped[int]
+    drive_count: Mapped[int]
     bounds: Mapped[list[Any] | None]
     layers: Mapped[dict[str, Any]]
     tile_count: Mapped[int]
@@ -240,15 +269,66 @@ class MapVersion(Base):
 
 
 class TileRow(Base):
-    """Where the bytes of a tile of a version are: the digest is the blob's name and the tile's ETag."""
+    """Where the bytes of a tile are: the digest is the blob's name and the tile's ETag.
+
+    since, until   it is part of the versions from `since` on and before `until`; None: of the newest too. So versions share the
+                   rows of what did not change between them.
+    """
 
     __tablename__ = "tiles"
     map_id: Mapped[str] = mapped_column(String(63), primary_key=True)
-    version: Mapped[int] = mapped_column(primary_key=True)
     layer: Mapped[str] = mapped_column(String(32), primary_key=True)
     z: Mapped[int] = mapped_column(primary_key=True)
     x: Mapped[int] = mapped_column(primary_key=True)
     y: Mapped[int] = mapped_column(primary_key=True)
+    since: Mapped[int] = mapped_column(primary_key=True)
+    until: Mapped[int | None]
     digest: Mapped[str] = mapped_column(DIGEST)
     media_type: Mapped[str] = mapped_column(String(64))
     size: Mapped[int]
+    __table_args__ = (Index("ix_tiles_since", "map_id", "since"), _ended("tiles"))
+
+
+class RegionRow(Base):
+    """The merged voxels of one region of a map; `since` and `until` as in `TileRow`.
+
+    east, north  its column and row in the grid of the map's frame
+    inputs       digest of the submaps, places, settings and code that it was made from: the same inputs make no new region
+    members      which submaps these are: [drive id, digest of the submap]
+    """
+
+    __tablename__ = "regions"
+    map_id: Mapped[str] = mapped_column(String(63), primary_key=True)
+    east: Mapped[int] = mapped_column(primary_key=True)
+    north: Mapped[int] = mapped_column(primary_key=True)
+    since: Mapped[int] = mapped_column(primary_key=True)
+    until: Mapped[int | None]
+    inputs: Mapped[str] = mapped_column(DIGEST)
+    digest: Mapped[str] = mapped_column(DIGEST)
+    members: Mapped[list[Any]]
+    size: Mapped[int]
+    __table_args__ = (_ended("regions"),)
+
+
+class MapDrive(Base):
+    """A drive that versions of a map hold; `since` and `until` as in `TileRow`. It outlives the drive, as those versions do."""
+
+    __tablename__ = "map_drives"
+    map_id: Mapped[str] = mapped_column(String(63), primary_key=True)
+    drive_id: Mapped[str] = mapped_column(DIGEST, primary_key=True)
+    since: Mapped[int] = mapped_column(primary_key=True)
+    until: Mapped[int | None]
+    __table_args__ = (_ended("map_drives"),)
+
+
+class ChangedBox(Base):
+    """A place where submaps came, went or moved since the map was stitched; degrees, as in `SubmapRow`. The version that has taken
+    it in drops it."""
+
+    __tablename__ = "changed_boxes"
+    id: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    map_id: Mapped[str] = mapped_column(ForeignKey("maps.id", ondelete="CASCADE"), index=True)
+    min_lon: Mapped[float]
+    min_lat: Mapped[float]
+    max_lon: Mapped[float]
+    max_lat: Mapped[float]

@@ -20,8 +20,9 @@ from wayloom.geodesy.geoid import GeoidGrid
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geometry import se3
 from wayloom.stitching.voxel_map import VoxelMap
+from wayloom.tiles.formats import TILE_FORMATS
 from wayloom.tiles.preview import top_down
-from wayloom.tiles.pyramid import TILE_FORMATS, Track, build_tiles
+from wayloom.tiles.pyramid import Track, build_tiles
 
 FloatArray = NDArray[np.float64]
 

@@ -1,17 +1,23 @@
 """Levels of detail: voxel counts by class for each pixel of a zoom; coarser pixels are sums of four, so no count is lost."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT
+from wayloom.errors import InputError
+from wayloom.files.blob import decode_blob, encode_blob
 from wayloom.tiles.grid import TILE_PX, TileAddress, pixel_from_lonlat
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 CODE_BITS, COLUMN_BITS = 5, 29
+MAGIC: Final = b"WLCOUNTS"
+VERSION: Final = 1
+DTYPES: Final = {"cell": "<i8", "count": "<i8"}
 OCCUPIED = 31
 """The code beside the 19 classes: how many pixels of the finest level below a pixel hold anything."""
 
@@ -28,6 +34,11 @@ class Level:
     zoom: int
     cell: IntArray
     count: IntArray
+
+    @staticmethod
+    def empty(zoom: int) -> "Level":
+        """One that counts nothing."""
+        return Level(zoom, np.zeros(0, np.int64), np.zeros(0, np.int64))
 
     @property
     def row(self) -> IntArray:
@@ -69,6 +80,32 @@ def _summed(zoom: int, cell: IntArray, count: IntArray) -> Level:
     total = np.zeros(len(keys), np.int64)
     np.add.at(total, inverse, count)
     return Level(zoom, keys, total)
+
+
+def add_levels(zoom: int, parts: Iterable[Level]) -> Level:
+    """The sum of levels of one zoom."""
+    held = [Level.empty(zoom), *parts]
+    return _summed(zoom, np.concatenate([part.cell for part in held]), np.concatenate([part.count for part in held]))
+
+
+def joined(parts: Iterable[Level]) -> Level | None:
+    """The sum of levels of one zoom; None without any."""
+    held = list(parts)
+    return add_levels(held[0].zoom, held) if held else None
+
+
+def encode_level(level: Level) -> bytes:
+    """The level's bytes: equal counts give equal bytes."""
+    return encode_blob(MAGIC, VERSION, {"zoom": level.zoom}, {"cell": level.cell, "count": level.count})
+
+
+def decode_level(data: bytes, name: str = "counts") -> Level:
+    """The inverse of `encode_level`. Raises InputError for bytes that are none."""
+    try:
+        header, arrays = decode_blob(data, MAGIC, VERSION, DTYPES)
+        return Level(int(header["zoom"]), **arrays)
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"is no tile of counts or is damaged ({error})", file=name, remedy="have the map stitched anew") from error
 
 
 def _packed(row: IntArray, column: IntArray, code: IntArray) -> IntArray:

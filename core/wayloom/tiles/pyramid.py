@@ -1,8 +1,7 @@
-"""Tile pyramid of a map: raster, vector and point tiles, the coarse ones summed from the fine ones."""
+"""Tile pyramid of a whole map in memory."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,45 +11,15 @@ from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.stitching.voxel_map import VoxelMap
 from wayloom.submaps.submap import PlacedSubmap
+from wayloom.tiles.formats import SERVED_LAYERS, Tile
 from wayloom.tiles.grid import TILE_PX, TileAddress, pixel_from_lonlat
-from wayloom.tiles.levels import Level, coarser, dilated, finest_level
-from wayloom.tiles.mvt import LonLatTrack, encode_mvt, tiles_of_track
-from wayloom.tiles.png import encode_png
-from wayloom.tiles.points import PointTile, encode_points, origin_of, voxel_downsampled
+from wayloom.tiles.mvt import LonLatTrack, tiles_of_track
 from wayloom.tiles.settings import TileSettings
+from wayloom.tiles.updates import block_zoom, margin_px, updated_tiles
 
 FloatArray = NDArray[np.float64]
-FINE_CELLS, COARSE_CELLS = 128, 64
+IntArray = NDArray[np.int64]
 TOUCHING_M = 15.0  # the last keyframe of a submap and the first of the next
-COARSEST = 3  # the vector tiles of the lowest zoom need the pixels two zooms below
-
-
-@dataclass(frozen=True, slots=True)
-class TileFormat:
-    """A tile format. layer: the name under which such tiles are addressed; media_type for HTTP; suffix for files."""
-
-    layer: str
-    media_type: str
-    suffix: str
-
-
-TILE_FORMATS: Final = {
-    "png": TileFormat("semantic", "image/png", ".png"),
-    "mvt": TileFormat("features", "application/vnd.mapbox-vector-tile", ".mvt"),
-    "points": TileFormat("points", "application/vnd.wayloom.points", ".wlp"),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Tile:
-    """One tile: layer, address, media type and bytes. Equal maps give equal bytes."""
-
-    layer: str
-    z: int
-    x: int
-    y: int
-    media_type: str
-    data: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +47,7 @@ def tracks_of(placed: Iterable[PlacedSubmap]) -> list[Track]:
 def build_tiles(
     voxel_map: VoxelMap, frame: MapFrame | None, settings: TileSettings = TileSettings(), tracks: Sequence[Track] = ()
 ) -> Iterator[Tile]:
-    """Every tile that shows something, layer by layer, zoom by zoom from fine to coarse, row by row.
+    """Every served tile that shows something.
 
     frame : the map's frame. Raises StageError when it is None (a map in a drive's own frame has no place on Earth) or another than
             the voxels'; InputError beyond the latitudes of web mercator.
@@ -87,77 +56,53 @@ def build_tiles(
         raise StageError(
             f"a map in the frame {voxel_map.frame} cannot be cut into tiles of {frame}: geo-reference the drives first"
         )
-    lon_lat_height = wgs84.lonlatheight_from_enu(voxel_map.points_enu, frame)
-    lines = [LonLatTrack(t.drive_id, wgs84.lonlatheight_from_enu(t.points_enu, frame)[:, :2]) for t in tracks if len(t.points_enu)]
-    yield from _point_tiles(voxel_map, lon_lat_height, settings)
-    level = finest_level(lon_lat_height[:, :2], voxel_map.label, settings.max_zoom)
-    for zoom in range(settings.max_zoom, settings.min_zoom - COARSEST, -1):
-        if settings.min_zoom <= zoom:
-            yield from _picture_tiles(level, settings)
-        tile_zoom = _vector_zoom(zoom, settings)
-        if tile_zoom is not None:
-            yield from _vector_tiles(level, tile_zoom, lines, settings)
-        level = coarser(level)
+    whole = WholeMap(voxel_map, frame, settings, tracks)
+    yield from (tile for tile in updated_tiles(whole.blocks, whole, settings) if tile.layer in SERVED_LAYERS)
 
 
-def _tile(name: str, address: TileAddress, data: bytes) -> Tile:
-    form = TILE_FORMATS[name]
-    return Tile(form.layer, *address, form.media_type, data)
+class WholeMap:
+    """A map in memory as the source of its tiles (`updates.PyramidSource`).
 
+    blocks : those that show anything of it
+    """
 
-def _picture_tiles(level: Level, settings: TileSettings) -> Iterator[Tile]:
-    drawn = dilated(level) if level.zoom >= settings.dot_from_zoom else level
-    for address, part in drawn.tiles():
-        yield _tile("png", address, encode_png(part, settings.max_zoom))
+    def __init__(self, voxel_map: VoxelMap, frame: MapFrame, settings: TileSettings, tracks: Sequence[Track]) -> None:
+        self._voxels, self._settings = voxel_map, settings
+        lon_lat = wgs84.lonlatheight_from_enu(voxel_map.points_enu, frame)[:, :2]
+        self._pixels = pixel_from_lonlat(lon_lat, settings.max_zoom)
+        lines = [(t.drive_id, t.points_enu) for t in tracks if len(t.points_enu)]
+        self._tracks = [LonLatTrack(name, wgs84.lonlatheight_from_enu(points, frame)[:, :2]) for name, points in lines]
+        self._rows = self._rows_by_block()
+        zoom = block_zoom(settings)
+        of_voxels = {TileAddress(zoom, x, y) for x, y in self._rows}
+        self.blocks = of_voxels.union(*(tiles_of_track(track, zoom) for track in self._tracks))
 
+    @property
+    def _edge_px(self) -> int:
+        return TILE_PX << (self._settings.max_zoom - block_zoom(self._settings))
 
-def _cells_per_edge(tile_zoom: int, settings: TileSettings) -> int:
-    return FINE_CELLS if tile_zoom >= settings.fine_cells_from_zoom else COARSE_CELLS
+    def _rows_by_block(self) -> dict[tuple[int, int], IntArray]:
+        """The voxels of each block and of its margin."""
+        found: dict[tuple[int, int], list[IntArray]] = {}
+        margin = margin_px(self._settings)
+        for dy in (-margin, 0, margin):
+            for dx in (-margin, 0, margin):
+                places = (self._pixels + np.array([dx, dy])) // self._edge_px
+                order = np.lexsort((places[:, 0], places[:, 1]))
+                edges = np.flatnonzero((np.diff(places[order], axis=0) != 0).any(axis=1)) + 1
+                for rows in np.split(order, edges) if len(order) else []:
+                    x, y = places[rows[0]].tolist()
+                    found.setdefault((x, y), []).append(rows)
+        return {key: np.unique(np.concatenate(rows)) for key, rows in found.items()}
 
+    def voxels(self, block: TileAddress) -> VoxelMap:
+        """Those of the block and of its margin, in the map's order."""
+        return self._voxels.take(self._rows.get((block.x, block.y), np.zeros(0, np.int64)))
 
-def _vector_zoom(level_zoom: int, settings: TileSettings) -> int | None:
-    """The zoom of the vector tiles whose cells are the pixels of this level, if there is one: 64 = 256 / 2^2, 128 = 256 / 2."""
-    for tile_zoom, cells in ((level_zoom + 1, FINE_CELLS), (level_zoom + 2, COARSE_CELLS)):
-        if settings.min_zoom <= tile_zoom <= settings.features_max_zoom and _cells_per_edge(tile_zoom, settings) == cells:
-            return tile_zoom
-    return None
+    def counts(self, _address: TileAddress) -> bytes | None:
+        """Nothing was there before."""
+        return None
 
-
-def _vector_tiles(level: Level, tile_zoom: int, tracks: Sequence[LonLatTrack], settings: TileSettings) -> Iterator[Tile]:
-    cells = _cells_per_edge(tile_zoom, settings)
-    parts = {TileAddress(tile_zoom, x, y): part for x, y, part in level.blocks(cells)}
-    lines: dict[TileAddress, list[tuple[str, list[tuple[int, int]]]]] = {}
-    for track in tracks:
-        for address, pieces in tiles_of_track(track, tile_zoom).items():
-            lines.setdefault(address, []).extend((track.drive_id, piece) for piece in pieces)
-    for address in sorted({*parts, *lines}, key=_row_by_row):
-        yield _tile("mvt", address, encode_mvt(parts.get(address), cells, lines.get(address, [])))
-
-
-def _row_by_row(address: TileAddress) -> tuple[int, int]:
-    return address.y, address.x
-
-
-def _point_tiles(voxel_map: VoxelMap, lon_lat_height: FloatArray, settings: TileSettings) -> Iterator[Tile]:
-    places = pixel_from_lonlat(lon_lat_height[:, :2], settings.points_zoom) // TILE_PX
-    order = np.lexsort((places[:, 0], places[:, 1]))
-    edges = np.flatnonzero((np.diff(places[order], axis=0) != 0).any(axis=1)) + 1
-    for rows in np.split(order, edges) if len(order) else []:
-        address = TileAddress(settings.points_zoom, *places[rows[0]].tolist())
-        points = point_tile(voxel_map.take(rows), lon_lat_height[rows], address)
-        yield _tile("points", address, encode_points(voxel_downsampled(points, settings.points_per_tile, voxel_map.voxel_m)))
-
-
-def point_tile(voxels: VoxelMap, lon_lat_height: FloatArray, address: TileAddress) -> PointTile:
-    """The voxels of one tile in its own tangent plane, whose height is the whole metre in the middle of theirs."""
-    heights = lon_lat_height[:, 2]
-    origin = origin_of(address, float(np.round(0.5 * (heights.min() + heights.max()))))
-    return PointTile(
-        address,
-        origin,
-        wgs84.enu_from_lonlatheight(lon_lat_height, origin),
-        np.ones(len(voxels), np.uint32),
-        voxels.label,
-        np.rint(255.0 * voxels.confidence).astype(np.uint8),
-        np.minimum(voxels.drives, 255).astype(np.uint8),
-    )
+    def tracks(self, _addresses: Collection[TileAddress]) -> Sequence[LonLatTrack]:
+        """All of them."""
+        return self._tracks

@@ -16,6 +16,12 @@ class TileSettings(Settings):
     )
     features_max_zoom: int = Field(18, ge=0, le=20, description="finest zoom of the vector tiles; viewers enlarge beyond")
     fine_cells_from_zoom: int = Field(17, ge=0, le=20, description="from here 128 cells a tile edge, below 64")
+    tracks_from_zoom: int = Field(
+        14,
+        ge=0,
+        le=20,
+        description="from here the vector tiles show the drives' tracks; on coarser ones their cells say where they went",
+    )
     points_zoom: int = Field(18, ge=10, le=20)
     points_per_tile: int = Field(100_000, ge=100, description="a fuller point tile is thinned by joining voxels, counts kept")
     dot_from_zoom: int = Field(19, ge=0, le=21, description="from here a voxel is drawn three pixels wide")
@@ -26,4 +32,6 @@ class TileSettings(Settings):
             raise ValueError(
                 f"min_zoom {self.min_zoom} <= features_max_zoom {self.features_max_zoom} <= max_zoom {self.max_zoom} must hold"
             )
+        if self.dot_from_zoom <= min(self.points_zoom, self.max_zoom):
+            raise ValueError(f"points_zoom {self.points_zoom} < dot_from_zoom {self.dot_from_zoom} must hold")
         return self

@@ -161,3 +161,18 @@ def test_the_calibration_is_that_of_the_last_part() -> None:
     results = made()
     results[-1] = replace(results[-1], disparity_bias_px=0.4)
     assert joined(results).disparity_bias_px == 0.4
+
+
+def test_steps_keep_their_covariance_and_the_one_over_a_cut_has_the_joints_too() -> None:
+    results, own = [], np.eye(6, dtype=np.float32) * np.float32(1e-6)
+    for result in made():
+        known = np.tile(own, (len(result.keyframes), 1, 1))
+        known[0] = np.nan
+        results.append(replace(result, keyframes=replace(result.keyframes, step_covariance=known)))
+    keyframes = joined(results).keyframes
+    over = np.isin(np.arange(len(keyframes)), np.searchsorted(keyframes.frame, CUTS))
+    assert np.isnan(keyframes.step_covariance[0]).all()
+    np.testing.assert_array_equal(keyframes.step_covariance[1:][~over[1:]], np.tile(own, ((~over[1:]).sum(), 1, 1)))
+    added = keyframes.step_covariance[over] - own
+    np.testing.assert_allclose(added, np.tile(1e-12 * np.eye(6), (len(CUTS), 1, 1)), atol=2e-13)
+    assert keyframes.step_covariance.dtype == np.float32

@@ -6,7 +6,9 @@ time 2 h about an end, the mean velocity of that time; so the difference of two 
 trapezoid, one within the window and falling to nothing from h before an end to h after it. The mean of C f takes the same weights:
 with others a window that ends in a bend is wrong by the change of the acceleration there.
 
-The odometry's scale errs by a share s, (v_1 - v_0) / T with it: up is wrong by s (v_1 - v_0) / (T g), along that one direction.
+The odometry's scale errs by shares s_0 and s_1 at the two ends, an Ornstein-Uhlenbeck process over the road as in
+`wayloom.mapping.odometry_links`, so up is wrong by (s_1 v_1 - s_0 v_0) / (T g): a scale that changes looks like an acceleration
+along the road, and tilts up along the view; one that does not counts only where the velocity changes.
 """
 
 from dataclasses import dataclass
@@ -22,7 +24,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 WINDOW_NS, END_NS = 4_000_000_000, 400_000_000
 GRAVITY_M_S2 = 9.81
-LEAST_SAMPLES = 20
+MAX_GAP_NS = 100_000_000
+"""Without samples for longer, their sum is no integral."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +38,12 @@ class ForceWindows:
 
 
 def up_by_accelerometer(
-    imu: ImuTrack, T_cam_imu: FloatArray, trajectory: Trajectory, scale_sigma: float, position_m: float
+    imu: ImuTrack, T_cam_imu: FloatArray, trajectory: Trajectory, scale_sigma: float, scale_length_m: float, position_m: float
 ) -> ForceWindows:
-    """Windows of WINDOW_NS that were tracked throughout.
+    """Windows of WINDOW_NS that were tracked throughout and have samples all along.
 
-    scale_sigma : of the odometry; position_m : its sigma from one end of END_NS to the other
+    scale_sigma, scale_length_m : of the odometry's scale, and the road over which its correlation falls to 1/e
+    position_m : sigma of the odometry from one end of END_NS to the other
     """
     T_world_imu = trajectory.T_world_cam @ T_cam_imu
     frames, ups, covariances = [], [], []
@@ -51,7 +55,7 @@ def up_by_accelerometer(
         if not trajectory.tracked[whole].all() or np.ptp(trajectory.segment[whole]) > 0:
             continue
         rows = np.flatnonzero((imu.t_ns > start - END_NS) & (imu.t_ns < stop + END_NS))
-        if len(rows) < LEAST_SAMPLES:
+        if np.diff(imu.t_ns[rows], prepend=start - END_NS, append=stop + END_NS).max() > MAX_GAP_NS:
             continue
         R = _at(trajectory.t_ns, T_world_imu, imu.t_ns[rows])[:, :3, :3]
         weight = _weights(imu.t_ns[rows], start, stop)
@@ -62,10 +66,17 @@ def up_by_accelerometer(
         middle = int(np.searchsorted(trajectory.t_ns, (start + stop) // 2))
         frames.append(middle)
         R_cam_world = trajectory.T_world_cam[middle, :3, :3].T
-        by_scale = scale_sigma / GRAVITY_M_S2 * (R_cam_world @ acceleration)
+        road_m = float(np.linalg.norm(np.diff(trajectory.T_world_cam[whole, :3, 3], axis=0), axis=1).sum())
+        v_cam = np.array(v) @ R_cam_world.T
         ups.append(R_cam_world @ (up / np.linalg.norm(up)))
-        covariances.append(white**2 * np.eye(3) + np.outer(by_scale, by_scale))
+        per_speed = scale_sigma / (1e-9 * (stop - start) * GRAVITY_M_S2)
+        covariances.append(white**2 * np.eye(3) + per_speed**2 * _of_scales(v_cam, np.exp(-road_m / scale_length_m)))
     return ForceWindows(np.array(frames, np.int64), np.array(ups).reshape(-1, 3), np.array(covariances).reshape(-1, 3, 3))
+
+
+def _of_scales(v: FloatArray, correlation: float) -> FloatArray:
+    """(3, 3) covariance of s_1 v_1 - s_0 v_0 of velocities v (2, 3), s of unit variance and correlated."""
+    return np.asarray(v.T @ np.array([[1.0, -correlation], [-correlation, 1.0]]) @ v)
 
 
 def _at(t_ns: IntArray, T: FloatArray, time_ns: IntArray) -> FloatArray:

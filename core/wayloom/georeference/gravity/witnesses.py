@@ -11,6 +11,7 @@ from wayloom.georeference.gravity.sections import Section, sections
 from wayloom.georeference.gravity.street import lean_by_street
 from wayloom.georeference.gravity.uprights import Lean, lean_by_uprights, scatter_ratio
 from wayloom.georeference.nodes import nearest_node
+from wayloom.georeference.scale_prior import scale_prior
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.labelling.types import PointLabels
 from wayloom.logs.types import DriveLog
@@ -54,9 +55,9 @@ def witnesses_report(up: UpObservations) -> dict[str, int]:
 def _of_accelerometer(log: DriveLog, odometry: OdometryResult, settings: GeoReferenceSettings) -> Iterator[Observation]:
     if log.imu is None or log.T_cam_imu is None:
         return
-    windows = up_by_accelerometer(
-        log.imu, log.T_cam_imu, odometry.trajectory, settings.scale_sigma, settings.standing_position_m + settings.position_noise_m
-    )
+    position_m = settings.standing_position_m + settings.position_noise_m
+    scale_sigma = scale_prior(odometry.report, settings)
+    windows = up_by_accelerometer(log.imu, log.T_cam_imu, odometry.trajectory, scale_sigma, settings.scale_length_m, position_m)
     floor2 = np.radians(settings.accelerometer_floor_deg) ** 2
     for frame, up, covariance in zip(windows.frame.tolist(), windows.up_cam, windows.covariance, strict=True):
         yield frame, up, covariance[np.ix_(ROLL_PITCH, ROLL_PITCH)] + floor2 * np.eye(2), 0

@@ -13,12 +13,12 @@ MIN_INVERSE_DEPTH = 1e-4
 
 def adjust(window: Window, rig: Rig, robust: Robust, affine_prior: tuple[float, float], iterations: int) -> float:
     """Minimise the window's energy over poses, brightness, inverse depths and bias, in place; returns the energy reached."""
-    inlier, own, energy = adjust_window(
+    inlier, own, information, energy = adjust_window(
         window.images, rig, window.frames, window.points, window.inertial, window.disparity_bias, window.prior_H, window.prior_g,
         np.array(affine_prior), 0.0 if window.has_prior else 1.0, int(window.hold_disparity_bias), window.held_bias_step, robust,
         iterations, MIN_INVERSE_DEPTH,
     )  # fmt: skip
-    window.inlier, window.information = inlier, own[:, 0].copy()
+    window.inlier, window.information, window.H = inlier, own[:, 0].copy(), information
     return float(energy)
 
 

@@ -70,6 +70,7 @@ class Window:
     prior_H, prior_g  (1 + 8F, with an IMU 1 + 17F + 2): energy z^T H z - 2 g^T z of the state's deviation z from the first
                       estimates
     inlier, information  (N, F + 1) and (N,), of the last adjustment
+    H            information of all unknowns but the points, as of the prior, at the last adjustment
     immature     points beside the live ones
     inertial     velocities, biases and gravity once the IMU is in use
     """
@@ -85,6 +86,7 @@ class Window:
     immature: ImmaturePoints
     inlier: IntArray = field(default_factory=lambda: np.zeros((0, 1), np.int64))
     information: FloatArray = field(default_factory=lambda: np.zeros(0))
+    H: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     inertial: Inertial = NO_IMU
     hold_disparity_bias: bool = False
     held_bias_step: FloatArray = field(default_factory=lambda: np.full(2, np.nan))

@@ -175,7 +175,7 @@ def adjust_window(  # type: ignore[no-untyped-def]
     affine_prior (2,) information of a and b about zero;
     hold_first 1 fixes keyframe 0, for windows without a prior. hold_delta 1 leaves delta as it is and fills wish (2,) with the step
     that it would take if it were free, px, and its variance, in the energy's units. Returns inlier and own of Terms at the final
-    state and the energy there.
+    state, the information of `information_of_state` there, and the energy.
     """
     N, F = points.host.shape[0], frames.slot.shape[0]
     seen, n = 1 + 8 * F, prior_g.shape[0]
@@ -228,7 +228,24 @@ def adjust_window(  # type: ignore[no-untyped-def]
             damping *= 10.0
         if small or damping > 10.0:
             break
-    return current.inlier, current.own, best
+    H = information_of_state(current, frames, points, inertial, prior_H, affine_prior, hold_delta)
+    return current.inlier, current.own, H, best
+
+
+def information_of_state(terms, frames, points, inertial, prior_H, affine_prior, hold_delta):  # type: ignore[no-untyped-def]
+    """(n, n) information of delta, keyframes and the IMU's unknowns in the energy's units: the residuals of terms, all points
+    eliminated, and the priors. The gauge is free where there is no prior."""
+    F, n = frames.slot.shape[0], prior_H.shape[0]
+    seen = 1 + 8 * F
+    H_seen, g_seen, H, g = np.zeros((seen, seen)), np.zeros(seen), np.zeros((n, n)), np.zeros(n)
+    normal_equations(terms, host_maps(frames), points, 0.0, H_seen, g_seen, np.zeros(points.host.shape[0]))
+    H[:seen, :seen] = H_seen
+    if n > seen:
+        add_links(frames, inertial, H, g)
+        np.einsum("ii->i", H)[seen:] += UNLINKED * inertial.weight
+    add_prior(np.zeros(n), prior_H, np.zeros(n), frames.affine, affine_prior, H, g)
+    H[0, 0] += GAUGE * hold_delta
+    return H
 
 
 def reduced_equations(images, rig, frames, points, delta, robust):  # type: ignore[no-untyped-def]

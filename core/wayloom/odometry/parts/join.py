@@ -54,7 +54,7 @@ def join_parts(parts: Sequence[DrivePart], load: Callable[[DrivePart], OdometryR
     heads = [_head(part, load(part)) for part in parts]
     cuts = [cut_between((a, x.trajectory), (b, y.trajectory)) for (a, x), (b, y) in pairwise(zip(parts, heads, strict=True))]
     placed = _place(parts, heads, cuts)
-    trajectory, keyframes = _joined_trajectory(placed, heads), _joined_keyframes(placed, heads)
+    trajectory, keyframes = _joined_trajectory(placed, heads), _joined_keyframes(placed, heads, cuts)
     points = _joined_points(placed, keyframes, heads, load)
     report = _joined_report(placed, heads, cuts, trajectory, len(keyframes), len(points))
     return replace(heads[-1], trajectory=trajectory, keyframes=keyframes, points=points, report=report)
@@ -93,14 +93,30 @@ def _joined_trajectory(placed: Sequence[PlacedPart], heads: Sequence[OdometryRes
     return Trajectory(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
-def _joined_keyframes(placed: Sequence[PlacedPart], heads: Sequence[OdometryResult]) -> Keyframes:
+def _joined_keyframes(placed: Sequence[PlacedPart], heads: Sequence[OdometryResult], cuts: Sequence[Cut]) -> Keyframes:
+    """The step over a cut errs by the joint as well as by what the later part says of its own step to that keyframe."""
     columns = []
-    for p, head in zip(placed, heads, strict=True):
+    for k, (p, head) in enumerate(zip(placed, heads, strict=True)):
         own, of_part = p.own_keyframes, head.keyframes
         frame, segment = of_part.frame[own] + p.part.first, of_part.segment[own] + p.segment_offset
         T = p.T_world_part @ of_part.T_world_cam[own]
-        columns.append((frame.astype(np.int32), T, of_part.affine[own], segment.astype(np.int32)))
+        steps = of_part.step_covariance[own].copy()
+        if k and len(own):
+            steps[0] += _over_cut(cuts[k - 1], head.trajectory.T_world_cam[:, :3, :3], of_part.frame[own[0]], p.part)
+        columns.append((frame.astype(np.int32), T, of_part.affine[own], segment.astype(np.int32), steps))
     return Keyframes(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+
+
+def _over_cut(cut: Cut, R_part_cam: FloatArray, keyframe: int, part: DrivePart) -> FloatArray:
+    """(6, 6) that a joint adds to the covariance of the step to a keyframe near it, in the axes there; NaN where there is none.
+
+    R_part_cam : (n, 3, 3) of the part's frames
+    """
+    if cut.joint is None:
+        return np.full((6, 6), np.nan)
+    R = R_part_cam[keyframe].T @ R_part_cam[cut.frame - part.first]
+    turn = np.kron(np.eye(2), R)
+    return np.asarray(turn @ cut.joint.covariance @ turn.T)
 
 
 def _joined_points(

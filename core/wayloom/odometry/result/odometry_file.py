@@ -23,7 +23,9 @@ from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 
 ODOMETRY_FILE = "odometry.npz"
 FORMAT = "wayloom-odometry"
-VERSION = 1
+VERSION = 2
+READABLE = (1, VERSION)
+"""Version 1 has no `keyframes.step_covariance`."""
 META = "meta.json"
 EPOCH = (1980, 1, 1, 0, 0, 0)
 GROUPS: dict[str, Any] = {"trajectory": Trajectory, "keyframes": Keyframes, "points": Points}
@@ -51,15 +53,16 @@ def load_odometry(path: Path) -> OdometryResult:
     try:
         with zipfile.ZipFile(path) as archive:
             meta = json.loads(archive.read(META))
-            if meta.get("format") != FORMAT or meta.get("version") != VERSION:
+            if meta.get("format") != FORMAT or meta.get("version") not in READABLE:
                 raise InputError(
                     f"is {meta.get('format')} version {meta.get('version')}, not {FORMAT} version {VERSION}",
                     file=path, remedy="run the odometry again",
                 )  # fmt: skip
             groups = {
-                name: cls(**{field: _array(archive, f"{name}.{field}") for field in cls.__slots__}) for name, cls in GROUPS.items()
+                name: cls(**{field: _array(archive, f"{name}.{field}") for field in cls.__slots__ if _has(archive, name, field)})
+                for name, cls in GROUPS.items()
             }
-    except (OSError, zipfile.BadZipFile, KeyError, ValueError, AttributeError) as problem:
+    except (OSError, zipfile.BadZipFile, KeyError, ValueError, TypeError, AttributeError) as problem:
         raise InputError(f"is no odometry result ({problem})", file=path, remedy="run the odometry again") from problem
     return OdometryResult(
         rig=StereoRig(PinholeCamera(**meta["camera"]), (meta["t_right_left"][0], meta["t_right_left"][1], meta["t_right_left"][2])),
@@ -112,6 +115,11 @@ def _pieces(array: NDArray[Any]) -> Iterator[bytes]:
     for first in range(0, len(array), rows):
         yield np.ascontiguousarray(array[first : first + rows]).tobytes()
         forget_pages(array)
+
+
+def _has(archive: zipfile.ZipFile, group: str, field: str) -> bool:
+    """Whether an array is to be read: all are, but what version 1 did not have."""
+    return (group, field) != ("keyframes", "step_covariance") or f"{group}.{field}.npy" in archive.namelist()
 
 
 def _array(archive: zipfile.ZipFile, name: str) -> Any:

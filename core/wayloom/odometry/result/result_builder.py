@@ -24,12 +24,13 @@ CENTRE = 4
 
 @dataclass(slots=True)
 class KeyframeRow:
-    """A keyframe as last estimated; affine (4,) a_left, b_left, a_right, b_right."""
+    """A keyframe as last estimated; affine (4,) a_left, b_left, a_right, b_right; step_covariance (6, 6), NaN while unknown."""
 
     frame: int
     segment: int
     T_cam_world: FloatArray
     affine: FloatArray
+    step_covariance: FloatArray = field(default_factory=lambda: np.full((6, 6), np.nan))
 
 
 @dataclass(slots=True)
@@ -101,6 +102,10 @@ class ResultBuilder:
             self.keyframes[k].T_cam_world = frames.T_cam_world[i].copy()
             self.keyframes[k].affine = np.array([a, b, a + math.log(gain), gain * b + offset])
 
+    def add_step(self, covariance: FloatArray) -> None:
+        """Note the covariance (6, 6) of the step to the newest keyframe."""
+        self.keyframes[-1].step_covariance = covariance
+
     def add_observations(self, window: Window, mask: BoolArray, rig: Rig, robust: Robust, targets: list[int]) -> None:
         """Note in which frames `targets` of the window the points in mask (N,) are inliers, and by which images."""
         out = np.empty((len(mask) * len(targets), 3), np.int64)
@@ -145,6 +150,7 @@ class ResultBuilder:
             se3.inverse(np.array([row.T_cam_world for row in rows]).reshape(-1, 4, 4)),
             np.array([row.affine for row in rows]).reshape(-1, 4),
             np.array([row.segment for row in rows], np.int32),
+            np.array([row.step_covariance for row in rows], np.float32).reshape(-1, 6, 6),
         )
 
     def decide_points(self, point_filter: PointFilter, alive: NDArray[np.int64], segment: int | None) -> None:

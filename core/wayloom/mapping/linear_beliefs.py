@@ -1,0 +1,84 @@
+"""Linear prediction of what other beliefs in a drive's fixes would cost and how far they would move it: Woodbury's identity.
+
+At the minimum x of a choice, with normal matrix H, let e = antenna - fix (3W,) of the witnesses, J its Jacobian, R the covariance
+and S = J H^-1 J^T. Witnesses E are turned over, D = R^-1 of those that come in and -R^-1 of those that leave: to first order the
+cost changes by 1/2 e_E^T (D^-1 + S_EE)^-1 e_E and the unknowns by -H^-1 J_E^T (D^-1 + S_EE)^-1 e_E.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
+
+from wayloom.geometry import se3
+from wayloom.mapping.drive_equations import DriveState
+from wayloom.mapping.gnss_factors import RECEIVER, antenna_jacobians
+from wayloom.mapping.truncated_squares import LEAST_WEIGHT
+from wayloom.mapping.witness_graph import WitnessGraph
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+OMEGA_FIRST = [3, 4, 5, 0, 1, 2]
+COLUMNS = 4
+"""Right sides that are solved at once: so few that no BLAS splits the work among threads, which changes the last bits."""
+MOST_TURNED = 66
+"""Witnesses that may be turned over at once, for the same reason."""
+
+
+class LinearBeliefs:
+    """The equations of a choice at its minimum, with the witnesses and visits that count, (W,) and (V,) of a graph over K nodes."""
+
+    def __init__(self, graph: WitnessGraph, witnesses: BoolArray, visits: BoolArray, at: DriveState) -> None:
+        importance = graph.importance[graph.witnesses.stretch]
+        self.at, self.believed = at, witnesses
+        self.covariance = np.asarray(graph.fixes.covariance / importance[:, None, None])
+        self.error = -graph.fixes.residuals(at.T_enu_node, at.receiver)
+        weights = np.where(witnesses, 1.0, LEAST_WEIGHT) * importance, np.where(visits, 1.0, LEAST_WEIGHT)
+        A = _information_root(graph, weights, at)
+        self.first_pose = A.shape[1] - 6 * len(at.T_enu_node)  # gtsam orders receiver, scales, leans, poses
+        self._J = self._jacobian(graph, A.shape[1])
+        self._factor = splu(csc_array(A.T @ A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        rows = range(0, self._J.shape[0], COLUMNS)
+        self.S = np.hstack([self._J @ self._factor.solve(self._J[k : k + COLUMNS].T.toarray()) for k in rows])
+
+    def _jacobian(self, graph: WitnessGraph, unknowns: int) -> csc_array:
+        """(3W, n) of the errors by all unknowns in the order of the columns."""
+        by_pose, by_receiver = antenna_jacobians(graph.fixes, self.at.T_enu_node, self.at.receiver)
+        count = len(graph.fixes)
+        row = np.broadcast_to(np.arange(3 * count).reshape(count, 3, 1), by_pose.shape)
+        pose = np.broadcast_to((self.first_pose + 6 * graph.fixes.node[:, None] + np.arange(6))[:, None], by_pose.shape)
+        receiver = np.broadcast_to(np.arange(RECEIVER), by_receiver.shape)
+        rows = np.concatenate([row.ravel(), row[:, :, :RECEIVER].ravel()])
+        columns = np.concatenate([pose.ravel(), receiver.ravel()])
+        values = np.concatenate([by_pose.ravel(), by_receiver.ravel()])
+        return csc_array((values, (rows, columns)), shape=(3 * count, unknowns)).tocsr()
+
+    def turned(self, witnesses: IntArray) -> tuple[float, FloatArray]:
+        """Change of the cost where these witnesses (w,) are turned over, and the pull (3w,) that does it."""
+        rows = _rows(witnesses)
+        middle = self.S[np.ix_(rows, rows)].reshape(len(witnesses), 3, len(witnesses), 3)
+        sign = np.where(self.believed[witnesses], -1.0, 1.0)
+        each = np.arange(len(witnesses))
+        middle[each, :, each, :] += sign[:, None, None] * self.covariance[witnesses]
+        error = self.error[witnesses].ravel()
+        pull = np.linalg.solve(middle.reshape(len(rows), len(rows)), error)
+        return 0.5 * float(error @ pull), pull
+
+    def moved(self, witnesses: IntArray, pull: FloatArray) -> FloatArray:
+        """(K, 6) left perturbation (v, omega) of every node by the pull (3w,) of witnesses (w,)."""
+        unknowns = -self._factor.solve(self._J[_rows(witnesses)].T @ pull)
+        right = unknowns[self.first_pose :].reshape(-1, 6)[:, OMEGA_FIRST]
+        return np.asarray(np.einsum("nij,nj->ni", se3.adjoint(self.at.T_enu_node), right))
+
+
+def _information_root(graph: WitnessGraph, weights: tuple[FloatArray, FloatArray], at: DriveState) -> csc_array:
+    """(m, n) A of the normal equations A^T A, in gtsam's natural order of keys."""
+    rows, columns, values = graph.weighted(*weights).linear(at).sparseJacobian_()
+    of_unknowns = columns < columns.max()  # the last column is the right side
+    where = rows[of_unknowns].astype(np.int64) - 1, columns[of_unknowns].astype(np.int64) - 1
+    return csc_array((values[of_unknowns], where))
+
+
+def _rows(witnesses: IntArray) -> IntArray:
+    return np.asarray((3 * witnesses[:, None] + np.arange(3)).ravel())

@@ -1,0 +1,268 @@
+"""Versions of a map: written from what changed since the one before, in one transaction that flips the map's pointer.
+
+Tiles, regions and drives are rows that versions share: `since` the version that brought them, `until` the one that ended them. So a
+version costs what changed, and every version that is kept stays readable whole.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from sqlalchemy import ColumnElement, Update, delete, insert, select, tuple_, update
+from sqlalchemy.orm import Session
+
+from wayloom.errors import ConflictError
+from wayloom.store import maps
+from wayloom.store.database import now_s
+from wayloom.store.maps import Box
+from wayloom.store.tables import ChangedBox, Drive, Map, MapDrive, MapVersion, RegionRow, TileRow
+from wayloom.tiles.formats import SERVED_LAYERS
+
+OUT_OF_REACH = "lies too far from the map's origin for one grid: give it a map of its own (WAYLOOM_MAP_ID)"
+BATCH = 200
+"""Rows asked for by their keys in one statement: databases limit how many values one may have."""
+T = TypeVar("T")
+TileKey = tuple[str, int, int, int]
+"""Layer, zoom, column, row."""
+RegionKey = tuple[int, int]
+"""Column from the west, row from the south, of the grid of regions."""
+
+
+@dataclass(frozen=True, slots=True)
+class TileEntry:
+    """One tile: where it is and which blob it is."""
+
+    layer: str
+    z: int
+    x: int
+    y: int
+    digest: str
+    media_type: str
+    size: int
+
+    @property
+    def key(self) -> TileKey:
+        """Its address."""
+        return self.layer, self.z, self.x, self.y
+
+
+@dataclass(frozen=True, slots=True)
+class RegionEntry:
+    """One region: where it is, what it was made from (`RegionRow`), and which blob it is."""
+
+    east: int
+    north: int
+    inputs: str
+    digest: str
+    members: list[list[str]]
+    size: int
+
+    @property
+    def key(self) -> RegionKey:
+        """Its place in the grid."""
+        return self.east, self.north
+
+
+@dataclass(frozen=True, slots=True)
+class NewVersion:
+    """What publishing writes.
+
+    base           the version that the changes are against; 0: none
+    frame          longitude, latitude (degrees) and ellipsoidal height (m) of the map frame's origin
+    drives         all that are in the map
+    tiles, dropped_tiles      those that are new or another than in `base`, and those that are no more
+    regions, dropped_regions  likewise
+    taken_in       ids of the changed boxes that this version has taken in
+    out_of_reach   drives that lie too far from the frame's origin to be in it
+    """
+
+    base: int
+    frame: tuple[float, float, float]
+    drives: tuple[str, ...]
+    submap_count: int
+    bounds: Box | None
+    tiles: Sequence[TileEntry]
+    dropped_tiles: Sequence[TileKey] = ()
+    regions: Sequence[RegionEntry] = ()
+    dropped_regions: Sequence[RegionKey] = ()
+    taken_in: Sequence[int] = ()
+    facts: dict[str, Any] = field(default_factory=dict)
+    built_with: str = ""
+    out_of_reach: tuple[str, ...] = ()
+
+
+def publish(session: Session, map_id: str, new: NewVersion, kept: int) -> int:
+    """Write the next version, flip the map's pointer to it, and finish the drives that waited for it. Returns its number.
+
+    Raises ConflictError when another version than `new.base` is the newest by now.
+    """
+    before = maps.get(session, map_id).version
+    if before != new.base:
+        raise ConflictError(f"map {map_id!r}: version {before} was published while the changes of {new.base} were stitched")
+    number, now = before + 1, now_s(session)
+    counted = _replace_tiles(session, map_id, number, new)
+    _replace_regions(session, map_id, number, new)
+    _replace_drives(session, map_id, number, new.drives)
+    session.add(MapVersion(
+        map_id=map_id, version=number, created_at=now, frame=list(new.frame), built_with=new.built_with,
+        drive_count=len(new.drives), submap_count=new.submap_count, bounds=None if new.bounds is None else list(new.bounds),
+        layers=counted.layers, tile_count=counted.tiles, byte_count=counted.bytes, facts=new.facts,
+    ))  # fmt: skip
+    flipped = session.execute(
+        update(Map).where(Map.id == map_id, Map.version == before).values(version=number).returning(Map.id)
+    ).all()
+    if not flipped:
+        raise ConflictError(f"map {map_id!r}: another version was published meanwhile")
+    _finish_drives(session, map_id, new.out_of_reach, now)
+    for some in _batches(new.taken_in):
+        session.execute(delete(ChangedBox).where(ChangedBox.map_id == map_id, ChangedBox.id.in_(some)))
+    _forget(session, map_id, number - kept)
+    return number
+
+
+def current_tiles(session: Session, map_id: str, keys: Iterable[TileKey]) -> dict[TileKey, TileEntry]:
+    """Those of the newest version among these addresses."""
+    return {key: _entry(row) for key, row in _current_rows(session, map_id, keys).items()}
+
+
+def _current_rows(session: Session, map_id: str, keys: Iterable[TileKey]) -> dict[TileKey, TileRow]:
+    """By columns and rows of each layer's zoom, which the primary key finds; what else lies at their crossings is left out."""
+    wanted: dict[tuple[str, int], set[TileKey]] = {}
+    for key in keys:
+        wanted.setdefault(key[:2], set()).add(key)
+    found: dict[TileKey, TileRow] = {}
+    for (layer, z), members in sorted(wanted.items()):
+        for some in _batches(sorted(members, key=lambda key: key[2:])):
+            columns, rows = sorted({key[2] for key in some}), sorted({key[3] for key in some})
+            here = (TileRow.map_id == map_id, TileRow.layer == layer, TileRow.z == z, TileRow.x.in_(columns), TileRow.y.in_(rows))
+            for row in session.scalars(select(TileRow).where(*here, TileRow.until.is_(None))):
+                found[row.layer, row.z, row.x, row.y] = row
+    return {key: row for key, row in found.items() if key in wanted[key[:2]]}
+
+
+def _entry(row: TileRow) -> TileEntry:
+    return TileEntry(row.layer, row.z, row.x, row.y, row.digest, row.media_type, row.size)
+
+
+def all_current_tiles(session: Session, map_id: str) -> dict[TileKey, TileEntry]:
+    """All of the newest version."""
+    rows = session.scalars(select(TileRow).where(TileRow.map_id == map_id, TileRow.until.is_(None)))
+    return {entry.key: entry for entry in map(_entry, rows)}
+
+
+def current_regions(session: Session, map_id: str, keys: Iterable[RegionKey] | None = None) -> dict[RegionKey, RegionEntry]:
+    """Those of the newest version among these, or all."""
+    query = select(RegionRow).where(RegionRow.map_id == map_id, RegionRow.until.is_(None))
+    place = tuple_(RegionRow.east, RegionRow.north)
+    queries = [query] if keys is None else [query.where(place.in_(some)) for some in _batches(sorted(keys))]
+    rows = [row for one in queries for row in session.scalars(one)]
+    return {(row.east, row.north): RegionEntry(row.east, row.north, row.inputs, row.digest, row.members, row.size) for row in rows}
+
+
+def region_made_from(session: Session, map_id: str, key: RegionKey, inputs: str) -> RegionEntry | None:
+    """A region of any version that is kept, made from the same inputs."""
+    here = (RegionRow.map_id == map_id, RegionRow.east == key[0], RegionRow.north == key[1], RegionRow.inputs == inputs)
+    row = session.scalars(select(RegionRow).where(*here).limit(1)).first()
+    return None if row is None else RegionEntry(*key, row.inputs, row.digest, row.members, row.size)
+
+
+def changed_boxes(session: Session, map_id: str) -> dict[int, Box]:
+    """Where the map is to be stitched anew, by id of the row."""
+    rows = session.scalars(select(ChangedBox).where(ChangedBox.map_id == map_id).order_by(ChangedBox.id))
+    return {row.id: (row.min_lon, row.min_lat, row.max_lon, row.max_lat) for row in rows}
+
+
+def changes(session: Session, map_id: str, number: int) -> tuple[Sequence[TileRow], Sequence[TileRow]]:
+    """Of a version: the served tiles that it brought, and those that it ended without a new one in their place."""
+    served = (TileRow.map_id == map_id, TileRow.layer.in_(SERVED_LAYERS))
+    order = (TileRow.layer, TileRow.z, TileRow.x, TileRow.y)
+    new = session.scalars(select(TileRow).where(*served, TileRow.since == number).order_by(*order)).all()
+    replaced = {(row.layer, row.z, row.x, row.y) for row in new}
+    ended = session.scalars(select(TileRow).where(*served, TileRow.until == number).order_by(*order)).all()
+    return new, [row for row in ended if (row.layer, row.z, row.x, row.y) not in replaced]
+
+
+@dataclass(frozen=True, slots=True)
+class _Counted:
+    """layers as `MapVersion.layers`; tiles and bytes of all served layers."""
+
+    layers: dict[str, Any]
+    tiles: int
+    bytes: int
+
+
+def _replace_tiles(session: Session, map_id: str, number: int, new: NewVersion) -> _Counted:
+    """End the rows of tiles that go or change, write those that come, and count."""
+    before = session.get(MapVersion, (map_id, new.base)) if new.base else None
+    zooms: dict[str, dict[str, int]] = {} if before is None else {name: dict(it["zooms"]) for name, it in before.layers.items()}
+    types = {} if before is None else {name: it["media_type"] for name, it in before.layers.items()}
+    size = 0 if before is None else before.byte_count
+    ended = _current_rows(session, map_id, [*(entry.key for entry in new.tiles), *new.dropped_tiles])
+    for row in ended.values():
+        row.until = number
+    session.flush()
+    if new.tiles:
+        columns = [{name: getattr(entry, name) for name in TileEntry.__slots__} for entry in new.tiles]
+        session.execute(insert(TileRow), [{"map_id": map_id, "since": number, "until": None, **row} for row in columns])
+    for entries, step in ((map(_entry, ended.values()), -1), (new.tiles, 1)):
+        for entry in entries:
+            if entry.layer in SERVED_LAYERS:
+                by_zoom = zooms.setdefault(entry.layer, {})
+                by_zoom[str(entry.z)] = by_zoom.get(str(entry.z), 0) + step
+                types[entry.layer] = entry.media_type
+                size += step * entry.size
+    layers = {name: _layer(types[name], by_zoom) for name, by_zoom in sorted(zooms.items()) if any(by_zoom.values())}
+    return _Counted(layers, sum(layer["tiles"] for layer in layers.values()), size)
+
+
+def _layer(media_type: str, by_zoom: Mapping[str, int]) -> dict[str, Any]:
+    zooms = {zoom: count for zoom, count in sorted(by_zoom.items(), key=lambda item: int(item[0])) if count}
+    numbers = [int(zoom) for zoom in zooms]
+    about = {"min_zoom": min(numbers), "max_zoom": max(numbers), "media_type": media_type}
+    return {**about, "tiles": sum(zooms.values()), "zooms": zooms}
+
+
+def _replace_regions(session: Session, map_id: str, number: int, new: NewVersion) -> None:
+    ended = [*(entry.key for entry in new.regions), *new.dropped_regions]
+    for some in _batches(sorted(ended)):
+        here = (RegionRow.map_id == map_id, RegionRow.until.is_(None), tuple_(RegionRow.east, RegionRow.north).in_(some))
+        session.execute(update(RegionRow).where(*here).values(until=number))
+    if new.regions:
+        columns = [{name: getattr(entry, name) for name in RegionEntry.__slots__} for entry in new.regions]
+        session.execute(insert(RegionRow), [{"map_id": map_id, "since": number, "until": None, **row} for row in columns])
+
+
+def _replace_drives(session: Session, map_id: str, number: int, drives: Sequence[str]) -> None:
+    held = select(MapDrive.drive_id).where(MapDrive.map_id == map_id, MapDrive.until.is_(None))
+    before, after = set(session.scalars(held)), set(drives)
+    for some in _batches(sorted(before - after)):
+        gone = (MapDrive.map_id == map_id, MapDrive.until.is_(None), MapDrive.drive_id.in_(some))
+        session.execute(update(MapDrive).where(*gone).values(until=number))
+    came = [{"map_id": map_id, "drive_id": drive_id, "since": number, "until": None} for drive_id in sorted(after - before)]
+    if came:
+        session.execute(insert(MapDrive), came)
+
+
+def _forget(session: Session, map_id: str, newest: int) -> None:
+    """The versions up to this one, and the rows that none after it has."""
+    session.execute(delete(MapVersion).where(MapVersion.map_id == map_id, MapVersion.version <= newest))
+    for table in (TileRow, RegionRow, MapDrive):
+        session.execute(delete(table).where(table.map_id == map_id, table.until <= newest + 1))
+
+
+def _finish_drives(session: Session, map_id: str, out_of_reach: Sequence[str], now: float) -> None:
+    """Those that are in the map are done, also one whose own map job was given up; those out of its reach have failed."""
+    held = select(MapDrive.drive_id).where(MapDrive.map_id == map_id, MapDrive.until.is_(None))
+    taken_in = _stitched_drives(Drive.id.in_(held), "stitching", "failed")
+    session.execute(taken_in.values(state="done", error=None, finished_at=now))
+    left_out = _stitched_drives(Drive.id.in_(out_of_reach), "stitching", "done")
+    session.execute(left_out.values(state="failed", error=OUT_OF_REACH, finished_at=now))
+
+
+def _stitched_drives(which: ColumnElement[bool], *states: str) -> Update:
+    """An update of those of the drives that were given to the map and are in one of the states."""
+    return update(Drive).where(which, Drive.state.in_(states), Drive.stitch_job_id.is_not(None))
+
+
+def _batches(items: Sequence[T]) -> Iterable[Sequence[T]]:
+    return (items[start : start + BATCH] for start in range(0, len(items), BATCH))

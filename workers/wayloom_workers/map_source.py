@@ -1,0 +1,155 @@
+"""The map of a stitch as the source of its tiles: regions and counts by their blobs, tracks by the submaps' rows."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.geodesy import wgs84
+from wayloom.geodesy.antimeridian import box_of
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.stitching.regions import RegionKey, decode_region, region_edges, regions_within
+from wayloom.stitching.settings import HALO_M
+from wayloom.stitching.voxel_map import VoxelMap, joined_maps
+from wayloom.store import maps
+from wayloom.store.map_versions import current_regions
+from wayloom.store.maps import Box
+from wayloom.store.tables import SubmapRow
+from wayloom.submaps.submap import decode_submap
+from wayloom.tiles.grid import TILE_PX, TileAddress, pixel_from_lonlat, tile_bounds
+from wayloom.tiles.mvt import BUFFER, EXTENT, LonLatTrack
+from wayloom.tiles.settings import TileSettings
+from wayloom.tiles.updates import COUNTS_LAYER, ancestor, block_zoom, margin_px
+from wayloom_workers.map_state import MapState
+from wayloom_workers.stage_hooks import StageAttempt
+
+FloatArray = NDArray[np.float64]
+HELD_REGIONS: Final = 32
+TRACKS_TOGETHER: Final = 14
+"""The zoom whose tiles are asked for their tracks in one query."""
+EARTH_M: Final = 6_371_000.0
+STEEP_M: Final = 1000.0
+"""Heights above and below the ellipsoid of the frame's origin between which the map lies."""
+
+
+class MapSource:
+    """`wayloom.tiles.updates.PyramidSource` of one stitch.
+
+    new      regions that this stitch has made, by the digest of their blobs; dropped: those that are no more
+    """
+
+    def __init__(
+        self, attempt: StageAttempt, state: MapState, new: Mapping[RegionKey, str], dropped: Collection[RegionKey]
+    ) -> None:
+        self._context, self._map_id = attempt.context, str(attempt.claim.map_id)
+        self._frame, self._submaps, self._base = state.frame, state.submaps, 0 if state.whole else state.base
+        self._new, self._dropped = new, frozenset(dropped)
+        self._settings = attempt.context.settings.tiles
+        self._region = lru_cache(HELD_REGIONS)(self._decoded)
+
+    def voxels(self, block: TileAddress) -> VoxelMap:
+        """Those of the block and of its margin, region by region."""
+        box = tile_bounds(block)
+        keys = sorted(regions_of_box(box, self._frame))
+        digests = self._digests(keys)
+        found = joined_maps([self._region(digests[key]) for key in keys if key in digests], self._frame, self._voxel_m)
+        pixels = pixel_from_lonlat(wgs84.lonlatheight_from_enu(found.points_enu, self._frame)[:, :2], self._settings.max_zoom)
+        edge = TILE_PX << (self._settings.max_zoom - block.z)
+        low, margin = edge * np.array([block.x, block.y]), margin_px(self._settings)
+        inside = (pixels >= low - margin) & (pixels < low + edge + margin)
+        return found.take(inside[:, 0] & inside[:, 1])
+
+    def counts(self, address: TileAddress) -> bytes | None:
+        """The counts of the version before."""
+        if not self._base:
+            return None
+        with self._context.database.read() as session:
+            row = maps.tile(session, self._map_id, self._base, COUNTS_LAYER, *address)
+        return None if row is None else self._context.blobs.get(row.digest)
+
+    def tracks(self, addresses: Collection[TileAddress]) -> Sequence[LonLatTrack]:
+        """The pieces of road of the submaps near these tiles, by drive and time."""
+        found: dict[tuple[str, int, str], SubmapRow] = {}
+        with self._context.database.read() as session:
+            for box in _boxes(addresses):
+                rows = (row for row in maps.submaps(session, self._map_id, box) if (row.drive_id, row.position) in self._submaps)
+                found |= {(row.drive_id, row.track_t_ns, row.digest): row for row in rows}
+        return [LonLatTrack(key[0], self._track(found[key])) for key in sorted(found)]
+
+    def _track(self, row: SubmapRow) -> FloatArray:
+        """(K, 2) degrees; of a row that was written before rows had tracks, from its blob."""
+        if row.track:
+            return np.array(row.track, np.float64)
+        submap = decode_submap(self._context.blobs.get(row.digest), row.digest)
+        T = np.array(row.T_enu_submap, np.float64)
+        places = submap.T_submap_cam[:, :3, 3] @ T[:3, :3].T + T[:3, 3]
+        return wgs84.lonlatheight_from_enu(places, MapFrame(*row.frame))[:, :2]
+
+    @property
+    def _voxel_m(self) -> float:
+        return self._context.settings.merge.voxel_m
+
+    def _digests(self, keys: Sequence[RegionKey]) -> dict[RegionKey, str]:
+        with self._context.database.read() as session:
+            held = {} if not self._base else current_regions(session, self._map_id, set(keys) - self._new.keys() - self._dropped)
+        return {key: entry.digest for key, entry in held.items()} | {key: self._new[key] for key in keys if key in self._new}
+
+    def _decoded(self, digest: str) -> VoxelMap:
+        return decode_region(self._context.blobs.get(digest), digest)
+
+
+def regions_of_box(box: Box, frame: MapFrame) -> Iterator[RegionKey]:
+    """The regions on which what lies in a box of degrees may bear, and perhaps some beside them."""
+    low, high = enu_box(box, frame)
+    yield from regions_within(low, high)
+
+
+def blocks_of_box(box: Box, settings: TileSettings) -> set[TileAddress]:
+    """The blocks that show anything of a box of degrees."""
+    west, south, east, north = box
+    zoom = block_zoom(settings)
+    edge, world = TILE_PX << (settings.max_zoom - zoom), 1 << zoom
+    corners = pixel_from_lonlat(np.array([[west, north], [east - 360.0 if east > 180.0 else east, south]]), settings.max_zoom)
+    margin = margin_px(settings)
+    low, high = ((corners + np.array([[-margin], [margin]])) // edge).tolist()
+    turns = world if high[0] < low[0] else 0
+    columns = range(low[0], high[0] + turns + 1)
+    return {TileAddress(zoom, x % world, y) for y in range(max(low[1], 0), min(high[1], world - 1) + 1) for x in columns}
+
+
+def region_box(key: RegionKey, frame: MapFrame) -> Box:
+    """Degrees around a region, its halo included, whatever the height; across the antimeridian east is over 180."""
+    low, high = region_edges(key)
+    corners = _corners(low - HALO_M, high + HALO_M, (-STEEP_M, STEEP_M))
+    corners[:, 2] -= (corners[:, :2] ** 2).sum(axis=1) / (2.0 * EARTH_M)  # the plane leaves the Earth
+    return box_of(wgs84.lonlatheight_from_enu(corners, frame)[:, :2])
+
+
+def enu_box(box: Box, frame: MapFrame) -> tuple[FloatArray, FloatArray]:
+    """Two corners (2,), m east and north, around a box of degrees, whatever the height."""
+    west, south, east, north = box
+    edge = _corners(np.array([west, south]), np.array([east, north]), (frame.height_m - STEEP_M, frame.height_m + STEEP_M))
+    edge[:, 0] = np.where(edge[:, 0] > 180.0, edge[:, 0] - 360.0, edge[:, 0])
+    places = wgs84.enu_from_lonlatheight(edge, frame)[:, :2]
+    return places.min(axis=0), places.max(axis=0)
+
+
+def _corners(low: FloatArray, high: FloatArray, heights: tuple[float, float]) -> FloatArray:
+    """(18, 3): a grid over a box at two heights. Edges of some hundred metres bend by far less than the halo."""
+    grid = np.array([[x, y, h] for h in heights for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0)])
+    grid[:, :2] = low + grid[:, :2] * (high - low)
+    return grid
+
+
+def _boxes(addresses: Collection[TileAddress]) -> Iterator[Box]:
+    """Boxes around all tiles that lie in one coarser tile, with the buffer around them."""
+    groups: dict[TileAddress, list[TileAddress]] = {}
+    for address in addresses:
+        groups.setdefault(ancestor(address, min(address.z, TRACKS_TOGETHER)), []).append(address)
+    for members in groups.values():
+        bounds = np.array([tile_bounds(address) for address in members])
+        low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
+        margin = BUFFER / EXTENT * (bounds[0, 2:] - bounds[0, :2]) * 1.01
+        yield (*(low - margin).tolist(), *(high + margin).tolist())

@@ -1,0 +1,133 @@
+"""Merge of the changed regions of a map, by one worker or, in parts, by several."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from wayloom.files.atomic import write_atomically
+from wayloom.geodesy import wgs84
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.georeference.uncertainty import moved_covariance
+from wayloom.pipeline.digests import sha256_of_json
+from wayloom.stitching.regions import RegionKey, encode_region, fuse_region
+from wayloom.store import map_versions, maps
+from wayloom.store.map_versions import RegionEntry
+from wayloom.store.tables import SubmapRow
+from wayloom.submaps.submap import PlacedSubmap, Submap, decode_submap
+from wayloom_workers.map_source import region_box, regions_of_box
+from wayloom_workers.map_state import MapState, read_state
+from wayloom_workers.stage_hooks import StageAttempt, StageParts
+
+HELD_SUBMAPS: Final = 64
+REGIONS_OF_PART: Final = 32
+"""Neighbours, so that a part decodes few submaps of another's; fewer changed regions than two parts' are merged by one worker."""
+PLAN_FILE, PART_FILE = "plan.json", "regions.json"
+
+
+def changed_regions(state: MapState) -> list[RegionKey]:
+    """The regions that are to be looked through, sorted: columns of neighbours."""
+    return sorted({key for box in state.changed for key in regions_of_box(box, state.frame)})
+
+
+class Merger:
+    """Merges regions, with the submaps that neighbours share decoded once."""
+
+    def __init__(self, attempt: StageAttempt, state: MapState) -> None:
+        self._context, self._map_id, self._state = attempt.context, str(attempt.claim.map_id), state
+        self._submap = lru_cache(HELD_SUBMAPS)(self._decoded)
+        self._T_map_cell = lru_cache(64)(lambda cell: wgs84.T_enu_enu(state.frame, MapFrame(*cell)))
+
+    def rows(self, key: RegionKey) -> list[SubmapRow]:
+        """The submaps that may bear on a region: whose boxes touch its own. Sorted."""
+        with self._context.database.read() as session:
+            rows = maps.submaps(session, self._map_id, region_box(key, self._state.frame))
+        return [row for row in rows if (row.drive_id, row.position) in self._state.submaps]
+
+    def inputs(self, rows: Sequence[SubmapRow]) -> str:
+        """Digest of all that a region is made from."""
+        places = [[row.drive_id, row.digest, row.frame, row.T_enu_submap, row.covariance] for row in rows]
+        return sha256_of_json({"with": self._state.built_with, "submaps": places})
+
+    def region(self, key: RegionKey, rows: Sequence[SubmapRow], inputs: str) -> RegionEntry | None:
+        """The region, stored; one of a version that is kept, where it was made from the same; None when nothing lies in it."""
+        with self._context.database.read() as session:
+            again = map_versions.region_made_from(session, self._map_id, key, inputs)
+        if again is not None and self._context.blobs.has(again.digest):
+            return again
+        voxels = fuse_region(key, self._placed(rows), self._context.settings.merge).layers["static"]
+        if not len(voxels):
+            return None
+        data = encode_region(voxels)
+        members = sorted([row.drive_id, row.digest] for row in rows)
+        return RegionEntry(*key, inputs, self._context.blobs.put(data), members, len(data))
+
+    def _placed(self, rows: Sequence[SubmapRow]) -> Iterator[PlacedSubmap]:
+        """The submaps in the map's frame."""
+        for row in rows:
+            T_map_cell = self._T_map_cell(tuple(row.frame))
+            covariance = moved_covariance(T_map_cell, np.array(row.covariance, np.float64)[None])[0]
+            yield PlacedSubmap(self._submap(row.digest), self._T_map_submap(row), covariance, row.drive_id, self._state.frame)
+
+    def _T_map_submap(self, row: SubmapRow) -> np.ndarray:
+        moved: np.ndarray = self._T_map_cell(tuple(row.frame)) @ np.array(row.T_enu_submap, np.float64)
+        return moved
+
+    def _decoded(self, digest: str) -> Submap:
+        return decode_submap(self._context.blobs.get(digest), digest)
+
+
+class RegionParts:
+    """The regions of a stitch in parts. What a part leaves is named by what it was made from, so it may be older than the stitch
+    that reads it."""
+
+    def __init__(self, attempt: StageAttempt, folder: Path) -> None:
+        self._attempt, self._folder = attempt, folder
+
+    def of_stage(self) -> StageParts:
+        """How workers make them."""
+        return StageParts(self._folder, self._missing, self._has, self._make, lambda part: self._folder / str(part))
+
+    def made(self) -> dict[RegionKey, RegionEntry]:
+        """What finished parts have left."""
+        lists = (json.loads(path.read_text(encoding="utf-8")) for path in sorted(self._folder.glob(f"*/{PART_FILE}")))
+        entries = (RegionEntry(**entry) for found in lists for entry in found)
+        return {entry.key: entry for entry in entries}
+
+    def _state(self) -> MapState:
+        with self._attempt.context.database.read() as session:
+            return read_state(session, str(self._attempt.claim.map_id), self._attempt.context.settings)
+
+    def _missing(self) -> list[int]:
+        """The parts of the plan, written down at the first look, that are not there."""
+        plan = self._folder / PLAN_FILE
+        if not plan.is_file():
+            keys = changed_regions(self._state())
+            parts = [keys[start : start + REGIONS_OF_PART] for start in range(0, len(keys), REGIONS_OF_PART)]
+            if len(parts) < 2:
+                return []
+            self._folder.mkdir(parents=True, exist_ok=True)
+            write_atomically(plan, json.dumps(parts).encode())
+        return [number for number, _ in enumerate(self._plan(), 1) if not self._has(number)]
+
+    def _plan(self) -> list[list[RegionKey]]:
+        found = json.loads((self._folder / PLAN_FILE).read_text(encoding="utf-8"))
+        return [[(east, north) for east, north in part] for part in found]
+
+    def _has(self, part: int) -> bool:
+        return (self._folder / str(part) / PART_FILE).is_file()
+
+    def _make(self, part: int) -> None:
+        merger, keys = Merger(self._attempt, self._state()), self._plan()[part - 1]
+        found = []
+        for count, key in enumerate(keys):
+            self._attempt.progress(count / len(keys), f"region {count + 1} of {len(keys)}")
+            rows = merger.rows(key)
+            entry = merger.region(key, rows, merger.inputs(rows)) if rows else None
+            if entry is not None:
+                found.append(asdict(entry))
+        write_atomically(self._attempt.out_dir / PART_FILE, json.dumps(found).encode())
