@@ -11,11 +11,11 @@ from wayloom.config.classes import MOVING_CLASSES, SKY, VOID
 from wayloom.stitching.layers import MOVING, PARKED, STATIC, UNCONFIRMED
 from wayloom.stitching.merge import merge
 from wayloom.stitching.points import Box, canonical, map_points, point_covariance
-from wayloom.stitching.regions import RegionKey, fuse_region, fused_points, regions_of
+from wayloom.stitching.regions import fuse_region, fused_points, regions_of
 from wayloom.stitching.settings import MergeSettings
 
 SETTINGS = MergeSettings()
-WHOLE = MergeSettings(region_m=1e6)
+WHOLE_M = 1e6
 EVERYWHERE = Box(*(np.full(2, side * 1e6) for side in (-1, 1, -1, 1)))
 
 
@@ -67,8 +67,20 @@ def test_an_unsure_point_that_nothing_confirms_is_kept_out_of_the_published_laye
     assert layer.tolist() == [UNCONFIRMED, STATIC]
     _, _, layer = fused_of([one, dataclasses.replace(one, drive_id="b")])
     assert layer.tolist() == [STATIC] * 4
-    region = fuse_region(sorted(regions_of(one, WHOLE))[0], [one], WHOLE)
+    region = fuse_region(sorted(regions_of(one, SETTINGS, WHOLE_M))[0], [one], SETTINGS, WHOLE_M)
     assert len(region.layers["unconfirmed"]) == 1
+
+
+def test_a_lone_point_before_a_wall_that_its_ray_meets_waits_for_another_drive():
+    base = street_submap(0, 1500)
+    xyz, variance, label = base.submap.xyz.copy(), base.submap.variance.copy(), base.submap.label.copy()
+    xyz[0], variance[0], label[0] = [9.0, 10.0, 2.0], 0.1**2, BUILDING
+    one = dataclasses.replace(base, submap=dataclasses.replace(base.submap, xyz=xyz, variance=variance, label=label), drive_id="a")
+    _, fused, layer = fused_of([one])
+    assert fused.refuted[0]
+    assert layer[0] == UNCONFIRMED
+    _, _, layer = fused_of([one, dataclasses.replace(one, drive_id="b")])
+    assert layer[0] == STATIC
 
 
 def test_parked_cars_have_a_layer_and_persons_none():
@@ -110,18 +122,18 @@ def test_every_point_is_in_one_layer_or_left_out():
 
 
 def _only_region(placed):
-    key = RegionKey(*np.floor(placed[0].T_enu_submap[:2, 3] / 1e6).astype(int).tolist())
-    return key, placed, WHOLE
+    east, north = np.floor(placed[0].T_enu_submap[:2, 3] / WHOLE_M).astype(int).tolist()
+    return (east, north), placed, SETTINGS, WHOLE_M
 
 
-def test_drives_that_see_a_place_vote_together():
-    """Two say wall with weight 1, one says building with 1.5: the fleet says wall. They need not meet in one voxel."""
+def voters(labels_and_weights, step_m):
+    """Drives with one point each, step_m apart."""
     base = random_submap(0, 1)
     placed = []
-    for drive, (label, weight) in enumerate([(3, 1.0), (3, 1.0), (2, 1.5)]):
+    for drive, (label, weight) in enumerate(labels_and_weights):
         submap = dataclasses.replace(
             base.submap,
-            xyz=np.array([[0.012 * drive, 0.0, 0.0]], np.float32),
+            xyz=np.array([[step_m * drive, 0.0, 0.0]], np.float32),
             label=np.array([label], np.uint8),
             variance=np.array([0.01], np.float32),
             vote_start=np.array([0, 1], np.uint32),
@@ -129,10 +141,25 @@ def test_drives_that_see_a_place_vote_together():
             vote_weight=np.array([weight], np.float32),
         )
         placed.append(dataclasses.replace(base, submap=submap, drive_id=f"d{drive}", T_enu_submap=np.eye(4)))
-    merged = merge(placed, MergeSettings(voxel_m=0.01))
-    assert merged.label.tolist() == [3, 3, 3]
-    assert merged.drives.tolist() == [3, 3, 3]
-    assert merged.confidence[0] == pytest.approx(2.0 / 3.5, abs=0.02)
+    return placed
+
+
+def test_drives_that_see_a_place_vote_together():
+    """Two say wall with weight 1, one says building with 1.5: the fleet says wall."""
+    merged = merge(voters([(3, 1.0), (3, 1.0), (2, 1.5)], 0.0))
+    assert merged.label.tolist() == [3]
+    assert merged.drives.tolist() == [3]
+    assert merged.confidence[0] == pytest.approx(2.0 / 3.5)
+
+
+def test_drives_outvote_a_voxel_that_they_have_no_point_in():
+    """Beside it they weigh a quarter each, less by how far off they are."""
+    merged = merge(voters([(2, 1.0)] + [(3, 1.0)] * 6, 0.011), MergeSettings(voxel_m=0.01))
+    assert len(merged) == 7
+    assert set(merged.label.tolist()) == {3}
+    assert set(merged.drives.tolist()) == {7}
+    alone = merge(voters([(2, 1.0)] + [(3, 1.0)] * 2, 0.011), MergeSettings(voxel_m=0.01))
+    assert alone.label.tolist() == [2, 3, 3]
 
 
 def test_a_certain_point_pulls_the_mean_more_than_an_uncertain_one():

@@ -15,24 +15,34 @@ from wayloom.geodesy.map_frame import MapFrame
 from wayloom.stitching.layers import LAYERS
 from wayloom.stitching.merge import merge
 from wayloom.stitching.points import canonical
-from wayloom.stitching.regions import RegionKey, fuse_region, halo_m, region_inputs_digest, regions_of, whole_map
+from wayloom.stitching.regions import (
+    REGION_M,
+    fuse_region,
+    region_inputs_digest,
+    regions_of,
+    regions_within,
+    whole_map,
+)
 from wayloom.stitching.settings import MergeSettings
 
-SMALL = MergeSettings(region_m=8.0)
-WHOLE = MergeSettings(region_m=1e6)
+OPTIONS = MergeSettings()
+SMALL, WHOLE = 8.0, 1e6
+"""Edges of regions, m."""
 STREET = [street_submap(seed, 800) for seed in range(6)]
 
 
-def all_layers(placed, options):
-    keys = sorted({key for item in placed for key in regions_of(item, options)})
-    regions = [fuse_region(key, [item for item in placed if key in regions_of(item, options)], options) for key in keys]
-    return [whole_map(regions, placed[0].frame, options, layer) for layer in LAYERS]
+def all_layers(placed, edge_m):
+    keys = sorted({key for item in placed for key in regions_of(item, OPTIONS, edge_m)})
+    regions = [
+        fuse_region(key, [item for item in placed if key in regions_of(item, OPTIONS, edge_m)], OPTIONS, edge_m) for key in keys
+    ]
+    return [whole_map(regions, placed[0].frame, OPTIONS, layer) for layer in LAYERS]
 
 
 @given(st.permutations(range(6)))
 @settings(max_examples=5, deadline=None)
 def test_the_order_of_arrival_changes_no_bit(order):
-    assert_identical(merge([STREET[i] for i in order], SMALL), merge(STREET, SMALL))
+    assert_identical(merge([STREET[i] for i in order], OPTIONS, SMALL), merge(STREET, OPTIONS, SMALL))
 
 
 def test_the_union_of_small_regions_is_what_one_great_region_gives():
@@ -48,55 +58,62 @@ def test_a_map_without_a_drive_is_the_map_that_never_had_it():
     for item in far:
         item.T_enu_submap[1, 3] += 20.0
     others = [item for item in STREET if item.drive_id != "drive-1"]
-    keys = {key for item in STREET + far for key in regions_of(item, SMALL)}
-    touched = {key for item in STREET if item.drive_id == "drive-1" for key in regions_of(item, SMALL)}
+    keys = {key for item in STREET + far for key in regions_of(item, OPTIONS, SMALL)}
+    touched = {key for item in STREET if item.drive_id == "drive-1" for key in regions_of(item, OPTIONS, SMALL)}
     assert touched < keys
     for key in sorted(keys):
-        same = region_inputs_digest(key, STREET + far, SMALL) == region_inputs_digest(key, others + far, SMALL)
+        same = region_inputs_digest(key, STREET + far, OPTIONS, SMALL) == region_inputs_digest(key, others + far, OPTIONS, SMALL)
         assert same == (key not in touched)
         if same:
-            with_it, without = fuse_region(key, STREET + far, SMALL), fuse_region(key, others + far, SMALL)
+            with_it, without = fuse_region(key, STREET + far, OPTIONS, SMALL), fuse_region(key, others + far, OPTIONS, SMALL)
             for layer in LAYERS:
                 assert_identical(with_it.layers[layer], without.layers[layer])
-    whole, without = merge(STREET + far, SMALL), merge(others + far, SMALL)
+    whole, without = merge(STREET + far, OPTIONS, SMALL), merge(others + far, OPTIONS, SMALL)
     assert "drive-1" in whole.drive_ids
     assert "drive-1" not in without.drive_ids
-    assert_identical(merge([item for item in (STREET + far)[::-1] if item.drive_id != "drive-1"], SMALL), without)
+    assert_identical(merge([item for item in (STREET + far)[::-1] if item.drive_id != "drive-1"], OPTIONS, SMALL), without)
 
 
 def test_a_region_asks_for_no_submap_that_does_not_reach_it():
-    for key in sorted({key for item in STREET for key in regions_of(item, SMALL)})[::3]:
-        near = [item for item in STREET if key in regions_of(item, SMALL)]
+    for key in sorted({key for item in STREET for key in regions_of(item, OPTIONS, SMALL)})[::3]:
+        near = [item for item in STREET if key in regions_of(item, OPTIONS, SMALL)]
         for layer in LAYERS:
-            assert_identical(fuse_region(key, STREET, SMALL).layers[layer], fuse_region(key, near, SMALL).layers[layer])
+            assert_identical(
+                fuse_region(key, STREET, OPTIONS, SMALL).layers[layer], fuse_region(key, near, OPTIONS, SMALL).layers[layer]
+            )
 
 
 def test_a_submap_reaches_the_regions_within_the_halo_of_its_points():
     item = random_submap(0, 1)
     p = item.points_enu()[0]
-    options = MergeSettings(region_m=64.0)
-    halo = halo_m(options)
+    halo = OPTIONS.halo_m
     expected = {
-        RegionKey(int(np.floor((p[0] + dx) / 64.0)), int(np.floor((p[1] + dy) / 64.0)))
+        (int(np.floor((p[0] + dx) / REGION_M)), int(np.floor((p[1] + dy) / REGION_M)))
         for dx in (-halo, halo)
         for dy in (-halo, halo)
     }
-    assert regions_of(item, options) == expected
+    assert regions_of(item) == expected
+    assert expected <= set(regions_within(p[:2], p[:2]))
+
+
+def test_settings_that_reach_beyond_the_halo_are_refused():
+    with pytest.raises(ValueError, match="from 14"):
+        MergeSettings(reach_m=5.0)
 
 
 def test_what_a_region_is_made_from_has_a_digest_of_its_own():
-    key = sorted(regions_of(STREET[0], SMALL))[0]
-    base = region_inputs_digest(key, STREET, SMALL)
+    key = sorted(regions_of(STREET[0], OPTIONS, SMALL))[0]
+    base = region_inputs_digest(key, STREET, OPTIONS, SMALL)
     moved = dataclasses.replace(STREET[0], T_enu_submap=STREET[0].T_enu_submap + np.eye(4)[:, [3]] @ np.array([[0, 0, 0, 0.01]]))
     surer = dataclasses.replace(STREET[0], covariance=STREET[0].covariance * 0.5)
-    assert region_inputs_digest(key, STREET[::-1] + STREET[:1], SMALL) == base
-    assert region_inputs_digest(key, [surer, *STREET[1:]], SMALL) != base
-    assert region_inputs_digest(key, [dataclasses.replace(moved, drive_id="other"), *STREET[1:]], SMALL) != base
-    assert region_inputs_digest(key, STREET, SMALL.model_copy(update={"reach_m": 1.0})) != base
+    assert region_inputs_digest(key, STREET[::-1] + STREET[:1], OPTIONS, SMALL) == base
+    assert region_inputs_digest(key, [surer, *STREET[1:]], OPTIONS, SMALL) != base
+    assert region_inputs_digest(key, [dataclasses.replace(moved, drive_id="other"), *STREET[1:]], OPTIONS, SMALL) != base
+    assert region_inputs_digest(key, STREET, OPTIONS.model_copy(update={"reach_m": 1.0}), SMALL) != base
 
 
 def test_a_submap_that_comes_twice_counts_once():
-    assert_identical(merge(STREET + STREET[::-1], SMALL), merge(STREET, SMALL))
+    assert_identical(merge(STREET + STREET[::-1], OPTIONS, SMALL), merge(STREET, OPTIONS, SMALL))
     assert len(canonical(STREET + STREET)) == len(STREET)
 
 

@@ -13,8 +13,7 @@ from wayloom.geodesy.map_frame import MapFrame
 from wayloom.stitching.layers import LAYERS, STATIC
 from wayloom.stitching.region_files import decode_region
 from wayloom.stitching.regions import RegionKey, region_edges, regions_within
-from wayloom.stitching.settings import MergeSettings
-from wayloom.stitching.voxel_map import VoxelMap, union
+from wayloom.stitching.voxel_map import VoxelMap, joined_maps
 from wayloom.store import maps
 from wayloom.store.map_versions import current_regions
 from wayloom.store.maps import Box
@@ -53,9 +52,9 @@ class MapSource:
     def voxels(self, block: TileAddress) -> VoxelMap:
         """Those of the block and of its margin, region by region."""
         box = tile_bounds(block)
-        keys = sorted(regions_of_box(box, self._frame, self._context.settings.merge))
+        keys = sorted(regions_of_box(box, self._frame))
         digests = self._digests(keys)
-        found = union([self._region(digests[key]) for key in keys if key in digests], self._frame, self._voxel_m)
+        found = joined_maps([self._region(digests[key]) for key in keys if key in digests], self._frame, self._voxel_m)
         pixels = pixel_from_lonlat(wgs84.lonlatheight_from_enu(found.points_enu, self._frame)[:, :2], self._settings.max_zoom)
         edge = TILE_PX << (self._settings.max_zoom - block.z)
         low, margin = edge * np.array([block.x, block.y]), margin_px(self._settings)
@@ -95,7 +94,7 @@ class MapSource:
     def _digests(self, keys: Sequence[RegionKey]) -> dict[RegionKey, str]:
         with self._context.database.read() as session:
             held = {} if not self._base else current_regions(session, self._map_id, set(keys) - self._new.keys() - self._dropped)
-        kept = {RegionKey(*key): entry.digest for key, entry in held.items()}
+        kept = {key: entry.digest for key, entry in held.items()}
         return kept | {key: self._new[key] for key in keys if key in self._new}
 
     def _decoded(self, digest: str) -> VoxelMap:
@@ -103,10 +102,10 @@ class MapSource:
         return decode_region(self._context.blobs.get(digest), digest).layers[LAYERS[STATIC]]
 
 
-def regions_of_box(box: Box, frame: MapFrame, settings: MergeSettings) -> Iterator[RegionKey]:
+def regions_of_box(box: Box, frame: MapFrame) -> Iterator[RegionKey]:
     """The regions that what lies in a box of degrees may change, and perhaps some beside them."""
     low, high = enu_box(box, frame)
-    yield from regions_within(low, high, settings)
+    yield from regions_within(low, high)
 
 
 def blocks_of_box(box: Box, settings: TileSettings) -> set[TileAddress]:
@@ -122,9 +121,10 @@ def blocks_of_box(box: Box, settings: TileSettings) -> set[TileAddress]:
     return {TileAddress(zoom, x % world, y) for y in range(max(low[1], 0), min(high[1], world - 1) + 1) for x in columns}
 
 
-def region_box(key: RegionKey, frame: MapFrame, settings: MergeSettings, around_m: float) -> Box:
+def region_box(key: RegionKey, frame: MapFrame, around_m: float) -> Box:
     """Degrees around a region and so much more, whatever the height; across the antimeridian east is over 180."""
-    corners = _corners(*region_edges(key, settings, around_m), (-STEEP_M, STEEP_M))
+    low, high = region_edges(key)
+    corners = _corners(low - around_m, high + around_m, (-STEEP_M, STEEP_M))
     corners[:, 2] -= (corners[:, :2] ** 2).sum(axis=1) / (2.0 * EARTH_M)  # the plane leaves the Earth
     return box_of(wgs84.lonlatheight_from_enu(corners, frame)[:, :2])
 

@@ -1,4 +1,4 @@
-"""What a stitch starts from: the newest version, where the map has changed since, its frame, and the drives within reach."""
+"""State of a map that a stitch starts from: newest version, changed places, frame, and the drives within reach."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

@@ -15,8 +15,8 @@ from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.uncertainty import moved_covariance
 from wayloom.pipeline.digests import sha256_of_json
 from wayloom.stitching.region_files import encode_region
-from wayloom.stitching.regions import RegionKey, fuse_region, halo_m
-from wayloom.stitching.settings import MergeSettings
+from wayloom.stitching.regions import RegionKey, fuse_region
+from wayloom.stitching.settings import HALO_M
 from wayloom.store import map_versions, maps
 from wayloom.store.map_versions import MovedSubmap, RegionEntry
 from wayloom.submaps.submap import PlacedSubmap, Submap, decode_submap
@@ -40,9 +40,9 @@ def aligned_state(attempt: StageAttempt) -> MapState:
     return state.aligned(align(attempt, state.frame, changed, state.submaps))
 
 
-def changed_regions(state: MapState, settings: MergeSettings) -> list[RegionKey]:
+def changed_regions(state: MapState) -> list[RegionKey]:
     """The regions that are to be looked through, sorted: columns of neighbours."""
-    return sorted({key for box in state.changed for key in regions_of_box(box, state.frame, settings)})
+    return sorted({key for box in state.changed for key in regions_of_box(box, state.frame)})
 
 
 class Merger:
@@ -55,8 +55,7 @@ class Merger:
 
     def rows(self, key: RegionKey) -> list[PlacedRow]:
         """The submaps that may bear on a region: whose boxes touch its own. Sorted."""
-        settings = self._context.settings.merge
-        box = region_box(key, self._state.frame, settings, halo_m(settings))
+        box = region_box(key, self._state.frame, HALO_M)
         with self._context.database.read() as session:
             return self._state.rows(session, self._map_id, box)
 
@@ -108,7 +107,7 @@ class RegionParts:
         """What finished parts have left."""
         lists = (json.loads(path.read_text(encoding="utf-8")) for path in sorted(self._folder.glob(f"*/{PART_FILE}")))
         entries = (RegionEntry(**entry) for found in lists for entry in found)
-        return {RegionKey(*entry.key): entry for entry in entries}
+        return {entry.key: entry for entry in entries}
 
     def _state(self) -> MapState:
         """The state that the plan was made for; without one, as it is."""
@@ -125,7 +124,7 @@ class RegionParts:
         plan = self._folder / PLAN_FILE
         if not plan.is_file():
             state = self._state()
-            keys = changed_regions(state, self._attempt.context.settings.merge)
+            keys = changed_regions(state)
             parts = [keys[start : start + REGIONS_OF_PART] for start in range(0, len(keys), REGIONS_OF_PART)]
             if len(parts) < 2:
                 return []
@@ -136,7 +135,7 @@ class RegionParts:
 
     def _plan(self) -> list[list[RegionKey]]:
         found = json.loads((self._folder / PLAN_FILE).read_text(encoding="utf-8"))
-        return [[RegionKey(*key) for key in part] for part in found]
+        return [[(east, north) for east, north in part] for part in found]
 
     def _has(self, part: int) -> bool:
         return (self._folder / str(part) / PART_FILE).is_file()

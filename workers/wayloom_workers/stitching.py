@@ -64,13 +64,12 @@ def _merged_regions(
     attempt: StageAttempt, state: MapState, ready: Mapping[RegionKey, RegionEntry]
 ) -> tuple[list[RegionEntry], list[RegionKey]]:
     """The regions that are new or made from other submaps than before, and those that are no more."""
-    settings = attempt.context.settings.merge
-    keys = changed_regions(state, settings)
+    keys = changed_regions(state)
     with attempt.context.database.read() as session:
         kept = map_versions.current_regions(session, str(attempt.claim.map_id), None if state.whole else keys)
     merger = Merger(attempt, state)
     made: list[RegionEntry] = []
-    gone = sorted(RegionKey(*key) for key in kept.keys() - set(keys)) if state.whole else []
+    gone = sorted(kept.keys() - set(keys)) if state.whole else []
     for count, key in enumerate(keys):
         attempt.progress(ALIGNED_SHARE + (FUSED_SHARE - ALIGNED_SHARE) * count / len(keys), f"region {count + 1} of {len(keys)}")
         rows = merger.rows(key)
@@ -92,10 +91,9 @@ def _cut_tiles(
 ) -> tuple[list[TileEntry], list[TileKey]]:
     """The tiles that are new or other than before, and the addresses of those that have nothing to show any more."""
     settings = attempt.context.settings.tiles
-    source = MapSource(attempt, state, {RegionKey(*entry.key): entry.digest for entry in regions}, dropped)
-    merge = attempt.context.settings.merge
-    squares = [RegionKey(*key) for key in [*(entry.key for entry in regions), *dropped]]
-    places = [*state.changed, *(region_box(key, state.frame, merge, around_m=0.0) for key in squares)]
+    source = MapSource(attempt, state, {entry.key: entry.digest for entry in regions}, dropped)
+    squares = [*(entry.key for entry in regions), *dropped]
+    places = [*state.changed, *(region_box(key, state.frame, around_m=0.0) for key in squares)]
     changed = set().union(*(blocks_of_box(box, settings) for box in places))
     with attempt.context.database.read() as session:
         if state.whole:

@@ -10,7 +10,7 @@ from wayloom.config.classes import CLASS_ID
 from wayloom.stitching.grid import hash_table, lowest, neighbour_steps, pack_cells
 from wayloom.stitching.kernels import surfaces
 from wayloom.stitching.points import MapPoints
-from wayloom.stitching.settings import MergeSettings
+from wayloom.stitching.settings import FITS, MergeSettings
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -20,8 +20,6 @@ GROUPS: Final = {GROUND: ("road", "sidewalk", "terrain"), UPRIGHT: ("building", 
 GROUP_OF_CLASS: Final = np.zeros(256, np.int64)
 for _group, _names in GROUPS.items():
     GROUP_OF_CLASS[[CLASS_ID[name] for name in _names]] = _group
-FITS: Final = 3
-"""Planes are fitted so often, each time to points weighted by their distance from the plane before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +43,14 @@ class FusedPoints:
 
     xyz       (P, 3) m; variance (P,) m^2, along the normal where there is a surface, else along the worst axis
     surface   (P,) row of the plane that the point lies on, -1: none
+    refuted   (P,) whether it lies on none, and its ray crosses one within `reach_m`: surfaces are opaque, and seen where they are
     planes    the surfaces
     """
 
     xyz: FloatArray
     variance: FloatArray
     surface: IntArray
+    refuted: NDArray[np.bool_]
     planes: Planes
 
 
@@ -98,4 +98,27 @@ def fuse(points: MapPoints, settings: MergeSettings) -> FusedPoints:
         variance,
         surface,
     )
-    return FusedPoints(fused, variance, surface, planes)
+    return FusedPoints(fused, variance, surface, _refuted(points, surface, planes, settings), planes)
+
+
+def _refuted(points: MapPoints, surface: IntArray, planes: Planes, settings: MergeSettings) -> NDArray[np.bool_]:
+    group = GROUP_OF_CLASS[points.label]
+    rows = np.flatnonzero((surface < 0) & (group != NO_SURFACE))
+    crossed = np.zeros(len(rows), np.bool_)
+    surfaces.crossing(
+        rows,
+        points.xyz,
+        group,
+        points.ray,
+        planes.key,
+        planes.table,
+        planes.low,
+        neighbour_steps(),
+        planes.plane,
+        settings.surface_cell_m,
+        settings.reach_m,
+        crossed,
+    )
+    out = np.zeros(len(points), np.bool_)
+    out[rows] = crossed
+    return out

@@ -22,13 +22,13 @@ def layers_of(points: MapPoints, fused: FusedPoints, settings: MergeSettings) ->
     """(P,) row of LAYERS.
 
     A vehicle's point is parked where its drive saw vehicles around it for `standing_s`. A static point is published when it lies
-    on a surface, when its own sigma is small, or when a point of another drive lies beside it.
+    on a surface, when a point of another drive lies beside it, or when its own sigma is small and no surface refutes it.
     """
     vehicle = np.isin(points.label, VEHICLES)
     out = np.full(len(points), STATIC, np.int8)
     rows = np.flatnonzero(vehicle)
     out[rows] = np.where(_standing_s(points, rows) >= settings.standing_s, PARKED, MOVING)
-    lone = np.flatnonzero(~vehicle & (fused.surface < 0) & (points.sigma2 > settings.lone_sigma_m**2))
+    lone = np.flatnonzero(~vehicle & (fused.surface < 0) & (fused.refuted | (points.sigma2 > settings.lone_sigma_m**2)))
     out[lone[~_beside_another_drive(points, fused, settings)[lone]]] = UNCONFIRMED
     return out
 

@@ -9,7 +9,7 @@ from wayloom.errors import InputError
 from wayloom.files.blob import decode_blob, encode_blob
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.stitching.layers import LAYERS
-from wayloom.stitching.regions import RegionKey, RegionMap
+from wayloom.stitching.regions import RegionMap
 from wayloom.stitching.voxel_map import VoxelMap
 
 MAGIC: Final = b"WLREGION"
@@ -42,7 +42,8 @@ def decode_region(data: bytes, name: str = "region") -> RegionMap:
     try:
         header, arrays = decode_blob(data, MAGIC, VERSION, DTYPES)
         layers = {layer: _layer(layer, header, arrays) for layer in LAYERS}
-        return RegionMap(RegionKey(*header["key"]), layers)
+        east, north = header["key"]
+        return RegionMap((int(east), int(north)), layers)
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"is no region or is damaged ({error})", file=name, remedy="have the map stitched anew") from error
 

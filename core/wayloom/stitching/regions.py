@@ -1,27 +1,28 @@
 """Regions of the map: squares of the grid, each a pure function of the set of submaps around it.
 
-What is fused at a place depends on the points within `halo_m` of it and on nothing else. All sums are of whole numbers or run in
-the canonical order of drive, digest and row. So a region has the same bits whatever order its submaps come in, and the union of all
-regions is what one region as large as the map gives.
+What is fused at a place depends on the points within `MergeSettings.halo_m` of it and on nothing else. All sums are of whole
+numbers or run in the canonical order of drive, digest and row. So a region has the same bits whatever order its submaps come in,
+and the union of all regions is what one region as large as the map gives.
 """
 
 import hashlib
+import itertools
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT, MOVING_CLASSES, SKY
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.stitching.fusion import FITS, FusedPoints, fuse
+from wayloom.stitching.fusion import FusedPoints, fuse
 from wayloom.stitching.grid import unpack
 from wayloom.stitching.layers import LAYERS, MOVING, PARKED, STATIC, UNCONFIRMED, layers_of
 from wayloom.stitching.points import VEHICLES, Box, MapPoints, canonical, check_reach, frame_of, map_points
-from wayloom.stitching.settings import MergeSettings
-from wayloom.stitching.voxel_map import VoxelMap, union
+from wayloom.stitching.settings import HALO_M, MergeSettings
+from wayloom.stitching.voxel_map import VoxelMap, joined_maps
 from wayloom.stitching.voxels import VOTE_UNIT, pooled, voxels_of
 from wayloom.submaps.submap import PlacedSubmap
 
@@ -35,11 +36,9 @@ CLASSES_OF_LAYER: Final = {
 }
 
 
-class RegionKey(NamedTuple):
-    """Region from (east, north) to one more, in units of its edge from the frame's origin."""
-
-    east: int
-    north: int
+RegionKey = tuple[int, int]
+"""Column from the west, row from the south."""
+REGION_M: Final = 64.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,76 +50,61 @@ class RegionMap:
     layers: dict[str, VoxelMap]
 
 
-def region_edge_m(settings: MergeSettings) -> float:
-    """m: whole voxels."""
-    return max(1, round(settings.region_m / settings.voxel_m)) * settings.voxel_m
+def region_edges(key: RegionKey, edge_m: float = REGION_M) -> tuple[FloatArray, FloatArray]:
+    """South-western and north-eastern corner (2,), m east and north in the map's frame."""
+    return edge_m * np.array(key, np.float64), edge_m * (np.array(key, np.float64) + 1.0)
 
 
-def halo_m(settings: MergeSettings) -> float:
-    """m around a region that decide what it holds.
-
-    A voxel's votes come from points within `vote_reach_m` of it after the fusion. Which plane a point was moved to, up to
-    `reach_m`, is chosen among planes up to `reach_m` around it, which reach half a cell beyond their own; and each fit of a cell's
-    plane asks for the points of the cells next to it and for their planes before. What confirms a point is itself fused.
-    """
-    fits = (FITS + 1.5) * settings.surface_cell_m
-    votes = max(settings.vote_reach_m, settings.lone_vote_reach_m)
-    return 2.0 * settings.reach_m + settings.confirm_m + votes + fits + 2.0 * settings.voxel_m
+def regions_within(low_enu: FloatArray, high_enu: FloatArray) -> Iterable[RegionKey]:
+    """The regions that points of a box (2,) to (2,), m east and north, may bear on."""
+    first = np.floor((low_enu - HALO_M) / REGION_M).astype(int).tolist()
+    last = np.floor((high_enu + HALO_M) / REGION_M).astype(int).tolist()
+    return itertools.product(range(first[0], last[0] + 1), range(first[1], last[1] + 1))
 
 
-def region_edges(key: RegionKey, settings: MergeSettings, around_m: float = 0.0) -> tuple[FloatArray, FloatArray]:
-    """South-western and north-eastern corner (2,), m east and north in the map's frame, of a region and so much around it."""
-    low = np.array(key) * region_edge_m(settings)
-    return low - around_m, low + region_edge_m(settings) + around_m
-
-
-def regions_within(low_enu: FloatArray, high_enu: FloatArray, settings: MergeSettings) -> Iterator[RegionKey]:
-    """The regions that something in a box (2,) to (2,), m east and north, may change."""
-    edge, halo = region_edge_m(settings), halo_m(settings)
-    west, south = np.floor((low_enu - halo) / edge).astype(np.int64).tolist()
-    east, north = np.floor((high_enu + halo) / edge).astype(np.int64).tolist()
-    return (RegionKey(i, j) for i in range(west, east + 1) for j in range(south, north + 1))
-
-
-def regions_of(item: PlacedSubmap, settings: MergeSettings = MergeSettings()) -> set[RegionKey]:
+def regions_of(item: PlacedSubmap, settings: MergeSettings = MergeSettings(), edge_m: float = REGION_M) -> set[RegionKey]:
     """The regions that a submap may change: those that its points, and the halo around them, reach."""
     xyz = item.points_enu()
     check_reach(item, xyz, settings.voxel_m)
-    edge, halo = region_edge_m(settings), halo_m(settings)
-    low, high = (np.floor((xyz[:, :2] + side * halo) / edge).astype(np.int64) for side in (-1.0, 1.0))
+    low, high = (np.floor((xyz[:, :2] + side * settings.halo_m) / edge_m).astype(np.int64) for side in (-1.0, 1.0))
     corners = np.unique(np.hstack([low, high]), axis=0) if len(xyz) else np.zeros((0, 4), np.int64)
-    return {
-        RegionKey(i, j)
-        for west, south, east, north in corners.tolist()
-        for i in range(west, east + 1)
-        for j in range(south, north + 1)
-    }
+    return {(i, j) for west, south, east, north in corners.tolist() for i in range(west, east + 1) for j in range(south, north + 1)}
 
 
-def region_inputs_digest(key: RegionKey, placed: Iterable[PlacedSubmap], settings: MergeSettings = MergeSettings()) -> str:
+def region_inputs_digest(
+    key: RegionKey, placed: Iterable[PlacedSubmap], settings: MergeSettings = MergeSettings(), edge_m: float = REGION_M
+) -> str:
     """SHA-256 of all that a region is made from: submaps that reach it, poses, covariances, settings, frame."""
     inputs = [
         [item.drive_id, item.submap.digest, item.T_enu_submap.tolist(), np.nan_to_num(item.covariance).tolist()]
         for item in canonical(placed)
-        if key in regions_of(item, settings)
+        if key in regions_of(item, settings, edge_m)
     ]
     frame = next((item.frame for item in canonical(placed)), None)
-    content = [list(key), settings.model_dump(), None if frame is None else [frame.lon_deg, frame.lat_deg, frame.height_m], inputs]
+    content = [
+        list(key),
+        edge_m,
+        settings.model_dump(),
+        None if frame is None else [frame.lon_deg, frame.lat_deg, frame.height_m],
+        inputs,
+    ]
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
-def fuse_region(key: RegionKey, placed: Iterable[PlacedSubmap], settings: MergeSettings = MergeSettings()) -> RegionMap:
+def fuse_region(
+    key: RegionKey, placed: Iterable[PlacedSubmap], settings: MergeSettings = MergeSettings(), edge_m: float = REGION_M
+) -> RegionMap:
     """The layers of one region of the map.
 
     placed : at least every submap that `regions_of` says to reach it, in any order; one that comes twice counts once
     Raises StageError when the submaps are of different frames, or lie beyond KEY_LIMITS voxels from the frame's origin.
     """
     items = canonical(placed)
-    low_voxel = np.array(key) * max(1, round(settings.region_m / settings.voxel_m))
-    points = map_points(items, _box(key, settings), settings)
+    low, high = region_edges(key, edge_m)
+    points = map_points(items, Box(low - settings.halo_m, high + settings.halo_m, low, high), settings)
     fused, layer = fused_points(points, settings)
     layers = {
-        name: _voxel_map(points, fused, np.flatnonzero(layer == number), number, low_voxel, frame_of(items), settings)
+        name: _voxel_map(points, fused, np.flatnonzero(layer == number), number, (low, high), frame_of(items), settings)
         for number, name in enumerate(LAYERS)
     }
     return RegionMap(key, layers)
@@ -132,26 +116,19 @@ def fused_points(points: MapPoints, settings: MergeSettings) -> tuple[FusedPoint
     return fused, layers_of(points, fused, settings)
 
 
-def _box(key: RegionKey, settings: MergeSettings) -> Box:
-    edge, halo = region_edge_m(settings), halo_m(settings)
-    low = np.array(key) * edge
-    high = (np.array(key) + 1) * edge
-    return Box(low - halo, high + halo, low, high)
-
-
 def _voxel_map(
     points: MapPoints,
     fused: FusedPoints,
     rows: NDArray[np.int64],
     layer: int,
-    low_voxel: NDArray[np.int64],
+    edges: tuple[FloatArray, FloatArray],
     frame: MapFrame | None,
     settings: MergeSettings,
 ) -> VoxelMap:
     voxels = voxels_of(points, fused, rows, settings.voxel_m)
-    count = max(1, round(settings.region_m / settings.voxel_m))
-    within = unpack(voxels.key)[:, :2] - low_voxel
-    own = pooled(voxels, np.flatnonzero(((within >= 0) & (within < count)).all(axis=1)), fused, len(points.drive_ids), settings)
+    middle = (unpack(voxels.key)[:, :2] + 0.5) * settings.voxel_m
+    inside = ((middle >= edges[0]) & (middle < edges[1])).all(axis=1)
+    own = pooled(voxels, np.flatnonzero(inside), fused, len(points.drive_ids), settings)
     classes = CLASSES_OF_LAYER[layer]
     used = np.unique(own.drive)
     return VoxelMap(
@@ -176,4 +153,4 @@ def whole_map(
     regions: Sequence[RegionMap], frame: MapFrame | None, settings: MergeSettings = MergeSettings(), layer: str = "static"
 ) -> VoxelMap:
     """One layer of all regions."""
-    return union([region.layers[layer] for region in regions], frame, settings.voxel_m)
+    return joined_maps([region.layers[layer] for region in regions], frame, settings.voxel_m)

@@ -1,15 +1,23 @@
 """Settings of the fusion of submaps."""
 
-from pydantic import Field
+from typing import Final
+
+from pydantic import Field, model_validator
 
 from wayloom.config.settings import Settings
+
+FITS: Final = 3
+"""Planes are fitted so often, each time to points weighted by their distance from the plane before."""
+WIDEST_VOXEL_M: Final = 0.5
+"""Coarser voxels may differ at the seams of regions."""
+HALO_M: Final = 12.0
+"""How far around a region points bear on what is in it, at most."""
 
 
 class MergeSettings(Settings):
     """The grids, and what is believed of a point. They are fixed for a map: changing one makes another map."""
 
     voxel_m: float = Field(0.1, ge=0.01, le=10.0, description="edge of a voxel, m")
-    region_m: float = Field(64.0, ge=8.0, le=1e6, description="edge of a region, m; rounded to whole voxels")
     surface_cell_m: float = Field(
         0.8, ge=0.1, le=5.0, description="edge of a cell of the planes, m; each is fitted to three cells a side"
     )
@@ -21,10 +29,30 @@ class MergeSettings(Settings):
     across_rad: float = Field(0.002, gt=0.0, description="sigma of a point across its ray, radians")
     lone_sigma_m: float = Field(0.3, gt=0.0, description="a point that nothing confirms is published up to this sigma, m")
     confirm_m: float = Field(0.2, gt=0.0, le=1.0, description="a point of another drive so near confirms it, m")
-    vote_reach_m: float = Field(0.5, gt=0.0, le=2.0, description="points of one surface so near vote together, m")
+    vote_reach_m: float = Field(0.6, gt=0.0, le=2.0, description="points of one surface so near vote together, m")
     lone_vote_reach_m: float = Field(0.2, gt=0.0, le=2.0, description="the same for points on no surface, m")
     surface_thickness_m: float = Field(0.15, gt=0.0, description="how far from its plane a point still votes on a surface, m")
     standing_s: float = Field(1.0, gt=0.0, description="a vehicle that a drive sees at one place for so long is parked, s")
+
+    @property
+    def halo_m(self) -> float:
+        """m around a region that decide what it holds.
+
+        A voxel's votes come from points within `vote_reach_m` of it after the fusion. Which plane a point was moved to, up to
+        `reach_m`, is chosen among planes up to `reach_m` around it, which reach half a cell beyond their own; and each fit of a
+        cell's plane asks for the points of the cells next to it and for their planes before. What confirms a point is itself fused.
+        """
+        fits = (FITS + 1.5) * self.surface_cell_m
+        votes = max(self.vote_reach_m, self.lone_vote_reach_m)
+        return 2.0 * self.reach_m + self.confirm_m + votes + fits + 2.0 * min(self.voxel_m, WIDEST_VOXEL_M)
+
+    @model_validator(mode="after")
+    def _reach_no_further_than_the_halo(self) -> "MergeSettings":
+        if self.halo_m > HALO_M:
+            raise ValueError(
+                f"points bear on a region from {self.halo_m:.1f} m around it: shorten reaches or cells to come under {HALO_M} m"
+            )
+        return self
 
 
 class CityGraphSettings(Settings):

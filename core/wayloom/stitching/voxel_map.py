@@ -89,7 +89,7 @@ class VoxelMap:
         )
 
 
-def union(maps: Sequence[VoxelMap], frame: MapFrame | None, voxel_m: float) -> VoxelMap:
+def joined_maps(maps: Sequence[VoxelMap], frame: MapFrame | None, voxel_m: float) -> VoxelMap:
     """One map of maps of one grid that share no voxel, whatever their order; `left_out` is summed."""
     drive_ids = tuple(sorted({name for part in maps for name in part.drive_ids}))
     row_of = {name: row for row, name in enumerate(drive_ids)}

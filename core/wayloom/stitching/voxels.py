@@ -84,7 +84,7 @@ def _ragged(start: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
 def pooled(voxels: Voxels, wanted: IntArray, fused: FusedPoints, drives: int, settings: MergeSettings) -> Voxels:
     """The wanted voxels (W,) rows, each with the votes, drives and times of the voxels of its surface around it.
 
-    Votes are weighted from 1 down to 0 at `vote_reach_m` and summed in units of 1 / KERNEL_STEPS steps.
+    A voxel's own votes weigh 1, others from 1 / OWN_WEIGHT down to 0 at `vote_reach_m`, all in units of 1 / VOTE_UNIT.
     """
     order, key, start, table = by_cells(voxels.xyz, max(settings.vote_reach_m, settings.lone_vote_reach_m))
     place = np.empty(len(order), np.int64)
@@ -123,5 +123,5 @@ def pooled(voxels: Voxels, wanted: IntArray, fused: FusedPoints, drives: int, se
     )
 
 
-VOTE_UNIT: Final = VOTE_STEPS * neighbours.KERNEL_STEPS
+VOTE_UNIT: Final = VOTE_STEPS * neighbours.KERNEL_STEPS * neighbours.OWN_WEIGHT
 """Of pooled votes, per 1/m."""

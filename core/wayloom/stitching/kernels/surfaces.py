@@ -15,6 +15,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 MOMENTS = 11  # weight, 3 of x, 6 of x x^T (upper triangle), robust count
 SWEEPS = 8
+LEAST_SINE = 0.05
 
 
 @njit(cache=True, error_model="numpy")
@@ -205,6 +206,32 @@ def fuse(xyz, group, sigma2, across2, ray, common, key, table, low, steps, plane
                     variance[p] = v * (plane[c, 4] + plane[c, 5]) / total
         if most > 0.0:
             fused[p] = best
+
+
+@njit(cache=True, error_model="numpy")
+def crossing(rows, xyz, group, ray, key, table, low, steps, plane, cell_m, reach_m, out):  # type: ignore[no-untyped-def]
+    """out (R,): whether the ray of each of these points crosses a surface of its group within reach_m of it, in place.
+
+    Arrays as in `fuse`. A plane reaches half a cell beyond its own, and is crossed where the ray meets it at more than 3 degrees.
+    """
+    half = 0.5 * cell_m
+    corner = np.empty(3)
+    for row in range(len(rows)):
+        p = rows[row]
+        count = int(np.ceil(reach_m / half))
+        for i in range(-count, count + 1):
+            c = _cell_at(xyz[p], ray[p], i * half, group[p], steps[0], cell_m, corner, key, table, low)
+            if c < 0 or plane[c, 6] <= 0.0:
+                continue
+            into, r = 0.0, plane[c, 3]
+            for k in range(3):
+                into += plane[c, k] * ray[p, k]
+                r -= plane[c, k] * (xyz[p, k] - corner[k])
+            inside = abs(into) > LEAST_SINE and abs(r) <= reach_m * abs(into)
+            for k in range(3):
+                at = xyz[p, k] + r / into * ray[p, k] - corner[k]
+                inside &= -half <= at <= cell_m + half
+            out[row] |= inside
 
 
 @njit(cache=True, error_model="numpy")

@@ -99,6 +99,25 @@ def test_a_point_moves_onto_its_plane_as_a_kalman_filter_would_move_it(twin):
     assert (np.abs(fused.xyz - POINTS.xyz) <= SETTINGS.reach_m).all()
 
 
+def test_a_point_is_refuted_by_a_surface_that_its_ray_crosses(twin):
+    fused = fusion.fuse(POINTS, SETTINGS)
+    group, half = GROUP_OF_CLASS[POINTS.label], 0.5 * SETTINGS.surface_cell_m
+    for p in range(0, len(POINTS), 3):
+        expected, unsure = False, False
+        for (of_group, *cell), (mean, n, *_) in twin.items():
+            t = n @ (mean - POINTS.xyz[p]) / (n @ POINTS.ray[p])
+            met = POINTS.xyz[p] + t * POINTS.ray[p] - np.array(cell) * SETTINGS.surface_cell_m
+            walked = np.arange(-5, 6)[:, None] * half * POINTS.ray[p] + POINTS.xyz[p]
+            visited = (np.floor(walked / SETTINGS.surface_cell_m).astype(int) == cell).all(axis=1).any()
+            near = of_group == group[p] and visited and abs(n @ POINTS.ray[p]) > surfaces.LEAST_SINE
+            expected |= bool(near and abs(t) <= SETTINGS.reach_m and (met >= -half).all() and (met <= 3 * half).all())
+            unsure |= bool(
+                near and (np.abs(np.concatenate([met + half, met - 3 * half, [abs(t) - SETTINGS.reach_m]])) < 1e-5).any()
+            )
+        if not unsure:
+            assert fused.refuted[p] == (expected and fused.surface[p] < 0 and group[p] > 0)
+
+
 def test_eigenvectors_of_symmetric_matrices_are_those_of_lapack():
     rng = np.random.default_rng(0)
     for _ in range(50):
@@ -155,9 +174,9 @@ def test_pooled_votes_are_what_their_naive_twin_says():
         if plane:
             weight[np.abs(away @ fused.planes.plane[voxels.surface[v], :3]) > SETTINGS.surface_thickness_m] = 0
         steps = (neighbours.KERNEL_STEPS * weight).astype(int)
-        own = set(drives_of(voxels, v))
+        own, own_weight = set(drives_of(voxels, v)), np.where(np.arange(len(voxels)) == v, neighbours.OWN_WEIGHT, 1)
         adds = np.array([u == v or bool(set(drives_of(voxels, u)) - own) if steps[u] else False for u in range(len(voxels))])
-        assert np.allclose(pool.votes[i], (steps * adds) @ voxels.votes, rtol=1e-3, atol=2 * voxels.votes.max())
+        assert np.allclose(pool.votes[i], (steps * adds * own_weight) @ voxels.votes, rtol=1e-3, atol=2 * voxels.votes.max())
         seen = np.flatnonzero(steps > neighbours.LEAST_WEIGHT)
         drives = {d for u in seen for d in voxels.drive[voxels.drive_start[u] : voxels.drive_start[u + 1]].tolist()}
         assert drives <= set(pool.drive[pool.drive_start[i] : pool.drive_start[i + 1]].tolist())
