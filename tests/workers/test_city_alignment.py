@@ -10,6 +10,7 @@ from loops.made_drives import there
 from registration.made_streets import made_street
 from stitching.made_placed_drives import made_drive
 from wayloom.geometry import se3
+from wayloom.georeference.uncertainty import moved_covariance
 from wayloom.pipeline.settings import WayloomSettings
 from wayloom.places.files import save_places
 from wayloom.stitching.placed_drive import PlacedDrive
@@ -182,11 +183,15 @@ def test_rounded_places_and_covariances_are_near_what_they_round_and_stay_when_r
         assert np.allclose(rounded_place(rounded, own), rounded, atol=1e-12)
         root = rng.normal(0.0, 0.1, (6, 6))
         covariance = root @ root.T + 1e-4 * np.eye(6)
-        near = rounded_covariance(covariance)
+        near = rounded_covariance(covariance, np.eye(4))
         assert (np.linalg.eigvalsh(near) > 0).all()
         ratio = np.sqrt(np.diag(near) / np.diag(covariance))
         assert (ratio >= 0.99).all()
         assert (ratio <= 1.16).all()
+        far = np.eye(4)
+        far[:3, 3] = rng.normal(0.0, 3e4, 3)  # a frame's origin lies 50 km away, and every turn about it is a shift
+        moved = moved_covariance(far, covariance[None])[0]
+        assert np.allclose(moved_covariance(se3.inverse(far), rounded_covariance(moved, far)[None])[0], near, rtol=1e-3, atol=1e-5)
 
 
 def test_the_stitch_of_a_map_without_changes_moves_nothing(

@@ -207,7 +207,7 @@ def _moved(attempt: StageAttempt, frame: MapFrame, rows: Sequence[SubmapRow], ci
         T, covariance = _own_T(row), _own_covariance(row)
         if placed is not None and placed.placed:
             T = rounded_place(T_cell_map @ placed.T_map_submap[number], T)
-            covariance = rounded_covariance(moved_covariance(T_cell_map, placed.covariance[number][None])[0])
+            covariance = rounded_covariance(moved_covariance(T_cell_map, placed.covariance[number][None])[0], T)
         if T.tolist() != row.T_enu_submap or covariance.tolist() != row.covariance:
             yield _moved_to(attempt, row, T, covariance)
 
@@ -229,15 +229,19 @@ def rounded_place(T: FloatArray, T_own: FloatArray) -> FloatArray:
     return np.asarray(se3.from_rotation_translation(se3.exp(steps)[:3, :3] @ T_own[:3, :3], np.rint(T[:3, 3] / STEP_M) * STEP_M))
 
 
-def rounded_covariance(covariance: FloatArray) -> FloatArray:
-    """(6, 6) with sigmas of two figures and correlations of two decimals, and nowhere less than before by more than that."""
-    sigma = np.sqrt(np.diag(covariance))
+def rounded_covariance(covariance: FloatArray, T: FloatArray) -> FloatArray:
+    """(6, 6) of the left perturbation of T with sigmas of two figures and correlations of two decimals about T's own place, where
+    they are small; rounded up, so that no sigma there is less than before by more than a hundredth."""
+    here = np.eye(4)
+    here[:3, 3] = -T[:3, 3]
+    local = moved_covariance(here, covariance[None])[0]
+    sigma = np.sqrt(np.diag(local))
     digits = 10.0 ** (np.floor(np.log10(sigma)) - 1.0)
     rounded = np.ceil(sigma / digits) * digits
-    values, vectors = np.linalg.eigh(np.rint(100.0 * covariance / np.outer(sigma, sigma)) / 100.0)
+    values, vectors = np.linalg.eigh(np.rint(100.0 * local / np.outer(sigma, sigma)) / 100.0)
     correlation = (vectors * np.maximum(values, 0.01)) @ vectors.T
     out = correlation * np.outer(rounded, rounded)
-    return np.asarray(0.5 * (out + out.T))
+    return np.asarray(moved_covariance(se3.inverse(here), 0.5 * (out + out.T)[None])[0])
 
 
 def _own_T(row: SubmapRow) -> FloatArray:
