@@ -28,7 +28,7 @@ from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant,
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     simulate(
-        "benchmark", folder, OutputSettings("quarter", format="kitti-360", truth=True), PresetVariant(drives=("seq-0",), frames=14)
+        "benchmark", folder, OutputSettings("quarter", format="kitti-360", truth=True), PresetVariant(drives=("seq-0",), frames=28)
     )
     return folder
 
@@ -182,15 +182,13 @@ def test_labels_of_neighbours_agree_more_after_the_vote(done: tuple[LabelBenchma
 
 
 @pytest.mark.parametrize("row", [row for row in ROWS if row != "baseline"])
-def test_votes_are_better_than_the_single_image_on_whichever_pieces_of_street(
+def test_votes_are_better_than_the_single_image_by_more_than_their_noise(
     row: str, done: tuple[LabelBenchmark, LabelledPoints]
 ) -> None:
-    """With the network that is shipped. Its last bits, and so some labels, differ between processors, and of so few pieces of
-    street a resample may be one alone, on which both are equal: the interval may touch zero."""
+    """With the network that is shipped; its noise is the interval over resampled pieces of street."""
     result, _ = done
     for gains in (result.gains, result.gains_with_boundaries):
-        assert gains[row].miou > 0
-        assert gains[row].low >= 0
+        assert gains[row].low > 0
 
 
 def test_the_command_writes_what_scripts_rely_on(dataset: Path, work: Path, tmp_path: Path) -> None:
