@@ -60,7 +60,7 @@ STREET_M, POINTS = 300.0, 12_000
 def main() -> None:
     """Measure, print, write where asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("speed", "accuracy"))
+    parser.add_argument("what", nargs="?", default="speed", choices=("speed", "accuracy"))
     parser.add_argument("paths", nargs="*", type=Path)
     parser.add_argument("--drives", default="7,14,28,56")
     parser.add_argument("--poses", choices=("true", "own"), default="true")
