@@ -43,7 +43,7 @@ PAGE = DOCS / "benchmarks" / "map_growth.md"
 FRAME = MapFrame(8.5, 48.5, 0.0)
 LON, LAT = 8.4, 48.6
 STREET_M, POINTS, NEW = 250.0, 2000, 5
-HEAD = """| drives before | one more: CPU s, median | all five | regions written | rows of tiles | kB | peak memory of the process, MB |
+HEAD = """| drives before | one more: CPU s, median | all five | regions written | rows of tiles | kB | peak memory, MB |
 | --- | --- | --- | --- | --- | --- | --- |"""
 
 
