@@ -29,6 +29,9 @@ RAMPS = (0.2, 0.4)
 AXES = np.arange(3)
 FORGOTTEN = 5.0
 """Correlation times over which noise has anything in common."""
+LEAST_CHANGE = 0.5
+"""Of a course's height, that must lie within the drive: an error that is there all the time is none that comes and goes, and how
+large it would be hangs on the little by which it changes."""
 LEAST_CONTROL = 1e-6
 """Share of the witnesses' information that all else must confirm for their error to be told at all."""
 
@@ -53,6 +56,8 @@ def bias_courses(graph: WitnessGraph, linear: LinearBeliefs) -> list[BiasCourse]
     found = []
     for share in _shares(t_s):
         of_rows = share[rows]
+        if np.ptp(of_rows) < LEAST_CHANGE:
+            continue
         inside = np.flatnonzero(of_rows)
         s = of_rows[inside]
         of_all = np.einsum("aibj,b->aij", Q[:, :, inside], s)
