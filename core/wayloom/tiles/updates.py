@@ -63,7 +63,7 @@ def margin_px(settings: TileSettings) -> int:
 
 
 def updated_tiles(changed: Collection[TileAddress], source: PyramidSource, settings: TileSettings) -> Iterator[Tile]:
-    """Every tile that shows something in the `scope` of the changed blocks, counts included.
+    """Every tile that shows something in the scope of the changed blocks (`touched_tiles`), counts included.
 
     changed : blocks whose voxels, or tracks, may have changed
     A tile of the scope that does not come has nothing to show any more. Raises InputError beyond the latitudes of web mercator.
@@ -77,15 +77,8 @@ def updated_tiles(changed: Collection[TileAddress], source: PyramidSource, setti
     yield from update.vector_tiles()
 
 
-def scope(layer: str, address: TileAddress, changed: Collection[TileAddress], settings: TileSettings) -> bool:
-    """Whether a change of these blocks may change this tile."""
-    if layer == TILE_FORMATS["mvt"].layer:
-        return address in set(_touched(changed, address.z, BUFFER / EXTENT))
-    return address in changed if address.z == block_zoom(settings) else address in set(_touched(changed, address.z, 0.0))
-
-
 def touched_tiles(changed: Collection[TileAddress], settings: TileSettings) -> dict[tuple[str, int], frozenset[TileAddress]]:
-    """All of the scope: for each layer and zoom, the tiles that a change of these blocks may change."""
+    """The scope: for each layer and zoom, the tiles that a change of these blocks may change."""
     lowest, zoom = settings.min_zoom, block_zoom(settings)
     found = {(TILE_FORMATS["png"].layer, z): frozenset(_touched(changed, z, 0.0)) for z in range(lowest, settings.max_zoom + 1)}
     for z in range(lowest, settings.features_max_zoom + 1):
