@@ -5,9 +5,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 IntArray = NDArray[np.int64]
-MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio (Knuth, The Art of Computer Programming 3, 6.4)
-
-
+HALF = (1 << 31) - 1
+MULTIPLIERS = 0x9E3779B1, 0x85EBCA77
+"""2^32 / golden ratio (Knuth, The Art of Computer Programming 3, 6.4), and another prime: products of 31 bits do not overflow."""
 CELLS_PER_AXIS = 1 << 20
 """Cells are packed as ((group * 2^20 + x) * 2^20 + y) * 2^20 + z."""
 
@@ -15,28 +15,28 @@ CELLS_PER_AXIS = 1 << 20
 @njit(cache=True, error_model="numpy")
 def fill_table(key: IntArray, table: IntArray) -> None:
     """Enter the rows of distinct keys (K,) into a table (2^b,) of -1, more than K places, in place."""
-    mask = np.uint64(len(table) - 1)
+    mask = len(table) - 1
     for row in range(len(key)):
         place = slot(key[row], mask)
         while table[place] >= 0:
-            place = (place + 1) & np.int64(mask)
+            place = (place + 1) & mask
         table[place] = row
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def slot(key, mask):  # type: ignore[no-untyped-def]
     """The first place to look for a key at."""
-    h = np.uint64(key) * MULTIPLIER
-    return np.int64((h ^ (h >> np.uint64(32))) & mask)
+    h = ((key & HALF) * MULTIPLIERS[0]) ^ (((key >> 31) & HALF) * MULTIPLIERS[1])
+    return (h ^ (h >> 32)) & mask
 
 
 @njit(cache=True, error_model="numpy")
 def find(key: int, keys: IntArray, table: IntArray) -> int:
     """Row of a key, -1 where it is not in the table."""
-    mask = np.uint64(len(table) - 1)
+    mask = len(table) - 1
     place = slot(key, mask)
     while table[place] >= 0:
         if keys[table[place]] == key:
             return table[place]
-        place = (place + 1) & np.int64(mask)
+        place = (place + 1) & mask
     return -1
