@@ -2,9 +2,10 @@
 
     python benchmarks/fleet_map.py OUT LOG [OUT LOG ...] [--write NAME]
 
-OUT is what `wayloom process LOG --gnss LOG/gnss.csv` left of a drive, LOG the drive as simulated with truth; all of one city. Every
-drive goes into the map, whatever its grade, is registered with the others, placed, merged and cut into tiles, as the service does.
-Places are judged at the submaps' anchors against the truth.
+OUT is what `wayloom process LOG --gnss LOG/gnss.csv`, or without GNSS, left of a drive, LOG the drive as simulated with truth; all
+of one city. Every drive goes through the gate of the service; those that it merges, and those that are held for their place, are
+registered with each other, placed, merged and cut into tiles, as the service does. Places are judged at the submaps' anchors
+against the truth.
 """
 
 import argparse
@@ -24,11 +25,13 @@ sys.path[:0] = [str(ROOT / room) for room in ("core", "workers", "tests")]
 import numpy as np  # noqa: E402
 
 from pages import DOCS, put_between_marks  # noqa: E402
+from wayloom.config.gate import gate_of  # noqa: E402
 from wayloom.config.progress import silent  # noqa: E402
 from wayloom.geodesy import wgs84  # noqa: E402
 from wayloom.geodesy.map_frame import MapFrame  # noqa: E402
 from wayloom.geometry import se3  # noqa: E402
 from wayloom.logs.simulated_truth import open_truth  # noqa: E402
+from wayloom.pipeline.drive_quality import QUALITY_FILE, read_quality  # noqa: E402
 from wayloom.pipeline.settings import WayloomSettings  # noqa: E402
 from wayloom.simulation.recording.presets import CITY_ORIGIN  # noqa: E402
 from wayloom.store import drives, gate, maps  # noqa: E402
@@ -37,18 +40,22 @@ from wayloom.store.manifest import Manifest, ManifestFile  # noqa: E402
 from wayloom.store.migrate import upgrade  # noqa: E402
 from wayloom.submaps.files import load_submaps  # noqa: E402
 from wayloom_workers.__main__ import make_context  # noqa: E402
-from wayloom_workers.production import submap_row  # noqa: E402
+from wayloom_workers.completion import complete_drive  # noqa: E402
 from wayloom_workers.publishing import publish  # noqa: E402
 from wayloom_workers.stage_hooks import StageAttempt, WorkerContext  # noqa: E402
 from wayloom_workers.stitching import stitch  # noqa: E402
+from wayloom_workers.submap_rows import submap_row  # noqa: E402
 
 PAGE = DOCS / "benchmarks" / "fleet_map.md"
-HEAD = """| drive | grade | own GNSS: level m, height m | in the map: level m, height m | stated, m rms | errors / sigma, rms |
-| --- | --- | --- | --- | --- | --- |"""
+COLUMNS = ("drive", "grade, gate", "in the map by", "own GNSS: level m, height m", "in the map: level m, height m")
+MORE = ("stated, m rms", "errors / sigma, rms")
+HEAD = f"| {' | '.join(COLUMNS + MORE)} |\n|{' --- |' * len(COLUMNS + MORE)}"
+ABSENT = "–"
 PAIR_HEAD = """| drives | share of road | against each other, own GNSS, m | in the map, m |
 | --- | --- | --- | --- |"""
 NEAR_M = 30.0
-Places = tuple[np.ndarray, np.ndarray]
+Places = tuple[np.ndarray, np.ndarray] | None
+"""T_enu_submap and covariance; None without a place."""
 
 
 def main() -> None:
@@ -58,8 +65,9 @@ def main() -> None:
     options = parser.parse_args()
     if len(options.folders) % 2:
         parser.error("give an OUT and a LOG for each drive")
-    outs = dict(zip([log.name for log in options.folders[1::2]], options.folders[::2], strict=True))
-    truth = {log.name: true_anchors(outs[log.name], log) for log in options.folders[1::2]}
+    both = list(zip(options.folders[::2], options.folders[1::2], strict=True))
+    outs = {name_of(out, log): out for out, log in both}
+    truth = {name_of(out, log): true_anchors(out, log) for out, log in both}
     with tempfile.TemporaryDirectory() as folder:
         text = measured(Path(folder), outs, truth)
     print(text)
@@ -75,13 +83,24 @@ def measured(folder: Path, outs: dict[str, Path], truth: dict[str, np.ndarray]) 
     began = time.process_time()
     facts = stitched(context, folder)
     seconds = time.process_time() - began
-    now = {name: places(context, drive_id) for name, drive_id in ids.items()}
+    verdicts = {name: verdict_of(context, drive_id) for name, drive_id in ids.items()}
+    now = {name: places(context, drive_id) if verdicts[name][1] else None for name, drive_id in ids.items()}
     context.database.close()
-    rows = [row_of(name, outs[name], own[name], now[name], truth[name]) for name in sorted(ids)]
+    rows = [row_of(name, verdicts[name], own[name], now[name], truth[name]) for name in sorted(ids)]
     pairs = [pair_row((a, b), own, now, truth) for a, b in combinations(sorted(ids), 2)]
     refused = sum(facts["aligned"]["refused"].values())
     said = f"{facts['aligned']['meetings']} meetings, {refused} refused by the graph; {seconds:.0f} CPU s in all."
     return "\n".join([said, "", HEAD, *rows, "", PAIR_HEAD, *(pair for pair in pairs if pair)])
+
+
+def name_of(out: Path, log: Path) -> str:
+    """The drive's name, and why it has no place of its own where it has none."""
+    quality = quality_of(out)
+    return log.name if quality["placed"] else f"{log.name}, {'no GNSS' if quality['fixes'] is None else 'fixes laid aside'}"
+
+
+def quality_of(out: Path) -> dict:
+    return read_quality(out / "stages" / "georeference" / QUALITY_FILE)
 
 
 def true_anchors(out: Path, log: Path) -> np.ndarray:
@@ -108,8 +127,21 @@ def add(context: WorkerContext, name: str, out: Path) -> str:
         for item in items:
             context.blobs.put(item.submap.encoded)
         maps.place_submaps(session, drive_id, [submap_row(drive_id, "city", i, item) for i, item in enumerate(items)])
-        gate.judge(session, drive_id, "A", [], "merge")
+        quality = quality_of(out)
+        drives.get(session, drive_id).placed = quality["placed"]
+        verdict = gate_of(quality["grade"], context.settings.gate, quality["sound"])
+        gate.judge(session, drive_id, quality["grade"], quality["reasons"], verdict, quality["sound"])
+        complete_drive(session, drive_id)
     return drive_id
+
+
+def verdict_of(context: WorkerContext, drive_id: str) -> tuple[str, str, str]:
+    """Grade and gate; by what the drive is in the map, empty where it is not; and why it is not."""
+    with context.database.read() as session:
+        drive = drives.get(session, drive_id)
+        said = (drive.map_verdict or {}).get("reason", "")
+        by = "its own grade" if gate.passes(drive) else said if drive.admitted else ""
+        return f"{drive.grade or ABSENT}, {drive.gate}", by, said or drive.reasons[1 if len(drive.reasons) > 1 else 0]
 
 
 def stitched(context: WorkerContext, folder: Path) -> dict:
@@ -127,21 +159,24 @@ def places(context: WorkerContext, drive_id: str) -> Places:
     """T_enu_submap (n, 4, 4) in the city's tangent plane, and covariance (n, 6, 6) of its left perturbation there."""
     with context.database.read() as session:
         rows = maps.submaps_of(session, drive_id)
+    if rows[0].frame is None:
+        return None
     T_city_row = wgs84.T_enu_enu(CITY_ORIGIN, MapFrame(*rows[0].frame))
     Ad = se3.adjoint(T_city_row)
     T = np.array([T_city_row @ np.array(row.T_enu_submap) for row in rows])
     return T, np.array([Ad @ np.array(row.covariance) @ Ad.T for row in rows])
 
 
-def row_of(name: str, out: Path, own: Places, now: Places, truth: np.ndarray) -> str:
-    import json
-
-    grade = json.loads((out / "report.json").read_text())["georeference"].get("grade")
+def row_of(name: str, verdict: tuple[str, str, str], own: Places, now: Places, truth: np.ndarray) -> str:
+    graded, by, why_not = verdict
+    before = ABSENT if own is None else split(own[0], truth)
+    if now is None:
+        return f"| {name} | {graded} | not: {why_not} | {before} | {ABSENT} | {ABSENT} | {ABSENT} |"
     sigma2 = place_covariance(*now)
     off = now[0][:, :3, 3] - truth[:, :3, 3]
     chi2 = np.einsum("ni,nij,nj->n", off, np.linalg.inv(sigma2), off) / 3.0
     stated = np.sqrt(np.trace(sigma2, axis1=1, axis2=2).mean())
-    return f"| {name} | {grade} | {split(own[0], truth)} | {split(now[0], truth)} | {stated:.2f} | {np.sqrt(chi2.mean()):.1f} |"
+    return f"| {name} | {graded} | {by} | {before} | {split(now[0], truth)} | {stated:.2f} | {np.sqrt(chi2.mean()):.1f} |"
 
 
 def place_covariance(T: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -165,11 +200,14 @@ def pair_row(names: tuple[str, str], own: dict[str, Places], now: dict[str, Plac
         return ""
     shares = "/".join(str(len(set(rows.tolist()))) + " of " + str(len(all_)) for rows, all_ in ((i, a), (j, b)))
 
-    def apart(T: dict[str, Places]) -> float:
-        found = T[names[1]][0][j, :3, 3] - T[names[0]][0][i, :3, 3]
-        return float(np.sqrt(((found - (b[j] - a[i])) ** 2).sum(axis=1).mean()))
+    def apart(T: dict[str, Places]) -> str:
+        one, other = T[names[0]], T[names[1]]
+        if one is None or other is None:
+            return ABSENT
+        found = other[0][j, :3, 3] - one[0][i, :3, 3]
+        return f"{np.sqrt(((found - (b[j] - a[i])) ** 2).sum(axis=1).mean()):.2f}"
 
-    return f"| {', '.join(names)} | {shares} | {apart(own):.2f} | {apart(now):.2f} |"
+    return f"| {', '.join(names)} | {shares} | {apart(own)} | {apart(now)} |"
 
 
 if __name__ == "__main__":

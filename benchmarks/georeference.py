@@ -1,10 +1,12 @@
 """The geo-reference on made drives whose GNSS is wrong in every known way, and on a recording in street canyons.
 
-    python benchmarks/georeference.py [--seeds 3] [--random 50] [--data FOLDER] [--only SECTION] [--write]
+    python benchmarks/georeference.py [--seeds 3] [--fresh 3] [--random 50] [--data FOLDER] [--only SECTION] [--write]
 
---seeds   drives of each case; --random drives with bursts, outages, clocks and lever arms by chance
+--seeds   drives of each case, from seed 0 on, and --fresh of them from seed FRESH on, by which nothing was chosen
+--random  drives with bursts, outages, clocks and lever arms by chance, from seed UNSEEN on
 --data    where the recordings lie; default is what WAYLOOM_DATA names, else ../shared/data
---only    cases, random, long or canyon; may come again
+--only    cases, fresh, random, long, bound, receiver, canyon or bounds; may come again. `bound` is what single point fixes allow at
+          best; `bounds`, all that is asked for beside what the other sections wrote, solves nothing
 --write   the numbers into benchmarks/georeference.json, to which a test holds the geo-reference, and as tables into
           docs/benchmarks/georeference.md
 """
@@ -23,26 +25,37 @@ sys.path[:0] = [str(ROOT / "core")]
 
 import numpy as np  # noqa: E402
 
+from georeference_bounds import bounds_table  # noqa: E402
 from pages import DOCS, put_between_marks  # noqa: E402
-from wayloom.evaluation.gnss_cases import CaseResult, cases, judge, random_nees  # noqa: E402
-from wayloom.evaluation.gnss_long_drives import LongResult, long_results  # noqa: E402
+from wayloom.evaluation.gnss_cases import (  # noqa: E402
+    BEYOND_SIGMAS,
+    CaseResult,
+    RandomResult,
+    cases,
+    judge,
+    random_result,
+    receiver_errors,
+)
+from wayloom.evaluation.gnss_long_drives import LongResult, bound_results, long_results  # noqa: E402
 from wayloom.evaluation.wheel_drive import measure_wheel_drive  # noqa: E402
 
 NUMBERS = ROOT / "benchmarks" / "georeference.json"
 PAGE = DOCS / "benchmarks" / "georeference.md"
+FRESH, UNSEEN = 100, 100
 
 
 def case_table(results: list[CaseResult]) -> str:
     """Markdown: a row for each case."""
     lines = [
-        "| case | error rms, worst drive, m | wrong fixes known, m | stated sigma, m | largest error / sigma | placed | message |",
-        "| --- " * 7 + "|",
+        "| case | error rms, worst drive, m | wrong fixes known, m | stated sigma, m | largest error / sigma | beyond 3 | placed "
+        "| message |",
+        "| --- " * 8 + "|",
     ]
     for r in results:
         told = "" if np.isnan(r.told_m) else f"{r.told_m:.3f}"
         lines.append(
-            f"| {r.name} | {r.rms_m:.3f}, {r.worst_rms_m:.3f} | {told} | {r.sigma_m:.3f} | {r.ratio:.1f} | {r.placed:.0%} "
-            f"| {r.warned:.0%} |"
+            f"| {r.name} | {r.rms_m:.3f}, {r.worst_rms_m:.3f} | {told} | {r.sigma_m:.3f} | {r.ratio:.1f} | {r.beyond} "
+            f"| {r.placed:.0%} | {r.warned:.0%} |"
         )
     return "\n".join(lines) + "\n"
 
@@ -54,13 +67,28 @@ def long_table(results: list[LongResult]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def random_line(nees: list[float]) -> str:
+def random_line(results: list[RandomResult]) -> str:
     """What the random drives' NEES / 3 are, in words."""
-    beyond = ", ".join(f"seed {k} {value:.1f}" for k, value in enumerate(nees) if value > 2.0) or "none"
+    nees = np.array([r.nees for r in results])
+    wide = ", ".join(f"seed {r.seed} {r.nees:.1f}" for r in results if r.nees > 2.0) or "none"
+    beyond = ", ".join(f"seed {r.seed} {r.ratio:.1f}" for r in results if r.ratio > BEYOND_SIGMAS) or "none"
     return (
-        f"NEES / 3 over {len(nees)} random drives: mean {np.nanmean(nees):.2f}, median {np.nanmedian(nees):.2f}, a drive from "
-        f"{np.nanmin(nees):.2f} to {np.nanmax(nees):.2f}; {int(np.isnan(nees).sum())} not placed. Beyond 2: {beyond}.\n"
+        f"NEES / 3 over {len(nees)} random drives, seeds {results[0].seed} to {results[-1].seed}: mean {np.nanmean(nees):.2f}, "
+        f"median {np.nanmedian(nees):.2f}, a drive from {np.nanmin(nees):.2f} to {np.nanmax(nees):.2f}; "
+        f"{int(np.isnan(nees).sum())} not placed. NEES / 3 beyond 2: {wide}. Any error beyond {BEYOND_SIGMAS:g} stated sigmas: "
+        f"{beyond}.\n"
     )
+
+
+def fresh_text(results: list[CaseResult]) -> str:
+    """Which of the cases have drives beyond three stated sigmas, in words."""
+    drives, beyond = sum(r.seeds for r in results), sum(r.beyond for r in results)
+    first = (
+        f"All {len(results)} cases from seed {FRESH} on, {results[0].seeds} drives of each: {beyond} of {drives} with an error "
+        f"beyond {BEYOND_SIGMAS:g} stated sigmas.\n"
+    )
+    rows = [f"- {r.name}: {r.beyond} of {r.seeds}, at worst {r.ratio:.1f} sigmas\n" for r in results if r.beyond]
+    return first + ("\n" + "".join(rows) if rows else "")
 
 
 def measure_cases(options: argparse.Namespace) -> tuple[str, dict[str, object]]:
@@ -73,19 +101,50 @@ def measure_cases(options: argparse.Namespace) -> tuple[str, dict[str, object]]:
     return case_table(results), {"seeds": options.seeds, "cases": [asdict(r) for r in results]}
 
 
+def measure_fresh(options: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    """List and numbers of the same cases on seeds that nobody looked at."""
+    results = []
+    for case in cases():
+        results.append(judge(case, range(FRESH, FRESH + options.fresh)))
+        print(results[-1], flush=True)
+    return fresh_text(results), {"fresh": [asdict(r) for r in results]}
+
+
 def measure_random(options: argparse.Namespace) -> tuple[str, dict[str, object]]:
     """Sentence and numbers of the random drives."""
-    nees: list[float] = []
-    for seed in range(options.random):
-        nees += random_nees([seed]).tolist()
-        print(f"random drive {seed}: {nees[-1]:.2f}", flush=True)
-    return random_line(nees), {"nees": float(np.nanmean(nees)), "random": nees}
+    results = []
+    for seed in range(UNSEEN, UNSEEN + options.random):
+        results.append(random_result(seed))
+        print(results[-1], flush=True)
+    return random_line(results), {"random": [asdict(r) for r in results]}
 
 
 def measure_long(options: argparse.Namespace) -> tuple[str, dict[str, object]]:
     """Table and numbers of the long drives."""
     results = list(long_results())
     return long_table(results), {"long": [asdict(r) for r in results]}
+
+
+def measure_bound(options: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    """Table and numbers of what single point fixes allow on five kilometres."""
+    results = list(bound_results(range(options.seeds)))
+    return long_table(results), {"bound": [asdict(r) for r in results]}
+
+
+def measure_receiver(options: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    """Sentence and numbers of clocks and lever arms."""
+    found = receiver_errors(range(FRESH, FRESH + options.fresh))
+    line = (
+        f"City drives of a minute, RTK, seeds {FRESH} to {FRESH + options.fresh - 1}, at worst: clocks 50, 80 and 200 ms late to "
+        f"{1e3 * found.clock_s:.1f} ms, a lever arm that is not given to {found.lever_level_m:.2f} m level and "
+        f"{found.lever_height_m:.2f} m in height.\n"
+    )
+    return line, {"receiver": asdict(found)}
+
+
+def measure_bounds(options: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    """The table of all that is asked for, from what the other sections wrote."""
+    return bounds_table(json.loads(NUMBERS.read_text(encoding="utf-8"))), {}
 
 
 def measure_canyon(options: argparse.Namespace) -> tuple[str, dict[str, object]]:
@@ -98,13 +157,23 @@ def measure_canyon(options: argparse.Namespace) -> tuple[str, dict[str, object]]
     return line, {"wheel": asdict(wheel)}
 
 
-SECTIONS = {"cases": measure_cases, "random": measure_random, "long": measure_long, "canyon": measure_canyon}
+SECTIONS = {
+    "cases": measure_cases,
+    "fresh": measure_fresh,
+    "random": measure_random,
+    "long": measure_long,
+    "bound": measure_bound,
+    "receiver": measure_receiver,
+    "canyon": measure_canyon,
+    "bounds": measure_bounds,
+}
 
 
 def main() -> None:
     """Measure, print, and write where asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--fresh", type=int, default=3)
     parser.add_argument("--random", type=int, default=50)
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("WAYLOOM_DATA", ROOT / "../shared/data")))
     parser.add_argument("--only", choices=SECTIONS, action="append")

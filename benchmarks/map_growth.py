@@ -34,10 +34,10 @@ from wayloom.store.migrate import upgrade  # noqa: E402
 from wayloom.store.tables import RegionRow, TileRow  # noqa: E402
 from wayloom.submaps.submap import PlacedSubmap, Submap  # noqa: E402
 from wayloom_workers.__main__ import make_context  # noqa: E402
-from wayloom_workers.production import submap_row  # noqa: E402
 from wayloom_workers.publishing import publish  # noqa: E402
 from wayloom_workers.stage_hooks import StageAttempt, WorkerContext  # noqa: E402
 from wayloom_workers.stitching import stitch  # noqa: E402
+from wayloom_workers.submap_rows import submap_row  # noqa: E402
 
 PAGE = DOCS / "benchmarks" / "map_growth.md"
 FRAME = MapFrame(8.5, 48.5, 0.0)

@@ -26,6 +26,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from clip_halves import make_half, truth_of
+from meeting_directions import PairError, direction_table, error_of
 from meeting_pictures import wall_picture
 from pages import DOCS, put_between_marks
 from wayloom.geometry import se3
@@ -71,7 +72,12 @@ def main() -> None:
         for half in ("even", "odd"):
             print(*make_half(data_folder(), options.paths[0], half))
         return
-    rows = halves(*options.paths, options.write) if options.what == "halves" else of_drives(options.what, options.paths)
+    errors: list[PairError] = []
+    rows = halves(*options.paths, options.write) if options.what == "halves" else of_drives(options.what, options.paths, errors)
+    if errors:
+        print(direction_table(errors))
+    if options.write and options.what == "drives":
+        put_between_marks(PAGE, f"directions {options.name}", direction_table(errors))
     if options.write:
         mark = " ".join(filter(None, (options.what, options.name)))
         put_between_marks(PAGE, mark, table(rows))
@@ -81,8 +87,8 @@ def data_folder() -> Path:
     return Path(os.environ.get("WAYLOOM_DATA", "../shared/data"))
 
 
-def of_drives(what: str, paths: list[Path]) -> list[dict[str, Any]]:
-    """A row for each pair of drives."""
+def of_drives(what: str, paths: list[Path], errors: list[PairError]) -> list[dict[str, Any]]:
+    """A row for each pair of drives; the errors of their pairs of views are put to the others."""
     drives = [known_drive(out, log) for out, log in zip(paths[::2], paths[1::2], strict=True)]
     rows = []
     if what == "drives":
@@ -92,7 +98,7 @@ def of_drives(what: str, paths: list[Path]) -> list[dict[str, Any]]:
     else:
         pairs = [(one, laid_over(other, one)) for one, other in zip(drives[::2], drives[1::2], strict=True)]
     for one, other in pairs:
-        rows.append(apart_row(one, other) if what == "apart" else pair_row(one, other))
+        rows.append(apart_row(one, other) if what == "apart" else pair_row(one, other, errors))
         print(json.dumps(rows[-1]), flush=True)
     return [total(rows)] if what == "apart" else [row for row in rows if row]
 
@@ -132,8 +138,8 @@ def laid_over(other: KnownDrive, one: KnownDrive) -> KnownDrive:
     return KnownDrive(PlacedDrive(f"{other.drive.drive_id}-elsewhere", other.drive.places, submaps), other.truth)
 
 
-def pair_row(one: KnownDrive, other: KnownDrive) -> dict[str, Any]:
-    """Recall by overlap, errors of pairs of views and of meetings, and cost of two drives."""
+def pair_row(one: KnownDrive, other: KnownDrive, errors: list[PairError]) -> dict[str, Any]:
+    """Recall by overlap, errors of pairs of views, put to the others, and of meetings, and cost of two drives."""
     a, b = sorted((one, other), key=lambda known: known.drive.drive_id)
     start = time.process_time()
     search = start_search(a.drive, b.drive, SETTINGS)
@@ -142,6 +148,7 @@ def pair_row(one: KnownDrive, other: KnownDrive) -> dict[str, Any]:
     hits = recall(search, a.truth, b.truth, [(p.first, p.second - len(a.drive.places)) for p in pairs])
     if not sum(hits[1::2]) and not found.meetings:
         return {}
+    errors += [error_of(p, a.truth[p.first], b.truth[p.second - len(a.truth)]) for p in pairs]
     of_pairs = errors_of_pairs(pairs, a, b)
     of_meetings = np.array([meeting_error(m, a, b) for m in found.meetings])
     row: dict[str, Any] = {"drives": f"{a.drive.drive_id}, {b.drive.drive_id}"}

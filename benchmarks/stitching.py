@@ -1,9 +1,11 @@
 """The map's fusion measured: what it costs as drives come, and how true it is on simulated drives.
 
 python benchmarks/stitching.py speed [--drives 7,14,28,56]       made drives: whole map, one more drive, the sums of before
-python benchmarks/stitching.py accuracy OUT LOG [OUT LOG ...]    OUT of `wayloom process`, LOG simulated with --truth; [--poses own]
+python benchmarks/stitching.py accuracy OUT LOG [OUT LOG ...]    OUT of `wayloom process`, LOG simulated with --truth
 
-Further: --json FILE, --write (the table of `accuracy` or `speed` into docs/benchmarks/stitching.md).
+--poses true|own|joined: the true ones, those of each drive's own GNSS, or those after registration between the drives, by the city
+graph; --name NAME of the drives in the table's mark. Further: --json FILE, --write (the table of `accuracy` or `speed` into
+docs/benchmarks/stitching.md).
 """
 
 import argparse
@@ -11,7 +13,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "stitchin
 
 from made_walls import street_submap
 
+from joined_drives import joined
 from pages import DOCS, put_between_marks
 from wayloom.config.classes import CLASS_ID, MOVING_CLASSES, SKY, VOID
 from wayloom.evaluation.true_surfaces import TrueSurfaces, true_surfaces
@@ -30,7 +33,7 @@ from wayloom.geodesy import wgs84
 from wayloom.geometry import se3
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.georeference.types import GeoReference
-from wayloom.georeference.uncertainty import moved_covariance
+from wayloom.georeference.uncertainty import moved_covariance, moved_cross
 from wayloom.labelling.files import load_labels
 from wayloom.logs.registry import open_log
 from wayloom.logs.simulated_truth import FIRST_MOVER, open_truth
@@ -40,7 +43,7 @@ from wayloom.simulation.city.city_settings import CitySettings
 from wayloom.simulation.models.catalogue import Models
 from wayloom.simulation.recording.presets import CITY_ORIGIN
 from wayloom.stitching.grid import pack
-from wayloom.stitching.layers import STATIC
+from wayloom.stitching.layer_names import STATIC
 from wayloom.stitching.merge import merge
 from wayloom.stitching.points import PERSONS, Box, canonical, map_points
 from wayloom.stitching.regions import STATIC_CLASSES, fuse_region, fused_points, regions_of
@@ -53,6 +56,8 @@ SETTINGS = MergeSettings()
 BUILDING = CLASS_ID["building"]
 SEEN_M = 0.3
 """A drive saw a place where a sample of what its camera saw lies so near."""
+NEAR_M = 1.0
+"""A drive measured a place where it has a point so near whose sigma makes planes."""
 STREET_M, POINTS = 300.0, 12_000
 """Of a made drive; each street is driven by two."""
 
@@ -63,12 +68,13 @@ def main() -> None:
     parser.add_argument("what", nargs="?", default="speed", choices=("speed", "accuracy"))
     parser.add_argument("paths", nargs="*", type=Path)
     parser.add_argument("--drives", default="7,14,28,56")
-    parser.add_argument("--poses", choices=("true", "own"), default="true")
+    parser.add_argument("--poses", choices=("true", "own", "joined"), default="true")
+    parser.add_argument("--name", default="", help="of the drives in the table's mark")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     rows = speed([int(n) for n in options.drives.split(",")]) if options.what == "speed" else accuracy(options.paths, options.poses)
-    name = options.what if options.what == "speed" else f"{options.what} {options.poses}"
+    name = " ".join(filter(None, (options.what, "" if options.what == "speed" else options.poses, options.name)))
     print(table(rows))
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1) + "\n")
@@ -165,11 +171,13 @@ def seconds(work: Callable[[], object]) -> float:
 
 @dataclass(frozen=True)
 class Member:
-    """A drive: its submaps, and the true class and instance of each of their points by digest."""
+    """A drive: its submaps, the true class and instance of each of their points by digest, what its camera saw, where it has points
+    sure enough for a plane, and its track."""
 
     placed: list[PlacedSubmap]
     truth: dict[str, tuple[Any, Any]]
     seen: cKDTree
+    points: cKDTree
     track: Any
 
 
@@ -183,7 +191,8 @@ def member_of(out: Path, log_path: Path, poses: str) -> Member:
     else:
         own = load_georeference(stages / "georeference" / GEOREFERENCE_FILE)
         T = wgs84.T_enu_enu(CITY_ORIGIN, own.frame)
-        geo = GeoReference(CITY_ORIGIN, T @ own.T_enu_cam, moved_covariance(T, own.covariance))
+        anchors = replace(own.anchors, cross=moved_cross(T, own.anchors.cross))
+        geo = GeoReference(CITY_ORIGIN, T @ own.T_enu_cam, moved_covariance(T, own.covariance), anchors=anchors)
     placed = make_submaps(log, odometry, load_labels(stages / "labelling" / "labels.npz"), geo, drive_id=log_path.name)
     camera, points = log.rig.camera, {}
     for item in placed:
@@ -195,12 +204,23 @@ def member_of(out: Path, log_path: Path, poses: str) -> Member:
             u, v = np.rint(uv).astype(int).clip(0, [camera.width - 1, camera.height - 1]).T
             classes[rows], instances[rows] = truth.class_id(frame)[v, u], truth.instance(frame)[v, u]
         points[submap.digest] = classes, instances
-    return Member(placed, points, cKDTree(truth.surface().points_enu), truth.T_enu_cam[::5, :3, 3])
+    seen = cKDTree(truth.surface().points_enu)
+    return Member(placed, points, seen, cKDTree(sure_points(placed)), truth.T_enu_cam[::5, :3, 3])
+
+
+def sure_points(placed: Sequence[PlacedSubmap]) -> Any:
+    """(N, 3) m, with a sigma that makes planes."""
+    return np.concatenate([item.points_enu()[item.submap.variance <= SETTINGS.surface_sigma_m**2] for item in placed])
 
 
 def accuracy(paths: Sequence[Path], poses: str) -> list[dict[str, Any]]:
     """Each drive alone, and the first two, three, … together."""
     members = [member_of(out, log, poses) for out, log in zip(paths[::2], paths[1::2], strict=True)]
+    if poses == "joined":
+        placed = joined(paths[::2], [member.placed for member in members])
+        members = [
+            replace(member, placed=items, points=cKDTree(sure_points(items))) for member, items in zip(members, placed, strict=True)
+        ]
     city = json.loads((paths[1].parent / "simulation.json").read_text())["preset"]["city"]
     track = np.concatenate([member.track for member in members])
     facades = true_surfaces(build_city(CitySettings(**city), Models()), track, 70.0, (BUILDING,))
@@ -231,22 +251,30 @@ def judged(members: Sequence[Member], facades: TrueSurfaces, name: str) -> dict[
     equal = np.isin(classes[static], STATIC_CLASSES) & (instances[static] < FIRST_MOVER)
     true, own, new = classes[static][equal], points.label[static][equal], voxels.label[row][equal]
     seen = np.sum([member.seen.query(voxels.points_enu, distance_upper_bound=SEEN_M)[0] < SEEN_M for member in members], axis=0)
+    near = np.sum([member.points.query(voxels.points_enu, distance_upper_bound=NEAR_M)[0] < NEAR_M for member in members], axis=0)
     shared, many = voxels.drives >= 2, len(members) > 1
+    votes = (shared, shared[seen >= 2], shared[(seen >= 2) & (near >= 2)])
     several = [errors[voxels.drives[wall] == n] if n < 3 else errors[voxels.drives[wall] >= n] for n in (1, 2, 3)]
     return {
         "drives": name,
         "points, % published": f"{len(points)}, {100 * static[~np.isin(points.label, MOVING_CLASSES)].mean():.0f}",
-        "facade points: median cm, % > 15 cm, > 50 cm": stated(old),
+        "facade points: median, p95 cm, % > 15 cm, > 50 cm": stated(old),
         "facade voxels: the same": stated(errors),
         "% > 15 cm by 1, 2, 3+ drives": ", ".join(f"{100 * (e > 0.15).mean():.1f}" if len(e) else "–" for e in several),
-        "% voxels by 2+ drives; where 2+ saw": f"{100 * shared.mean():.0f}; {100 * shared[seen >= 2].mean():.0f}" if many else "–",
+        "% voxels by 2+ drives; where 2+ saw; where 2+ saw and measured": "; ".join(percent(v) for v in votes) if many else "–",
         "labels of equal points: own → map, %": f"{100 * (own == true).mean():.2f} → {100 * (new == true).mean():.2f}",
     }  # fmt: skip
 
 
+def percent(hits: Any) -> str:
+    """A share, in percent."""
+    return f"{100 * hits.mean():.0f}" if len(hits) else "–"
+
+
 def stated(errors: Any) -> str:
-    """Median in cm, and the shares beyond 15 and 50 cm in percent."""
-    return f"{100 * np.median(errors):.1f}, {100 * (errors > 0.15).mean():.1f}, {100 * (errors > 0.5).mean():.1f}"
+    """Median and 95th percentile in cm, and the shares beyond 15 and 50 cm in percent."""
+    median, most = 100 * np.percentile(errors, (50, 95))
+    return f"{median:.1f}, {most:.0f}, {100 * (errors > 0.15).mean():.1f}, {100 * (errors > 0.5).mean():.1f}"
 
 
 if __name__ == "__main__":

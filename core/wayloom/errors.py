@@ -10,6 +10,7 @@ WayloomError                    anything that wayloom itself reports            
 ├── StageError                  a stage of the pipeline cannot go on
 │   └── TooFewKeyframesError    the odometry left nothing to map
 ├── NotFoundError               a drive, upload, tile or map version that does not exist
+│   └── WithdrawnError          a map version that held a drive which was removed
 ├── ConflictError               the state of the thing forbids the request
 │   └── OffsetConflictError     an upload continues at another byte than it ended
 ├── LeaseLostError              another worker has taken over the job
@@ -85,6 +86,12 @@ class NotFoundError(WayloomError):
     """A drive, upload, tile or map version that does not exist (or is not the caller's)."""
 
     code = "not-found"
+
+
+class WithdrawnError(NotFoundError):
+    """A map version that is not served any more, because it held a drive that was removed."""
+
+    code = "withdrawn"
 
 
 class ConflictError(WayloomError):

@@ -1,21 +1,34 @@
 """Drive endpoints: registration, listing, state, track, preview, retry, removal."""
 
 import json
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Path, Query, Response
 
+from wayloom.errors import ConflictError
 from wayloom.geodesy.antimeridian import line_geometry
-from wayloom.store import drives, gate, jobs, uploads
+from wayloom.store import drives, gate, jobs, reprocessing, rigs, runs, uploads
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.manifest import Manifest
+from wayloom.store.tables import Drive
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem, ProtocolError
-from wayloom_services.schemas import DriveList, DriveOut, DriveState, Feature, MissingFile, Registration, ReleaseIn
-from wayloom_services.views import drives_out
+from wayloom_services.schemas import (
+    DriveList,
+    DriveOut,
+    DriveState,
+    Feature,
+    MissingFile,
+    Registration,
+    ReleaseIn,
+    ReprocessIn,
+    RunList,
+)  # fmt: skip
+from wayloom_services.views import drives_out, run_detail
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {404: {"model": Problem}, 409: {"model": Problem}, 401: {"model": Problem}}
+NOTHING_ELSE: Final = ReprocessIn()
 DriveId = Annotated[str, Path(pattern="^[0-9a-f]{64}$")]
 router = APIRouter(prefix="/v1/drives", tags=["drives"], dependencies=[Depends(require_key)], responses=PROBLEMS)
 
@@ -119,9 +132,38 @@ async def retry(drive_id: DriveId, service: ServiceDep) -> DriveOut:
     return await one(drive_id, service)
 
 
+@router.post("/{drive_id}/reprocess", status_code=202)
+async def reprocess(drive_id: DriveId, service: ServiceDep, wanted: ReprocessIn = NOTHING_ELSE) -> DriveOut:
+    """Process the drive anew: with the service's settings as they are now, its rig's newest file, or what the body names.
+
+    Map and pages keep the result before until the version with the new one is published, and for good where the run fails; then
+    `retry` goes on with it, and another `reprocess` begins a new one. Stages on which nothing has changed are not run again.
+    """
+
+    def change(session: Session) -> JobMessage:
+        drive = drives.get(session, drive_id)
+        facts = {} if wanted.rig_version is None else {"rig": _rig_version(session, drive, wanted.rig_version)}
+        return reprocessing.begin(session, drive_id, wanted.asked(), facts)
+
+    await service.notify(await service.write(change))
+    return await one(drive_id, service)
+
+
+@router.get("/{drive_id}/runs")
+async def runs_of_drive(drive_id: DriveId, service: ServiceDep) -> RunList:
+    """The runs whose submaps the map has or had: for each stage its key, code, libraries and settings."""
+
+    def read(session: Session) -> RunList:
+        drives.get(session, drive_id)
+        return RunList(runs=[run_detail(run) for run in runs.of_drives(session, [drive_id])[drive_id]])
+
+    return await service.read(read)
+
+
 @router.delete("/{drive_id}", status_code=202)
 async def remove(drive_id: DriveId, service: ServiceDep) -> DriveOut:
-    """Remove the drive: its files, and its part of the map with the next version."""
+    """Remove the drive for good: its files at once, its part of the map with the next version, which withdraws those before it that
+    held the drive: they answer 410 from then on. What it said of its rig is forgotten, and its blobs are deleted."""
     removal = await service.write(lambda session: drives.request_removal(session, drive_id))
     view = await one(drive_id, service)
     await service.notify(removal)
@@ -135,6 +177,15 @@ async def _quality(drive_id: str, service: Service) -> dict[str, Any]:
         raise ProtocolError(404, "not-found", f"drive {drive_id[:12]} has no quality report yet: it is not geo-referenced")
     found: dict[str, Any] = json.loads(await service.in_thread(lambda: service.blobs.get(digest)))
     return found
+
+
+def _rig_version(session: Session, drive: Drive, number: int) -> dict[str, Any]:
+    """What `facts.rig` says of a drive that shall be tracked with this version of its rig's file."""
+    rig = (drive.facts.get("rig") or {}).get("rig")
+    if rig is None:
+        raise ConflictError(f"drive {drive.id[:12]} names no rig: its log and its manifest say neither vehicle nor rig")
+    version = rigs.version(session, rig, number)
+    return {"rig": rig, "version": number, "sha256": version.digest, "knocked": False, "asked": True}
 
 
 def _check_size(service: Service, manifest: Manifest) -> None:

@@ -25,6 +25,7 @@ class ProtocolError(errors.WayloomError):
 
 STATUS_OF: Final[dict[type[errors.WayloomError], int]] = {
     errors.NotFoundError: 404,
+    errors.WithdrawnError: 410,
     errors.OffsetConflictError: 409,
     errors.ConflictError: 409,
     errors.LeaseLostError: 409,

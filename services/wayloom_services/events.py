@@ -10,14 +10,17 @@ import structlog
 from fastapi import APIRouter, Depends, Request
 from sse_starlette import EventSourceResponse, ServerSentEvent
 
-from wayloom.store import drives, maps
+from wayloom.store import drives, map_versions, maps
 from wayloom.store.database import DatabaseError, Session
+from wayloom.store.tables import TileRow
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.views import drives_out
 
 log = structlog.get_logger()
 POLL_S = 0.7
 WATCHED = 200
+NAMED_TILES = 5000
+"""Most tiles that an event names; of more there is `versions/{n}/changes`."""
 Snapshot = dict[tuple[str, str], str]
 """(event, id) -> the event's data. Of the drives only the WATCHED newest."""
 
@@ -51,11 +54,11 @@ class Feed:
         while self._listeners:
             await asyncio.sleep(POLL_S)
             try:
-                now, removed = await self._service.read(partial(_look, self._last))
+                now, removed, published = await self._service.read(partial(_look, self._last))
             except DatabaseError as error:
                 log.warning("events: database is away", error=str(error))
                 continue
-            for message in _changes(self._last, now, removed):
+            for message in [*_changes(self._last, now, removed), *published]:
                 for queue in list(self._listeners):
                     with suppress(asyncio.QueueFull):  # a listener that does not read gets the next state of each drive instead
                         queue.put_nowait(message)
@@ -69,12 +72,43 @@ def _snapshot(session: Session) -> Snapshot:
     return snapshot | versions
 
 
-def _look(before: Snapshot, session: Session) -> tuple[Snapshot, list[str]]:
-    """The current snapshot, and the drives of the last one that are removed; drives pushed off the list by newer ones are not."""
+def _look(before: Snapshot, session: Session) -> tuple[Snapshot, list[str], list[ServerSentEvent]]:
+    """The current snapshot; the drives of the last one that are removed (those pushed off the list by newer ones are not); and of
+    each version that was published since the tiles that it changed."""
     after = _snapshot(session)
     unseen = sorted(drive_id for event, drive_id in before.keys() - after.keys() if event == "drive")
     known = drives.known(session, unseen)
-    return after, [drive_id for drive_id in unseen if drive_id not in known]
+    published = [
+        message
+        for (event, map_id), data in after.items()
+        if event == "map" and before.get((event, map_id)) not in (None, data)
+        for message in _published(session, map_id, _version(before[event, map_id]) + 1, _version(data))
+    ]
+    return after, [drive_id for drive_id in unseen if drive_id not in known], published
+
+
+def _version(data: str) -> int:
+    return int(json.loads(data)["version"])
+
+
+def _published(session: Session, map_id: str, first: int, last: int) -> list[ServerSentEvent]:
+    """For each of the versions that are served, its event `tiles`."""
+    served = [row.version for row in maps.versions(session, map_id) if first <= row.version <= last]
+    return [ServerSentEvent(json.dumps(_named(session, map_id, number)), event="tiles") for number in sorted(served)]
+
+
+def _named(session: Session, map_id: str, number: int) -> dict[str, object]:
+    """The tiles that a version changed, by layer; of very many only how many."""
+    new, gone = map_versions.changes(session, map_id, number)
+    about = {"map": map_id, "version": number, "count": len(new) + len(gone), "whole": len(new) + len(gone) <= NAMED_TILES}
+    return about | {"changed": _by_layer(new if about["whole"] else ()), "gone": _by_layer(gone if about["whole"] else ())}
+
+
+def _by_layer(rows: Sequence[TileRow]) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        found.setdefault(row.layer, []).append(f"{row.z}/{row.x}/{row.y}")
+    return found
 
 
 def _changes(before: Snapshot, after: Snapshot, removed: Sequence[str]) -> list[ServerSentEvent]:
@@ -87,6 +121,8 @@ router = APIRouter(prefix="/v1", tags=["events"], dependencies=[Depends(require_
 
 @router.get("/events", response_class=EventSourceResponse, responses={200: {"content": {"text/event-stream": {}}}})
 async def events(request: Request, _service: ServiceDep) -> EventSourceResponse:
-    """Server-sent events: `drive` (as /v1/drives shows it), `removed` (id), `map` (id and version). First all, then changes."""
+    """Server-sent events: `drive` (as /v1/drives shows it), `removed` (id), `map` (id and version): first all, then changes. Then
+    also `tiles`, for each version that is published: `map`, `version`, the tiles that it `changed` and those `gone`, by layer as
+    "z/x/y", and their `count`; of more than 5000 none is named, `whole` is false, and `versions/{n}/changes` has them."""
     feed: Feed = request.app.state.feed
     return EventSourceResponse(feed.listen(), ping=15)

@@ -9,6 +9,7 @@ from redis.exceptions import RedisError
 from wayloom import __version__
 from wayloom.config.classes import CLASS_NAMES, MOVING_CLASSES, PALETTE, SKY
 from wayloom.config.stages import drive_stages, map_stages
+from wayloom.stitching.layer_names import OVERLAYS
 from wayloom.store import counts, migrate
 from wayloom.store.database import DatabaseError, Session
 from wayloom_services.context import Service, ServiceDep, require_key
@@ -54,6 +55,7 @@ async def info(service: ServiceDep) -> Info:
         map_id=settings.map_id,
         needs_key=settings.api_key is not None,
         stages=[*drive_stages(), *map_stages()],
+        overlays=[*OVERLAYS],
         classes=classes,
     )
 

@@ -1,9 +1,11 @@
 """Map endpoints: versions, tiles, coverage and submaps."""
 
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from pydantic import AwareDatetime
 
 from wayloom.store import map_versions, maps
 from wayloom.store.database import Session
@@ -32,6 +34,10 @@ Layer = Annotated[str, Path(pattern="^[a-z0-9][a-z0-9_-]{0,31}$")]
 Zoom = Annotated[int, Path(ge=0, le=24)]
 Coordinate = Annotated[int, Path(ge=0, lt=2**24)]
 Extension = Annotated[str, Path(pattern="^[a-z0-9]{1,8}$")]
+BBox = Annotated[
+    str | None, Query(description="west,south,east,north in degrees; west > east: across the antimeridian", max_length=120)
+]
+SINCE = "RFC 3339 time; things that the first drive noticed then or later: that saw through what has gone, that saw what is new"
 COVERAGE_ZOOM = 17
 ASK_AGAIN = "no-cache"
 
@@ -65,15 +71,33 @@ async def version(map_id: MapId, number: Number, service: ServiceDep) -> Version
     return await service.read(lambda session: version_out(session, maps.version(session, map_id, number)))
 
 
+@router.get("/maps/{map_id}/changes")
+async def changed_things(
+    map_id: MapId, service: ServiceDep, bbox: BBox = None, since: Annotated[AwareDatetime | None, Query(description=SINCE)] = None
+) -> FeatureCollection:
+    """The things that have gone and those that are new in the newest version, with the drives that are the evidence."""
+    box = None if bbox is None else box_of_query(bbox)
+
+    def read(session: Session) -> list[dict[str, Any]]:
+        maps.version(session, map_id)
+        return map_versions.changed_things(session, map_id)
+
+    found = [Feature(**feature) for feature in await service.read(read)]
+    return FeatureCollection(features=[one for one in found if _lies_in(one, box) and _is_since(one, since)])
+
+
 @router.get("/maps/{map_id}/versions/{number}/changes")
 async def changes(map_id: MapId, number: Number, service: ServiceDep) -> ChangeList:
-    """The tiles in which a version differs from the one before: those to fetch anew, and those that show nothing any more."""
+    """The tiles in which a version differs from the one before: those to fetch anew, and those that show nothing any more; and the
+    things that it lists as gone or new and the one before did not, and those that it lists no more."""
 
     def read(session: Session) -> ChangeList:
         maps.version(session, map_id, number)
         new, gone = map_versions.changes(session, map_id, number)
         changed = [ChangedTile(layer=row.layer, z=row.z, x=row.x, y=row.y, digest=row.digest, bytes=row.size) for row in new]
-        return ChangeList(changed=changed, gone=[TileName(layer=row.layer, z=row.z, x=row.x, y=row.y) for row in gone])
+        names = [TileName(layer=row.layer, z=row.z, x=row.x, y=row.y) for row in gone]
+        things, withdrawn = map_versions.things_of_version(session, map_id, number)
+        return ChangeList(changed=changed, gone=names, things=_features(things), withdrawn_things=_features(withdrawn))
 
     return await service.read(read)
 
@@ -91,12 +115,10 @@ async def coverage(map_id: MapId, service: ServiceDep) -> FeatureCollection:
 async def submaps(
     map_id: MapId,
     service: ServiceDep,
-    bbox: Annotated[
-        str | None, Query(description="west,south,east,north in degrees; west > east: across the antimeridian", max_length=120)
-    ] = None,
+    bbox: BBox = None,
 ) -> SubmapList:
     """The submaps of the map, or those that touch the box."""
-    box = None if bbox is None else _box(bbox)
+    box = None if bbox is None else box_of_query(bbox)
     return SubmapList(submaps=[submap_out(row) for row in await service.read(lambda session: maps.submaps(session, map_id, box))])
 
 
@@ -108,8 +130,9 @@ async def submap(digest: Annotated[str, Path(pattern="^[0-9a-f]{64}$")], service
     return Response(content, headers=headers, media_type="application/octet-stream")
 
 
+TILE_TYPES = ("image/png", "image/webp", "application/vnd.mapbox-vector-tile", "application/vnd.wayloom.points")
 TILE_ANSWERS: dict[int | str, dict[str, Any]] = {
-    200: {"content": {"image/png": {}, "application/vnd.mapbox-vector-tile": {}, "application/vnd.wayloom.points": {}}},
+    200: {"content": {name: {} for name in TILE_TYPES}},
     204: {"description": "nothing is mapped there"},
     304: {"description": "the tile is the one that you hold"},
 }
@@ -129,12 +152,14 @@ class TilePath:
 TilePathDep = Annotated[TilePath, Depends()]
 
 
+@router.head("/maps/{map_id}/tiles/{layer}/{z}/{x}/{y}.{ext}", include_in_schema=False)
 @router.get("/maps/{map_id}/tiles/{layer}/{z}/{x}/{y}.{ext}", response_class=Response, responses=TILE_ANSWERS)
 async def tile(map_id: MapId, path: TilePathDep, request: Request, service: ServiceDep) -> Response:
     """A tile of the newest version. Its ETag is its content's hash: ask again with If-None-Match."""
     return await _tile(service, request, (map_id, None), path, ASK_AGAIN)
 
 
+@router.head("/maps/{map_id}/versions/{number}/tiles/{layer}/{z}/{x}/{y}.{ext}", include_in_schema=False)
 @router.get("/maps/{map_id}/versions/{number}/tiles/{layer}/{z}/{x}/{y}.{ext}", response_class=Response, responses=TILE_ANSWERS)
 async def tile_of_version(map_id: MapId, number: Number, path: TilePathDep, request: Request, service: ServiceDep) -> Response:
     """A tile of a given version: it never changes."""
@@ -167,7 +192,8 @@ def _forever(service: Service) -> str:
     return f"{'public' if service.settings.api_key is None else 'private'}, max-age=31536000, immutable"
 
 
-def _box(text: str) -> maps.Box:
+def box_of_query(text: str) -> maps.Box:
+    """West, south, east, north; across the antimeridian east is over 180. Raises ProtocolError."""
     try:
         west, south, east, north = (float(part) for part in text.split(","))
     except ValueError:
@@ -175,6 +201,22 @@ def _box(text: str) -> maps.Box:
     if not (abs(west) <= 180 and abs(east) <= 180 and -90 <= south <= north <= 90):
         raise ProtocolError(400, "bad-request", "bbox: west and east within 180 degrees, south <= north within 90")
     return west, south, east if west <= east else east + 360.0, north
+
+
+def _features(found: list[dict[str, Any]]) -> FeatureCollection:
+    return FeatureCollection(features=[Feature(**feature) for feature in found])
+
+
+def _lies_in(feature: Feature, box: maps.Box | None) -> bool:
+    if box is None or feature.geometry is None:
+        return box is None
+    west, south, east, north = box
+    lon, lat = feature.geometry["coordinates"][:2]
+    return bool(south <= lat <= north and (west <= lon <= east or west <= lon + 360.0 <= east))
+
+
+def _is_since(feature: Feature, since: AwareDatetime | None) -> bool:
+    return since is None or datetime.fromisoformat(feature.properties["noticed"]) >= since
 
 
 def _square(z: int, x: int, y: int) -> dict[str, object]:

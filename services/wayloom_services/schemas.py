@@ -1,10 +1,12 @@
 """Response models of the API, as its OpenAPI document shows them. Times are seconds since 1970."""
 
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from wayloom.config.gate import Gate, Grade
+from wayloom.pipeline.settings import ProcessSettings, with_asked
+from wayloom.segmentation.catalogue import MODELS
 
 DriveState = Literal["uploading", "queued", "running", "stitching", "done", "held", "quarantined", "failed", "removing"]
 StageState = Literal["waiting", "queued", "running", "done", "failed"]
@@ -32,12 +34,27 @@ class ReleaseOut(BaseModel):
     at: float
 
 
+class MapVerdictOut(BaseModel):
+    """Whether a held drive is in the map by its meetings with other drives."""
+
+    admitted: bool
+    reason: str = Field(description="in words: 'placed by 5 meetings with 3 drives, sigma 0.08 m'")
+    grade: Grade | None = Field(description="A to E by its place in the map; None: it has none there")
+    sigma_m: float | None = Field(description="median of the position's")
+    meetings: int
+    drives: list[str] = Field(description="ids of those that it meets")
+
+
 class QualityOut(BaseModel):
     """What the geo-reference says of the drive, and what the map does with it."""
 
-    grade: Grade | None = Field(description="A to E; None: the drive has no place on Earth")
+    grade: Grade | None = Field(description="A to E by the drive's own evidence; None: it has no GNSS")
     reasons: list[str]
-    gate: Gate = Field(description="merge; hold: waits for an operator; quarantine: nothing but an operator's word merges it")
+    gate: Gate = Field(
+        description="merge; hold: waits for other drives that place it, or an operator; quarantine: for an operator's word alone"
+    )
+    sound: bool = Field(description="whether at most the drive's place is in doubt: then the drives that it meets may place it")
+    by_map: MapVerdictOut | None = Field(description="what the newest version says of a held drive; None where it was not asked")
     release: ReleaseOut | None
 
 
@@ -47,6 +64,46 @@ class ReleaseIn(BaseModel):
     model_config = ConfigDict(extra="forbid", str_strip_whitespace=True)
     by: str = Field(min_length=1, max_length=128, pattern=r"^[^\x00]*$")
     why: str = Field(min_length=1, max_length=2000, pattern=r"^[^\x00]*$")
+
+
+Table = dict[str, bool | int | float | str]
+"""Some keys of a table of the settings."""
+
+
+class ReprocessIn(BaseModel):
+    """With what a drive is processed anew, where not with the service's settings."""
+
+    model_config = ConfigDict(extra="forbid")
+    model: str | None = Field(None, max_length=64, description="a network of the catalogue, by its name")
+    rig_version: int | None = Field(None, ge=1, le=2**31 - 1, description="of the drive's rig; default the newest")
+    odometry: Table = Field(default={}, description="keys of the table [odometry] of the settings")
+    labelling: Table = Field(default={}, description="keys of the table [labelling] of the settings")
+
+    @field_validator("model")
+    @classmethod
+    def _known(cls, name: str | None) -> str | None:
+        if name is not None and name not in MODELS:
+            raise ValueError(f"unknown network {name!r}; known are {', '.join(MODELS)}")
+        return name
+
+    @model_validator(mode="after")
+    def _in_range(self) -> Self:
+        with_asked(ProcessSettings(), self.asked())
+        return self
+
+    def asked(self) -> dict[str, Any]:
+        """The tables of `ProcessSettings` that it names."""
+        tables = {"segmentation": {} if self.model is None else {"model": self.model}}
+        return {name: table for name, table in {**tables, "odometry": self.odometry, "labelling": self.labelling}.items() if table}
+
+
+class ReprocessOut(BaseModel):
+    """A drive that is processed anew. Quality, facts and track are of the result before, until the new one is published."""
+
+    since: float
+    asked: dict[str, Any] = Field(description="tables of settings that count more than the service's")
+    state: Literal["running", "publishing", "failed"]
+    error: str | None
 
 
 class DriveOut(BaseModel):
@@ -72,6 +129,7 @@ class DriveOut(BaseModel):
     placed: bool | None
     quality: QualityOut | None = Field(description="None until the geo-reference is done")
     facts: dict[str, Any]
+    reprocess: ReprocessOut | None = Field(description="None unless it is processed anew; `stages` and `progress` are of that run")
     created_at: float
     uploaded_at: float | None
     finished_at: float | None
@@ -149,17 +207,128 @@ class ChangedTile(TileName):
     bytes: int
 
 
+class Feature(BaseModel):
+    """A GeoJSON feature."""
+
+    type: Literal["Feature"] = "Feature"
+    geometry: dict[str, Any] | None
+    properties: dict[str, Any]
+
+
+class FeatureCollection(BaseModel):
+    """A GeoJSON feature collection, WGS84."""
+
+    type: Literal["FeatureCollection"] = "FeatureCollection"
+    features: list[Feature]
+
+
+class MarkingPage(FeatureCollection):
+    """Markings and kerbs; `next` is null on the last page."""
+
+    next: str | None
+
+
 class ChangeList(BaseModel):
     """What a version changed."""
 
     changed: list[ChangedTile]
     gone: list[TileName]
+    things: FeatureCollection
+    withdrawn_things: FeatureCollection
 
 
 class VersionList(BaseModel):
     """The versions that are kept, newest first."""
 
     versions: list[VersionOut]
+
+
+class RegionOut(BaseModel):
+    """A region of a map version: what it was made from, and which blob it is."""
+
+    east: int
+    north: int
+    digest: str
+    inputs: str = Field(description="digest of the submaps, their places, the settings and the code")
+    bytes: int
+
+
+class MadeBy(BaseModel):
+    """How a stage of a run was made."""
+
+    stage: str
+    key: str = Field(description="digest of all that the result depends on")
+    digest: str | None = Field(description="of the result")
+    code: str | None = Field(description="version of the code")
+    libraries: dict[str, str]
+    parameters: str | None = Field(description="digest of the stage's settings, and of what they mean by content")
+
+
+class NetworkOut(BaseModel):
+    """The network that labelled a drive's images."""
+
+    name: str | None
+    sha256: str | None
+    device: str | None
+
+
+class RunOut(BaseModel):
+    """One way of a drive through its stages."""
+
+    number: int
+    created_at: float
+    asked: dict[str, Any] = Field(description="tables of settings that counted more than the service's")
+    network: NetworkOut
+    stages: list[MadeBy]
+
+
+class RunDetail(RunOut):
+    """A run with the settings of its stages by value."""
+
+    submaps: list[str]
+    parameters: dict[str, Any]
+
+
+class RunList(BaseModel):
+    """The runs of a drive, newest first; the first made what the map has, or has next."""
+
+    runs: list[RunDetail]
+
+
+class DriveLineage(BaseModel):
+    """A drive whose submaps bear on a place of the map."""
+
+    id: str = Field(description="SHA-256 of the manifest that was uploaded, which names the SHA-256 of each file")
+    name: str | None
+    vehicle_id: str | None
+    submaps: list[str] = Field(description="digests of those that bear on the place")
+    run: RunOut | None = Field(description="what made them; None of a drive processed before runs were kept")
+
+
+class VoxelOut(BaseModel):
+    """A voxel of a column: where it is, and who saw it when."""
+
+    layer: str
+    label: str
+    lon: float
+    lat: float
+    height_m: float
+    distance_m: float
+    drives: list[str]
+    first_seen: float = Field(description="seconds since 1970, by the clocks of the drives' logs")
+    last_seen: float
+
+
+class LineageOut(BaseModel):
+    """What a place of a map version was made from."""
+
+    map_id: str
+    version: int
+    created_at: float
+    built_with: str = Field(description="digest of the settings, the code and the frame of the map's own stages")
+    regions: list[RegionOut]
+    drives: list[DriveLineage]
+    voxels: list[VoxelOut] | None = Field(description="of a point: those around it, nearest first")
 
 
 class SubmapOut(BaseModel):
@@ -250,21 +419,6 @@ class RigList(BaseModel):
     rigs: list[RigOut]
 
 
-class Feature(BaseModel):
-    """A GeoJSON feature."""
-
-    type: Literal["Feature"] = "Feature"
-    geometry: dict[str, Any] | None
-    properties: dict[str, Any]
-
-
-class FeatureCollection(BaseModel):
-    """A GeoJSON feature collection, WGS84."""
-
-    type: Literal["FeatureCollection"] = "FeatureCollection"
-    features: list[Feature]
-
-
 class Health(BaseModel):
     """Whether the server lives, and what it can reach."""
 
@@ -289,4 +443,5 @@ class Info(BaseModel):
     map_id: str
     needs_key: bool
     stages: list[str]
+    overlays: list[str] = Field(description="layers of pictures beside `semantic`; a version has those that show anything")
     classes: list[ClassOut]

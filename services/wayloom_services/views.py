@@ -5,19 +5,35 @@ import time
 from collections.abc import Mapping, Sequence
 
 from wayloom.config.stages import drive_stages, map_stages
+from wayloom.pipeline.digests import sha256_of_json
 from wayloom.store import drives, maps
+from wayloom.store.coming import shown_verdict
 from wayloom.store.database import Session
 from wayloom.store.drives import Received
 from wayloom.store.gate import STATE_OUTSIDE, passes
-from wayloom.store.tables import Drive, Job, MapVersion, SubmapRow
-from wayloom_services.schemas import DriveOut, QualityOut, ReleaseOut, StageOut, SubmapOut, VersionOut
+from wayloom.store.tables import Drive, DriveRun, Job, MapVersion, SubmapRow
+from wayloom_services.schemas import (
+    DriveOut,
+    MadeBy,
+    MapVerdictOut,
+    NetworkOut,
+    QualityOut,
+    ReleaseOut,
+    ReprocessOut,
+    RunDetail,
+    RunOut,
+    StageOut,
+    SubmapOut,
+    VersionOut,
+)  # fmt: skip
 
 
 def drives_out(session: Session, rows: Sequence[Drive]) -> list[DriveOut]:
     """The drives with their stages."""
     jobs = drives.jobs_of(session, rows)
     received = drives.received(session, rows)
-    usual = drives.usual_seconds(session) if any(row.state in ("queued", "running", "stitching") for row in rows) else {}
+    at_work = any(row.coming is not None or row.state in ("queued", "running", "stitching") for row in rows)
+    usual = drives.usual_seconds(session) if at_work else {}
     return [drive_out(row, jobs[row.id], received[row.id], usual) for row in rows]
 
 
@@ -25,12 +41,13 @@ def drive_out(drive: Drive, jobs: Sequence[Job], received: Received, usual: Mapp
     """Response model of a drive; `usual` holds the usual duration of each stage."""
     now = time.time()
     stages = _stages(drive, jobs, now)
+    is_over = drive.coming is None and drive.state in STATE_OUTSIDE.values()
     current = next((stage for stage in stages if stage.state not in ("done",)), None)
     return DriveOut(
         id=drive.id, name=drive.name, vehicle_id=drive.vehicle_id, map_id=drive.map_id, state=drive.state,
         error=drive.error,
-        note=_note(drive), quality=_quality(drive),
-        stage=None if current is None or drive.state in (*STATE_OUTSIDE.values(), "uploading", "removing") else current.stage,
+        note=_note(drive), quality=_quality(drive), reprocess=_reprocess(drive),
+        stage=None if current is None or is_over or drive.state in ("uploading", "removing") else current.stage,
         progress=_share_done(drive, stages, received), eta_s=_eta(drive, stages, usual), stages=stages, files=drive.file_count,
         bytes=drive.byte_count, received_files=received.files, received_bytes=received.bytes, placed=drive.placed,
         facts=drive.facts, created_at=drive.created_at, uploaded_at=drive.uploaded_at, finished_at=drive.finished_at,
@@ -39,23 +56,39 @@ def drive_out(drive: Drive, jobs: Sequence[Job], received: Received, usual: Mapp
 
 def _quality(drive: Drive) -> QualityOut | None:
     """The verdict of the gate, and its release."""
-    if drive.gate is None:
+    said = shown_verdict(drive)
+    if said["gate"] is None:
         return None
-    released = (drive.released_by, drive.released_why, drive.released_at)
+    released = (said["released_by"], said["released_why"], said["released_at"])
     release = None if None in released else ReleaseOut(by=released[0], why=released[1], at=released[2])
-    return QualityOut(grade=drive.grade, reasons=drive.reasons or [], gate=drive.gate, release=release)
+    by_map = None if said["map_verdict"] is None else MapVerdictOut.model_validate(said["map_verdict"])
+    about = {name: said[name] for name in ("grade", "gate")}
+    return QualityOut(**about, reasons=said["reasons"] or [], sound=bool(said["sound"]), by_map=by_map, release=release)
+
+
+def _reprocess(drive: Drive) -> ReprocessOut | None:
+    """How far a new run of the drive is."""
+    if drive.coming is None:
+        return None
+    error = drive.coming.get("error") or (drive.error if drive.state == "failed" else None)
+    state = "failed" if error else "publishing" if "stitch" in drive.coming else "running"
+    return ReprocessOut(since=drive.coming["since"], asked=drive.coming["asked"], state=state, error=error)
 
 
 def _note(drive: Drive) -> str | None:
     """A few words on why a drive is not in the map, or is there in spite of its grade."""
-    if drive.gate in (None, "merge"):
+    said = shown_verdict(drive)
+    if said["gate"] in (None, "merge"):
         return "not geo-referenced: no place in the map" if drive.placed is False else None
-    if drive.released_at is not None:
-        return f"grade {drive.grade}, released by {drive.released_by}: {drive.released_why}"
-    why = "; ".join(drive.reasons or ())
+    if said["released_at"] is not None:
+        return f"grade {said['grade']}, released by {said['released_by']}: {said['released_why']}"
+    by_map = said["map_verdict"]
+    if by_map is not None and by_map["admitted"]:
+        return f"in the map, grade {by_map['grade']}: {by_map['reason']}"
+    why = "; ".join([*(said["reasons"] or ()), *([by_map["reason"]] if by_map is not None else [])])
     if drive.placed is False:
         return f"held: not geo-referenced, no place in the map: {why}"
-    return f"{STATE_OUTSIDE[drive.gate or 'hold']}: grade {drive.grade}: {why}"
+    return f"{STATE_OUTSIDE[said['gate'] or 'hold']}: grade {said['grade']}: {why}"
 
 
 def version_out(session: Session, row: MapVersion) -> VersionOut:
@@ -65,6 +98,33 @@ def version_out(session: Session, row: MapVersion) -> VersionOut:
         map_id=row.map_id, version=row.version, created_at=row.created_at, frame=row.frame, drives=held,
         submaps=row.submap_count, bounds=row.bounds, layers=row.layers, tiles=row.tile_count, bytes=row.byte_count, facts=row.facts,
     )  # fmt: skip
+
+
+def run_out(run: DriveRun) -> RunOut:
+    """Response model of a run."""
+    labelled = run.stages.get("segmentation", {}).get("parameters", {})
+    description = labelled.get("description", {})
+    network = NetworkOut(name=description.get("name"), sha256=labelled.get("sha256"), device=labelled.get("device"))
+    stages = [
+        MadeBy(
+            stage=name, key=made["key"], digest=made.get("digest"), code=made.get("code"), libraries=made.get("libraries", {}),
+            parameters=sha256_of_json(made["parameters"]) if "parameters" in made else None,
+        )
+        for name, made in sorted(run.stages.items(), key=lambda item: _position(item[0]))
+    ]  # fmt: skip
+    return RunOut(number=run.number, created_at=run.created_at, asked=run.asked, network=network, stages=stages)
+
+
+def run_detail(run: DriveRun) -> RunDetail:
+    """Response model of a run with its settings by value."""
+    parameters = {name: made.get("parameters", {}) for name, made in run.stages.items()}
+    return RunDetail(**run_out(run).model_dump(), submaps=run.submaps, parameters=parameters)
+
+
+def _position(stage: str) -> int:
+    """Of a stage in the order in which drives meet them; one that the catalogue has no more comes last."""
+    names = drive_stages()
+    return names.index(stage) if stage in names else len(names)
 
 
 def submap_out(row: SubmapRow) -> SubmapOut:
@@ -79,11 +139,8 @@ def submap_out(row: SubmapRow) -> SubmapOut:
 def _stages(drive: Drive, jobs: Sequence[Job], now: float) -> list[StageOut]:
     """Every stage that the drive will have, those without a row yet as waiting."""
     found = {job.stage: job for job in jobs if not job.part}
-    names = (
-        drive_stages()
-        if drive.placed is False or (drive.gate is not None and not passes(drive))
-        else (*drive_stages(), *map_stages())
-    )
+    outside = drive.placed is False or (drive.gate is not None and not passes(drive))
+    names = drive_stages() if outside and drive.state != "stitching" else (*drive_stages(), *map_stages())
     parts = {name: [job for job in jobs if job.stage == name and job.part] for name in names}
     return [_stage(found[name], parts[name], now) if name in found else _waiting(name) for name in names]
 
@@ -128,7 +185,8 @@ def _share_done(drive: Drive, stages: Sequence[StageOut], received: Received) ->
 
 def _eta(drive: Drive, stages: Sequence[StageOut], usual: Mapping[str, float]) -> float | None:
     """Remaining time: the running stage by its own pace, the following ones by their usual duration."""
-    if drive.state not in ("queued", "running", "stitching"):
+    at_work = drive.state in ("queued", "running", "stitching") or drive.coming is not None
+    if not at_work or (drive.coming or {}).get("error"):
         return None
     rest = 0.0
     for stage in stages:

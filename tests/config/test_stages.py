@@ -32,9 +32,9 @@ def test_an_entry_names_a_room_parts_of_the_log_and_settings_that_there_are(stag
 
 
 def test_every_setting_is_in_the_key_of_a_stage_or_changes_no_result():
-    """The network and the rig file are in keys by content (`key_parts`); threads change nothing; a geoid is for exports."""
+    """The network and the rig file are in keys by content (`key_parts`); threads change nothing; the rest is for exports."""
     named = {path.split(".")[0] for stage in STAGES for path in stage.settings}
-    assert set(ProcessSettings.model_fields) - named == {"segmentation", "rig", "threads", "geoid"}
+    assert set(ProcessSettings.model_fields) - named == {"segmentation", "rig", "threads", "geoid", "markings", "kerbs"}
 
 
 def test_an_unknown_stage_is_refused_with_the_known_ones():
@@ -43,10 +43,10 @@ def test_an_unknown_stage_is_refused_with_the_known_ones():
 
 
 def test_a_new_entry_is_known_to_all_who_ask(monkeypatch):
-    monkeypatch.setattr(stages, "STAGES", (*STAGES[:2], Stage("ground", "ground", inputs=("odometry",)), *STAGES[2:]))
-    assert drive_stages()[2] == "ground"
-    assert find_stage("ground").queue == "ground"
-    assert "ground" in queues()
+    monkeypatch.setattr(stages, "STAGES", (*STAGES[:2], Stage("facades", "facades", inputs=("odometry",)), *STAGES[2:]))
+    assert drive_stages()[2] == "facades"
+    assert find_stage("facades").queue == "facades"
+    assert "facades" in queues()
     assert map_stages() == ("stitch", "publish")
 
 

@@ -137,16 +137,24 @@ def test_two_bursts_about_an_outage_are_told_from_the_fixes_after_them() -> None
     assert nees(drive, georeference(drive.log, drive.odometry)).mean() < 3.0
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_ramp_of_a_metre_leaves_no_more_than_a_gap(seed: int) -> None:
-    """0.1 m at 0.12 to 0.2 m of sigma over the drive; the foot of a ramp, up to four sigmas off, stays believed."""
-    ramp = (GnssBurst(share=0.4, duration_s=20.0, size_m=1.0, wander_share=0.0, ramp_s=8.0),)
+def test_a_burst_between_pieces_that_agree_with_each_other_is_in_doubt() -> None:
+    """Good for 1.5 s, 3 m off for twelve, good for half a second, then nothing for half a minute: it was 82 sigmas off."""
+    drive = random_drive(90)
+    geo = georeference(drive.log, drive.odometry)
+    error, sigma = errors_and_sigmas(drive, geo)
+    assert (error < 3.0 * sigma).all()
+
+
+@pytest.mark.parametrize(("size_m", "seed"), [(1.0, 0), (1.0, 1), (3.0, 1), (15.0, 1)])
+def test_a_ramp_is_left_out_with_its_foot(size_m: float, seed: int) -> None:
+    """Its foot was believed, up to thirteen sigmas off, where the scale of the odometry could explain it."""
+    ramp = (GnssBurst(share=0.4, duration_s=20.0, size_m=size_m, wander_share=0.0, ramp_s=8.0),)
     drive = city_drive(city_way(100.0), Receiver(bursts=ramp), seed)
     geo = georeference(drive.log, drive.odometry)
     error, sigma = errors_and_sigmas(drive, geo)
-    assert np.sqrt((error**2).mean()) < 0.15
-    assert (error < 4.0 * sigma).all()
-    assert len(geo.report["shifted"]) == 1
+    assert np.sqrt((error**2).mean()) < 0.35
+    assert (error < 3.0 * sigma).all()
+    assert geo.report["shifted"][0]["from_s"] < 41.0
 
 
 def test_a_clock_late_by_a_fifth_of_a_second_is_found_where_the_way_bends() -> None:

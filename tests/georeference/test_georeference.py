@@ -12,7 +12,8 @@ from wayloom.geodesy.map_frame import map_frame_for
 from wayloom.geometry import se3
 from wayloom.georeference.alignment import georeference
 from wayloom.georeference.settings import GeoReferenceSettings
-from wayloom.georeference.uncertainty import heading_sigma_rad, position_covariance
+from wayloom.georeference.types import Wanted
+from wayloom.georeference.uncertainty import heading_sigma_rad, moved_covariance, position_covariance
 from wayloom.logs.sidecars.oxts import UP_FACTOR
 from wayloom.logs.types import FixType, GnssTrack
 from wayloom.simulation.sensors.gnss import SIGMA_M, fix_errors, steps_in_force
@@ -194,7 +195,7 @@ def test_a_straight_road_leaves_the_roll_to_gravity():
 def test_the_given_frame_is_used_and_changes_no_place_on_earth():
     drive = made_drive(seed=7)
     one = georeference(drive.log, drive.odometry)
-    other = georeference(drive.log, drive.odometry, map_frame_for(7.5, 48.5))
+    other = georeference(drive.log, drive.odometry, Wanted(map_frame_for(7.5, 48.5)))
     places = [wgs84.lonlatheight_from_enu(g.T_enu_cam[:, :3, 3], g.frame) for g in (one, other)]
     assert np.abs(places[0] - places[1])[:, :2].max() < 1e-12
     sigmas = [np.trace(position_covariance(g.T_enu_cam, g.covariance), axis1=1, axis2=2) for g in (one, other)]
@@ -388,3 +389,35 @@ def test_fixes_that_are_no_place_on_earth_are_left_out_and_counted():
     odd[10, 1], odd[20, 0] = 97.0, 400.0
     geo = georeference(with_fixes(drive, lon_lat_height=odd).log, drive.odometry)
     assert geo.report["fixes"]["unusable"] == {"no place on Earth": 2}
+
+
+def test_what_joins_two_places_of_a_drive_is_as_sure_as_the_odometry_wherever_gnss_puts_both():
+    """Fixes of 2 m that wander, a scale that is known: places 60 m apart err by metres, and alike."""
+    drive = made_drive(sigma_m=2.0, turn_rad=0.005)
+    anchors, settings = np.array([60, 120, 180]), SYNCHRONISED.model_copy(update={"scale_sigma": 0.002})
+    geo = georeference(drive.log, drive.odometry, Wanted(anchors=anchors), settings)
+    assert np.array_equal(geo.anchors.frame, anchors)
+    assert geo.anchors.connected.all()
+    for (a, b), cross in zip(((60, 120), (120, 180)), geo.anchors.cross, strict=True):
+        both = np.block([[geo.covariance[a], cross], [cross.T, geo.covariance[b]]])
+        assert np.linalg.eigvalsh(both)[0] > -1e-9 * np.abs(both).max()
+        middle = np.eye(4)
+        middle[:3, 3] = 0.5 * (geo.T_enu_cam[a] + geo.T_enu_cam[b])[:3, 3]
+        step = moved_covariance(se3.inverse(middle), (geo.covariance[a] + geo.covariance[b] - cross - cross.T)[None])[0]
+        own = position_covariance(geo.T_enu_cam[[a]], geo.covariance[[a]])[0]
+        assert np.sqrt(np.diag(own)).min() > 0.5
+        assert np.sqrt(np.diag(step)[:3]).max() < 0.25
+
+
+def test_anchors_tell_where_the_track_was_lost_and_must_be_keyframes():
+    drive = made_drive()
+    segment = (np.arange(200) // 90).astype(np.int32)
+    broken = odometry_of(drive.odometry.trajectory.t_ns, drive.odometry.trajectory.T_world_cam, segment)
+    wanted = Wanted(anchors=np.array([30, 60, 120]))
+    geo = georeference(drive.log, broken, wanted)
+    assert geo.anchors.connected.tolist() == [True, False]
+    without = dataclasses.replace(drive.log, gnss=None)
+    assert georeference(without, broken, wanted).anchors.cross.shape == (2, 6, 6)
+    broken.trajectory.tracked[61] = False
+    with pytest.raises(StageError, match="frame 61 is no node"):
+        georeference(drive.log, broken, Wanted(anchors=np.array([30, 61])))

@@ -10,6 +10,7 @@ from georeference.made_gnss_drives import MadeLog, odometry_of
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.alignment import georeference
+from wayloom.georeference.types import Wanted
 from wayloom.georeference.uncertainty import position_covariance
 from wayloom.logs.registry import open_log
 from wayloom.logs.types import GnssTrack
@@ -106,7 +107,7 @@ def clip(request):
 def change_m(clip, gnss) -> tuple[np.ndarray, np.ndarray]:
     """(n,) m each: by how much the poses change with other fixes, and the sigma that is then stated."""
     log, tracked, whole, first = clip
-    geo = georeference(MadeLog(gnss, log.p_cam_gnss), tracked, whole.frame)
+    geo = georeference(MadeLog(gnss, log.p_cam_gnss), tracked, Wanted(whole.frame))
     moved = np.linalg.norm(geo.T_enu_cam[first:, :3, 3] - whole.T_enu_cam[first:, :3, 3], axis=1)
     return moved, np.sqrt(np.trace(position_covariance(geo.T_enu_cam, geo.covariance), axis1=1, axis2=2))[first:]
 

@@ -10,6 +10,7 @@ from wayloom.evaluation.gnss_drives import PLACE, RATE_HZ, MadeDrive, Receiver, 
 from wayloom.geodesy import wgs84
 from wayloom.georeference.alignment import georeference
 from wayloom.logs.types import FixType
+from wayloom.pipeline.drive_quality import is_sound
 
 SECONDS = 60.0
 KINDS = [FixType.FIXED, FixType.SINGLE]
@@ -60,6 +61,7 @@ def test_fixes_that_are_not_of_the_drive_give_it_no_place(nonsense: Callable[...
     assert geo.frame is None
     assert geo.report["grade"] == "E"
     assert "not placed" in geo.report["messages"][0]
+    assert is_sound(geo.report, drive.odometry.trajectory), "nothing speaks against the odometry: other drives may place it"
     assert geo.report["fixes"] == {"in_log": 600, "used": 0, "rejected": 600, "unusable": {}}
 
 
@@ -89,3 +91,22 @@ def test_fixes_of_a_drive_that_stands_are_its_own_however_they_scatter() -> None
     standing = np.tile(drive.T_place_cam[:1], (300, 1, 1))
     drive = made_drive(standing, Receiver(FixType.SINGLE, stated_ratio=0.0125), 1)
     assert georeference(drive.log, drive.odometry).frame is not None  # type: ignore[arg-type]
+
+
+def test_fixes_most_of_which_contradict_the_odometry_are_laid_aside_as_a_whole_and_shown() -> None:
+    """Three of five stretches of 3 s lie metres off: those that agree would place it, and nothing says that they are right."""
+    drive = drive_of(FixType.FIXED, seconds=30.0)
+    enu = fixes_enu(drive)
+    stretch = np.arange(len(enu)) // 30
+    off = np.random.default_rng(1).normal(size=(11, 3)) * [3.0, 3.0, 5.0]
+    log = with_fixes_at(drive, enu + off[stretch] * (stretch % 5 > 1)[:, None]).log
+    geo, alone = (georeference(one, drive.odometry) for one in (log, dataclasses.replace(log, gnss=None)))  # type: ignore[arg-type]
+    assert geo.frame is None
+    assert geo.report["messages"][0].startswith(
+        "180 of 300 fixes contradict the odometry: one of the two is wrong, and all are laid aside"
+    )
+    assert geo.report["grade"] == "E"
+    assert is_sound(geo.report, drive.odometry.trajectory)
+    np.testing.assert_array_equal(geo.T_enu_cam, alone.T_enu_cam, "no fix bends it")
+    assert len(geo.fixes) == 300
+    assert not geo.fixes.used.any()

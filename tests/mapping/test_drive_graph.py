@@ -6,10 +6,11 @@ import pytest
 
 from wayloom.geometry import se3
 from wayloom.logs.types import FixType
+from wayloom.mapping.drive_equations import V_OMEGA, CorrelatedFixes, DriveEquations, left_cross_covariances
 from wayloom.mapping.drive_graph import optimise_drive
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain
 from wayloom.mapping.gnss_factors import antenna_errors, antenna_factors, antenna_key, correlations, receiver_key
-from wayloom.mapping.odometry_links import pose_key
+from wayloom.mapping.odometry_links import links_of, pose_key
 
 NOISE = DriveNoise(0.005, np.radians(0.02), 0.002, np.radians(0.01), 0.02, 100.0, np.radians(3.0), 30.0, 0.02, 0.9999, 1e-6, 1e-6)
 """The receiver's clock and lever arm as given."""
@@ -113,6 +114,34 @@ def test_the_covariance_is_of_the_left_perturbation_as_sampling_shows():
     assert along == pytest.approx(np.sqrt(30.0 * step2 + 30.0**2 * scale2), rel=0.15)
     turned = last - solution.covariance[9]
     assert turned[5, 5] == pytest.approx(30 * (NOISE.rotation_rad**2 + NOISE.standing_rotation_rad**2), rel=0.3)
+
+
+def test_the_joint_covariance_of_two_nodes_is_that_of_the_dense_inverse():
+    chain = straight(40)
+    fixes = exact_fixes(chain, 0.5)
+    pairs = np.array([[0, 39], [5, 6], [12, 30]])
+    links = links_of(chain, NOISE)
+    equations = DriveEquations(chain, links, CorrelatedFixes(fixes, NOISE), NOISE)
+    state = equations.descend(equations.first_state(chain.T_world_node))
+    A, _ = equations.linear(state).jacobian()  # unknowns by their keys: the poses come last
+    dense = np.linalg.inv(A.T @ A)[-6 * 40 :, -6 * 40 :].reshape(40, 6, 40, 6)[:, V_OMEGA][:, :, :, V_OMEGA]
+    Ad = se3.adjoint(state.T_enu_node)
+    found = left_cross_covariances(equations.tree(state), state.T_enu_node, pairs)
+    for (a, b), cross in zip(pairs, found, strict=True):
+        expected = Ad[a] @ dense[a, :, b] @ Ad[b].T
+        np.testing.assert_allclose(cross, expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_what_is_in_doubt_for_the_whole_drive_is_common_to_its_nodes():
+    """The last third of the fixes lies 3 m apart for good: which part is right nobody tells, but it shifts all nodes as one."""
+    chain = straight(60)
+    fixes = exact_fixes(chain, 0.02)
+    fixes.position_enu[40:, 0] += 3.0
+    solution = optimise_drive(chain, fixes, chain.T_world_node, NOISE, pairs=np.array([[5, 30]]))
+    assert solution.unconfirmed_m > 1.0
+    step = solution.covariance[5] + solution.covariance[30] - solution.cross[0] - solution.cross[0].T
+    assert solution.covariance[5, 0, 0] > 1.0
+    assert np.sqrt(step[0, 0]) < 0.1
 
 
 def test_the_scale_of_the_odometry_is_found_where_it_changes():

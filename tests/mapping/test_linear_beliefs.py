@@ -7,7 +7,7 @@ import pytest
 
 from mapping.test_drive_graph import NOISE, exact_fixes, straight
 from wayloom.geometry import se3
-from wayloom.mapping.belief_doubts import FOUND, HINTED, doubt_covariance, examine
+from wayloom.mapping.belief_doubts import FOUND, HINTED, examine, second_moments, spread_doubts
 from wayloom.mapping.bias_courses import bias_courses
 from wayloom.mapping.evidence import Evidence
 from wayloom.mapping.fix_witnesses import witnesses_of
@@ -89,6 +89,7 @@ def test_the_examined_drive_lies_within_its_covariance_of_the_truth():
     assert not examined.believed.all()
     east = examined.state.T_enu_node[:, 0, 3]
     assert np.abs(east).max() < 0.5
-    doubt = doubt_covariance(graph.nodes, examined.moved, COUNT)
+    doubts = spread_doubts(graph.nodes, examined.moved, COUNT)
+    doubt = second_moments(doubts, doubts)
     assert doubt.shape == (COUNT, 6, 6)
     assert (np.linalg.eigvalsh(doubt) > -1e-9).all()

@@ -1,5 +1,6 @@
 """Shortest ways between the ends of loops, and the loops that they close."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -58,6 +59,35 @@ def test_groups_of_false_loops_have_votes_but_no_way_closes_them() -> None:
     agreed = agreeing(equations, graph.is_loop, LIMIT)
     assert agreed[~right].mean() > 0.9
     assert np.array_equal(closing(equations, graph.is_loop, agreed, LIMIT), graph.is_loop & right)
+
+
+def test_odometry_told_backwards_closes_the_same_loops() -> None:
+    made = sphere(10, 20, 0.02, 0.005, seed=3)
+    graph = with_false_groups(made.graph, 24, 6, seed=3)
+    turned = ~graph.is_loop & (graph.first % 3 == 0)
+    back = se3.inverse(graph.T_first_second)
+    Ad = se3.adjoint(graph.T_first_second)
+    other = replace(
+        graph,
+        first=np.where(turned, graph.second, graph.first),
+        second=np.where(turned, graph.first, graph.second),
+        T_first_second=np.where(turned[:, None, None], back, graph.T_first_second),
+        information=np.where(turned[:, None, None], np.swapaxes(Ad, 1, 2) @ graph.information @ Ad, graph.information),
+    )
+    told = [graph_equations(g) for g in (graph, other)]
+    votes = [agreeing(equations, graph.is_loop, LIMIT) for equations in told]
+    assert np.array_equal(*votes)
+    assert np.array_equal(*(closing(e, graph.is_loop, vote, LIMIT) for e, vote in zip(told, votes, strict=True)))
+
+
+def test_loops_far_better_than_their_sigmas_refuse_groups_that_these_would_let_in() -> None:
+    made = sphere(10, 20, 0.02, 0.005, seed=3)
+    graph = with_false_groups(made.graph, 24, 6, seed=3)
+    loose = replace(graph, information=graph.information / 30.0**2)
+    right = np.arange(len(graph)) < len(made.graph)
+    kept = closing(graph_equations(loose), graph.is_loop, graph.is_loop, LIMIT)
+    assert not kept[~right].any()
+    assert kept[right & graph.is_loop].mean() > 0.8
 
 
 def test_without_candidates_nothing_closes() -> None:

@@ -71,6 +71,20 @@ def test_groups_of_false_loops_that_agree_with_each_other_change_nothing(seed: i
     np.testing.assert_allclose(solution.T_world_node, clean.T_world_node, atol=1e-6)
 
 
+def test_false_loops_change_nothing_where_the_odometry_lies_in_parts() -> None:
+    made = sphere(10, 20, 0.02, 0.005, seed=3)
+    rows = np.flatnonzero(~((made.graph.first % 40 == 20) & ~made.graph.is_loop))
+    g = made.graph
+    parts = replace(
+        g, first=g.first[rows], second=g.second[rows], T_first_second=g.T_first_second[rows], information=g.information[rows]
+    )
+    parts = replace(parts, is_loop=g.is_loop[rows])
+    false = with_false_loops(parts, 12, seed=3)
+    clean, solution = optimise_pose_graph(parts), optimise_pose_graph(false)
+    assert np.array_equal(solution.weight > 0.0, np.arange(len(false)) < len(parts))
+    np.testing.assert_allclose(solution.T_world_node, clean.T_world_node, atol=1e-6)
+
+
 def test_planar_poses_stay_in_the_plane_and_measure_headings_over_half_a_turn() -> None:
     turn = np.arange(24) * (2.0 * np.pi / 8.0)
     xi = np.zeros((24, 6))

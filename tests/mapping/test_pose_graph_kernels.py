@@ -29,7 +29,9 @@ def random_matrix(n: int, extra: int, d: int, seed: int) -> tuple[FloatArray, Fl
     return A, diagonal, blocks, pairs
 
 
-@pytest.mark.parametrize(("n", "extra", "d"), [(1, 0, 3), (2, 0, 6), (12, 6, 6), (40, 60, 3), (30, 25, 2)])
+@pytest.mark.parametrize(
+    ("n", "extra", "d"), [(1, 0, 3), (2, 0, 6), (12, 6, 6), (40, 60, 3), (30, 25, 2), (60, 40, 6), (50, 40, 2)]
+)
 def test_a_sparse_solution_and_inverse_are_those_of_the_dense_matrix(n: int, extra: int, d: int) -> None:
     A, diagonal, blocks, pairs = random_matrix(n, extra, d, seed=n)
     factor = block_factor(block_pattern(n, pairs[:, 0].copy(), pairs[:, 1].copy()), diagonal, blocks)
@@ -39,11 +41,13 @@ def test_a_sparse_solution_and_inverse_are_those_of_the_dense_matrix(n: int, ext
     np.testing.assert_allclose(factor.diagonal_of_inverse(), [inverse[i, :, i, :] for i in range(n)], atol=1e-13)
 
 
-def test_the_variable_at_which_a_matrix_is_singular_is_named() -> None:
-    _, diagonal, blocks, pairs = random_matrix(12, 6, 3, seed=3)
+@pytest.mark.parametrize(("n", "extra"), [(12, 6), (40, 20)])
+def test_the_variable_at_which_a_matrix_is_singular_is_named(n: int, extra: int) -> None:
+    _, diagonal, blocks, pairs = random_matrix(n, extra, 3, seed=3)
     diagonal[7] = 0.0
-    with pytest.raises(NotPositiveDefiniteError):
-        block_factor(block_pattern(12, pairs[:, 0].copy(), pairs[:, 1].copy()), diagonal, blocks)
+    with pytest.raises(NotPositiveDefiniteError) as raised:
+        block_factor(block_pattern(n, pairs[:, 0].copy(), pairs[:, 1].copy()), diagonal, blocks)
+    assert raised.value.variable == 7
 
 
 def fill_of(order: NDArray[np.int64], pairs: NDArray[np.int64]) -> int:

@@ -15,7 +15,7 @@ from wayloom.pipeline.code_version import PACKAGE, code_version, library_version
 READERS = {name: f"wayloom.logs.{name}" for name in ("kitti.kitti_odometry", "kitti.kitti_raw", "kitti.kitti_360", "ros2.mcap_log")}
 ROOTS = {stage.name: str(stage.room) for stage in STAGES} | READERS
 BEHIND = {"georeference", "submaps"}
-TRACKED = {"odometry", "segmentation", "labelling", "places", *BEHIND}
+TRACKED = {"odometry", "segmentation", "labelling", "places", "looks", "ground", *BEHIND}
 ALL_READERS = set(READERS)
 READER_ROOMS = ("wayloom.logs.kitti", "wayloom.logs.ros2")
 
@@ -56,14 +56,25 @@ def digests(package: Path) -> dict[str, str]:
     ("file", "expected"),
     [
         ("errors.py", {*ROOTS}),
-        ("config/classes.py", {"segmentation", "labelling", "places", "loops", *BEHIND}),
+        ("config/classes.py", {"segmentation", "labelling", "places", "looks", "loops", "ground", *BEHIND}),
         (
             "config/settings.py",
-            {"odometry", "segmentation", "labelling", "places", "loops", "georeference", "submaps", *ALL_READERS},
+            {
+                "odometry",
+                "segmentation",
+                "labelling",
+                "places",
+                "looks",
+                "loops",
+                "georeference",
+                "submaps",
+                "ground",
+                *ALL_READERS,
+            },
         ),
         ("config/stages.py", set()),
         ("config/service.py", set()),
-        ("geometry/se3.py", {"ingest", "odometry", "labelling", "places", "loops", *BEHIND, *ALL_READERS}),
+        ("geometry/se3.py", {"ingest", "odometry", "labelling", "places", "loops", "ground", *BEHIND, *ALL_READERS}),
         ("geodesy/wgs84.py", {"ingest", *BEHIND, *ALL_READERS}),
         ("files/ply.py", {"kitti.kitti_360"}),
         ("logs/inspection.py", {"ingest"}),
@@ -77,19 +88,23 @@ def digests(package: Path) -> dict[str, str]:
         ("odometry/kernels/tracking.py", {"odometry"}),
         ("odometry/result/odometry_file.py", TRACKED),
         ("calibration/learn.py", {"odometry"}),
-        ("segmentation/scores.py", {"segmentation", "labelling", "places"}),
+        ("segmentation/scores.py", {"segmentation", "labelling", "places", "looks", "ground"}),
         ("segmentation/network.py", {"segmentation"}),
         ("segmentation/download.py", set()),
         ("labelling/kernels/voting.py", {"labelling", "loops"}),
         ("labelling/files.py", {"labelling", "places", *BEHIND}),
         ("places/features.py", {"places"}),
+        ("places/stereo_pair.py", {"places", "looks", "ground"}),
+        ("dense/disparity.py", {"looks", "ground"}),
+        ("ground/kernels/surface.py", {"ground"}),
+        ("ground/exports.py", set()),
         ("places/views.py", {"places", "loops"}),
         ("registration/search.py", {"loops"}),
         ("loops/consistency.py", {"loops"}),
         ("mapping/drive_graph.py", {"georeference"}),
         ("georeference/rigid.py", {"georeference", "submaps"}),
         ("georeference/alignment.py", {"georeference"}),
-        ("files/blob.py", {"places", "loops", "submaps"}),
+        ("files/blob.py", {"places", "looks", "loops", "georeference", "submaps", "ground"}),
         ("tiles/preview.py", {"submaps"}),
         ("tiles/pyramid.py", set()),
         ("stitching/merge.py", set()),
@@ -150,8 +165,8 @@ def test_the_libraries_of_a_stage_are_those_that_it_imports(monkeypatch):
 
 
 def test_a_room_that_is_not_there_is_named():
-    with pytest.raises(StageError, match=r"no module wayloom\.pipeline\.stages\.ground"):
-        code_version("wayloom.pipeline.stages.ground")
+    with pytest.raises(StageError, match=r"no module wayloom\.pipeline\.stages\.facades"):
+        code_version("wayloom.pipeline.stages.facades")
 
 
 def test_the_versions_of_all_stages_cost_little():

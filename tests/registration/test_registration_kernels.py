@@ -5,6 +5,7 @@ import pytest
 
 from wayloom.geometry import se3
 from wayloom.registration.kernels.fitting import fit_equations
+from wayloom.registration.kernels.ray_fitting import ray_equations
 from wayloom.registration.kernels.rays import blow_up, carve
 from wayloom.registration.kernels.surfaces import surface_covariances
 from wayloom.registration.scene import CELL_M, cells_of
@@ -57,6 +58,50 @@ def test_the_right_hand_side_is_the_negative_gradient_of_the_cost() -> None:
         xi[k] = step
         ends = [fit_equations(round_a, round_b, cells, se3.exp(s * xi) @ T, CELL_M, 0.0, OUTLIER)[2] for s in (1.0, -1.0)]
         assert -(ends[0] - ends[1]) / (2 * step) == pytest.approx(g[k], rel=1e-4, abs=1e-4)
+
+
+OFFSETS = np.linspace(-1.0, 1.0, 5)
+
+
+def some_rays(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Unit rays (N, 3) and half lengths (N,) m, every third of them 0."""
+    rays = np.random.default_rng(seed).normal(size=(count, 3))
+    return rays / np.linalg.norm(rays, axis=1)[:, None], np.where(np.arange(count) % 3 == 0, 0.0, 0.7)
+
+
+def test_a_point_counts_by_its_density_over_the_mean_density_along_its_ray() -> None:
+    a, b = some_points(21, 150), some_points(22, 40)
+    rays, half_m = some_rays(23, 40)
+    T = some_pose()
+    _, _, cost = ray_equations(a, b, rays, half_m, OFFSETS, cells_of(a[0]).arrays(), T, REACH_M, SPREAD_M, OUTLIER)
+    expected = 0.0
+    for n in range(40):
+        at = [(b[0][n : n + 1] + t * half_m[n] * rays[n], b[1][n : n + 1], b[2][n : n + 1]) for t in (0.0, *OFFSETS)]
+        here, *along = (-naive_cost(a, one, T, REACH_M, SPREAD_M) for one in at)
+        expected -= here if half_m[n] == 0.0 else here - np.log(np.mean(np.exp(along)))
+    assert cost == pytest.approx(expected, rel=1e-10)
+
+
+def test_the_scores_of_points_on_rays_are_the_derivatives_of_their_log_likelihood() -> None:
+    """Exact for covariances that a turn leaves as they are; the information is that of the scores, point by point."""
+    a, b = some_points(24, 150), some_points(25, 30)
+    a, b = ((x, group, np.tile(0.04 * np.eye(3), (len(x), 1, 1))) for x, group, _ in (a, b))
+    rays, half_m = some_rays(26, 30)
+    cells, T, step, scatter = cells_of(a[0]).arrays(), some_pose(), 1e-5, np.zeros((6, 6))
+
+    def of(rows: slice, pose: np.ndarray):
+        return ray_equations(
+            a, tuple(x[rows] for x in b), rays[rows], half_m[rows], OFFSETS, cells, pose, CELL_M, 0.0, OUTLIER
+        )  # fmt: skip
+
+    H, g, _ = of(slice(None), T)
+    for k, xi in enumerate(step * np.eye(6)):
+        fall = of(slice(None), se3.exp(xi) @ T)[2] - of(slice(None), se3.exp(-xi) @ T)[2]
+        assert -fall / (2 * step) == pytest.approx(g[k], rel=1e-4, abs=1e-4)
+    for n in range(30):
+        score = of(slice(n, n + 1), T)[1]
+        scatter += np.outer(score, score)
+    np.testing.assert_allclose(H, scatter, rtol=1e-10, atol=1e-10)
 
 
 def test_the_hessian_sums_the_information_of_each_pair_by_its_weight() -> None:

@@ -16,7 +16,8 @@ import numpy as np
 from wayloom.config.gate import gate_of
 from wayloom.config.stages import REMOVAL
 from wayloom.errors import LogError
-from wayloom.store import drives, gate, map_versions, maps
+from wayloom.pipeline.digests import sha256_of_json
+from wayloom.store import coming, drives, gate, map_versions, maps, reprocessing
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.tables import SubmapRow
@@ -24,7 +25,7 @@ from wayloom.tiles.png import png_bytes
 from wayloom_workers import production
 from wayloom_workers.publishing import TILES_FILE, publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
-from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, keyed_by_inputs
+from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, key_of_inputs, keyed_by_inputs
 
 LON, LAT = 8.4, 49.01
 RUNS = "runs.txt"
@@ -64,11 +65,12 @@ def judge(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     """The grade that the drive asks for, and a quality report with one picture."""
     drive = drives.get(session, str(attempt.claim.drive_id))
     play = json.loads((Path(str(attempt.log_path)) / "play.json").read_text())
-    drive.placed = play.get("placed", True)
-    grade = play.get("grade", "A") if drive.placed else None
-    reasons = ["sigma of the position 2.00 m in the median"] if drive.placed else ["no GNSS"]
-    gate.judge(session, drive.id, grade, reasons, gate_of(grade, attempt.context.settings.gate))
-    drive.facts = {**drive.facts, "quality": attempt.context.blobs.put(QUALITY)}
+    placed = play.get("placed", True)
+    coming.note_place(drive, placed, [[LON, LAT, 100.0], [LON + 0.001, LAT + 0.0005, 100.0]] if placed else None)
+    grade = play.get("grade", "A") if placed else None
+    reasons = ["sigma of the position 2.00 m in the median"] if placed else ["no GNSS"]
+    reprocessing.judge(session, drive.id, grade, reasons, gate_of(grade, attempt.context.settings.gate))
+    coming.note(drive, quality=attempt.context.blobs.put(QUALITY))
     return []
 
 
@@ -78,7 +80,6 @@ def place(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     play = json.loads((Path(str(attempt.log_path)) / "play.json").read_text())
     if play.get("placed") is False:
         return []
-    drive.track = [[LON, LAT, 100.0], [LON + 0.001, LAT + 0.0005, 100.0]]
     place_row(session, drive.id, drive.map_id)
     return []
 
@@ -90,11 +91,11 @@ def place_row(session: Session, drive_id: str, map_id: str) -> None:
         T_enu_submap=np.eye(4).tolist(), covariance=np.eye(6).tolist(),
         min_lon=LON, min_lat=LAT, max_lon=LON + 0.001, max_lat=LAT + 0.001,
     )  # fmt: skip
-    maps.place_submaps(session, drive_id, [row])
+    reprocessing.place_submaps(session, drive_id, [row])
 
 
 def stitch(attempt: StageAttempt) -> None:
-    """One coloured tile at every zoom, its colour the number of drives."""
+    """One coloured tile at every zoom, its colour the number of drives, and the same as an overlay."""
     note(attempt, "start")
     with attempt.context.database.read() as session:
         rows = maps.submaps(session, str(attempt.claim.map_id))
@@ -108,6 +109,7 @@ def stitch(attempt: StageAttempt) -> None:
     content = png_bytes(rgba)
     digest = attempt.context.blobs.put(content)
     tiles = [tile(zoom, digest, len(content)) for zoom in range(12, 19)] if rows else []
+    tiles += [{**entry, "layer": "parked"} for entry in tiles if int(str(entry["z"])) >= 16]
     said = {
         "base": base,
         "built_with": "",
@@ -135,9 +137,16 @@ def tile(zoom: int, digest: str, size: int) -> dict[str, object]:
     return {"layer": "semantic", "z": zoom, "x": x, "y": y, "digest": digest, "media_type": "image/png", "size": size}
 
 
+def prepare(attempt: StageAttempt) -> PreparedStage:
+    """`run`, made again where other settings are asked for."""
+    with attempt.context.database.read() as session:
+        asked = (drives.get(session, str(attempt.claim.drive_id)).coming or {}).get("asked")
+    return PreparedStage(sha256_of_json([key_of_inputs(attempt), asked or {}]), lambda: run(attempt))
+
+
 _HOOKS = {
-    "georeference": StageHooks(keyed_by_inputs(run), record=judge),
-    "submaps": StageHooks(keyed_by_inputs(run), record=place),
+    "georeference": StageHooks(prepare, record=judge),
+    "submaps": StageHooks(prepare, record=place),
     "stitch": StageHooks(keyed_by_inputs(stitch), record=request_publish),
     "publish": StageHooks(keyed_by_inputs(tidy), record=publish),
     REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=remove_files, record=remove_rows),
@@ -146,7 +155,7 @@ _HOOKS = {
 
 def hooks(stage: str) -> StageHooks:
     """What the workers do for a stage: for a drive's, `run`."""
-    return _HOOKS.get(stage) or StageHooks(keyed_by_inputs(run))
+    return _HOOKS.get(stage) or StageHooks(prepare)
 
 
 def easy(attempt: StageAttempt) -> None:

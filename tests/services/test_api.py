@@ -2,7 +2,9 @@
 
 import hashlib
 import json
+import re
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import httpx2
@@ -146,6 +148,41 @@ def test_a_tile_of_a_version_never_changes(http: httpx2.Client, published: TileE
     assert "immutable" in answer.headers["Cache-Control"]
 
 
+def test_the_head_of_a_tile_is_its_headers_alone(http: httpx2.Client, published: TileEntry) -> None:
+    for of in ("", "/versions/1"):
+        path = f"/v1/maps/city{of}/tiles/semantic/{published.z}/{published.x}/{published.y}.png"
+        answer, full = http.head(path), http.get(path)
+        assert (answer.status_code, answer.content) == (200, b"")
+        for name in ("ETag", "Content-Type", "Content-Length", "Cache-Control"):
+            assert answer.headers[name] == full.headers[name]
+    assert http.head("/v1/maps/city/tiles/semantic/3/1/1.png").status_code == 204
+
+
+@pytest.mark.usefixtures("published")
+def test_a_layer_is_described_to_viewers_by_addresses_that_answer(http: httpx2.Client, published: TileEntry) -> None:
+    said = http.get("/v1/maps/city/tiles/semantic/tilejson.json").json()
+    assert said == http.get("/v1/maps/city/versions/2/tiles/semantic/tilejson.json").json()
+    assert (said["minzoom"], said["maxzoom"], said["bounds"]) == (16, 18, [8.39, 49.0, 8.41, 49.02])
+    (address,) = said["tiles"]
+    assert "/versions/2/" in address
+    assert http.get(address.format(z=published.z, x=published.x, y=published.y)).content == b"not really a picture"
+    gone = http.get("/v1/maps/city/tiles/ortho/tilejson.json")
+    assert (gone.status_code, gone.json()["code"]) == (404, "not-found")
+    assert "it has semantic" in gone.json()["detail"]
+    assert http.get("/v1/maps/city/versions/9/tiles/semantic/tilejson.json").status_code == 404
+
+
+@pytest.mark.usefixtures("published")
+def test_wmts_capabilities_name_addresses_that_answer(http: httpx2.Client, published: TileEntry) -> None:
+    for of in ("", "/versions/1"):
+        answer = http.get(f"/v1/maps/city{of}/wmts.xml")
+        assert (answer.status_code, answer.headers["Content-Type"]) == (200, "application/xml")
+        (address,) = re.findall(r'template="([^"]*)"', answer.text)
+        assert f"/v1/maps/city{of}/tiles/" in address
+        place = {"TileMatrix": published.z, "TileCol": published.x, "TileRow": published.y}
+        assert http.get(address.format(**place)).content == b"not really a picture"
+
+
 @pytest.mark.usefixtures("published")
 def test_where_nothing_is_mapped_there_is_no_content(http: httpx2.Client) -> None:
     assert http.get("/v1/maps/city/tiles/semantic/3/1/1.png").status_code == 204
@@ -235,8 +272,32 @@ def test_a_drive_that_newer_ones_push_out_of_sight_is_not_told_as_removed(tmp_pa
         drives.delete_rows(session, second)
     before = {("drive", first): "{}", ("drive", second): "{}"}
     with database.read() as session:
-        _, removed = events._look(before, session)
+        _, removed, _ = events._look(before, session)
     assert removed == [second]
+    database.close()
+
+
+def test_a_publication_names_its_tiles_once_and_after_a_pause_those_of_every_version(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'wayloom.db'}")
+    upgrade(database)
+    tiles = [TileEntry("semantic", 18, x, 2, f"{x:064}", "image/png", 1) for x in range(3)]
+    new = NewVersion(0, (8.5, 49.5, 0.0), (), 1, None, tiles[:2])
+    with database.write() as session:
+        maps.ensure_map(session, "city")
+        publish(session, "city", new, kept=9)
+    with database.read() as session:
+        first, _, named = events._look({("map", "city"): '{"id": "city", "version": 0}'}, session)
+        changed = {"semantic": ["18/0/2", "18/1/2"]}
+        said = {"map": "city", "version": 1, "count": 2, "whole": True, "changed": changed, "gone": {}}
+        assert [(one.event, json.loads(one.data)) for one in named] == [("tiles", said)]
+        assert events._look({}, session)[2] == events._look(first, session)[2] == []  # the first look tells no history
+    with database.write() as session:
+        publish(session, "city", replace(new, base=1, tiles=tiles[2:], dropped_tiles=[tiles[0].key]), kept=9)
+        publish(session, "city", replace(new, base=2, tiles=[]), kept=9)
+    with database.read() as session:
+        later = [json.loads(one.data) for one in events._look(first, session)[2]]
+    assert [(one["version"], one["count"]) for one in later] == [(2, 2), (3, 0)]
+    assert (later[0]["changed"], later[0]["gone"]) == ({"semantic": ["18/2/2"]}, {"semantic": ["18/0/2"]})
     database.close()
 
 

@@ -2,15 +2,27 @@
 
 import os
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
+from service_kit import little_stages
 from service_kit.packed_drives import packed_drive
-from service_kit.running import service, until
+from service_kit.running import ApiAlone, service, until
 from wayloom.client.upload import upload
 from wayloom.client.watch import wait_for_drive
+from wayloom.store import maps
+from wayloom.store.blobs import BlobStore
+from wayloom.store.database import Database
+from wayloom.store.map_versions import NewVersion, TileEntry, publish
+from wayloom.tiles import protobuf
+from wayloom.tiles.formats import TILE_FORMATS
+from wayloom.tiles.png import png_bytes
+from wayloom.tiles.rasters import RASTER_LAYERS
 
 CHROMIUM = Path("/usr/bin/chromium")
 ARGUMENTS = (
@@ -53,6 +65,12 @@ def test_the_dashboard_shows_map_and_drives_and_follows_them(browser: Any, tmp_p
         page.wait_for_selector(f"[data-id='{first}'][data-state=done]")
         until(lambda: page.evaluate(SHOWN) and 200 in tiles)
         assert page.inner_text("#version") == "city · version 1"
+        assert not page.is_checked("#show-parked")
+        assert page.evaluate("wayloomMap.getLayoutProperty('parked', 'visibility')") == "none"
+        with page.expect_response(lambda answer: "/tiles/parked/" in answer.url):
+            page.click("#show-parked")
+        assert page.evaluate("wayloomMap.getLayoutProperty('parked', 'visibility')") == "visible"
+        assert page.evaluate("!wayloomMap.getLayer('unconfirmed')")  # nothing is: no layer
         assert page.inner_text("#live") == "live"
         assert page.evaluate("wayloomMap.getZoom()") > 14
         assert page.evaluate("wayloomMap.queryRenderedFeatures({layers: ['tracks']}).length") > 0
@@ -78,6 +96,56 @@ def test_the_dashboard_shows_map_and_drives_and_follows_them(browser: Any, tmp_p
 
 
 @pytest.mark.browser
+def test_the_dashboard_opens_on_the_photograph_where_a_version_has_one(browser: Any, tmp_path: Path) -> None:
+    """Below the classes, in tiles of 512 pixels; a version without one has no box to tick."""
+    with closing(ApiAlone(tmp_path / "data")) as alone:
+        picture = np.full((512, 512, 4), (200, 40, 40, 255), np.uint8)
+        photo, clear = RASTER_LAYERS["ortho"].codec.encode(picture), png_bytes(np.zeros((256, 256, 4), np.uint8))
+        publish_tiles(alone, {"semantic": (clear, "image/png")})
+        page = browser.new_page(viewport={"width": 900, "height": 600})
+        said: list[str] = []
+        page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.goto(alone.url)
+        until(lambda: page.evaluate(SHOWN))
+        assert not page.is_visible("#show-ortho")
+        with page.expect_response(lambda answer: "/tiles/ortho/" in answer.url and answer.status == 200) as found:
+            publish_tiles(alone, {"ortho": (photo, "image/webp")})
+        assert found.value.headers["content-type"] == "image/webp"
+        assert found.value.url.endswith(".webp")
+        until(lambda: page.is_visible("#show-ortho") and page.evaluate(SHOWN))
+        order = page.evaluate("wayloomMap.getStyle().layers.map((layer) => layer.id)")
+        assert order.index("grid") < order.index("ortho") < order.index("semantic") < order.index("tracks")
+        assert page.evaluate("wayloomMap.getSource('ortho').tileSize") == 512
+        until(lambda: red_share(page) > 0.02)
+        page.click("#show-ortho")
+        until(lambda: red_share(page) < 0.001)
+        assert said == []
+        page.close()
+
+
+def red_share(page: Any) -> float:
+    """Of the pixels of the page."""
+    shot = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR).astype(int)
+    return float(((shot[..., 2] > 150) & (shot[..., 1] < 90) & (shot[..., 0] < 90)).mean())
+
+
+def publish_tiles(alone: ApiAlone, layers: dict[str, tuple[bytes, str]]) -> None:
+    """The next version: one tile of each layer at the zooms 12 to 18, all over the same place."""
+    blobs, database = BlobStore(alone.data / "blobs"), Database(f"sqlite:///{alone.data / 'wayloom.db'}")
+    tiles = []
+    for layer, (content, media_type) in layers.items():
+        digest = blobs.put(content)
+        spots = (little_stages.tile(zoom, digest, len(content)) for zoom in range(12, 19))
+        tiles += [TileEntry(**{**spot, "layer": layer, "media_type": media_type}) for spot in spots]  # type: ignore[arg-type]
+    bounds = (little_stages.LON, little_stages.LAT, little_stages.LON + 0.001, little_stages.LAT + 0.001)
+    with database.write() as session:
+        base = maps.ensure_map(session, "city").version
+        publish(session, "city", NewVersion(base, (8.5, 49.5, 0.0), (), 1, bounds, tiles), kept=5)
+    database.close()
+
+
+@pytest.mark.browser
 def test_the_page_of_a_held_drive_tells_why_and_an_operator_releases_it_there(browser: Any, tmp_path: Path) -> None:
     with service(tmp_path / "data") as up:
         api, url = up.api(), up.url
@@ -94,7 +162,7 @@ def test_the_page_of_a_held_drive_tells_why_and_an_operator_releases_it_there(br
         page.click(f"[data-id='{held}'] .report")
         page.wait_for_selector("img.plot")
         until(lambda: page.evaluate("document.querySelector('img.plot').naturalWidth") == 80)
-        assert page.inner_text("#verdict") == "Grade D, held: it waits for an operator"
+        assert page.inner_text("#verdict") == "Grade D by its own GNSS, held: it waits for drives that place it, or an operator"
         page.fill("#by", "Ada")
         page.fill("#why", "checked against the plan")
         page.click("#ask-release button")
@@ -102,6 +170,11 @@ def test_the_page_of_a_held_drive_tells_why_and_an_operator_releases_it_there(br
         assert not page.is_visible("#ask-release")
         assert "Released by Ada" in page.inner_text("#release")
         assert wait_for_drive(api, held)["state"] == "done"
+        page.reload()
+        page.click("#reprocess")
+        page.wait_for_selector("#anew:not([hidden])")
+        assert "This page shows the result before" in page.inner_text("#anew")
+        until(lambda: api.drive(held)["reprocess"] is None)
         assert said == []
         page.close()
 
@@ -116,4 +189,38 @@ def test_the_dashboard_asks_for_the_key_where_the_server_wants_one(browser: Any,
         page.fill("#key", key)
         page.click("#ask-key button")
         until(lambda: page.inner_text("#live") == "live")
+        page.close()
+
+
+@pytest.mark.browser
+def test_the_dashboard_draws_markings_and_kerbs_near_the_ground(browser: Any, tmp_path: Path) -> None:
+    """From zoom 18, over the classes; a version without any has no box to tick."""
+    with closing(ApiAlone(tmp_path / "data")) as alone:
+        clear = png_bytes(np.zeros((256, 256, 4), np.uint8))
+        publish_tiles(alone, {"semantic": (clear, "image/png")})
+        page = browser.new_page(viewport={"width": 900, "height": 600})
+        said: list[str] = []
+        page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.goto(alone.url)
+        until(lambda: page.evaluate(SHOWN))
+        assert not page.is_visible("#show-markings")
+        lines = {
+            name: [(protobuf.line([(0, at), (4096, at)]), {"kind": name})] for name, at in (("markings", 1500), ("kerbs", 2500))
+        }
+        tile = b"".join(protobuf.layer(name, 4096, protobuf.LINE, features) for name, features in lines.items())
+        publish_tiles(alone, {"markings": (tile, TILE_FORMATS["mvt"].media_type)})
+        until(lambda: page.is_visible("#show-markings") and page.evaluate(SHOWN))
+        order = page.evaluate("wayloomMap.getStyle().layers.map((layer) => layer.id)")
+        assert order.index("semantic") < order.index("kerbs") < order.index("markings") < order.index("tracks")
+        drawn = "wayloomMap.queryRenderedFeatures({layers: ['markings', 'kerbs']}).map((one) => one.properties.kind)"
+        page.evaluate("wayloomMap.jumpTo({zoom: 18.2})")
+        until(lambda: {*page.evaluate(drawn)} == {"markings", "kerbs"})
+        page.click("#show-markings")
+        until(lambda: page.evaluate(drawn) == [])
+        page.click("#show-markings")
+        page.evaluate("wayloomMap.jumpTo({zoom: 17.5})")
+        until(lambda: page.evaluate(SHOWN))
+        assert page.evaluate(drawn) == []
+        assert said == []
         page.close()

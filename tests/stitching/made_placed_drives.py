@@ -19,16 +19,24 @@ FloatArray = NDArray[np.float64]
 FRAME = MapFrame(3.52, 55.49, 45.0)
 KEYFRAMES = 30
 """Of a submap."""
+RTK = np.diag([0.02**2] * 2 + [0.03**2] + [np.deg2rad(0.1) ** 2] * 3)
 GNSS = np.diag([1.0**2] * 2 + [1.5**2] + [np.deg2rad(0.5) ** 2] * 2 + [np.deg2rad(0.5) ** 2])
-"""Of the left perturbation about the middle of the drive."""
+"""Of the left perturbation about the middle of the drive; without corrections."""
 
 
 def made_drive(
-    drive_id: str, street: Street, T_street_cam: FloatArray, seed: int, located: bool = True, believed_shift_m: float = 0.0
+    drive_id: str,
+    street: Street,
+    T_street_cam: FloatArray,
+    seed: int,
+    located: bool = True,
+    believed_shift_m: float = 0.0,
+    gnss: FloatArray = GNSS,
 ) -> PlacedDrive:
     """A drive along these cameras (K, 4, 4), placed with the error that its covariance says; the street is the map's frame.
 
     believed_shift_m : along the street, what its place is wrong by beyond that
+    gnss : (6, 6) of the left perturbation about the middle of the drive
     """
     places = made_places(street, T_street_cam, seed)
     places = replace(places, stations=make_stations(places, PlaceSettings()))
@@ -36,13 +44,20 @@ def made_drive(
     shift = np.eye(4)
     shift[:3, 3] = middle
     Ad = se3.adjoint(shift)
-    covariance = Ad @ GNSS @ Ad.T if located else np.full((6, 6), np.nan)
-    xi = Ad @ np.random.default_rng([seed, 7]).multivariate_normal(np.zeros(6), GNSS)
-    believed = se3.exp(xi) @ T_street_cam if located else places.T_world_keyframe
+    covariance = Ad @ gnss @ Ad.T if located else np.full((6, 6), np.nan)
+    xi = Ad @ np.random.default_rng([seed, 7]).multivariate_normal(np.zeros(6), gnss)
+    believed = se3.exp(xi) @ T_street_cam if located else level_world(T_street_cam) @ places.T_world_keyframe
     believed[:, 1, 3] += believed_shift_m
     stretches = np.split(np.arange(len(places)), range(KEYFRAMES, len(places), KEYFRAMES))
     submaps = [placed_submap(drive_id, places.T_world_keyframe, believed, rows, covariance, located) for rows in stretches]
     return PlacedDrive(drive_id, places, tuple(submaps))
+
+
+def level_world(T_street_cam: FloatArray) -> FloatArray:
+    """T_level_world (4, 4): the first camera's frame turned level, as the geo-reference turns it, with a heading of its own."""
+    turn = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.7]))
+    turn[:3, :3] = turn[:3, :3] @ T_street_cam[0, :3, :3]
+    return turn
 
 
 def placed_submap(

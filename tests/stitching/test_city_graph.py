@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from submaps.made_submaps import FRAME, random_submap
 from wayloom.errors import InputError
 from wayloom.evaluation.made_fleets import MadeFleet, made_fleet
 from wayloom.geometry import se3
 from wayloom.stitching.city_equations import city_equations
 from wayloom.stitching.city_graph import CityMemory, canonical, optimise_city
 from wayloom.stitching.drive_chain import across, drive_chain
-from wayloom.stitching.drive_places import drive_places, placed_anew
 from wayloom.stitching.settings import CityGraphSettings
 from wayloom.stitching.types import City, DrivePlaces
 
@@ -61,6 +59,16 @@ def test_the_chain_has_the_covariances_of_neighbours_that_the_drive_tells() -> N
     for k in range(len(drive) - 1):
         P = right[k] @ drive.covariance[k] @ right[k].T
         np.testing.assert_allclose(P @ chain.ahead[k + 1].T, right[k] @ drive.cross[k] @ right[k + 1].T, atol=1e-8)
+
+
+def test_where_a_drive_does_not_tell_how_neighbours_are_joined_it_is_derived() -> None:
+    told, derived = one_drive("single", with_cross=True), one_drive("single")
+    assert told.cross is not None
+    partly = replace(told, cross=np.where(np.arange(len(told.cross))[:, None, None] == 2, np.nan, told.cross))
+    steps = [drive_chain(drive, SETTINGS).step for drive in (partly, told, derived)]
+    own = np.arange(len(told)) != 3
+    np.testing.assert_array_equal(steps[0][own], steps[1][own])
+    np.testing.assert_array_equal(steps[0][3], steps[2][3])
 
 
 def test_a_derived_chain_lets_neighbours_differ_by_the_odometry_where_gnss_knows_less() -> None:
@@ -242,19 +250,3 @@ def test_far_from_the_maps_origin_places_and_covariances_are_the_same(fleet: Mad
         np.testing.assert_allclose(T, far @ drive.T_map_submap, atol=1e-4)
         sigma2 = np.diagonal(about_itself(drive.T_map_submap, drive.covariance), axis1=1, axis2=2)
         np.testing.assert_allclose(np.diagonal(about_itself(T, there.drives[name].covariance), axis1=1, axis2=2), sigma2, rtol=1e-2)
-
-
-def test_submaps_go_to_the_graph_and_come_back_with_their_new_places() -> None:
-    submaps = [random_submap(seed, points=20, drive="made") for seed in range(3)]
-    local = np.eye(6) * 1e-4
-    submaps = [replace(one, covariance=se3.adjoint(one.T_enu_submap) @ local @ se3.adjoint(one.T_enu_submap).T) for one in submaps]
-    drive = drive_places(submaps)
-    assert drive.located
-    assert drive.length_m.tolist() == [2.0, 2.0, 2.0]
-    city = optimise_city([drive], [])
-    back = placed_anew(submaps, city, FRAME)
-    for one, before in zip(back, submaps, strict=True):
-        np.testing.assert_allclose(one.T_enu_submap, before.T_enu_submap, atol=1e-6)
-        assert one.submap is before.submap
-    with pytest.raises(InputError, match="another drive"):
-        drive_places([submaps[0], replace(submaps[1], drive_id="other")])

@@ -8,7 +8,7 @@ import pytest
 from stitching.made_walls import BUILDING, CAR, PERSON, street_submap, true_east
 from submaps.made_submaps import random_submap
 from wayloom.config.classes import MOVING_CLASSES, SKY, VOID
-from wayloom.stitching.layers import MOVING, PARKED, STATIC, UNCONFIRMED
+from wayloom.stitching.layer_names import MOVING, PARKED, STATIC, UNCONFIRMED
 from wayloom.stitching.merge import merge
 from wayloom.stitching.points import Box, canonical, map_points, point_covariance
 from wayloom.stitching.regions import fuse_region, fused_points, regions_of
@@ -153,11 +153,11 @@ def test_drives_that_see_a_place_vote_together():
 
 
 def test_drives_outvote_a_voxel_that_they_have_no_point_in():
-    """Beside it they weigh a quarter each, less by how far off they are."""
-    merged = merge(voters([(2, 1.0)] + [(3, 1.0)] * 6, 0.011), MergeSettings(voxel_m=0.01))
-    assert len(merged) == 7
+    """Beside it they weigh a sixteenth each, less by how far off they are."""
+    merged = merge(voters([(2, 1.0)] + [(3, 4.0)] * 12, 0.011), MergeSettings(voxel_m=0.01))
+    assert len(merged) == 13
     assert set(merged.label.tolist()) == {3}
-    assert set(merged.drives.tolist()) == {7}
+    assert set(merged.drives.tolist()) == {13}
     alone = merge(voters([(2, 1.0)] + [(3, 1.0)] * 2, 0.011), MergeSettings(voxel_m=0.01))
     assert alone.label.tolist() == [2, 3, 3]
 

@@ -7,9 +7,10 @@ from stitching.comparison import assert_identical
 from stitching.made_walls import street_submap
 from submaps.made_submaps import FRAME
 from wayloom.errors import InputError
-from wayloom.stitching.layers import LAYERS
+from wayloom.stitching.layer_names import LAYERS
 from wayloom.stitching.region_files import decode_region, encode_region
-from wayloom.stitching.regions import fuse_region, regions_of, regions_within
+from wayloom.stitching.region_grid import regions_within
+from wayloom.stitching.regions import fuse_region, regions_of
 
 STREET = [street_submap(seed) for seed in range(3)]
 

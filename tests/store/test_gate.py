@@ -16,16 +16,16 @@ from wayloom.store.tables import SubmapRow
 from wayloom_workers.completion import complete_drive
 
 
-def new_drive(database: Database, name: str, grade: str | None, verdict: str) -> str:
+def new_drive(database: Database, name: str, grade: str | None, verdict: str, sound: bool = False) -> str:
     """A judged drive with a submap, all of whose stages are done."""
     manifest = Manifest(name=name, files=(ManifestFile(path="log/a", size=1, sha256="0" * 64),))
     with database.write() as session:
         drive = drives.register(session, manifest, "city")[0]
         drive.state, drive.placed = "running", grade is not None
-        gate.judge(session, drive.id, grade, ["why"], verdict)  # type: ignore[arg-type]
+        gate.judge(session, drive.id, grade, ["why"], verdict, sound)  # type: ignore[arg-type]
         row = SubmapRow(
             drive_id=drive.id, map_id="city", position=0, digest=drive.id, point_count=1, frame=[8.5, 49.5, 0.0],
-            T_enu_submap=[], covariance=[], min_lon=8.0, min_lat=49.0, max_lon=8.1, max_lat=49.1,
+            T_enu_submap=[[1.0, 0.0, 0.0, 5.0]] * 3, covariance=[], min_lon=8.0, min_lat=49.0, max_lon=8.1, max_lat=49.1,
         )  # fmt: skip
         if grade is not None:
             maps.place_submaps(session, drive.id, [row])
@@ -48,10 +48,13 @@ def state(database: Database, drive_id: str) -> str:
         return drives.get(session, drive_id).state
 
 
-def publish(database: Database, *drive_ids: str) -> None:
+def publish(database: Database, *drive_ids: str, verdicts: dict[str, bool] | None = None) -> None:
+    """The next version with these drives, and its verdicts on guests: whether they are admitted."""
+    said = {name: {"admitted": admitted, "reason": "placed"} for name, admitted in (verdicts or {}).items()}
     with database.write() as session:
         base = maps.get(session, "city").version
-        map_versions.publish(session, "city", NewVersion(base, (8.5, 49.5, 0.0), drive_ids, 1, None, []), kept=5)
+        new = NewVersion(base, (8.5, 49.5, 0.0), drive_ids, 1, None, [], verdicts=said)
+        map_versions.publish(session, "city", new, kept=5)
 
 
 @pytest.mark.parametrize(
@@ -191,3 +194,81 @@ def test_drives_of_before_the_gate_stay_in_the_map_and_those_without_a_place_are
             name: (drives.get(session, name).gate, drives.get(session, name).state) for name in ("placed", "nowhere", "on its way")
         }
     assert found == {"placed": ("merge", "done"), "nowhere": ("hold", "held"), "on its way": (None, "done")}
+
+
+def test_a_guest_asks_the_map_and_its_verdict_says_how_it_ends(database: Database) -> None:
+    guest = new_drive(database, "a", "D", "hold", sound=True)
+    assert complete(database, guest) == 1
+    assert (state(database, guest), merged(database)) == ("stitching", set())
+    publish(database, verdicts={guest: False})
+    assert (state(database, guest), merged(database)) == ("held", set())
+    publish(database, guest, verdicts={guest: True})
+    assert (state(database, guest), merged(database)) == ("done", {guest})
+    publish(database, verdicts={guest: False})
+    assert (state(database, guest), merged(database)) == ("held", set())
+
+
+def test_a_guest_that_is_released_while_it_is_asked_waits_for_the_next_version(database: Database) -> None:
+    guest = new_drive(database, "a", "D", "hold", sound=True)
+    complete(database, guest)
+    with database.write() as session:
+        assert gate.release(session, guest, "Ada", "seen") is not None
+    publish(database, verdicts={guest: False})
+    assert (state(database, guest), merged(database)) == ("stitching", {guest})
+    publish(database, guest)
+    assert state(database, guest) == "done"
+
+
+def test_an_admitted_drive_that_is_found_broken_leaves_the_map(database: Database) -> None:
+    guest = new_drive(database, "a", "D", "hold", sound=True)
+    complete(database, guest)
+    publish(database, guest, verdicts={guest: True})
+    with database.write() as session:
+        gate.judge(session, guest, "D", ["broken"], "hold", sound=False)
+    assert merged(database) == set()
+    assert complete(database, guest) == 1
+    assert state(database, guest) == "held"
+    assert guest in changed(database)
+
+
+def changed(database: Database) -> set[str]:
+    with database.read() as session:
+        return {*map_versions.changed_drives(session, "city")}
+
+
+def test_submaps_without_a_place_touch_no_box_are_near_nobody_and_still_call_for_a_stitch(database: Database) -> None:
+    nowhere, here = new_drive(database, "a", "D", "hold", sound=True), new_drive(database, "b", "A", "merge")
+    row = SubmapRow(
+        drive_id=nowhere, map_id="city", position=0, digest=nowhere, point_count=1, located=False, frame=None,
+        T_enu_submap=[[1.0, 0.0, 0.0, 5.0]] * 3, covariance=[],
+    )  # fmt: skip
+    with database.write() as session:
+        maps.place_submaps(session, nowhere, [row])
+        drives.get(session, nowhere).admitted = True
+        session.flush()
+        box = session.get_one(SubmapRow, (here, 0))
+        box.near_min_lon, box.near_min_lat, box.near_max_lon, box.near_max_lat = -180.0, -90.0, 180.0, 90.0
+    assert nowhere in changed(database)
+    assert merged(database) == {here}
+    with database.read() as session:
+        assert {one.drive_id for one in maps.submaps(session, "city", (-180.0, -90.0, 180.0, 90.0), with_guests=True)} == {here}
+        assert maps.candidates(session, "city") == sorted((here, nowhere))
+        assert maps.candidates_near(session, here) == maps.candidates_near(session, nowhere) == []
+        place = next(one for one in maps.places(session, "city") if one.drive_id == nowhere)
+        assert (place.frame, place.box, place.is_guest, place.located) == (None, None, True, False)
+        assert None in map_versions.changed_boxes(session, "city").values()
+
+
+@pytest.mark.parametrize(("one", "other", "near"), [((0.0, 1.0), (1.0, 2.0), True), ((0.0, 1.0), (1.1, 2.0), False),
+                                                  ((179.0, 180.5), (-179.6, -179.0), True)])  # fmt: skip
+def test_drives_are_near_each_other_by_both_their_own_boxes_whoever_asks(
+    database: Database, one: tuple[float, float], other: tuple[float, float], near: bool
+) -> None:
+    ids = [new_drive(database, name, "A", "merge") for name in "ab"]
+    with database.write() as session:
+        for drive_id, (west, east) in zip(ids, (one, other), strict=True):
+            row = session.get_one(SubmapRow, (drive_id, 0))
+            row.near_min_lon, row.near_max_lon, row.near_min_lat, row.near_max_lat = west, east, 10.0, 10.1
+    with database.read() as session:
+        found = [list(maps.candidates_near(session, drive_id)) for drive_id in ids]
+    assert found == ([[ids[1]], [ids[0]]] if near else [[], []])

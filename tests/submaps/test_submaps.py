@@ -8,9 +8,11 @@ from submaps.made_submaps import FRAME, NamedLog, made_geo, made_labels, made_od
 from wayloom.config.classes import SKY
 from wayloom.errors import InputError, StageError
 from wayloom.geometry import se3
+from wayloom.georeference.types import Anchors
+from wayloom.georeference.uncertainty import position_covariance
 from wayloom.submaps.files import load_submaps, save_submaps
 from wayloom.submaps.settings import SubmapSettings
-from wayloom.submaps.split import make_submaps, split_road
+from wayloom.submaps.split import anchor_frames, make_submaps, split_road
 from wayloom.submaps.submap import decode_submap
 
 
@@ -152,6 +154,76 @@ def test_a_drive_without_gnss_keeps_no_frame_and_no_covariance(odometry, labels,
     back = load_submaps(tmp_path)
     assert back[0].frame is None
     assert np.isnan(back[0].covariance).all()
+
+
+def test_what_joins_submaps_comes_from_the_drives_graph_and_back_from_the_folder(odometry, labels, tmp_path):
+    anchors = anchor_frames(odometry, split_road(odometry, SubmapSettings()))
+    cross = np.random.default_rng(3).normal(size=(len(anchors) - 1, 6, 6))
+    geo = dataclasses.replace(made_geo(odometry), anchors=Anchors(anchors, cross, np.arange(len(cross)) != 1))
+    save_submaps(make_submaps(NamedLog(), odometry, labels, geo), tmp_path)
+    first, *others = load_submaps(tmp_path)
+    assert first.before is None
+    for k, item in enumerate(others):
+        assert np.array_equal(item.before.cross, cross[k])
+        assert item.before.connected == (k != 1)
+
+
+def test_submaps_of_other_anchors_than_the_graph_was_asked_of_tell_nothing_of_their_neighbours(odometry, labels):
+    anchors = anchor_frames(odometry, split_road(odometry, SubmapSettings()))
+    told = Anchors(anchors + 2, np.zeros((len(anchors) - 1, 6, 6)), np.ones(len(anchors) - 1, bool))
+    placed = make_submaps(NamedLog(), odometry, labels, dataclasses.replace(made_geo(odometry), anchors=told))
+    assert all(item.before is None for item in placed)
+
+
+def test_folders_of_before_tell_nothing_of_neighbours(placed, tmp_path):
+    save_submaps(placed, tmp_path)
+    index = json.loads((tmp_path / "index.json").read_text())
+    for entry in index["submaps"]:
+        del entry["before"]
+    (tmp_path / "index.json").write_text(json.dumps(index))
+    assert all(item.before is None for item in load_submaps(tmp_path))
+
+
+def test_a_submap_is_as_uncertain_as_the_drives_graph_bends_it(odometry, labels, placed):
+    """The graph swings the drive 5 cm to either side, every 4 m: a rigid submap follows none of it."""
+    geo = made_geo(odometry)
+    swing = np.zeros((len(geo.T_enu_cam), 6))
+    swing[:, 0] = 0.05 * np.where(np.arange(len(swing)) // 4 % 2, 1.0, -1.0)
+    bent = make_submaps(NamedLog(), odometry, labels, dataclasses.replace(geo, T_enu_cam=se3.exp(swing) @ geo.T_enu_cam))
+    for item, stiff in zip(bent, placed, strict=True):
+        assert np.linalg.norm(item.T_enu_submap[:3, 3] - stiff.T_enu_submap[:3, 3]) < 0.01
+        more = position_covariance(item.T_enu_submap[None], (item.covariance - stiff.covariance)[None])[0]
+        assert np.sqrt(more[0, 0]) == pytest.approx(0.05, rel=0.05)
+
+
+def broken(geo, before_frame, by_m):
+    """The drive's graph puts all frames before that one by_m further back along the road than the odometry."""
+    T = geo.T_enu_cam.copy()
+    T[:before_frame, 1, 3] -= by_m
+    return dataclasses.replace(geo, T_enu_cam=T)
+
+
+def test_a_break_of_the_odometry_within_a_submap_is_told_of_each_keyframe_and_kept_in_the_folder(odometry, labels, tmp_path):
+    geo = broken(made_geo(odometry), 20, 2.0)
+    placed = make_submaps(NamedLog(), odometry, labels, geo)
+    save_submaps(placed, tmp_path)
+    first, *others = load_submaps(tmp_path)
+    by_graph = first.T_enu_submap @ se3.exp(first.bend) @ first.submap.T_submap_cam
+    np.testing.assert_allclose(by_graph, geo.T_enu_cam[first.submap.keyframe_frame], atol=2e-3)
+    step = np.diff(first.bend[:, 2])
+    assert first.submap.keyframe_frame[int(np.argmax(step)) + 1] == 20
+    assert step.max() == pytest.approx(2.0, abs=1e-3)
+    for item in others:
+        assert np.abs(item.bend).max() < 1e-5
+
+
+def test_folders_of_before_tell_of_no_bend(placed, tmp_path):
+    save_submaps(placed, tmp_path)
+    index = json.loads((tmp_path / "index.json").read_text())
+    for entry in index["submaps"]:
+        del entry["bend"]
+    (tmp_path / "index.json").write_text(json.dumps(index))
+    assert all(item.bend is None for item in load_submaps(tmp_path))
 
 
 def test_missing_and_swapped_blobs_are_named(placed, tmp_path):

@@ -1,5 +1,7 @@
+import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import cv2
 import laspy
@@ -7,11 +9,14 @@ import numpy as np
 import pytest
 
 from geodesy.made_geoid import undulation, write_gtx
+from ground.made_sheets import Street, cut
 from submaps.made_submaps import random_submap
 from wayloom.files.ply import read_ply
 from wayloom.geodesy import wgs84
+from wayloom.ground.files import save_sheets
 from wayloom.stitching.merge import merge
 from wayloom.submaps.files import save_submaps
+from workers.test_ground_of_map import submap_at
 
 
 @pytest.fixture(scope="module")
@@ -84,3 +89,30 @@ def test_a_geoid_that_cannot_be_used_is_refused_in_one_line(drives, tmp_path, na
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
     assert said in done.stderr
     assert not (tmp_path / name).exists()
+
+
+def test_a_geojson_holds_the_markings_and_kerbs_of_the_drives_merged_ground(tmp_path):
+    folders = []
+    for number, start in enumerate((0.0, 30.0)):
+        sheet = cut(Street(), start, start + 42.0, "ab"[number] * 64, seed=number, t_s=100 + 900 * number)
+        item = submap_at(sheet, number)
+        folders.append(tmp_path / f"drive{number}")
+        save_submaps([item], folders[-1] / "stages" / "submaps")
+        save_sheets([replace(sheet.read(), submap=item.submap.digest)], folders[-1] / "stages" / "ground")
+    out = tmp_path / "map.geojson"
+    done = export(*folders, "--out", out)
+    assert (done.returncode, done.stderr) == (0, "")
+    found = [one["properties"]["kind"] for one in json.loads(out.read_text())["features"]]
+    assert found.count("dash") == 12  # from 0 to 72 m, one every 6 m
+    assert found.count("kerb") >= 2
+    assert done.stdout == f"{len(found) - found.count('kerb')} markings and {found.count('kerb')} kerbs of 2 drives: {out}\n"
+    back = tmp_path / "back.geojson"
+    assert export(*folders[::-1], "--out", back).returncode == 0
+    assert back.read_bytes() == out.read_bytes()
+
+
+def test_markings_of_drives_without_ground_are_refused(drives, tmp_path):
+    done = export(drives / "one", "--out", tmp_path / "map.geojson")
+    assert done.returncode == 2
+    assert "ground" in done.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -28,3 +28,11 @@ def test_a_reader_of_others_gets_back_what_was_written():
         assert {tuple(p) for p in ring} == {(x, y), (x + 32, y), (x + 32, y + 32), (x, y + 32)}
         assert ring[0] == ring[-1]
     assert [tuple(p) for p in read["tracks"]["features"][0]["geometry"]["coordinates"]] == [(-64, 5), (4096, 5), (0, 4160)]
+
+
+def test_numbers_of_all_kinds_and_equal_values_keep_their_types():
+    told = [{"width": 0.12, "count": 1}, {"width": 1.0, "count": 1}, {"width": 1.0, "count": 2, "kind": "1"}]
+    data = protobuf.layer("lines", 4096, protobuf.LINE, [(protobuf.line([(0, 0), (1, 1)]), one) for one in told])
+    read = [one["properties"] for one in mapbox_vector_tile.decode(data)["lines"]["features"]]
+    assert read == told
+    assert [[type(value) for value in one.values()] for one in read] == [[type(value) for value in one.values()] for one in told]

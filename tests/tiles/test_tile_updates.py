@@ -6,12 +6,13 @@ from made_maps import made_map, made_tracks
 
 from wayloom.errors import InputError
 from wayloom.geodesy import wgs84
-from wayloom.tiles.formats import TILE_FORMATS, Tile
+from wayloom.stitching.layer_names import LAYERS
+from wayloom.tiles.formats import SERVED_LAYERS, TILE_FORMATS, Tile, tile_layer
 from wayloom.tiles.grid import TileAddress, pixel_from_lonlat
 from wayloom.tiles.levels import Level, add_levels, coarser, decode_level, encode_level, finest_level
 from wayloom.tiles.pyramid import WholeMap
 from wayloom.tiles.settings import TileSettings
-from wayloom.tiles.updates import COUNTS_LAYER, block_zoom, margin_px, touched_tiles, updated_tiles
+from wayloom.tiles.updates import block_zoom, margin_px, touched_tiles, updated_tiles
 
 Tiles = dict[tuple[str, TileAddress], bytes]
 
@@ -19,14 +20,14 @@ Tiles = dict[tuple[str, TileAddress], bytes]
 class ChangedMap:
     """The map after a change, over the counts that were kept before it."""
 
-    def __init__(self, after: WholeMap, before: Tiles) -> None:
-        self.after, self.before = after, before
+    def __init__(self, after: WholeMap, before: Tiles, of: str = "static") -> None:
+        self.after, self.before, self.of = after, before, of
         self.voxels, self.tracks = after.voxels, after.tracks
         self.read = 0
 
     def counts(self, address: TileAddress) -> bytes | None:
         self.read += 1
-        return self.before.get((COUNTS_LAYER, address))
+        return self.before.get((tile_layer("counts", self.of), address))
 
 
 def by_address(tiles) -> Tiles:
@@ -39,9 +40,9 @@ def by_address(tiles) -> Tiles:
     return found
 
 
-def whole(city, tracks, settings: TileSettings) -> tuple[WholeMap, Tiles]:
+def whole(city, tracks, settings: TileSettings, of: str = "static") -> tuple[WholeMap, Tiles]:
     source = WholeMap(city, city.frame, settings, tracks)
-    return source, by_address(updated_tiles(source.blocks, source, settings))
+    return source, by_address(updated_tiles(source.blocks, source, settings, of))
 
 
 def changed_blocks(city, rows, settings: TileSettings) -> set[TileAddress]:
@@ -56,9 +57,9 @@ def changed_blocks(city, rows, settings: TileSettings) -> set[TileAddress]:
     }
 
 
-def updated(before: Tiles, after: WholeMap, changed: set[TileAddress], settings: TileSettings) -> Tiles:
-    touched = touched_tiles(changed, settings)
-    new = by_address(updated_tiles(changed, ChangedMap(after, before), settings))
+def updated(before: Tiles, after: WholeMap, changed: set[TileAddress], settings: TileSettings, of: str = "static") -> Tiles:
+    touched = touched_tiles(changed, settings, of)
+    new = by_address(updated_tiles(changed, ChangedMap(after, before, of), settings, of))
     assert all(address in touched[layer, address.z] for layer, address in new), "a tile beyond its scope"
     kept = {key: data for key, data in before.items() if key[1] not in touched.get((key[0], key[1].z), ())}
     return kept | new
@@ -72,17 +73,27 @@ SETTINGS = [
 
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=["default", "other zooms", "points finer than pictures"])
-@pytest.mark.parametrize("seed", [0, 1])
-def test_an_updated_pyramid_is_that_of_the_changed_map(seed: int, settings: TileSettings) -> None:
+@pytest.mark.parametrize(("seed", "of"), [(0, "static"), (1, "static"), (2, "parked")])
+def test_an_updated_pyramid_is_that_of_the_changed_map(seed: int, of: str, settings: TileSettings) -> None:
     rng, city = np.random.default_rng(seed), made_map(1500, seed=seed)
     middle = city.points_enu[rng.integers(len(city))]
     near = np.linalg.norm(city.points_enu - middle, axis=1) < 40.0
     gone, same = city.take(near), city.take(~near)
     for before, after, rows in ((city, same, near), (same, city, near)):
-        _, tiles = whole(before, made_tracks(city), settings)
-        source, expected = whole(after, made_tracks(city), settings)
-        assert updated(tiles, source, changed_blocks(city, np.flatnonzero(rows), settings), settings) == expected
+        _, tiles = whole(before, made_tracks(city), settings, of)
+        source, expected = whole(after, made_tracks(city), settings, of)
+        assert updated(tiles, source, changed_blocks(city, np.flatnonzero(rows), settings), settings, of) == expected
     assert len(gone) > 3
+
+
+def test_an_overlay_has_the_pictures_and_points_of_its_voxels_under_its_own_name_and_no_tracks() -> None:
+    city = made_map(500)
+    _, static = whole(city, made_tracks(city), TileSettings())
+    _, parked = whole(city, made_tracks(city), TileSettings(), "parked")
+    names = {"parked": "semantic", "parked-points": "points", "parked-counts": "counts"}
+    assert {layer for layer, _ in parked} == set(names)
+    assert min(address.z for _, address in parked) == TileSettings().overlays_from_zoom
+    assert all(static[names[layer], address] == data for (layer, address), data in parked.items())
 
 
 def test_a_track_that_comes_and_goes_is_on_the_tiles_of_its_blocks_and_of_those_beside_them() -> None:
@@ -134,5 +145,9 @@ def test_the_sum_of_the_parts_is_the_level() -> None:
     assert len(Level.empty(3).cell) == len(add_levels(3, []).cell) == 0
 
 
-def test_no_layer_is_named_twice() -> None:
-    assert len({form.layer for form in TILE_FORMATS.values()}) == len(TILE_FORMATS)
+def test_no_layer_is_named_twice_and_what_moves_is_not_served() -> None:
+    names = [tile_layer(name, of) for of in LAYERS for name in TILE_FORMATS]
+    assert len(set(names)) == len(names)
+    assert len(set(SERVED_LAYERS)) == len(SERVED_LAYERS)
+    assert {"semantic", "features", "points", "parked", "parked-points", "unconfirmed", "unconfirmed-points"} <= {*SERVED_LAYERS}
+    assert not any("moving" in name or "counts" in name for name in SERVED_LAYERS)

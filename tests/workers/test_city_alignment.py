@@ -1,6 +1,6 @@
 """Drives that meet are joined when the map is stitched: in every order of arrival alike, and until one of them goes."""
 
-from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,20 +9,21 @@ import pytest
 from loops.made_drives import there
 from registration.made_streets import made_street
 from stitching.made_placed_drives import made_drive
+from wayloom.config.gate import gate_of
 from wayloom.geometry import se3
 from wayloom.georeference.uncertainty import moved_covariance
-from wayloom.pipeline.settings import WayloomSettings
 from wayloom.places.files import save_places
 from wayloom.stitching.placed_drive import PlacedDrive
 from wayloom.store import drives, gate, map_versions, maps, meetings
 from wayloom.store.jobs import new_job
 from wayloom.store.manifest import Manifest, ManifestFile
-from wayloom.store.migrate import upgrade
 from wayloom.submaps.files import save_submaps
-from wayloom_workers.__main__ import make_context
+from wayloom.submaps.submap import StepBefore
 from wayloom_workers.city_alignment import rounded_covariance, rounded_place
-from wayloom_workers.production import submap_row
+from wayloom_workers.completion import complete_drive
 from wayloom_workers.stage_hooks import WorkerContext
+from wayloom_workers.submap_rows import submap_row
+from workers.conftest import NewService
 from workers.test_stitching import newest, published
 
 STREET = made_street(0)
@@ -35,21 +36,8 @@ def made() -> dict[str, PlacedDrive]:
     return {name: made_drive(name, STREET, way, SEEDS[name]) for name, way in WAYS.items()}
 
 
-@pytest.fixture
-def context(tmp_path: Path) -> Iterator[WorkerContext]:
-    service = new_service(tmp_path / "data")
-    yield service
-    service.database.close()
-
-
-def new_service(folder: Path) -> WorkerContext:
-    service = make_context(WayloomSettings(data_dir=folder))
-    upgrade(service.database)
-    return service
-
-
-def add(context: WorkerContext, drive: PlacedDrive) -> str:
-    """A processed drive of grade A with what its stages left."""
+def add(context: WorkerContext, drive: PlacedDrive, grade: str | None = "A", sound: bool = True) -> str:
+    """A processed drive of a grade, with what its stages left: it asks for the map as its last stage does."""
     with context.database.write() as session:
         manifest = Manifest(name=drive.drive_id, files=(ManifestFile(path="log/a", size=1, sha256="0" * 64),))
         drive_id = drives.register(session, manifest, "city")[0].id
@@ -62,7 +50,9 @@ def add(context: WorkerContext, drive: PlacedDrive) -> str:
         for item in drive.submaps:
             context.blobs.put(item.submap.encoded)
         maps.place_submaps(session, drive_id, [submap_row(drive_id, "city", i, item) for i, item in enumerate(drive.submaps)])
-        gate.judge(session, drive_id, "A", [], "merge")
+        drives.get(session, drive_id).placed = drive.is_located
+        gate.judge(session, drive_id, grade, ["why"], gate_of(grade, sound=sound), sound)
+        complete_drive(session, drive_id)
     return drive_id
 
 
@@ -91,7 +81,7 @@ def apart(one: np.ndarray, other: np.ndarray, names: tuple[str, str], made: dict
 
 
 def test_drives_that_meet_are_joined_and_every_order_of_arrival_gives_the_same_bits(
-    context: WorkerContext, tmp_path: Path, made: dict[str, PlacedDrive]
+    context: WorkerContext, new_service: NewService, tmp_path: Path, made: dict[str, PlacedDrive]
 ) -> None:
     for name in ("one", "two", "three"):
         add(context, made[name])
@@ -113,7 +103,6 @@ def test_drives_that_meet_are_joined_and_every_order_of_arrival_gives_the_same_b
         add(other, made[name])
         one_by_one = published(other, tmp_path / f"2{name}")
     assert one_by_one == at_once
-    other.database.close()
 
 
 def test_a_drive_that_goes_leaves_the_places_that_there_would_be_without_it(
@@ -136,17 +125,45 @@ def test_a_drive_that_goes_leaves_the_places_that_there_would_be_without_it(
         assert meetings.of_drives(session, "city", [gone]) == []
 
 
+def stiff(drive: PlacedDrive) -> PlacedDrive:
+    """The drive with submaps that its own graph holds together as one."""
+    first, *others = drive.submaps
+    told = [replace(item, before=StepBefore((1.0 - 1e-9) * item.covariance, True)) for item in others]
+    return PlacedDrive(drive.drive_id, drive.places, (first, *told))
+
+
+def test_what_a_drive_tells_of_neighbouring_submaps_holds_them_together(
+    context: WorkerContext, new_service: NewService, tmp_path: Path, made: dict[str, PlacedDrive]
+) -> None:
+    def bent(service: WorkerContext, folder: str) -> float:
+        own = places(service)["two"]
+        published(service, tmp_path / folder)
+        joined = places(service)["two"]
+        steps = [se3.inverse(T[:-1]) @ T[1:] for T in (own, joined)]
+        return float(np.abs(steps[0] - steps[1])[:, :3, 3].max())
+
+    for name in ("one", "two"):
+        add(context, made[name])
+    derived = bent(context, "1")
+    other = new_service(tmp_path / "told")
+    for name in ("one", "two"):
+        add(other, stiff(made[name]))
+    told = bent(other, "2")
+    assert derived > 0.01
+    assert told < 0.002  # places are rounded to a millimetre
+
+
 def test_a_pair_is_registered_once(context: WorkerContext, tmp_path: Path, made: dict[str, PlacedDrive], monkeypatch) -> None:
-    from wayloom_workers import city_alignment
+    from wayloom_workers import drive_pairs
 
     compared: list[tuple[str, str]] = []
-    real = city_alignment.find_meetings
+    real = drive_pairs.find_meetings
 
     def counted(one, other, settings):
         compared.append((one.drive_id, other.drive_id))
         return real(one, other, settings)
 
-    monkeypatch.setattr(city_alignment, "find_meetings", counted)
+    monkeypatch.setattr(drive_pairs, "find_meetings", counted)
     add(context, made["one"])
     published(context, tmp_path / "1")
     add(context, made["two"])

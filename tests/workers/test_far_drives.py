@@ -24,10 +24,10 @@ from wayloom.submaps.submap import PlacedSubmap, Submap
 from wayloom.tiles.exports import export_geojson_track, export_laz, export_ply
 from wayloom.tiles.points import decode_points
 from wayloom_workers.__main__ import make_context
-from wayloom_workers.production import submap_row
 from wayloom_workers.publishing import TILES_FILE
 from wayloom_workers.stage_hooks import StageAttempt
 from wayloom_workers.stitching import stitch
+from wayloom_workers.submap_rows import submap_row
 
 COUNT = 300
 MM = 1e-3

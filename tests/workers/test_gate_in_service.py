@@ -33,11 +33,12 @@ def test_held_and_quarantined_drives_stay_out_until_somebody_releases_them(up: U
     ends = {drive_id: wait_for_drive(api, drive_id) for drive_id in (good, held, bad)}
     assert [ends[one]["state"] for one in (good, held, bad)] == ["done", "held", "quarantined"]
     assert ends[held]["quality"] == {
-        "grade": "D", "gate": "hold", "reasons": ["sigma of the position 2.00 m in the median"], "release": None
+        "grade": "D", "gate": "hold", "reasons": ["sigma of the position 2.00 m in the median"], "release": None,
+        "sound": False, "by_map": None,
     }  # fmt: skip
     assert summary(ends[good]).endswith("in the map, grade B")
     assert summary(ends[held]).endswith("held: grade D: sigma of the position 2.00 m in the median")
-    assert ends[bad]["stages"][-1]["stage"] == "submaps"
+    assert ends[bad]["stages"][-1]["stage"] == "ground"
     assert ends[held]["progress"] == 1.0
     assert drives_of_map(up) == {good}
     assert {row["drive_id"] for row in api.json("GET", "/v1/maps/city/submaps")["submaps"]} == {good}

@@ -2,13 +2,13 @@
 
 import json
 import os
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sqlalchemy import select
 
 from wayloom.config.gate import gate_of
 from wayloom.config.progress import silent
@@ -16,35 +16,29 @@ from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame, map_frame_for
 from wayloom.pipeline.settings import WayloomSettings
 from wayloom.stitching.settings import MergeSettings
-from wayloom.store import drives, gate, jobs, map_versions, maps, sweep
+from wayloom.store import drives, garbage, gate, jobs, map_versions, maps, meetings, sweep
 from wayloom.store.jobs import Claim, JobMessage
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.migrate import upgrade
+from wayloom.store.tables import MeetingRow, TileRow
 from wayloom.submaps.submap import PlacedSubmap, Submap
 from wayloom_workers import region_merging
 from wayloom_workers.__main__ import make_context
-from wayloom_workers.production import stage_hooks, submap_row
-from wayloom_workers.publishing import TILES_FILE, publish, tidy
+from wayloom_workers.production import stage_hooks
+from wayloom_workers.publishing import TILES_FILE, listed_tiles, publish, tidy
 from wayloom_workers.runner import run_job
 from wayloom_workers.stage_hooks import StageAttempt, WorkerContext
 from wayloom_workers.stitching import stitch
+from wayloom_workers.submap_rows import submap_row
 
 LON, LAT = 8.4, 48.9995
 
 
-@pytest.fixture
-def context(tmp_path: Path) -> Iterator[WorkerContext]:
-    made = make_context(WayloomSettings(data_dir=tmp_path / "data"))
-    upgrade(made.database)
-    yield made
-    made.database.close()
-
-
-def placed(drive_id: str, seed: int, lat: float = LAT) -> PlacedSubmap:
-    """A street of 60 m with 500 points, in the frame of its own cell."""
+def placed(drive_id: str, seed: int, lat: float = LAT, classes: tuple[int, ...] = (0, 1, 2, 8)) -> PlacedSubmap:
+    """A street of 60 m with 500 points of some classes, in the frame of its own cell."""
     rng = np.random.default_rng(seed)
     xyz = (rng.uniform(-1.0, 1.0, (500, 3)) * (30.0, 30.0, 2.0)).astype(np.float32)
-    label = rng.choice([0, 1, 2, 8], 500).astype(np.uint8)
+    label = rng.choice(classes, 500).astype(np.uint8)
     submap = Submap(
         xyz=xyz, label=label, variance=np.full(500, 0.01, np.float32), grey=np.zeros(500, np.uint8), seen_ns=np.arange(500),
         keyframe=np.zeros(500, np.uint32), vote_start=np.arange(501, dtype=np.uint32), vote_class=label,
@@ -58,12 +52,14 @@ def placed(drive_id: str, seed: int, lat: float = LAT) -> PlacedSubmap:
     return PlacedSubmap(submap, T_enu_submap, np.eye(6) * 0.01, drive_id, frame)
 
 
-def add(context: WorkerContext, name: str, seed: int, lat: float = LAT, grade: str = "A") -> str:
+def add(
+    context: WorkerContext, name: str, seed: int, lat: float = LAT, grade: str = "A", classes: tuple[int, ...] = (0, 1, 2, 8)
+) -> str:
     """A drive of a grade, with one placed submap."""
     with context.database.write() as session:
         manifest = Manifest(name=name, files=(ManifestFile(path="log/a", size=1, sha256="0" * 64),))
         drive_id = drives.register(session, manifest, "city")[0].id
-        item = placed(drive_id, seed, lat)
+        item = placed(drive_id, seed, lat, classes)
         context.blobs.put(item.submap.encoded)
         maps.place_submaps(session, drive_id, [submap_row(drive_id, "city", 0, item)])
         gate.judge(session, drive_id, grade, [], gate_of(grade))
@@ -255,6 +251,11 @@ def test_before_publishing_unused_blobs_go_and_everything_that_is_to_be_publishe
     said = stitched(context, stitches / "key")
     for blob in context.folders.blobs.glob("*/*"):
         os.utime(blob, (1e9, 1e9))
+    left = context.folders.drive("f" * 64) / "attempts"
+    left.mkdir(parents=True)
+    with context.database.read() as session:
+        kept = context.folders.drive(maps.submaps(session, "city")[0].drive_id)
+    kept.mkdir()
     needed = {entry["digest"] for entry in [*said["tiles"], *said["regions"]]}  # type: ignore[misc]
     with context.database.read() as session:
         needed |= {row.digest for row in maps.submaps(session, "city")}
@@ -263,6 +264,31 @@ def test_before_publishing_unused_blobs_go_and_everything_that_is_to_be_publishe
     tidy(StageAttempt(context, claim, None, None, tmp_path, {"stitch": "key"}, tmp_path, silent))
     assert set(context.blobs.older_than(0.0)) == needed
     assert [path.name for path in stitches.iterdir()] == ["key"]
+    assert [*context.folders.all_drives.iterdir()] == [kept]  # what a stage of a removed drive was still writing has gone
+
+
+def test_what_is_parked_is_an_overlay_of_its_own_that_comes_and_goes_with_its_drives(
+    context: WorkerContext, tmp_path: Path
+) -> None:
+    still = replace(context, settings=context.settings.model_copy(update={"merge": MergeSettings(standing_s=1e-9)}))
+    add(still, "street", 1)
+    without = published(still, tmp_path / "1")
+    cars = add(still, "cars", 2, lat=LAT + 0.0004, classes=(0, 13))
+    with_cars = published(still, tmp_path / "2")
+    layers = with_cars["about"][4]  # type: ignore[index]
+    assert {"parked", "parked-points"} <= set(layers)
+    assert layers["parked"]["min_zoom"] == still.settings.tiles.overlays_from_zoom
+    assert not {"moving", "parked-counts"} & set(layers)
+    other = other_service(tmp_path / "other")
+    fresh = replace(other, settings=still.settings)
+    add(fresh, "cars", 2, lat=LAT + 0.0004, classes=(0, 13))
+    add(fresh, "street", 1)
+    assert published(fresh, tmp_path / "3") == with_cars
+    with still.database.write() as session:
+        drives.request_removal(session, cars)
+        drives.delete_rows(session, cars)
+    assert published(still, tmp_path / "4") == without
+    other.database.close()
 
 
 def test_a_map_without_drives_has_no_tiles(context: WorkerContext, tmp_path: Path) -> None:
@@ -296,6 +322,7 @@ def test_regions_merged_in_parts_by_workers_in_any_order_are_the_same_map(
     other = other_service(tmp_path / "other")
     city(context)
     city(other)
+    monkeypatch.setattr(region_merging, "REGIONS_OF_PART", 64)
     (publishing,) = run(other, requested(other))
     run(other, publishing.job_id)
     monkeypatch.setattr(region_merging, "REGIONS_OF_PART", 4)
@@ -353,6 +380,57 @@ def test_a_part_that_fails_for_good_fails_its_stitch_and_the_map_goes_on(
     (publishing, *_) = run_to_the_end(context, requested(context))
     run(context, publishing.job_id)
     assert len(newest(context)["drives"]) == 6  # type: ignore[arg-type]
+
+
+def test_a_removed_drive_leaves_no_blob_and_no_file_that_names_it(context: WorkerContext) -> None:
+    """Two drives on one street, one of them removed after a third version; what is left is the map of the other alone."""
+    stays = add(context, "stays", 1)
+    publish_next(context)
+    alone = newest(context)
+    goes = add(context, "goes", 2, lat=LAT + 0.0002)
+    publish_next(context)
+    add(context, "later", 3, lat=LAT + 0.01)
+    publish_next(context)
+    with context.database.write() as session:
+        blob = context.blobs.put(f"what {goes} and {stays} have in common".encode())
+        pair = sorted([goes, stays])
+        row = MeetingRow(map_id="city", drive_a=pair[0], drive_b=pair[1], inputs="1" * 64, digest=blob, count=0)
+        meetings.keep(session, [row])
+        submaps = [one.digest for one in maps.submaps_of(session, goes)]
+        removal = drives.request_removal(session, goes)
+    left = context.folders.drive(goes) / "stages" / "places" / ("2" * 64)
+    left.mkdir(parents=True)
+    (left / "drive.places").write_text(goes)
+    assert naming(context, goes)
+    (stitching,) = run(context, removal.job_id)
+    drop_forgotten(context)
+    assert naming(context, goes)  # the newest version is whole until the next one
+    (publishing,) = run(context, stitching.job_id)
+    run(context, publishing.job_id)
+    drop_forgotten(context)
+    assert naming(context, goes) == []
+    assert not any(context.blobs.has(digest) for digest in submaps)
+    with context.database.read() as session:
+        assert [row.version for row in maps.versions(session, "city")] == [4, 1]
+        assert session.scalars(select(MeetingRow)).all() == []
+        first = {row.digest for row in session.scalars(select(TileRow).where(TileRow.since == 1)) if row.digest}
+    assert first == set(alone["tiles"].values())  # type: ignore[attr-defined]
+    assert all(context.blobs.has(digest) for digest in first)
+
+
+def publish_next(context: WorkerContext) -> None:
+    (publishing,) = run(context, requested(context))
+    run(context, publishing.job_id)
+
+
+def drop_forgotten(context: WorkerContext) -> None:
+    garbage.drop_forgotten(context.database, context.blobs, lambda: listed_tiles(context.folders))
+
+
+def naming(context: WorkerContext, drive_id: str) -> list[Path]:
+    """The files that have the drive's id in their name or content, but for the database's own."""
+    files = [path for path in context.folders.root.rglob("*") if path.is_file() and not path.name.startswith("wayloom.db")]
+    return [path for path in files if drive_id in str(path) or drive_id.encode() in path.read_bytes()]
 
 
 def run_to_the_end(context: WorkerContext, job_id: int) -> list[JobMessage]:

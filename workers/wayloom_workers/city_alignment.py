@@ -1,196 +1,129 @@
-"""Alignment of the drives of a map: which drives meet, what their registrations measure, and where the city graph puts submaps.
+"""Alignment of the drives of a map: what those that meet have in common, and where the city graph puts their submaps.
 
-What two drives have in common depends on the two alone and is kept; the places depend on the set of drives and of what pairs of
-them have in common. So neither the order of arrival nor what was in the map before changes them.
+The places depend on the set of drives and of what pairs of them have in common (`wayloom_workers.drive_pairs`): neither the order
+of arrival nor what was in the map before changes them. Guests, drives that are held for their place, are asked with them.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
-import structlog
 from numpy.typing import NDArray
 
-from wayloom.errors import WayloomError
+from wayloom.config.gate import gate_of
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.antimeridian import box_of
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geometry import se3
-from wayloom.georeference.uncertainty import moved_covariance
-from wayloom.pipeline.code_version import code_version
-from wayloom.pipeline.digests import sha256_of_json
-from wayloom.places.files import load_places
-from wayloom.stitching.city_graph import optimise_city
-from wayloom.stitching.meeting_files import decode_meetings, encode_meetings
-from wayloom.stitching.meetings import find_meetings
-from wayloom.stitching.placed_drive import PlacedDrive
+from wayloom.georeference.uncertainty import moved_covariance, moved_cross
+from wayloom.stitching.admission import ALONE, UNKNOWN, Verdict, admit
+from wayloom.stitching.drive_chain import own_covariance
+from wayloom.stitching.meeting_files import decode_meetings
+from wayloom.stitching.settings import CityGraphSettings
 from wayloom.stitching.types import City, DrivePlaces, Meeting
-from wayloom.store import jobs, maps, meetings
+from wayloom.store import maps, meetings
 from wayloom.store.map_versions import MovedSubmap
 from wayloom.store.tables import MeetingRow, SubmapRow
-from wayloom.submaps.files import load_submaps
-from wayloom.submaps.submap import PlacedSubmap, decode_submap
+from wayloom.submaps.submap import PlacedSubmap, StepBefore, decode_submap
+from wayloom_workers.drive_pairs import Candidates, register_pairs
 from wayloom_workers.stage_hooks import StageAttempt
 
-log = structlog.get_logger()
 FloatArray = NDArray[np.float64]
-NEAR_M: Final = 60.0
-"""Around a drive's own points, others are looked for: how far apart two drives may be placed that see the same street."""
-SIGMAS: Final = 3.0
-FARTHEST_M: Final = 500.0
 STEP_M: Final = 1e-3
 STEP_RAD: Final = 1e-5
 """Places of the city graph are rounded to these, so that what changes by less changes no region."""
-SHARE: Final = 0.4
-"""Of the progress, when all is aligned."""
-HELD_DRIVES: Final = 4
+OUT_OF_REACH: Final = "it lies too far from the map's origin for one grid"
+NOBODY: Final = "the map has no drive that it could meet"
+UNTOLD: Final = StepBefore(np.full((6, 6), np.nan), True)
+"""Of drives that were processed before they told it: the city graph derives it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """moved: the submaps that are to lie elsewhere than their rows have them. facts: of the version, JSON-ready."""
+    """moved: the submaps that are to lie elsewhere than their rows have them. facts: of the version, JSON-ready. verdicts: on the
+    guests that were asked, by their ids."""
 
     moved: tuple[MovedSubmap, ...]
     facts: dict[str, Any]
+    verdicts: Mapping[str, Verdict] = field(default_factory=dict)
 
 
 NOTHING: Final = Alignment((), {})
 
 
-def align(attempt: StageAttempt, frame: MapFrame, changed: Sequence[str], within: frozenset[tuple[str, int]]) -> Alignment:
-    """The places of all drives that hang together with the changed ones.
+def align(attempt: StageAttempt, frame: MapFrame, changed: Sequence[str], candidates: Candidates) -> Alignment:
+    """The places of all drives that hang together with the changed ones, and whether the guests among them are admitted.
 
     changed : ids of drives that came, went or were placed anew
-    within  : the submaps (drive, position) that the map's frame reaches
     """
     if not changed:
         return NOTHING
     map_id = str(attempt.claim.map_id)
-    reached = {drive_id for drive_id, _ in within}
-    _register_pairs(attempt, frame, [drive_id for drive_id in changed if drive_id in reached], reached)
+    alike = register_pairs(attempt, frame, changed, candidates)
+    asked = {*changed, *candidates.loose}  # whom a drive without a place is like depends on all that are there
     with attempt.context.database.read() as session:
-        linked = meetings.component(session, map_id, changed)
-        ids = ({name for row in linked for name in (row.drive_a, row.drive_b)} | set(changed)) & reached
+        linked = [row for row in meetings.component(session, map_id, asked) if _is_heard(row, alike)]
+        ids = ({name for row in linked for name in (row.drive_a, row.drive_b)} | asked) & candidates.reached
         rows = {drive_id: maps.submaps_of(session, drive_id) for drive_id in sorted(ids)}
     pairs = [row for row in linked if {row.drive_a, row.drive_b} <= ids]
     found = [decode_meetings(attempt.context.blobs.get(row.digest), row.digest) for row in pairs]
-    city = _optimised(attempt, frame, rows, [one for pair in found for one in pair.meetings])
+    city, verdicts = _admitted(attempt, frame, rows, [one for pair in found for one in pair.meetings], candidates)
+    outside = OUT_OF_REACH if candidates.reached - candidates.guests else NOBODY
+    beyond = sorted(asked & candidates.guests - candidates.reached)
+    with attempt.context.database.read() as session:
+        rows |= {drive_id: maps.submaps_of(session, drive_id) for drive_id in beyond}
+    verdicts |= {name: Verdict(False, outside) for name in beyond}
     moved = [item for drive_id, own in rows.items() for item in _moved(attempt, frame, own, city, drive_id)]
-    return Alignment(tuple(moved), _facts(city))
+    return Alignment(tuple(moved), _facts(city, verdicts), verdicts)
 
 
-def _register_pairs(attempt: StageAttempt, frame: MapFrame, changed: Sequence[str], reached: set[str]) -> None:
-    """Register each changed drive with those near it, where that was not done before. What is found is kept at once."""
-    load = lru_cache(HELD_DRIVES)(lambda drive_id: _placed_drive(attempt, frame, drive_id))
-    pairs = _near_pairs(attempt, changed, reached)
-    for count, (a, b) in enumerate(pairs):
-        attempt.progress(SHARE * count / len(pairs), f"pair {count + 1} of {len(pairs)} drives")
-        inputs = _inputs(attempt, frame, a, b)
-        with attempt.context.database.read() as session:
-            known = session.get(MeetingRow, (str(attempt.claim.map_id), a, b))
-        if inputs is None or (known is not None and known.inputs == inputs and attempt.context.blobs.has(known.digest)):
-            continue
-        one, other = load(a), load(b)
-        if one is None or other is None:
-            continue
-        found = find_meetings(one, other, attempt.context.settings.meetings)
-        digest = attempt.context.blobs.put(encode_meetings(found))
-        log.info("drives compared", drive_a=a[:12], drive_b=b[:12], meetings=len(found.meetings), tried=found.report["tried"])
-        row = MeetingRow(
-            map_id=str(attempt.claim.map_id), drive_a=a, drive_b=b, inputs=inputs, digest=digest, count=len(found.meetings)
-        )
-        with attempt.context.database.write() as session:
-            meetings.keep(session, [row])
+def _is_heard(row: MeetingRow, alike: Mapping[str, frozenset[str]]) -> bool:
+    """Whether the pair counts: a drive without a place is heard with those that it is most like, whichever were compared before."""
+    pair = ((row.drive_a, row.drive_b), (row.drive_b, row.drive_a))
+    return all(one not in alike or other in alike[one] for one, other in pair)
 
 
-def _near_pairs(attempt: StageAttempt, changed: Sequence[str], reached: set[str]) -> list[tuple[str, str]]:
-    """Pairs of a changed drive with one that may have seen the same street, the lesser id first, sorted."""
-    pairs: set[tuple[str, str]] = set()
-    with attempt.context.database.read() as session:
-        for drive_id in changed:
-            for row in maps.submaps_of(session, drive_id):
-                for other in maps.drives_near(session, str(attempt.claim.map_id), _wide_box(row)):
-                    if other != drive_id and other in reached:
-                        pairs.add((min(drive_id, other), max(drive_id, other)))
-    return sorted(pairs)
-
-
-def _wide_box(row: SubmapRow) -> maps.Box:
-    """Degrees around a submap, as far as its own place is uncertain and more."""
-    sigma = float(np.sqrt(np.clip(np.linalg.eigvalsh(_own_covariance(row)[:3, :3])[-1], 0.0, None)))
-    margin_m = min(NEAR_M + SIGMAS * sigma, FARTHEST_M)
-    south, north = row.min_lat, row.max_lat
-    lat = np.degrees(margin_m / 6_350_000.0)
-    lon = lat / max(np.cos(np.radians(max(abs(south), abs(north)))), 1e-3)
-    return row.min_lon - lon, south - lat, row.max_lon + lon, north + lat
-
-
-def _inputs(attempt: StageAttempt, frame: MapFrame, a: str, b: str) -> str | None:
-    """Digest of all that the meetings of two drives depend on; None where one was processed before there were places."""
-    with attempt.context.database.read() as session:
-        keys = [jobs.keys_of_outputs(session, drive_id, ("places", "submaps")) for drive_id in (a, b)]
-    if any(len(found) < 2 for found in keys):
-        return None
-    return sha256_of_json({
-        "drives": [a, b],
-        "outputs": keys,
-        "frame": [frame.lon_deg, frame.lat_deg, frame.height_m],
-        "settings": attempt.context.settings.meetings.model_dump(mode="json"),
-        "code": code_version("wayloom.stitching.meetings").text,
-    })  # fmt: skip
-
-
-def _placed_drive(attempt: StageAttempt, frame: MapFrame, drive_id: str) -> PlacedDrive | None:
-    """A drive with its own places, as its stages left it; None, and a warning, where they are gone or are of different runs."""
-    with attempt.context.database.read() as session:
-        keys = jobs.keys_of_outputs(session, drive_id, ("places", "submaps"))
-    stages = attempt.context.folders.drive(drive_id) / "stages"
-    try:
-        places = load_places(_only(stages / "places" / keys["places"]))
-        own = load_submaps(stages / "submaps" / keys["submaps"])
-        return PlacedDrive(drive_id, places, tuple(_in_frame(item, frame, drive_id) for item in own))
-    except (WayloomError, KeyError) as error:
-        log.warning("drive cannot be compared with others", drive_id=drive_id, error=str(error))
-        return None
-
-
-def _only(folder: Path) -> Path:
-    """The file of places in the stage's folder."""
-    return next(iter(sorted(folder.glob("*.places"))), folder / "drive.places")
-
-
-def _in_frame(item: PlacedSubmap, frame: MapFrame, drive_id: str) -> PlacedSubmap:
-    """A submap in the map's frame."""
-    assert item.frame is not None
-    T = wgs84.T_enu_enu(frame, item.frame)
-    return PlacedSubmap(item.submap, T @ item.T_enu_submap, moved_covariance(T, item.covariance[None])[0], drive_id, frame)
-
-
-def _optimised(attempt: StageAttempt, frame: MapFrame, rows: Mapping[str, Sequence[SubmapRow]], found: Sequence[Meeting]) -> City:
-    """The city graph of these drives. One whose own covariance is none stays out of it, with its meetings."""
-    given = [_places(drive_id, own, frame) for drive_id, own in rows.items() if own]
+def _admitted(
+    attempt: StageAttempt,
+    frame: MapFrame,
+    rows: Mapping[str, Sequence[SubmapRow]],
+    found: Sequence[Meeting],
+    candidates: Candidates,
+) -> tuple[City, dict[str, Verdict]]:
+    """The city of these drives. One whose own covariance is none stays out of it, with its meetings."""
+    settings = attempt.context.settings
+    given = [_places(drive_id, own, frame, settings.city_graph) for drive_id, own in rows.items() if own]
     usable = {one.drive_id: one for one in given if _is_positive(one.covariance)}
     heard = [
         one for one in found
         if one.drive_a in usable and one.drive_b in usable
         and one.submap_a < len(usable[one.drive_a]) and one.submap_b < len(usable[one.drive_b])
     ]  # fmt: skip
-    met = {name for one in heard for name in (one.drive_a, one.drive_b)}
-    return optimise_city([usable[name] for name in sorted(met)], heard, attempt.context.settings.city_graph)
+    members = [one for name, one in usable.items() if name not in candidates.guests]
+    guests = [one for name, one in usable.items() if name in candidates.guests]
+    city, verdicts = admit(members, guests, heard, settings.city_graph, lambda grade: gate_of(grade, settings.gate) == "merge")
+    silent = {name: Verdict(False, UNKNOWN if name in candidates.loose else ALONE) for name in rows.keys() & candidates.guests}
+    return city, silent | verdicts
 
 
-def _places(drive_id: str, rows: Sequence[SubmapRow], frame: MapFrame) -> DrivePlaces:
-    T_map_cell = wgs84.T_enu_enu(frame, MapFrame(*rows[0].frame))
-    return DrivePlaces(
-        drive_id,
-        np.array([T_map_cell @ _own_T(row) for row in rows]),
-        moved_covariance(T_map_cell, np.array([_own_covariance(row) for row in rows])),
-        np.array([max(row.length_m, 1.0) for row in rows]),
-        np.ones(len(rows) - 1, np.bool_),
-    )
+def _places(drive_id: str, rows: Sequence[SubmapRow], frame: MapFrame, settings: CityGraphSettings) -> DrivePlaces:
+    own, length_m = np.array([_own_T(row) for row in rows]), np.array([max(row.length_m, 1.0) for row in rows])
+    steps = [UNTOLD if row.step_before is None else StepBefore.of(row.step_before) for row in rows[1:]]
+    connected = np.array([step.connected for step in steps], np.bool_)
+    if not rows[0].located:
+        return DrivePlaces(drive_id, own, own_covariance(own, length_m, settings), length_m, connected, located=False)
+    T_map_cell = wgs84.T_enu_enu(frame, _cell(rows[0]))
+    covariance = moved_covariance(T_map_cell, np.array([_own_covariance(row) for row in rows]))
+    cross = moved_cross(T_map_cell, np.array([step.cross for step in steps]).reshape(-1, 6, 6))
+    return DrivePlaces(drive_id, T_map_cell @ own, covariance, length_m, connected, cross)
+
+
+def _cell(row: SubmapRow) -> MapFrame:
+    """The frame of a row that has a place."""
+    assert row.frame is not None
+    return MapFrame(*row.frame)
 
 
 def _is_positive(covariance: FloatArray) -> bool:
@@ -198,28 +131,41 @@ def _is_positive(covariance: FloatArray) -> bool:
 
 
 def _moved(attempt: StageAttempt, frame: MapFrame, rows: Sequence[SubmapRow], city: City, drive_id: str) -> Iterable[MovedSubmap]:
-    """The submaps of a drive that lie elsewhere than their rows say, by the city graph or, without meetings, by the drive."""
+    """The submaps of a drive that lie elsewhere than their rows say, by the city graph or, without meetings, by the drive.
+
+    A drive without GNSS that the city has lies in the map's frame; one that it has not loses its place.
+    """
     if not rows:
         return
     placed = city.drives.get(drive_id)
-    T_cell_map = wgs84.T_enu_enu(MapFrame(*rows[0].frame), frame)
+    placed = placed if placed is not None and placed.placed else None
+    cell = _cell(rows[0]) if rows[0].located else None if placed is None else frame
+    T_cell_map = np.eye(4) if cell is None else wgs84.T_enu_enu(cell, frame)
     for number, row in enumerate(rows):
         T, covariance = _own_T(row), _own_covariance(row)
-        if placed is not None and placed.placed:
+        if placed is not None:
             T = rounded_place(T_cell_map @ placed.T_map_submap[number], T)
             covariance = rounded_covariance(moved_covariance(T_cell_map, placed.covariance[number][None])[0], T)
-        if T.tolist() != row.T_enu_submap or covariance.tolist() != row.covariance:
-            yield _moved_to(attempt, row, T, covariance)
+        place = T.tolist(), covariance.tolist(), _origin(cell)
+        if place != (row.T_enu_submap, row.covariance, row.frame):
+            yield _moved_to(attempt, row, T, covariance, cell)
 
 
-def _moved_to(attempt: StageAttempt, row: SubmapRow, T: FloatArray, covariance: FloatArray) -> MovedSubmap:
-    submap = decode_submap(attempt.context.blobs.get(row.digest), row.digest)
-    placed = PlacedSubmap(submap, T, covariance, row.drive_id, MapFrame(*row.frame))
-    track = wgs84.lonlatheight_from_enu(placed.track_enu(), MapFrame(*row.frame))[:, :2]
-    points = wgs84.lonlatheight_from_enu(placed.points_enu(), MapFrame(*row.frame))[:, :2]
+def _moved_to(attempt: StageAttempt, row: SubmapRow, T: FloatArray, covariance: FloatArray, cell: MapFrame | None) -> MovedSubmap:
+    """The submap with this place in a cell's frame, or, in its drive's own, without any."""
     own = row.own_T_enu_submap or row.T_enu_submap
-    box = box_of(np.vstack([track, points]))
-    return MovedSubmap(row.drive_id, row.position, row.digest, own, T.tolist(), covariance.tolist(), track.tolist(), box)
+    moved = partial(MovedSubmap, row.drive_id, row.position, row.digest, own, T.tolist(), covariance.tolist())
+    if cell is None:
+        return moved(track=[], frame=None, box=None)
+    submap = decode_submap(attempt.context.blobs.get(row.digest), row.digest)
+    placed = PlacedSubmap(submap, T, covariance, row.drive_id, cell)
+    track = wgs84.lonlatheight_from_enu(placed.track_enu(), cell)[:, :2]
+    points = wgs84.lonlatheight_from_enu(placed.points_enu(), cell)[:, :2]
+    return moved(track=track.tolist(), frame=_origin(cell), box=box_of(np.vstack([track, points])))
+
+
+def _origin(cell: MapFrame | None) -> list[float] | None:
+    return None if cell is None else [cell.lon_deg, cell.lat_deg, cell.height_m]
 
 
 def rounded_place(T: FloatArray, T_own: FloatArray) -> FloatArray:
@@ -252,9 +198,10 @@ def _own_covariance(row: SubmapRow) -> FloatArray:
     return np.array(row.own_covariance or row.covariance, np.float64)
 
 
-def _facts(city: City) -> dict[str, Any]:
-    """What a reader of the version asks: how much drives that meet were moved, and what became of their meetings."""
-    if not city.drives:
+def _facts(city: City, verdicts: Mapping[str, Verdict]) -> dict[str, Any]:
+    """What a reader of the version asks: how much drives that meet were moved, what became of their meetings, and which drives of
+    uncertain place were admitted by them."""
+    if not city.drives and not verdicts:
         return {}
     refused: dict[str, int] = {}
     for one in city.meetings:
@@ -266,5 +213,7 @@ def _facts(city: City) -> dict[str, Any]:
             "meetings": len(city.meetings),
             "refused": dict(sorted(refused.items())),
             "moved_m": {name: round(shift, 3) for name, shift in shifts.items() if np.isfinite(shift)},
+            "admitted": {name: verdict.reason for name, verdict in sorted(verdicts.items()) if verdict.admitted},
+            "held": {name: verdict.reason for name, verdict in sorted(verdicts.items()) if not verdict.admitted},
         }
     }

@@ -1,5 +1,6 @@
 """The map of a stitch as the source of its tiles: regions and counts by their blobs, tracks by the submaps' rows."""
 
+import copy
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Final
@@ -8,20 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geodesy import wgs84
-from wayloom.geodesy.antimeridian import box_of
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.stitching.layers import LAYERS, STATIC
+from wayloom.stitching.layer_names import LAYERS, STATIC
 from wayloom.stitching.region_files import decode_region
-from wayloom.stitching.regions import RegionKey, region_edges, regions_within
+from wayloom.stitching.region_grid import RegionKey, regions_of_box
 from wayloom.stitching.voxel_map import VoxelMap, joined_maps
 from wayloom.store import maps
 from wayloom.store.map_versions import current_regions
 from wayloom.store.maps import Box
 from wayloom.submaps.submap import decode_submap
+from wayloom.tiles.formats import tile_layer
 from wayloom.tiles.grid import TILE_PX, TileAddress, pixel_from_lonlat, tile_bounds
 from wayloom.tiles.mvt import BUFFER, EXTENT, LonLatTrack
 from wayloom.tiles.settings import TileSettings
-from wayloom.tiles.updates import COUNTS_LAYER, ancestor, block_zoom, margin_px
+from wayloom.tiles.updates import ancestor, block_zoom, margin_px
 from wayloom_workers.map_state import MapState, PlacedRow
 from wayloom_workers.stage_hooks import StageAttempt
 
@@ -29,13 +30,10 @@ FloatArray = NDArray[np.float64]
 HELD_REGIONS: Final = 32
 TRACKS_TOGETHER: Final = 14
 """The zoom whose tiles are asked for their tracks in one query."""
-EARTH_M: Final = 6_371_000.0
-STEEP_M: Final = 1000.0
-"""Heights above and below the ellipsoid of the frame's origin between which the map lies."""
 
 
 class MapSource:
-    """`wayloom.tiles.updates.PyramidSource` of one stitch.
+    """`wayloom.tiles.updates.PyramidSource` of one stitch: of the static layer, or, by `overlay`, of another.
 
     new      regions that this stitch has made, by the digest of their blobs; dropped: those that are no more
     """
@@ -48,13 +46,24 @@ class MapSource:
         self._new, self._dropped = new, frozenset(dropped)
         self._settings = attempt.context.settings.tiles
         self._region = lru_cache(HELD_REGIONS)(self._decoded)
+        self._of = LAYERS[STATIC]
+
+    def overlay(self, name: str) -> "MapSource":
+        """The same map's source of another layer."""
+        found = copy.copy(self)
+        found._of = name
+        return found
+
+    def is_in_new_regions(self) -> bool:
+        """Whether a region that this stitch has made has anything of the layer."""
+        return any(len(self._region(digest)[self._of]) for digest in self._new.values())
 
     def voxels(self, block: TileAddress) -> VoxelMap:
         """Those of the block and of its margin, region by region."""
         box = tile_bounds(block)
         keys = sorted(regions_of_box(box, self._frame))
         digests = self._digests(keys)
-        found = joined_maps([self._region(digests[key]) for key in keys if key in digests], self._frame, self._voxel_m)
+        found = joined_maps([self._region(digests[key])[self._of] for key in keys if key in digests], self._frame, self._voxel_m)
         pixels = pixel_from_lonlat(wgs84.lonlatheight_from_enu(found.points_enu, self._frame)[:, :2], self._settings.max_zoom)
         edge = TILE_PX << (self._settings.max_zoom - block.z)
         low, margin = edge * np.array([block.x, block.y]), margin_px(self._settings)
@@ -66,7 +75,7 @@ class MapSource:
         if not self._base:
             return None
         with self._context.database.read() as session:
-            row = maps.tile(session, self._map_id, self._base, COUNTS_LAYER, *address)
+            row = maps.tile(session, self._map_id, self._base, tile_layer("counts", self._of), *address)
         return None if row is None else self._context.blobs.get(row.digest)
 
     def tracks(self, addresses: Collection[TileAddress]) -> Sequence[LonLatTrack]:
@@ -97,15 +106,9 @@ class MapSource:
         kept = {key: entry.digest for key, entry in held.items()}
         return kept | {key: self._new[key] for key in keys if key in self._new}
 
-    def _decoded(self, digest: str) -> VoxelMap:
-        """The published layer of a region."""
-        return decode_region(self._context.blobs.get(digest), digest).layers[LAYERS[STATIC]]
-
-
-def regions_of_box(box: Box, frame: MapFrame) -> Iterator[RegionKey]:
-    """The regions that what lies in a box of degrees may change, and perhaps some beside them."""
-    low, high = enu_box(box, frame)
-    yield from regions_within(low, high)
+    def _decoded(self, digest: str) -> Mapping[str, VoxelMap]:
+        """The layers of a region."""
+        return decode_region(self._context.blobs.get(digest), digest).layers
 
 
 def blocks_of_box(box: Box, settings: TileSettings) -> set[TileAddress]:
@@ -119,30 +122,6 @@ def blocks_of_box(box: Box, settings: TileSettings) -> set[TileAddress]:
     turns = world if high[0] < low[0] else 0
     columns = range(low[0], high[0] + turns + 1)
     return {TileAddress(zoom, x % world, y) for y in range(max(low[1], 0), min(high[1], world - 1) + 1) for x in columns}
-
-
-def region_box(key: RegionKey, frame: MapFrame, around_m: float) -> Box:
-    """Degrees around a region and so much more, whatever the height; across the antimeridian east is over 180."""
-    low, high = region_edges(key)
-    corners = _corners(low - around_m, high + around_m, (-STEEP_M, STEEP_M))
-    corners[:, 2] -= (corners[:, :2] ** 2).sum(axis=1) / (2.0 * EARTH_M)  # the plane leaves the Earth
-    return box_of(wgs84.lonlatheight_from_enu(corners, frame)[:, :2])
-
-
-def enu_box(box: Box, frame: MapFrame) -> tuple[FloatArray, FloatArray]:
-    """Two corners (2,), m east and north, around a box of degrees, whatever the height."""
-    west, south, east, north = box
-    edge = _corners(np.array([west, south]), np.array([east, north]), (frame.height_m - STEEP_M, frame.height_m + STEEP_M))
-    edge[:, 0] = np.where(edge[:, 0] > 180.0, edge[:, 0] - 360.0, edge[:, 0])
-    places = wgs84.enu_from_lonlatheight(edge, frame)[:, :2]
-    return places.min(axis=0), places.max(axis=0)
-
-
-def _corners(low: FloatArray, high: FloatArray, heights: tuple[float, float]) -> FloatArray:
-    """(18, 3): a grid over a box at two heights. Edges of some hundred metres bend by far less than the halo."""
-    grid = np.array([[x, y, h] for h in heights for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0)])
-    grid[:, :2] = low + grid[:, :2] * (high - low)
-    return grid
 
 
 def _boxes(addresses: Collection[TileAddress]) -> Iterator[Box]:

@@ -10,36 +10,40 @@ import numpy as np
 from wayloom.config.gate import gate_of
 from wayloom.config.stages import REMOVAL
 from wayloom.geodesy import wgs84
-from wayloom.geodesy.antimeridian import box_of
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.pipeline.drive_quality import QUALITY_FILE, read_quality
 from wayloom.pipeline.log_parts import LOG_FILE
 from wayloom.pipeline.log_source import LogSource
 from wayloom.pipeline.running import part_room, run_stage, stage_key
-from wayloom.pipeline.settings import ProcessSettings
+from wayloom.pipeline.settings import ProcessSettings, with_asked
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stages.submaps import PREVIEW_FILE
 from wayloom.reports.quality_plots import quality_pictures
-from wayloom.store import drives, gate, maps
+from wayloom.store import drives, reprocessing, runs
+from wayloom.store.coming import note, note_place
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
-from wayloom.store.tables import SubmapRow
 from wayloom.submaps.files import load_submaps
-from wayloom.submaps.submap import PlacedSubmap
+from wayloom_workers.drive_sheets import GROUND
+from wayloom_workers.finished_stages import finished_stages
 from wayloom_workers.publishing import publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
 from wayloom_workers.rig_memory import forget, remember, remember_gnss, rig_file_for
 from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, StageParts, keyed_by_inputs
 from wayloom_workers.stitching import prepare_stitch
+from wayloom_workers.submap_rows import submap_row
 
 TRACK_POINTS: Final = 2000
 ODOMETRY: Final = "odometry"
 GEOREFERENCE: Final = "georeference"
+SUBMAPS: Final = "submaps"
 
 
 def _settings(attempt: StageAttempt) -> ProcessSettings:
-    """Those of the service that a drive's stages are told."""
-    return attempt.context.settings.of_drives()
+    """Those of the service that a drive's stages are told, and above them those that were asked for when it is processed anew."""
+    with attempt.context.database.read() as session:
+        asked = (drives.get(session, str(attempt.claim.drive_id)).coming or {}).get("asked", {})
+    return with_asked(attempt.context.settings.of_drives(), asked)
 
 
 def _prepare(attempt: StageAttempt) -> PreparedStage:
@@ -77,7 +81,7 @@ def _record_log(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     """What the log is, for the drive's page."""
     content = json.loads((attempt.out_dir / LOG_FILE).read_text(encoding="utf-8"))
     drive = drives.get(session, str(attempt.claim.drive_id))
-    drive.facts = {**drive.facts, "log": _finite({name: content["log"][name] for name in content["log"].keys() - {"path", "name"}})}
+    note(drive, log=_finite({name: content["log"][name] for name in content["log"].keys() - {"path", "name"}}))
     return []
 
 
@@ -103,16 +107,17 @@ def _record_track(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     """Where the drive went, thinned for the page, and what the geo-reference says of itself."""
     geo = load_georeference(attempt.out_dir / GEOREFERENCE_FILE)
     drive = drives.get(session, str(attempt.claim.drive_id))
-    drive.placed = geo.frame is not None
-    drive.facts = {**drive.facts, "georeference": _finite(geo.report)}
+    track = None
     if geo.frame is not None:
         rows = np.unique(np.linspace(0, len(geo.T_enu_cam) - 1, TRACK_POINTS).round().astype(int))
         lon_lat_height = wgs84.lonlatheight_from_enu(geo.T_enu_cam[rows, :3, 3], geo.frame)
-        drive.track = np.column_stack([lon_lat_height[:, :2].round(9), lon_lat_height[:, 2].round(4)]).tolist()
+        track = np.column_stack([lon_lat_height[:, :2].round(9), lon_lat_height[:, 2].round(4)]).tolist()
+    note_place(drive, geo.frame is not None, track)
     quality = read_quality(attempt.out_dir / QUALITY_FILE)
-    verdict = gate_of(quality["grade"], attempt.context.settings.gate)
-    gate.judge(session, drive.id, quality["grade"], quality["reasons"], verdict)
-    drive.facts = {**drive.facts, "quality": hashlib.sha256(_quality(attempt)).hexdigest()}
+    sound = bool(quality.get("sound"))
+    verdict = gate_of(quality["grade"], attempt.context.settings.gate, sound)
+    reprocessing.judge(session, drive.id, quality["grade"], quality["reasons"], verdict, sound)
+    note(drive, georeference=_finite(geo.report), quality=hashlib.sha256(_quality(attempt)).hexdigest())
     return []
 
 
@@ -133,47 +138,34 @@ def _finite(facts: dict[str, Any]) -> dict[str, Any]:
 
 
 def _share_submaps(attempt: StageAttempt) -> None:
-    for placed in load_submaps(attempt.out_dir):
+    """The submaps' blobs, after the drive's last stage: nothing names them before, and they would be dropped as unused."""
+    for placed in load_submaps(attempt.inputs_dir / SUBMAPS):
         attempt.context.blobs.put(placed.submap.encoded)
     attempt.context.blobs.put(_preview(attempt))
 
 
 def _preview(attempt: StageAttempt) -> bytes:
-    """The picture of the drive from above that the stage left."""
-    return (attempt.out_dir / PREVIEW_FILE).read_bytes()
+    """The picture of the drive from above that the stage of the submaps left."""
+    return (attempt.inputs_dir / SUBMAPS / PREVIEW_FILE).read_bytes()
 
 
 def _record_submaps(session: Session, attempt: StageAttempt) -> list[JobMessage]:
-    """Place the submaps; those without a place on Earth stay outside of the map."""
+    """Place the submaps, now that all that the map takes of them is there; those without a place on Earth wait for other drives to
+    give them one."""
     drive = drives.get(session, str(attempt.claim.drive_id))
-    placed = [item for item in load_submaps(attempt.out_dir) if item.frame is not None]
-    rows = [submap_row(drive.id, drive.map_id, position, item) for position, item in enumerate(placed)]
-    maps.place_submaps(session, drive.id, rows)
-    drive.facts = {**drive.facts, "preview": hashlib.sha256(_preview(attempt)).hexdigest()}
+    items = load_submaps(attempt.inputs_dir / SUBMAPS)
+    rows = [submap_row(drive.id, drive.map_id, position, item) for position, item in enumerate(items)]
+    reprocessing.place_submaps(session, drive.id, rows)
+    runs.record(session, drive, finished_stages(session, attempt), [item.submap.digest for item in items])
+    note(drive, preview=hashlib.sha256(_preview(attempt)).hexdigest())
     return []
-
-
-def submap_row(drive_id: str, map_id: str, position: int, placed: PlacedSubmap) -> SubmapRow:
-    """The row of a submap that has a place on Earth."""
-    assert placed.frame is not None
-    covariance = np.where(np.isfinite(placed.covariance), placed.covariance, 0.0)
-    track = wgs84.lonlatheight_from_enu(placed.track_enu(), placed.frame)[:, :2]
-    points = wgs84.lonlatheight_from_enu(placed.points_enu(), placed.frame)[:, :2]
-    west, south, east, north = box_of(np.vstack([track, points]))
-    return SubmapRow(
-        drive_id=drive_id, map_id=map_id, position=position, digest=placed.submap.digest, point_count=len(placed.submap),
-        frame=[placed.frame.lon_deg, placed.frame.lat_deg, placed.frame.height_m], T_enu_submap=placed.T_enu_submap.tolist(),
-        covariance=covariance.tolist(), own_T_enu_submap=placed.T_enu_submap.tolist(), own_covariance=covariance.tolist(),
-        length_m=placed.submap.length_m, track=track.tolist(), track_t_ns=int(placed.submap.keyframe_t_ns.min(initial=2**62)),
-        min_lon=west, min_lat=south, max_lon=east, max_lat=north,
-    )  # fmt: skip
 
 
 _HOOKS: Final = {
     "ingest": StageHooks(_prepare, record=_record_log),
     ODOMETRY: StageHooks(_prepare, share=_remember_rig),
     "georeference": StageHooks(_prepare, share=_share_georeference, record=_record_track),
-    "submaps": StageHooks(_prepare, share=_share_submaps, record=_record_submaps),
+    GROUND: StageHooks(_prepare, share=_share_submaps, record=_record_submaps),
     "stitch": StageHooks(prepare_stitch, record=request_publish),
     "publish": StageHooks(keyed_by_inputs(tidy), record=publish),
     REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=_remove, record=remove_rows),

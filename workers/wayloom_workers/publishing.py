@@ -7,13 +7,14 @@ from typing import Final
 
 import structlog
 
-from wayloom.store import jobs, map_versions, meetings
+from wayloom.store import drives, jobs, map_versions, meetings, reprocessing
 from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseError, Session
 from wayloom.store.folders import Folders
 from wayloom.store.garbage import drop_unused
 from wayloom.store.jobs import JobMessage
 from wayloom.store.map_versions import MovedSubmap, NewVersion, RegionEntry, TileEntry
+from wayloom.store.tables import Job
 from wayloom_workers.stage_hooks import StageAttempt
 
 log = structlog.get_logger()
@@ -28,24 +29,38 @@ def request_publish(session: Session, attempt: StageAttempt) -> list[JobMessage]
 
 
 def tidy(attempt: StageAttempt) -> None:
-    """Before publishing: drop the lists of tiles of earlier versions, and the blobs that nothing names any more."""
+    """Before publishing: drop the lists of tiles of earlier versions, the folders of removed drives that a stage was still writing
+    to, and the blobs that nothing names any more."""
     stages = attempt.context.folders.map(str(attempt.claim.map_id)) / "stages"
     for stage in stages.iterdir():
         for output in stage.iterdir():
             if output.name not in attempt.inputs.values():
                 shutil.rmtree(output, ignore_errors=True)
+    shutil.rmtree(stages.parent / "parts", ignore_errors=True)  # of stitches that were given up
+    _drop_folders(attempt)
     try:
-        dropped = drop_unused(attempt.context.database, attempt.context.blobs, lambda: _listed_tiles(attempt.context.folders))
+        dropped = drop_unused(attempt.context.database, attempt.context.blobs, lambda: listed_tiles(attempt.context.folders))
         log.info("blobs dropped", count=dropped)
     except (BlobError, DatabaseError, OSError) as error:  # the map does not wait for it: the next version drops them
         log.warning("blobs were not dropped", error=str(error))
 
 
-def _listed_tiles(folders: Folders) -> Iterator[str]:
+def _drop_folders(attempt: StageAttempt) -> None:
+    """Folders first, rows second: a drive has its row before its folder."""
+    found = [*attempt.context.folders.all_drives.glob("*")]
+    with attempt.context.database.read() as session:
+        known = drives.all_ids(session)
+    for folder in found:
+        if folder.name not in known:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def listed_tiles(folders: Folders) -> Iterator[str]:
     """The digests in every list of tiles and regions that is published, or may be yet."""
     for path in folders.all_maps.glob(f"*/stages/stitch/*/{TILES_FILE}"):
         listed = json.loads(path.read_text(encoding="utf-8"))
         yield from (entry["digest"] for entry in [*listed["tiles"], *listed["regions"]])
+        yield from (entry[of] for of in ("ground", "markings") for entry in listed["regions"] if entry.get(of))
 
 
 def publish(session: Session, attempt: StageAttempt) -> list[JobMessage]:
@@ -61,7 +76,8 @@ def publish(session: Session, attempt: StageAttempt) -> list[JobMessage]:
         dropped_tiles=[(layer, z, x, y) for layer, z, x, y in stitched["dropped_tiles"]],
         regions=[RegionEntry(**entry) for entry in stitched["regions"]],
         dropped_regions=[(east, north) for east, north in stitched["dropped_regions"]],
-        moved=[MovedSubmap(**{**one, "box": tuple(one["box"])}) for one in stitched["moved"]],
+        moved=[MovedSubmap.from_json(one) for one in stitched["moved"]],
+        verdicts=stitched.get("verdicts", {}),
         taken_in=stitched["taken_in"],
         facts=stitched["facts"] | ({"out_of_reach": stitched["out_of_reach"]} if stitched["out_of_reach"] else {}),
         built_with=stitched["built_with"],
@@ -70,4 +86,7 @@ def publish(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     changed = map_versions.changed_drives(session, str(attempt.claim.map_id))
     map_versions.publish(session, str(attempt.claim.map_id), new, attempt.context.settings.map_versions_kept)
     meetings.forget_gone(session, str(attempt.claim.map_id), changed)
+    job = session.get(Job, attempt.claim.job_id)
+    if job is not None and job.parent_id is not None:
+        reprocessing.take_published(session, str(attempt.claim.map_id), job.parent_id)
     return []

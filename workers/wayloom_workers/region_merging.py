@@ -5,23 +5,28 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from wayloom.files.atomic import write_atomically
 from wayloom.geodesy import wgs84
+from wayloom.geodesy.antimeridian import overlap
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.uncertainty import moved_covariance
+from wayloom.ground.merge import merge_sheets
 from wayloom.pipeline.digests import sha256_of_json
+from wayloom.stitching.admission import Verdict
 from wayloom.stitching.region_files import encode_region
-from wayloom.stitching.regions import RegionKey, fuse_region
-from wayloom.stitching.settings import HALO_M
+from wayloom.stitching.region_grid import REGION_M, RegionKey, region_box, region_edges, regions_of_box
+from wayloom.stitching.regions import fuse_region
+from wayloom.stitching.settings import HALO_M, LOOK_HALO_M
 from wayloom.store import map_versions, maps
 from wayloom.store.map_versions import MovedSubmap, RegionEntry
 from wayloom.submaps.submap import PlacedSubmap, Submap, decode_submap
+from wayloom_workers.change_evidence import DriveLooks, change_features
 from wayloom_workers.city_alignment import Alignment, align
-from wayloom_workers.map_source import region_box, regions_of_box
+from wayloom_workers.drive_sheets import DriveSheets
 from wayloom_workers.map_state import MapState, PlacedRow, read_state
 from wayloom_workers.stage_hooks import StageAttempt, StageParts
 
@@ -36,46 +41,57 @@ def aligned_state(attempt: StageAttempt) -> MapState:
     map_id = str(attempt.claim.map_id)
     with attempt.context.database.read() as session:
         state = read_state(session, map_id, attempt.context.settings)
-        changed = maps.drives_with_submaps(session, map_id) if state.whole else map_versions.changed_drives(session, map_id)
-    return state.aligned(align(attempt, state.frame, changed, state.submaps))
+        changed = maps.candidates(session, map_id) if state.whole else map_versions.changed_drives(session, map_id)
+    return state.aligned(align(attempt, state.frame, changed, state.candidates))
 
 
 def changed_regions(state: MapState) -> list[RegionKey]:
     """The regions that are to be looked through, sorted: columns of neighbours."""
-    return sorted({key for box in state.changed for key in regions_of_box(box, state.frame)})
+    return sorted({key for box in state.changed for key in regions_of_box(box, state.frame, LOOK_HALO_M)})
 
 
 class Merger:
-    """Merges regions, with the submaps that neighbours share decoded once."""
+    """Merges regions, their voxels and their ground, with what neighbours share decoded once."""
 
     def __init__(self, attempt: StageAttempt, state: MapState) -> None:
         self._context, self._map_id, self._state = attempt.context, str(attempt.claim.map_id), state
-        self._submap = lru_cache(HELD_SUBMAPS)(self._decoded)
+        self._submap, self._looks = lru_cache(HELD_SUBMAPS)(self._decoded), DriveLooks(attempt.context)
+        self._sheets = DriveSheets(attempt.context)
         self._T_map_cell = lru_cache(64)(lambda cell: wgs84.T_enu_enu(state.frame, MapFrame(*cell)))
 
     def rows(self, key: RegionKey) -> list[PlacedRow]:
-        """The submaps that may bear on a region: whose boxes touch its own. Sorted."""
-        box = region_box(key, self._state.frame, HALO_M)
+        """The submaps that may bear on a region, by points, looks or ground: whose boxes touch its own. Sorted."""
+        near, far = (region_box(key, self._state.frame, halo_m) for halo_m in (HALO_M, LOOK_HALO_M))
         with self._context.database.read() as session:
-            return self._state.rows(session, self._map_id, box)
+            rows = self._state.rows(session, self._map_id, far)
+        return [row for row in rows if overlap(row.box, near) or self._bears_far(row)]
+
+    def _bears_far(self, row: PlacedRow) -> bool:
+        return self._looks.key(row.drive_id) is not None or self._sheets.digest(row.drive_id, row.digest) is not None
 
     def inputs(self, rows: Sequence[PlacedRow]) -> str:
         """Digest of all that a region is made from."""
         places = [[row.drive_id, row.digest, row.frame, row.T_enu_submap, row.covariance] for row in rows]
-        return sha256_of_json({"with": self._state.built_with, "submaps": places})
+        looks = {row.drive_id: self._looks.key(row.drive_id) for row in rows}
+        sheets = [self._sheets.digest(row.drive_id, row.digest) for row in rows]
+        return sha256_of_json({"with": self._state.built_with, "submaps": places, "looks": looks, "sheets": sheets})
 
     def region(self, key: RegionKey, rows: Sequence[PlacedRow], inputs: str) -> RegionEntry | None:
         """The region, stored; one of a version that is kept, where it was made from the same; None when nothing lies in it."""
         with self._context.database.read() as session:
             again = map_versions.region_made_from(session, self._map_id, key, inputs)
-        if again is not None and self._context.blobs.has(again.digest):
+        if again is not None and all(self._context.blobs.has(digest) for digest in (again.digest, again.ground) if digest):
             return again
-        region = fuse_region(key, self._placed(rows), self._context.settings.merge)
-        if not any(map(len, region.layers.values())):
+        placed = list(self._placed(rows))
+        region = fuse_region(key, placed, self._context.settings.merge, looks=self._looks.placed(placed))
+        ground = merge_sheets(self._sheets.placed(placed), region_edges(key)[0], REGION_M)
+        if not any(map(len, region.layers.values())) and not region.changes and ground is None:
             return None
         data = encode_region(region, self._state.frame)
         members = sorted([row.drive_id, row.digest] for row in rows)
-        return RegionEntry(*key, inputs, self._context.blobs.put(data), members, len(data))
+        changes = change_features(region.changes, self._state.frame)
+        of_ground = "" if ground is None else self._context.blobs.put(ground.encoded())
+        return RegionEntry(*key, inputs, self._context.blobs.put(data), members, len(data), changes, of_ground)
 
     def _placed(self, rows: Sequence[PlacedRow]) -> Iterator[PlacedSubmap]:
         """The submaps in the map's frame."""
@@ -90,6 +106,12 @@ class Merger:
 
     def _decoded(self, digest: str) -> Submap:
         return decode_submap(self._context.blobs.get(digest), digest)
+
+
+def _placement(state: MapState) -> dict[str, Any]:
+    """What the alignment has found, JSON-ready."""
+    verdicts = {name: asdict(one) for name, one in state.verdicts.items()}
+    return {"moved": [asdict(one) for one in state.moved.values()], "verdicts": verdicts}
 
 
 class RegionParts:
@@ -117,7 +139,8 @@ class RegionParts:
         with self._attempt.context.database.read() as session:
             state = read_state(session, str(self._attempt.claim.map_id), self._attempt.context.settings)
         found = json.loads(places.read_text(encoding="utf-8"))
-        return state.aligned(Alignment(tuple(MovedSubmap(**{**one, "box": tuple(one["box"])}) for one in found), {}))
+        verdicts = {name: Verdict(**{**one, "drives": tuple(one["drives"])}) for name, one in found["verdicts"].items()}
+        return state.aligned(Alignment(tuple(MovedSubmap.from_json(one) for one in found["moved"]), {}, verdicts))
 
     def _missing(self) -> list[int]:
         """The parts of the plan, written down at the first look, that are not there."""
@@ -129,7 +152,7 @@ class RegionParts:
             if len(parts) < 2:
                 return []
             self._folder.mkdir(parents=True, exist_ok=True)
-            write_atomically(self._folder / PLACES_FILE, json.dumps([asdict(one) for one in state.moved.values()]).encode())
+            write_atomically(self._folder / PLACES_FILE, json.dumps(_placement(state)).encode())
             write_atomically(plan, json.dumps(parts).encode())
         return [number for number, _ in enumerate(self._plan(), 1) if not self._has(number)]
 

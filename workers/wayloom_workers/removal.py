@@ -5,6 +5,7 @@ import shutil
 from wayloom.store import drives, gate, jobs, maps
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
+from wayloom.store.withdrawal import forget_meetings
 from wayloom_workers.stage_hooks import StageAttempt
 
 
@@ -21,9 +22,11 @@ def remove_rows(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     """Forget the drive; where it was in the map, the map is stitched without it."""
     drive = drives.get(session, str(attempt.claim.drive_id))
     map_id = drive.map_id
-    was_merged = drive.stitch_job_id is not None or (gate.passes(drive) and maps.has_submaps(session, drive.id))
+    will_be = gate.passes(drive) and maps.has_submaps(session, drive.id)
+    was_merged = will_be or drive.stitch_job_id is not None or maps.holds(session, map_id, drive.id)
     drives.delete_rows(session, drive.id)
     if not was_merged:
+        forget_meetings(session, map_id, attempt.claim.drive_id or "")
         return []
     job = jobs.request_stitch(session, map_id)
     return [JobMessage(job.id, job.queue)]

@@ -34,6 +34,7 @@ from wayloom.pipeline.digests import sha256_of_json
 from wayloom.pipeline.stages.odometry import EVIDENCE_FILE
 from wayloom.store import drives, rigs
 from wayloom.store.blobs import BlobStore
+from wayloom.store.coming import facts_of
 from wayloom.store.database import Database
 from wayloom.store.rigs import ByGnss, Evidence, EvidenceEpoch, NewRigVersion
 from wayloom_workers.stage_hooks import RepeatStageError, StageAttempt
@@ -194,7 +195,7 @@ def _pinned(attempt: StageAttempt, drive_log: DriveLog) -> dict[str, Any] | None
     if key is None:
         return None
     with attempt.context.database.write() as session:
-        said: dict[str, Any] | None = drives.get(session, drive_id).facts.get("rig")
+        said: dict[str, Any] | None = facts_of(drives.get(session, drive_id)).get("rig")
         if said is None or said["rig"] != key:
             said = _about(key, rigs.version_for(session, key, t_ns))
             rigs.use(session, drive_id, said)
@@ -210,9 +211,9 @@ def _check_version(attempt: StageAttempt, key: str) -> None:
     """Have the drive tracked again where the file that it was tracked with is of another epoch than its own evidence."""
     drive_id = str(attempt.claim.drive_id)
     with attempt.context.database.write() as session:
-        said = drives.get(session, drive_id).facts.get("rig") or {}
+        said = facts_of(drives.get(session, drive_id)).get("rig") or {}
         own = rigs.evidence_of_drive(session, drive_id)
-        if own is None or said.get("version") is None or said.get("knocked"):
+        if own is None or said.get("version") is None or said.get("knocked") or said.get("asked"):
             return
         same_epoch = {row.drive_id for row in rigs.evidence_of(session, key) if row.from_ns == own.from_ns}
         if same_epoch & set(rigs.version(session, key, said["version"]).drives):

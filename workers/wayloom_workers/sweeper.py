@@ -5,10 +5,12 @@ from celery import Celery
 from kombu.exceptions import OperationalError
 from redis.exceptions import RedisError
 
-from wayloom.store import sweep, uploads
+from wayloom.store import garbage, sweep, uploads
+from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseError
 from wayloom_workers.broker import make_app, make_notifier, waiting_messages
 from wayloom_workers.heartbeat import stop_requested
+from wayloom_workers.publishing import listed_tiles
 from wayloom_workers.stage_hooks import WorkerContext
 
 log = structlog.get_logger()
@@ -25,6 +27,9 @@ def sweep_once(context: WorkerContext, app: Celery) -> None:
         make_notifier(app, context.database)(message for message in unsent if waiting[message.queue] == 0)
     with context.database.write() as session:
         uploads.drop_expired(session, context.folders)
+    forgotten = garbage.drop_forgotten(context.database, context.blobs, lambda: listed_tiles(context.folders))
+    if forgotten:
+        log.info("blobs of removed drives dropped", count=forgotten)
 
 
 def sweep_until_stopped(context: WorkerContext) -> None:
@@ -33,6 +38,6 @@ def sweep_until_stopped(context: WorkerContext) -> None:
     while not stop_requested.is_set():
         try:
             sweep_once(context, app)
-        except (DatabaseError, OperationalError, RedisError, OSError) as error:
+        except (BlobError, DatabaseError, OperationalError, RedisError, OSError) as error:
             log.warning("sweep failed", error=str(error))
         stop_requested.wait(context.settings.sweep_s)

@@ -168,12 +168,13 @@ def service(data: Path, port: int, environment: dict[str, str]) -> Iterator[tupl
 
 
 def write_map(api: "Api", drives: list[dict[str, Any]], path: Path) -> None:
-    """The newest version of the map, from its tiles, with the drives' tracks."""
+    """The newest version of the map, from its tiles: labels over the photograph of the ground, with the drives' tracks."""
     import cv2
     import numpy as np
 
     from wayloom.files.atomic import write_atomically
-    from wayloom.reports.map_picture import map_picture
+    from wayloom.reports.map_picture import TileLayer, map_picture
+    from wayloom.tiles.descriptions import SUFFIXES, edge_px
 
     placed = [drive for drive in drives if drive["state"] == "done"]
     if not placed:
@@ -181,16 +182,19 @@ def write_map(api: "Api", drives: list[dict[str, Any]], path: Path) -> None:
         write_atomically(path, api.once("GET", f"/v1/drives/{drives[0]['id']}/preview.png").content)
         return
     version = api.json("GET", f"/v1/maps/{placed[0]['map_id']}")
-    tiles = f"/v1/maps/{version['map_id']}/versions/{version['version']}/tiles/semantic"
+    tiles = f"/v1/maps/{version['map_id']}/versions/{version['version']}/tiles"
 
-    def tile(z: int, x: int, y: int) -> bytes | None:
-        answer = api.once("GET", f"{tiles}/{z}/{x}/{y}.png")
-        return answer.content if answer.status_code == 200 else None
+    def layer(name: str) -> TileLayer:
+        def tile(z: int, x: int, y: int) -> bytes | None:
+            answer = api.once("GET", f"{tiles}/{name}/{z}/{x}/{y}{SUFFIXES[name]}")
+            return answer.content if answer.status_code == 200 else None
 
+        return TileLayer(tile, int(version["layers"][name]["max_zoom"]), edge_px(name))
+
+    photo = layer("ortho") if "ortho" in version["layers"] else None
     tracks = []
     for drive in placed:
         way = api.json("GET", f"/v1/drives/{drive['id']}/track")["geometry"]["coordinates"]
         tracks.append((drive["name"], np.array(way, np.float64)))
-    deepest = int(version["layers"]["semantic"]["max_zoom"])
-    picture = map_picture(tile, tuple(version["bounds"]), tracks, max_zoom=deepest)
+    picture = map_picture(layer("semantic"), tuple(version["bounds"]), tracks, photo)
     write_atomically(path, cv2.imencode(".png", picture[..., ::-1])[1].tobytes())

@@ -13,10 +13,15 @@ GATES: Final[tuple[Gate, ...]] = ("merge", "hold", "quarantine")
 
 
 class GateSettings(Settings):
-    """Thresholds. A drive without a place on Earth is held, whatever they are."""
+    """Thresholds, the same for a drive's own grade and for the one that its meetings in the map earn.
+
+    A drive without GNSS is held, whatever they are; so is one of any worse grade whose place alone is uncertain.
+    """
 
     merge_up_to: Grade = Field("C", description="drives of this grade and better are merged into the map")
-    hold_up_to: Grade = Field("D", description="worse ones up to this grade wait for an operator; beyond it they are quarantined")
+    hold_up_to: Grade = Field(
+        "D", description="worse ones up to this are held; beyond it, where not the place alone is in doubt, quarantined"
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -27,10 +32,13 @@ class GateSettings(Settings):
         return self
 
 
-def gate_of(grade: str | None, settings: GateSettings = GateSettings()) -> Gate:
-    """What the map does with a drive of this grade, A to E; None: the drive has no place on Earth."""
+def gate_of(grade: str | None, settings: GateSettings = GateSettings(), sound: bool = False) -> Gate:
+    """What the map does with a drive of this grade, A to E; None: the drive has no place on Earth.
+
+    sound : nothing speaks against the drive itself, however uncertain its place is: other drives may still place it
+    """
     if grade is None:
         return "hold"
     if grade <= settings.merge_up_to:
         return "merge"
-    return "hold" if grade <= settings.hold_up_to else "quarantine"
+    return "hold" if sound or grade <= settings.hold_up_to else "quarantine"

@@ -59,14 +59,22 @@ STAGES: tuple[Stage, ...] = (
         "places", "odometry", inputs=("odometry", "segmentation", "labelling"), log_parts=("images",), settings=("places",),
         room=f"{_ROOMS}.places",
     ),
+    Stage(
+        "looks", "odometry", inputs=("odometry", "segmentation"), log_parts=("images",), settings=("looks",),
+        room=f"{_ROOMS}.looks",
+    ),
     Stage("loops", "odometry", inputs=("places",), settings=("loops",), room=f"{_ROOMS}.loops"),
     Stage(
         "georeference", "odometry", inputs=("odometry", "labelling", "loops"), log_parts=("gnss", "imu"),
-        settings=("georeference", "map_origin"), room=f"{_ROOMS}.georeference",
+        settings=("georeference", "map_origin", "submaps.length_m", "submaps.max_length_m"), room=f"{_ROOMS}.georeference",
     ),
     Stage(
         "submaps", "odometry", inputs=("odometry", "labelling", "georeference"), log_parts=("drive",), settings=("submaps",),
         room=f"{_ROOMS}.submaps",
+    ),
+    Stage(
+        "ground", "odometry", inputs=("odometry", "segmentation", "submaps"), log_parts=("images",), settings=("ground",),
+        room=f"{_ROOMS}.ground",
     ),
 )  # fmt: skip
 """The stages of a drive."""

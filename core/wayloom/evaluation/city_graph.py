@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from wayloom.evaluation.made_fleets import KINDS, MadeFleet
 from wayloom.geometry import se3
 from wayloom.stitching.city_graph import canonical
-from wayloom.stitching.types import City, PlacedDrive
+from wayloom.stitching.types import AlignedDrive, City
 
 FloatArray = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ def judged_kinds(fleets: Sequence[MadeFleet], cities: Sequence[City]) -> tuple[d
     return rows, _verdicts(fleets, cities)
 
 
-def nees_of(drive: PlacedDrive, T_true: FloatArray) -> FloatArray:
+def nees_of(drive: AlignedDrive, T_true: FloatArray) -> FloatArray:
     """(n,) chi-square of the errors of a drive's submaps, by their own covariances; T_true (n, 4, 4)."""
     at = se3.from_rotation_translation(np.tile(np.eye(3), (len(T_true), 1, 1)), -T_true[:, :3, 3])
     off = at @ drive.T_map_submap @ se3.inverse(T_true) @ se3.inverse(at)

@@ -62,7 +62,7 @@ class Receiver:
     """A receiver and its surroundings.
 
     fix           kind of every fix; stated_ratio: stated over true sigma
-    late_s        by how much its stamps are late
+    late_s        by how much its stamps are late; drift s/s more all along
     lever_given   whether the log tells the lever arm; lever_error_m (3,) by how much it is wrong
     bursts        multipath; outages (start s, length s)
     shift_from    share of the drive from which every fix is shifted by shift_enu_m
@@ -71,6 +71,7 @@ class Receiver:
     fix: FixType = FixType.FIXED
     stated_ratio: float = 1.0
     late_s: float = 0.0
+    drift: float = 0.0
     lever_given: bool = True
     lever_error_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     bursts: tuple[GnssBurst, ...] = ()
@@ -129,6 +130,14 @@ def tracked(T: FloatArray, rng: np.random.Generator, scale_sigma: float) -> Floa
     return out
 
 
+def _stretched(T_world_cam: FloatArray, scale_end: float) -> FloatArray:
+    """(N, 4, 4) the same steps, longer and longer, in the end by the share scale_end."""
+    longer = 1.0 + scale_end * np.linspace(0.0, 1.0, len(T_world_cam) - 1)
+    out = T_world_cam.copy()
+    out[1:, :3, 3] = out[0, :3, 3] + np.cumsum(np.diff(T_world_cam[:, :3, 3], axis=0) * longer[:, None], axis=0)
+    return out
+
+
 def received(T: FloatArray, receiver: Receiver, rng: np.random.Generator) -> GnssTrack:
     """The receiver's fixes, one a frame of T (N, 4, 4)."""
     t_s = np.arange(len(T)) / RATE_HZ
@@ -141,14 +150,16 @@ def received(T: FloatArray, receiver: Receiver, rng: np.random.Generator) -> Gns
     for start, length in receiver.outages:
         kinds[(t_s >= start) & (t_s < start + length)] = FixType.NONE
     stated = SIGMA_M[receiver.fix] * receiver.stated_ratio * np.array([1.0, 1.0, UP_FACTOR])
-    t_ns = START_NS + np.rint((t_s + receiver.late_s) * 1e9).astype(np.int64)
+    t_ns = START_NS + np.rint((t_s + receiver.late_s + receiver.drift * t_s) * 1e9).astype(np.int64)
     return GnssTrack(t_ns, wgs84.lonlatheight_from_enu(enu, PLACE), np.tile(np.diag(stated**2), (len(T), 1, 1)), kinds)
 
 
-def made_drive(T: FloatArray, receiver: Receiver, seed: int, scale_sigma: float = 0.01) -> MadeDrive:
-    """A drive along T (N, 4, 4); equal seeds give equal drives."""
+def made_drive(T: FloatArray, receiver: Receiver, seed: int, scale_sigma: float = 0.01, scale_end: float = 0.0) -> MadeDrive:
+    """A drive along T (N, 4, 4); equal seeds give equal drives. scale_end: share by which the odometry's steps grow all along."""
     rng = np.random.default_rng(seed)
     T_world_cam = tracked(T, rng, scale_sigma)
+    if scale_end:
+        T_world_cam = _stretched(T_world_cam, scale_end)
     lever = LEVER_M + receiver.lever_error_m if receiver.lever_given else np.zeros(3)
     return MadeDrive(MadeLog(received(T, receiver, rng), lever), odometry_of(T_world_cam), T)
 

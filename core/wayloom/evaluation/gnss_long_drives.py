@@ -4,7 +4,7 @@ With the noise of odometry, clock and fixes known as it was made, the stated sig
 is Gaussian and nearly linear): no unbiased estimate from these fixes and this odometry is better.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,8 @@ KNOWN = GeoReferenceSettings(
     gnss_correlation_s=SLOW_S, scale_sigma=SCALE_SIGMA, local_scale_sigma=SCALE_SIGMA, time_offset_sigma_s=0.0002
 )
 """The noise as it is made."""
+SCALE_KNOWN = KNOWN.model_copy(update={"scale_sigma": 1e-5, "local_scale_sigma": 1e-5})
+"""The same where the odometry's scale does not wander at all."""
 OUTAGES = ((60.0, 30.0), (170.0, 30.0), (290.0, 30.0))
 BURSTS = tuple(GnssBurst(share=share, duration_s=8.0, size_m=size) for share, size in ((0.05, 5.0), (0.5, 2.0), (0.85, 11.0)))
 
@@ -49,6 +51,15 @@ def long_results(seed: int = 0) -> Iterator[LongResult]:
     single, every = made_drive(city_way(SECONDS), Receiver(FixType.SINGLE), seed, SCALE_SIGMA), np.ones(len(t_s), bool)
     yield from _measured(single, GeoReferenceSettings(), {"single point": every})
     yield from _measured(single, KNOWN, {"single point, noise known": every})
+
+
+def bound_results(seeds: Sequence[int]) -> Iterator[LongResult]:
+    """Single point fixes with all noise known as it is made, and with an odometry whose scale does not wander: the stated
+    sigmas are the bounds, the errors one draw each."""
+    for seed in seeds:
+        for name, settings, scale_sigma in (("odometry as made", KNOWN, SCALE_SIGMA), ("its scale known", SCALE_KNOWN, 1e-5)):
+            drive = made_drive(city_way(SECONDS), Receiver(FixType.SINGLE), seed, scale_sigma)
+            yield from _measured(drive, settings, {f"single point, {name}, seed {seed}": np.ones(len(drive.T_place_cam), bool)})
 
 
 def _measured(drive: MadeDrive, settings: GeoReferenceSettings, parts: dict[str, BoolArray]) -> Iterator[LongResult]:

@@ -8,6 +8,7 @@ equal bytes on every machine, and a browser can lay typed arrays over it.
 """
 
 import json
+import mmap
 import struct
 from collections.abc import Mapping
 from typing import Any
@@ -33,7 +34,7 @@ def encode_blob(magic: bytes, version: int, header: Mapping[str, Any], arrays: M
 
 
 def decode_blob(
-    data: bytes, magic: bytes, version: int, dtypes: Mapping[str, str]
+    data: bytes | mmap.mmap, magic: bytes, version: int, dtypes: Mapping[str, str]
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Header and arrays. Raises ValueError when the bytes are something else, of another version, cut off or too long."""
     if data[: len(magic)] != magic or len(data) < PREFIX:

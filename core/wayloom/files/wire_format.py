@@ -4,11 +4,13 @@ A record is a key (field << 3 | type) and a value; types 0 varint, 1 eight bytes
 https://protobuf.dev/programming-guides/encoding
 """
 
+import struct
 from collections.abc import Iterator
 from functools import lru_cache
 from typing import Final
 
 VARINT: Final = 0
+EIGHT: Final = 1
 BYTES: Final = 2
 _FIXED: Final = {1: 8, 5: 4}
 
@@ -32,6 +34,11 @@ def field(number: int, content: bytes) -> bytes:
 def number_field(number: int, value: int) -> bytes:
     """A record that is one whole number >= 0."""
     return varint(number << 3) + varint(value)
+
+
+def double_field(number: int, value: float) -> bytes:
+    """A record that is one number of double precision."""
+    return varint(number << 3 | EIGHT) + struct.pack("<d", value)
 
 
 def records(data: bytes, start: int, end: int) -> Iterator[tuple[int, int, int, int]]:

@@ -49,6 +49,12 @@ def union_of(boxes: list[Box]) -> Box:
     return rolled(west), min(box[1] for box in boxes), rolled(west) + east - west, max(box[3] for box in boxes)
 
 
+def overlap(one: Box, other: Box) -> bool:
+    """Whether two boxes touch, whichever way round the Earth either is written."""
+    apart = one[3] < other[1] or one[1] > other[3]
+    return not apart and any(one[0] <= other[2] + turn and one[2] >= other[0] + turn for turn in (0.0, 360.0, -360.0))
+
+
 def line_geometry(lon_lat_height: list[list[float]]) -> dict[str, Any]:
     """GeoJSON of a way: a LineString, or, cut where it crosses the antimeridian, a MultiLineString (RFC 7946, 3.1.9)."""
     lines = [[lon_lat_height[0]]]

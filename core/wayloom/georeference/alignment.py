@@ -21,15 +21,16 @@ from wayloom.georeference.closures import closure_links, closures_report
 from wayloom.georeference.first_guess import guess_nodes, level_world
 from wayloom.georeference.fixes import UsableFixes, usable_fixes
 from wayloom.georeference.gravity.witnesses import observed_up, witnesses_report
+from wayloom.georeference.joints import Joints, joints_between
 from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
 from wayloom.georeference.receiver_prior import ReceiverPrior, lever_sigma_m, receiver_prior
 from wayloom.georeference.receiver_report import ReceiverFound
-from wayloom.georeference.refusal import why_not_placed
+from wayloom.georeference.refusal import why_doubted, why_not_placed
 from wayloom.georeference.report import WORST_GRADE, PlacedDrive, georeference_report
 from wayloom.georeference.scale_prior import scale_prior
 from wayloom.georeference.settings import GeoReferenceSettings
-from wayloom.georeference.types import FixResiduals, GeoReference
-from wayloom.georeference.uncertainty import moved_covariance
+from wayloom.georeference.types import FixResiduals, GeoReference, Wanted
+from wayloom.georeference.uncertainty import moved_covariance, moved_cross
 from wayloom.labelling.types import PointLabels
 from wayloom.logs.types import DriveLog, GnssTrack
 from wayloom.loops.types import LoopClosures, no_loops
@@ -47,7 +48,7 @@ NO_GNSS = "no GNSS: map in the drive's own frame"
 def georeference(
     log: DriveLog,
     odometry: OdometryResult,
-    frame: MapFrame | None = None,
+    wanted: Wanted = Wanted(),
     settings: GeoReferenceSettings = GeoReferenceSettings(),
     progress: Progress = silent,
     closures: LoopClosures | None = None,
@@ -56,8 +57,8 @@ def georeference(
 ) -> GeoReference:
     """T_enu_cam and its covariance for every frame of the log.
 
-    frame : the map's frame; None takes the one of the place (`map_frame_for`). Without a usable fix the result has no frame: its
-            poses are in the drive's own (`wayloom.mapping.own_frame`), covariances relative to the first frame.
+    wanted : the map's frame, and of which keyframes the joint covariance. Without a usable fix the result has no frame: its
+             poses are in the drive's own (`wayloom.mapping.own_frame`), covariances relative to the first frame.
     closures : loops between keyframes; None has none
     labels : of the odometry's points, by which walls and streets say where up is
     rig_receiver : what other drives of the rig tell of its GNSS clock and lever arm
@@ -71,6 +72,7 @@ def georeference(
         raise StageError(f"the odometry's pose of frame {int(np.argmin(finite))} is not finite: track the drive again")
     nodes = choose_nodes(trajectory, odometry.keyframes.frame, settings.node_spacing_m)
     road_m = travelled(trajectory)[nodes]
+    joints = joints_between(trajectory, nodes, wanted.anchors)
     chain = odometry_chain(trajectory, nodes, settings.level_every_m, odometry.keyframes)
     evidence = Evidence(
         closure_links(closures or no_loops(), odometry.keyframes, nodes, chain), observed_up(log, odometry, labels, nodes, settings)
@@ -78,13 +80,13 @@ def georeference(
     prior = receiver_prior(log, int(trajectory.t_ns[0]), settings, rig_receiver)
     noise = _noise(settings, log, scale_prior(odometry.report, settings), prior)
     if log.gnss is None or len(log.gnss) == 0:
-        return _in_own_frame(trajectory, nodes, chain, evidence, noise, NO_GNSS)
+        return _in_own_frame(trajectory, nodes, chain, evidence, noise, joints, NO_GNSS)
     progress(0.0, "choosing fixes")
     gnss = _on_time(log.gnss, prior.mean[0])
     usable = usable_fixes(gnss, trajectory, settings.max_fix_rate_hz)
     if len(usable.rows) == 0:
         message = f"none of {len(log.gnss)} GNSS fixes can be used; {NO_GNSS}"
-        geo = _in_own_frame(trajectory, nodes, chain, evidence, noise, message)
+        geo = _in_own_frame(trajectory, nodes, chain, evidence, noise, joints, message)
         geo.report["fixes"]["unusable"] = usable.unusable
         return geo
     local = median_place(log.gnss.lon_lat_height[usable.rows])
@@ -93,42 +95,54 @@ def georeference(
     try:
         guess = guess_nodes(chain.T_world_node, trajectory.segment[nodes], fixes, road_m, settings)
         progress(0.3, "optimising")
-        solution = optimise_drive(chain, fixes, guess, noise, evidence)
+        solution = optimise_drive(chain, fixes, guess, noise, evidence, joints.pairs)
         denied, late_s = why_not_placed(fixes, solution, noise), float(solution.receiver[0])
-        if denied is None and abs(late_s) > CURVED_S:
-            usable = usable_fixes(_on_time(gnss, late_s), trajectory, settings.max_fix_rate_hz)
+        drift = solution.clock_drift
+        if denied is None and (abs(late_s) > CURVED_S or drift):
+            of_drift_s = _drifted_s(gnss, gnss.t_ns[usable.rows[solution.inlier]], drift)
+            usable = usable_fixes(_on_time(gnss, late_s + of_drift_s), trajectory, settings.max_fix_rate_hz)
             fixes = _antenna_fixes(prior.mean[1:], gnss, usable, trajectory, nodes, local, settings, late_s)
-            solution = optimise_drive(chain, fixes, guess, noise, evidence)
+            solution = optimise_drive(chain, fixes, guess, replace(noise, clock_drifts=drift != 0.0), evidence, joints.pairs)
             denied = why_not_placed(fixes, solution, noise)
     except np.linalg.LinAlgError:
         what = f"the {len(fixes)} GNSS fixes contradict each other and the odometry so much that no place fits them"
         raise StageError(f"{what}; look at them with `wayloom inspect`, or process the drive without GNSS") from None
+    residuals = FixResiduals(log.gnss.t_ns[usable.rows], solution.residual_enu, _sigma_enu(fixes), solution.inlier)
+    denied = denied or why_doubted(fixes, solution)
     if denied:
-        geo = _in_own_frame(trajectory, nodes, chain, evidence, noise, denied)
-        return _refused(geo, len(log.gnss), usable)
+        geo = _in_own_frame(trajectory, nodes, chain, evidence, noise, joints, denied)
+        return _refused(geo, len(log.gnss), usable, residuals)
     progress(0.9, "placing every frame")
-    target = frame or map_frame_for(local.lon_deg, local.lat_deg)
+    target = wanted.frame or map_frame_for(local.lon_deg, local.lat_deg)
     T_target_local = wgs84.T_enu_enu(target, local)
     T_local_cam = spread_poses(trajectory, nodes, solution.T_enu_node)
     covariance = spread_covariances(len(trajectory), nodes, solution.covariance)
+    cross = solution.cross.copy()
+    for of_poses in (covariance, cross):  # all poses lie higher together
+        of_poses[:, 2, 2] += settings.height_datum_sigma_m**2
     placed = PlacedDrive(T_local_cam, covariance, trajectory)
-    receiver = ReceiverFound(solution, prior, log.p_cam_gnss)
+    receiver = ReceiverFound(solution, prior, log.p_cam_gnss, drift)
     report = georeference_report(log.gnss, usable, fixes, solution, placed, receiver, settings)
     report["up"] = witnesses_report(evidence.up)
     report["loops"] = closures_report(evidence.loops, solution.closed, solution.T_enu_node, nodes)
     progress(1.0, "geo-referenced")
-    sigma_enu = np.sqrt(np.diagonal(fixes.covariance, axis1=1, axis2=2))
-    residuals = FixResiduals(log.gnss.t_ns[usable.rows], solution.residual_enu, sigma_enu, solution.inlier)
-    return GeoReference(target, T_target_local @ T_local_cam, moved_covariance(T_target_local, covariance), report, residuals)
+    covariance, joined = moved_covariance(T_target_local, covariance), joints.told(moved_cross(T_target_local, cross))
+    return GeoReference(target, T_target_local @ T_local_cam, covariance, report, residuals, joined)
 
 
 def _in_own_frame(
-    trajectory: Trajectory, nodes: NDArray[np.int64], chain: OdometryChain, evidence: Evidence, noise: DriveNoise, message: str
+    trajectory: Trajectory,
+    nodes: NDArray[np.int64],
+    chain: OdometryChain,
+    evidence: Evidence,
+    noise: DriveNoise,
+    joints: Joints,
+    message: str,
 ) -> GeoReference:
     """The drive by odometry, loops and gravity alone, level, its first frame at the origin."""
     T_level_world = level_world(chain.T_world_node)
     T_level_world[:3, 3] = -T_level_world[:3, :3] @ chain.T_world_node[0, :3, 3]
-    solution = optimise_without_fixes(chain, T_level_world @ chain.T_world_node, noise, evidence)
+    solution = optimise_without_fixes(chain, T_level_world @ chain.T_world_node, noise, evidence, joints.pairs)
     report: dict[str, Any] = {
         "geo_referenced": False,
         "messages": [message],
@@ -137,14 +151,23 @@ def _in_own_frame(
         "loops": closures_report(evidence.loops, solution.closed, solution.T_enu_node, nodes),
     }
     T = spread_poses(trajectory, nodes, solution.T_enu_node)
-    return GeoReference(None, T, spread_covariances(len(trajectory), nodes, solution.covariance), report)
+    covariance = spread_covariances(len(trajectory), nodes, solution.covariance)
+    return GeoReference(None, T, covariance, report, anchors=joints.told(solution.cross))
 
 
-def _refused(geo: GeoReference, in_log: int, usable: UsableFixes) -> GeoReference:
-    """The drive in its own frame, of the worst grade: it has fixes, and none can be believed."""
+def _refused(geo: GeoReference, in_log: int, usable: UsableFixes, residuals: FixResiduals) -> GeoReference:
+    """The drive in its own frame, of the worst grade: it has fixes, which are shown and of which none is believed.
+
+    residuals : against the place that is refused
+    """
     geo.report["grade"] = WORST_GRADE
     geo.report["fixes"] = {"in_log": in_log, "used": 0, "rejected": len(usable.rows), "unusable": usable.unusable}
-    return geo
+    return replace(geo, fixes=replace(residuals, used=np.zeros(len(residuals), np.bool_)))
+
+
+def _sigma_enu(fixes: AntennaFixes) -> FloatArray:
+    """(M, 3) m as the receiver states it."""
+    return np.sqrt(np.diagonal(fixes.covariance, axis1=1, axis2=2))
 
 
 def _noise(settings: GeoReferenceSettings, log: DriveLog, scale_sigma: float, prior: ReceiverPrior) -> DriveNoise:
@@ -166,9 +189,15 @@ def _noise(settings: GeoReferenceSettings, log: DriveLog, scale_sigma: float, pr
     )
 
 
-def _on_time(gnss: GnssTrack, late_s: float) -> GnssTrack:
-    """The fixes with the stamps of a clock that is late_s too late put right."""
-    return replace(gnss, t_ns=gnss.t_ns - round(1e9 * late_s))
+def _on_time(gnss: GnssTrack, late_s: float | FloatArray) -> GnssTrack:
+    """The fixes with the stamps of a clock that is late_s, for all or each (M,), too late put right."""
+    return replace(gnss, t_ns=gnss.t_ns - np.rint(1e9 * np.asarray(late_s)).astype(np.int64))
+
+
+def _drifted_s(gnss: GnssTrack, used_ns: NDArray[np.int64], drift: float) -> FloatArray:
+    """(M,) s by which a clock's drift, s/s, has made each stamp late, about the middle of those that were used, used_ns (m,)."""
+    middle_ns = (int(used_ns[0]) + int(used_ns[-1])) // 2
+    return np.asarray(drift * 1e-9 * (gnss.t_ns - middle_ns))
 
 
 def _antenna_fixes(

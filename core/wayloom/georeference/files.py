@@ -1,4 +1,4 @@
-"""Geo-reference file `georeference.npz`: poses, covariances, frame, residuals, report. Equal results give equal bytes."""
+"""Geo-reference file `georeference.npz`: poses, covariances, frame, residuals, anchors, report. Equal results give equal bytes."""
 
 import io
 import json
@@ -12,11 +12,11 @@ import numpy as np
 from wayloom.errors import InputError
 from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.georeference.types import FixResiduals, GeoReference
+from wayloom.georeference.types import Anchors, FixResiduals, GeoReference
 
 GEOREFERENCE_FILE = "georeference.npz"
 FORMAT = "wayloom-georeference"
-VERSION = 2
+VERSION = 3
 
 
 def save_georeference(geo: GeoReference, path: Path) -> None:
@@ -26,7 +26,8 @@ def save_georeference(geo: GeoReference, path: Path) -> None:
     buffer = io.BytesIO()
     text = np.frombuffer(json.dumps(header, sort_keys=True).encode(), np.uint8)
     fixes = {f"fix_{field.name}": getattr(geo.fixes, field.name) for field in fields(FixResiduals)}
-    np.savez(buffer, header=text, T_enu_cam=geo.T_enu_cam, covariance=geo.covariance, **fixes)
+    anchors = {f"anchor_{field.name}": getattr(geo.anchors, field.name) for field in fields(Anchors)}
+    np.savez(buffer, header=text, T_enu_cam=geo.T_enu_cam, covariance=geo.covariance, **fixes, **anchors)
     write_atomically(path, buffer.getvalue())
 
 
@@ -39,10 +40,11 @@ def load_georeference(path: Path) -> GeoReference:
             _check_version(header, path, remedy)
             T_enu_cam, covariance = file["T_enu_cam"], file["covariance"]
             fixes = FixResiduals(*(file[f"fix_{field.name}"] for field in fields(FixResiduals)))
+            anchors = Anchors(*(file[f"anchor_{field.name}"] for field in fields(Anchors)))
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"is no geo-reference ({error})", file=path, remedy=remedy) from error
     frame = None if header["frame"] is None else MapFrame(*header["frame"])
-    return GeoReference(frame, T_enu_cam, covariance, header["report"], fixes)
+    return GeoReference(frame, T_enu_cam, covariance, header["report"], fixes, anchors)
 
 
 def _check_version(header: dict[str, Any], path: Path, remedy: str) -> None:

@@ -25,11 +25,13 @@ CLOCK_REMEDY: Final = (
 
 @dataclass(frozen=True, slots=True)
 class ReceiverFound:
-    """A drive's solution, what was known of its receiver before, and the antenna as the log has it, p_cam_gnss (3,) m."""
+    """A drive's solution, what was known of its receiver before, the antenna as the log has it, p_cam_gnss (3,) m, and the drift of
+    its clock that was put right, s/s."""
 
     solution: DriveSolution
     prior: ReceiverPrior
     p_cam_gnss: FloatArray
+    clock_drift: float = 0.0
 
     @property
     def time_offset_s(self) -> float:
@@ -59,6 +61,7 @@ def receiver_facts(found: ReceiverFound, t_ns: int) -> dict[str, Any]:
     return {
         "time_offset_s": round(found.time_offset_s, 5),
         "sigma_time_offset_s": round(float(found.sigma[0]), 5),
+        "clock_drift_ms_per_s": round(1e3 * found.clock_drift, 4),
         "lever_correction_m": _rounded(found.lever_correction_m),
         "sigma_lever_m": _rounded(found.sigma[1:]),
         "receiver_known_by": [*(["log"] if prior.stated else []), *(["rig"] if prior.learnt is not None else [])],
@@ -79,6 +82,8 @@ def receiver_notes(found: ReceiverFound) -> list[str]:
     if abs(offset_s) > SIGNIFICANT_SIGMA * sigma[0]:
         side = "late" if offset_s > 0 else "early"
         notes.append(f"the GNSS clock is {1e3 * abs(offset_s):.0f} ms {side} (sigma {1e3 * sigma[0]:.0f} ms)")
+    if found.clock_drift:
+        notes.append(f"the GNSS clock drifts by {1e3 * found.clock_drift:+.2f} ms a second: its stamps were put right")
     if (np.abs(lever_m) > SIGNIFICANT_SIGMA * sigma[1:]).any():
         right, down, forward = lever_m
         notes.append(f"the antenna is {right:+.2f} m right, {down:+.2f} m down, {forward:+.2f} m forward of where the log says")

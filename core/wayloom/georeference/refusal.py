@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, DriveSolution
 
 FloatArray = NDArray[np.float64]
+DOUBTFUL_SHARE: Final = 0.5
+"""Of the fixes, or of a drive's meetings: where more are rejected, all are in doubt."""
 DENIED_SIGMAS: Final = 6.0
 """Of a prior, beyond which scale or clock are not believed."""
 LEAST_SCALE_SIGMA, LEAST_CLOCK_SIGMA_S = 0.02, 0.05
@@ -33,6 +35,15 @@ def why_not_placed(fixes: AntennaFixes, solution: DriveSolution, noise: DriveNoi
     fixes : with the covariances that the receiver states
     """
     return _apart(fixes, solution) or _impossible_clock(solution, noise) or _impossible_scale(solution, noise)
+
+
+def why_doubted(fixes: AntennaFixes, solution: DriveSolution) -> str | None:
+    """What makes the fixes as a whole doubtful, in words: most of them contradict the odometry, and those that agree prove no more
+    than the others. None where most are believed."""
+    rejected = int((~solution.inlier).sum())
+    if rejected <= DOUBTFUL_SHARE * len(fixes):
+        return None
+    return f"{rejected} of {len(fixes)} fixes contradict the odometry: one of the two is wrong, and all are laid aside: {REMEDY}"
 
 
 def _apart(fixes: AntennaFixes, solution: DriveSolution) -> str | None:

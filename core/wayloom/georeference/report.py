@@ -20,7 +20,6 @@ FloatArray = NDArray[np.float64]
 GRADES: Final = (("A", 0.1), ("B", 0.3), ("C", 1.0), ("D", 3.0))
 """Grade and the median sigma of the position, m, up to which it is given; E beyond. A doubt costs one grade."""
 WORST_GRADE: Final = "E"
-DOUBTFUL_SHARE: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +48,7 @@ def georeference_report(
     heading = np.degrees(heading_sigma_rad(placed.covariance))
     extent = float(horizontal_spread(fixes.position_enu[solution.inlier])[0]) if solution.inlier.sum() > 1 else 0.0
     rejected = np.flatnonzero(~solution.inlier)
-    doubts = _doubts(fixes, solution)
+    doubts = _doubts_of_place(solution)
     if extent < settings.min_baseline_m:
         doubts.insert(
             0, f"the fixes span only {extent:.1f} m: the heading is hardly observed (sigma {np.median(heading):.0f} degrees)"
@@ -69,6 +68,7 @@ def georeference_report(
             for i in rejected
         ],
         "shifted": [_shifted(stretch, fixes) for stretch in solution.shifted],
+        "height_datums": _height_datums(fixes, solution),
         "scatter_ratio": {FixType(kind).name.lower(): round(ratio, 2) for kind, ratio in solution.noise_ratio.items()},
         **receiver_facts(receiver, int(placed.trajectory.t_ns[0])),
         "residual_rms_m": _rounded(np.sqrt((residual**2).mean(axis=0))),
@@ -88,16 +88,19 @@ def grade(sigma_m: float, doubts: int) -> str:
     return "ABCDE"[min(reached + doubts, len(GRADES))]
 
 
-def _doubts(fixes: AntennaFixes, solution: DriveSolution) -> list[str]:
-    """What speaks against the place, in words."""
+def _doubts_of_place(solution: DriveSolution) -> list[str]:
+    """What makes its place uncertain beyond the stated noise, in words; sigmas were widened for it."""
     doubts = []
-    rejected = int((~solution.inlier).sum())
-    if rejected > DOUBTFUL_SHARE * len(fixes):
-        doubts.append(f"{rejected} of {len(fixes)} fixes contradict the odometry: one of the two is wrong")
     if solution.unconfirmed_m > 0.0:
         doubts.append(
             "the fixes change place once and for all, and nothing says which part is right: "
             f"sigma widened by {solution.unconfirmed_m:.2f} m"
+        )
+    if solution.unconfirmed_height_m > 0.0:
+        doubts.append(
+            "the heights of the fixes change once and for all, and nothing says which part is right: "
+            f"sigma of the height widened by {solution.unconfirmed_height_m:.2f} m; state the datum that holds, or process "
+            "the drive with the fixes of one"
         )
     for kind, ratio in solution.noise_ratio.items():
         name = FixType(kind).name.lower()
@@ -112,6 +115,15 @@ def _shifted(stretch: ShiftedFixes, fixes: AntennaFixes) -> dict[str, Any]:
         "to_s": round(float(fixes.t_s[stretch.last]), 3),
         "offset_enu_m": _rounded(stretch.offset_enu),
     }
+
+
+def _height_datums(fixes: AntennaFixes, solution: DriveSolution) -> list[dict[str, float]]:
+    """When fixes had heights of another datum, and by how much it was higher."""
+    found = []
+    for number, height_m in enumerate(solution.datum_height_m.tolist(), start=1):
+        t_s = fixes.t_s[solution.datum == number]
+        found.append({"from_s": round(float(t_s[0]), 3), "to_s": round(float(t_s[-1]), 3), "higher_m": round(height_m, 4)})
+    return found
 
 
 def _scale(solution: DriveSolution) -> dict[str, float] | None:

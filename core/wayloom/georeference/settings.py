@@ -49,6 +49,12 @@ class GeoReferenceSettings(Settings):
     gnss_white_share: float = Field(
         0.5, gt=0.0, lt=1.0, description="share of a fix's sigma that is independent from fix to fix, where too few fixes tell"
     )
+    height_datum_sigma_m: float = Field(
+        0.0,
+        ge=0.0,
+        le=200.0,
+        description="by how much the heights of all fixes may be off together (datum, geoid), sigma, m; no drive can tell that",
+    )
     max_fix_rate_hz: float = Field(10.0, gt=0.0, le=1000.0, description="fixes that come faster are thinned to this rate, Hz")
     sigma_floor_m: float = Field(0.01, gt=0.0, le=1.0, description="no fix is trusted beyond this: lever arm and clock, m")
     gate_probability: float = Field(

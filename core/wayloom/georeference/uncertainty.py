@@ -25,6 +25,11 @@ def heading_sigma_rad(covariance: FloatArray) -> FloatArray:
 
 def moved_covariance(T_to_from: FloatArray, covariance: FloatArray) -> FloatArray:
     """(N, 6, 6) of T_to_from T_from_cam, from that of T_from_cam: exp(xi) moves to the other side as exp(Ad xi)."""
-    Ad = se3.adjoint(T_to_from)
-    moved = Ad @ covariance @ Ad.T
+    moved = moved_cross(T_to_from, covariance)
     return np.asarray(0.5 * (moved + np.swapaxes(moved, 1, 2)))
+
+
+def moved_cross(T_to_from: FloatArray, cross: FloatArray) -> FloatArray:
+    """As `moved_covariance`, for covariances (N, 6, 6) of two poses' perturbations each, which are not symmetric."""
+    Ad = se3.adjoint(T_to_from)
+    return np.asarray(Ad @ cross @ Ad.T)

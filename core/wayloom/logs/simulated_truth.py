@@ -10,6 +10,7 @@ fixes.csv                       per fix: its true time, the antenna's true place
 vehicle.json                    the rig as given and as it is, clock, places of the sensors, all settings of the vehicle
 surface.ply                     what the left camera saw of all that stands still, ENU, with class and instance
 objects.geojson, areas.geojson  poles, signs, lights; roads and sidewalks; with their coordinates in ENU too
+markings.geojson                road markings and kerbs, likewise
 """
 
 import csv
@@ -39,7 +40,7 @@ IMAGE_KINDS: Final = ("depth", "class", "instance")
 POSES_NAME, FRAMES_NAME, VEHICLE_NAME, SURFACE_NAME = "poses_enu.txt", "frames.csv", "vehicle.json", "surface.ply"
 FIXES_NAME: Final = "fixes.csv"
 FIX_COLUMNS: Final = ("t_ns", "east_m", "north_m", "up_m", "error_e_m", "error_n_m", "error_u_m", "sigma_m", "multipath")
-OBJECTS_NAME, AREAS_NAME = "objects.geojson", "areas.geojson"
+OBJECTS_NAME, AREAS_NAME, MARKINGS_NAME = "objects.geojson", "areas.geojson", "markings.geojson"
 EXPOSURE_COLUMNS: Final = ("left_exposure_s", "left_gain", "right_exposure_s", "right_gain")
 BIAS_COLUMNS: Final = ("fx_bias_m_s2", "fy_bias_m_s2", "fz_bias_m_s2", "wx_bias_rad_s", "wy_bias_rad_s", "wz_bias_rad_s")
 SURFACE_POINT: Final = np.dtype(

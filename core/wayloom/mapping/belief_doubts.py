@@ -1,8 +1,9 @@
 """Last look at a choice of GNSS fixes: errors without a jump are left out, and what is not ruled out widens the covariance.
 
 Courses of errors (`wayloom.mapping.bias_courses`) that are seen beyond FOUND are left out, the strongest first. One that is seen
-beyond HINTED only, or another choice of stretches that is nearly as likely (`wayloom.mapping.stretch_choice.rivals`), is kept as a
-doubt: the second moment of what it would move the drive by, with its share of the belief.
+less, by its odds, which are even at HINTED, or another choice of stretches that is nearly as likely
+(`wayloom.mapping.stretch_choice.rivals`), is kept as a doubt: the second moment of what it would move the drive by, with its share
+of the belief.
 """
 
 from dataclasses import dataclass
@@ -25,6 +26,8 @@ IntArray = NDArray[np.int64]
 FOUND = 36.0
 """Chi-square of three degrees, six sigmas of one: real odometry errs in more ways than its model, by 16 on the recordings."""
 HINTED = float(chi2.ppf(0.999, 3))
+LEAST_BELIEF = 0.05
+"""In a course, under which it moves nothing."""
 MOST_COURSES = 8
 DENIED_SIGMAS = 3.0
 """Of the receiver's prior, beyond which its errors are not looked for in single windows."""
@@ -57,7 +60,7 @@ def examine(graph: WitnessGraph, choice: Choice) -> Examined:
         state = _equations(graph, believed, visits).descend(state, FIRST_SOLVES)
     others = rivals(graph, choice, linear)
     moved += [np.sqrt(share) * by for share, by in zip(others.share, others.moved, strict=True)]
-    moved += [moved_by(linear, course) for course in _hinted(courses)]
+    moved += [np.sqrt(_belief(course)) * moved_by(linear, course) for course in _hinted(courses)]
     excess = _excess(graph, believed, visits, state)
     return Examined(believed, state, np.array(moved).reshape(-1, len(graph.nodes), 6), excess)
 
@@ -102,14 +105,24 @@ def _hinted(courses: list[BiasCourse]) -> list[BiasCourse]:
     taken: set[int] = set()
     found = []
     for course in courses:
-        if course.chi2 > HINTED and taken.isdisjoint(course.witnesses.tolist()):
+        if _belief(course) > LEAST_BELIEF and taken.isdisjoint(course.witnesses.tolist()):
             taken.update(course.witnesses.tolist())
             found.append(course)
     return found
 
 
-def doubt_covariance(nodes: IntArray, moved: FloatArray, count: int) -> FloatArray:
-    """(count, 6, 6) of the left perturbation of all nodes, by moved (H, K, 6) at `nodes` (K,): between them it changes evenly."""
+def _belief(course: BiasCourse) -> float:
+    """Share of the belief of a course: its likelihood against odds that are even at HINTED."""
+    return float(1.0 / (1.0 + np.exp(0.5 * (HINTED - course.chi2))))
+
+
+def spread_doubts(nodes: IntArray, moved: FloatArray, count: int) -> FloatArray:
+    """(H, count, 6) left perturbations of all nodes, by moved (H, K, 6) at `nodes` (K,): between them they change evenly."""
     rows = np.arange(count)
     each = np.array([[np.interp(rows, nodes, column) for column in by.T] for by in moved]).reshape(len(moved), 6, count)
-    return np.asarray(np.einsum("hik,hjk->kij", each, each))
+    return np.ascontiguousarray(np.swapaxes(each, 1, 2))
+
+
+def second_moments(first: FloatArray, second: FloatArray) -> FloatArray:
+    """(N, 6, 6) sums over H of the products of left perturbations first (H, N, 6), rows, and second (H, N, 6), columns."""
+    return np.asarray(np.einsum("hki,hkj->kij", first, second))

@@ -1,6 +1,7 @@
 """Sparse Cholesky factorisation of symmetric block matrices over a graph: the pattern analysed once, factors for any block size."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,8 @@ from wayloom.mapping.kernels import cholesky, dissection, ordering, selected_inv
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+FEW: Final = 32
+"""Variables that are eliminated together, as one dense matrix: no order of them would save what it takes to find."""
 
 
 class NotPositiveDefiniteError(ArithmeticError):
@@ -75,12 +78,7 @@ class BlockFactor:
 
 def block_pattern(variables: int, rows: IntArray, columns: IntArray) -> BlockPattern:
     """Analyse a matrix with blocks at rows (P,) and columns (P,), each pair once in one direction, and on its diagonal."""
-    start, adjacent = supernodes.compressed(variables, rows, columns)
-    by_degree = ordering.minimum_degree(start, adjacent.copy())
-    by_parts = dissection.nested_dissection(start, adjacent)
-    order, first, border_start, border, above = min(
-        (_analysed(start, adjacent, order) for order in (by_degree, by_parts)), key=lambda analysis: _work(*analysis[1:3])
-    )
+    order, first, border_start, border, above = _together(variables) if variables <= FEW else _ordered(variables, rows, columns)
     rank = np.empty(variables, np.int64)
     rank[order] = np.arange(variables)
     a, b = rank[rows], rank[columns]
@@ -89,6 +87,23 @@ def block_pattern(variables: int, rows: IntArray, columns: IntArray) -> BlockPat
     by_row = np.lexsort((high, low))
     entry_start = np.searchsorted(low[by_row], np.arange(variables + 1))
     return BlockPattern(order, first, border_start, border, above, entry_start, high[by_row], entry[by_row])
+
+
+def _together(variables: int) -> tuple[IntArray, ...]:
+    """All in one supernode without a border."""
+    none = np.zeros(0, np.int64)
+    if variables == 0:
+        return none, np.zeros(1, np.int64), np.zeros(1, np.int64), none, none
+    return np.arange(variables), np.array([0, variables]), np.zeros(2, np.int64), none, np.array([-1])
+
+
+def _ordered(variables: int, rows: IntArray, columns: IntArray) -> tuple[IntArray, ...]:
+    """By minimum degree or by nested dissection, whichever leaves less to do."""
+    start, adjacent = supernodes.compressed(variables, rows, columns)
+    by_degree = ordering.minimum_degree(start, adjacent.copy())
+    by_parts = dissection.nested_dissection(start, adjacent)
+    analyses = (_analysed(start, adjacent, order) for order in (by_degree, by_parts))
+    return min(analyses, key=lambda analysis: _work(*analysis[1:3]))
 
 
 def _analysed(start: IntArray, adjacent: IntArray, order: IntArray) -> tuple[IntArray, ...]:

@@ -28,9 +28,12 @@ from wayloom.mapping.gnss_factors import (
 from wayloom.mapping.odometry_links import OdometryLinks, add_scale_factors, link_cost, link_factors, pose_key, scale_key
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 LOST_POSITION_M, LOST_ROTATION_RAD = 20.0, 0.5  # a link over a loss, plus half of the guessed distance
 GAUGE_POSITION_M, GAUGE_ROTATION_RAD = 1e3, float(np.pi)
 MAX_ITERATIONS, MAX_HALVINGS, CONVERGED = 30, 8, 1e-9
+V_OMEGA = [3, 4, 5, 0, 1, 2]
+"""Rows of gtsam's (omega, v) in the order (v, omega)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,8 +266,25 @@ def scale_sigmas(tree: gtsam.GaussianBayesTree, stretches: int) -> FloatArray:
 
 def left_covariances(tree: gtsam.GaussianBayesTree, T_enu_node: FloatArray) -> FloatArray:
     """(K, 6, 6): T exp(xi) = exp(Ad_T xi) T, after (omega, v) has been put in the order (v, omega)."""
-    order = [3, 4, 5, 0, 1, 2]
-    right = np.array([marginal(tree, pose_key(i))[np.ix_(order, order)] for i in range(len(T_enu_node))])
+    right = np.array([marginal(tree, pose_key(i))[np.ix_(V_OMEGA, V_OMEGA)] for i in range(len(T_enu_node))])
     Ad = se3.adjoint(T_enu_node)
     covariance = Ad @ right @ np.swapaxes(Ad, -1, -2)
     return np.asarray(0.5 * (covariance + np.swapaxes(covariance, -1, -2)))
+
+
+def left_cross_covariances(tree: gtsam.GaussianBayesTree, T_enu_node: FloatArray, pairs: IntArray) -> FloatArray:
+    """(P, 6, 6) of the left perturbations of the first node of each pair (rows) with those of its second (columns).
+
+    pairs : (P, 2) rows of nodes, the lesser first
+    """
+    joint = [_cross(tree, pose_key(a), pose_key(b)) for a, b in pairs.tolist()]
+    right = np.array(joint).reshape(-1, 6, 6)[:, V_OMEGA][:, :, V_OMEGA]
+    Ad_a, Ad_b = (se3.adjoint(T_enu_node[rows]) for rows in pairs.T)
+    return np.asarray(Ad_a @ right @ np.swapaxes(Ad_b, -1, -2))
+
+
+def _cross(tree: gtsam.GaussianBayesTree, first: int, second: int) -> FloatArray:
+    """(6, 6) covariance of one pose with another of a greater key."""
+    A, _ = tree.joint([first, second], function=gtsam.EliminateQR).jacobian()
+    inverse_root = np.linalg.inv(np.linalg.qr(A, mode="r"))
+    return np.asarray((inverse_root @ inverse_root.T)[:6, 6:])

@@ -15,11 +15,14 @@ and for every fix that is kept the true place g of the antenna at that time.
 """
 
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.mapping.antenna_height import DOWN, antenna_height, held_at, is_loose, without_height
+from wayloom.mapping.belief_doubts import second_moments
+from wayloom.mapping.clock_drift import clock_drift
 from wayloom.mapping.drive_equations import (
     CorrelatedFixes,
     DriveEquations,
@@ -27,19 +30,23 @@ from wayloom.mapping.drive_equations import (
     NoFixes,
     PoseTerms,
     left_covariances,
+    left_cross_covariances,
     marginal,
     scale_sigmas,
 )
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, DriveSolution, OdometryChain, ReceiverTold
 from wayloom.mapping.evidence import Evidence
 from wayloom.mapping.fix_screening import screen
-from wayloom.mapping.gnss_factors import RECEIVER, receiver_key
+from wayloom.mapping.gnss_factors import RECEIVER, receiver_key, with_held
+from wayloom.mapping.height_datums import datum_heights, without_datums
 from wayloom.mapping.loop_factors import LoopTerms
 from wayloom.mapping.odometry_links import links_of
 from wayloom.mapping.own_frame import StartGauge, closed_in_own_frame
 from wayloom.mapping.receiver_knowledge import believed, told_by_drive, with_receiver
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+NO_PAIRS = np.zeros((0, 2), np.int64)
 CLOCK_SIGMAS = 8.0
 """How far from zero the drive must see the receiver's clock before an offset is believed. Real odometry errs in more ways than its
 model: on a recording whose turns deny any offset the model saw one of five sigmas."""
@@ -50,11 +57,17 @@ HELD_CLOCK_S = 1e-6
 
 
 def optimise_drive(
-    chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise, evidence: Evidence = Evidence()
+    chain: OdometryChain,
+    fixes: AntennaFixes,
+    T_enu_node: FloatArray,
+    noise: DriveNoise,
+    evidence: Evidence = Evidence(),
+    pairs: IntArray = NO_PAIRS,
 ) -> DriveSolution:
     """The most likely poses of a drive and their covariance.
 
     T_enu_node : (K, 4, 4) first guess
+    pairs      : (P, 2) rows of nodes, the lesser first, whose joint covariance is wanted
     Fixes and closures that are found to lie apart are left out altogether; at least one fix is needed.
     """
     known, noise = noise.receiver, replace(noise, receiver=None)
@@ -63,41 +76,83 @@ def optimise_drive(
     links = links_of(chain, noise)
     terms = _terms(evidence, screened.closed)
     equations = DriveEquations(chain, links, CorrelatedFixes(kept, noise), noise, terms)
-    state = equations.descend(equations.first_state(screened.T_enu_node, screened.receiver))
-    tree = equations.tree(state)
-    receiver_covariance = marginal(tree, receiver_key())
-    told = told_by_drive(state.receiver, receiver_covariance, noise)
+    solved = _solved(equations, equations.first_state(screened.T_enu_node, screened.receiver), pairs)
+    told = told_by_drive(solved.receiver, solved.receiver_covariance, noise)
     overruled = (False, False)
     if known is not None:
         prior, overruled = believed(told, known, noise)
-        equations = with_receiver(equations, prior)
-        state = equations.descend(state)
-        tree = equations.tree(state)
-        receiver_covariance = marginal(tree, receiver_key())
-    covariance = screened.excess * left_covariances(tree, state.T_enu_node)
-    covariance[:, :3, :3] += screened.unconfirmed_m**2 * np.eye(3)
-    covariance += screened.doubt
+        solved = _solved(with_receiver(equations, prior), solved.state, pairs)
+    state, receiver_covariance = solved.state, solved.receiver_covariance
+    covariance, cross = screened.excess * solved.covariance, screened.excess * solved.cross
+    shifts = _shifts(len(covariance))
+    beside = [screened.doubts, screened.unconfirmed_m * shifts, screened.unconfirmed_height_m * shifts[2:], solved.by_height]
+    drift = clock_drift(solved.equations, state)
+    if drift is not None and (noise.clock_drifts or HINTED_SIGMAS < drift.sigmas <= CLOCK_SIGMAS):
+        beside.append(max(drift.sigmas, 1.0) * drift.per_sigma[None])
     seen = clock_sigmas(state.receiver[0], receiver_covariance[0, 0], noise)
     if known is None and seen <= CLOCK_SIGMAS:
         hint_s = min(abs(state.receiver[0]), noise.time_offset_s) if seen > HINTED_SIGMAS else 0.0
-        covariance[:, :3, :3] += _shift_covariance(kept, state, hint_s)
-        state = _with_clock_held(equations, state)
+        beside.append(hint_s * _way_by_the_clock(kept, state))
+        state = _with_clock_held(solved.equations, state)
+    moved = np.concatenate(beside)
+    receiver = state.receiver + solved.receiver - solved.state.receiver
+    residual, datum = fixes.residuals(state.T_enu_node, receiver), screened.fixes.datum
+    datum_height_m = datum_heights(residual, datum)
     return DriveSolution(
         state.T_enu_node,
-        covariance,
+        covariance + second_moments(moved, moved),
+        cross + second_moments(moved[:, pairs[:, 0]], moved[:, pairs[:, 1]]),
         1.0 + state.scale,
-        scale_sigmas(tree, links.stretches),
+        solved.scale_sigma,
         screened.inlier,
-        fixes.residuals(state.T_enu_node, state.receiver),
-        state.receiver,
+        without_datums(residual, datum, datum_height_m),
+        receiver,
         receiver_covariance,
+        drift.drift if drift is not None and drift.sigmas > CLOCK_SIGMAS else 0.0,
         told,
         overruled,
         screened.noise_ratio,
         screened.shifted,
         screened.unconfirmed_m,
+        screened.unconfirmed_height_m,
+        datum,
+        datum_height_m,
         screened.closed,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Solved:
+    """Equations and the state at their minimum; the receiver (4,) that goes with it, as its fixes have it; covariances of left
+    perturbations (K, 6, 6), of pairs of nodes (P, 6, 6) and of the receiver (4, 4); sigma (S,) of the scale; by_height (H, K, 6)
+    left perturbations by one sigma of how high the antenna stands, where nobody knows that."""
+
+    equations: DriveEquations
+    state: DriveState
+    receiver: FloatArray
+    covariance: FloatArray
+    cross: FloatArray
+    receiver_covariance: FloatArray
+    scale_sigma: FloatArray
+    by_height: FloatArray
+
+
+def _solved(equations: DriveEquations, start: DriveState, pairs: IntArray) -> Solved:
+    """The minimum; where nobody knows how high the antenna stands, at the mean of what its height may be."""
+    state, by_height = equations.descend(start), np.zeros((0, len(start.T_enu_node), 6))
+    height = antenna_height(equations, state) if is_loose(equations) else None
+    if height is not None:
+        equations = held_at(equations, height.down_m)
+        state = equations.descend(replace(state, receiver=without_height(state.receiver)))
+        by_height = height.sigma_m * height.nodes_per_m[None]
+    tree = equations.tree(state)
+    receiver, of_receiver = state.receiver, marginal(tree, receiver_key())
+    if height is not None:
+        receiver = receiver + height.down_m * (np.arange(RECEIVER) == DOWN)
+        of_receiver = of_receiver + height.sigma_m**2 * np.outer(height.receiver_per_m, height.receiver_per_m)
+    covariance, cross = left_covariances(tree, state.T_enu_node), left_cross_covariances(tree, state.T_enu_node, pairs)
+    scale_sigma = scale_sigmas(tree, equations.links.stretches)
+    return Solved(equations, state, receiver, covariance, cross, of_receiver, scale_sigma, by_height)
 
 
 def clock_sigmas(time_offset_s: float, variance_s2: float, noise: DriveNoise) -> float:
@@ -110,25 +165,29 @@ def clock_sigmas(time_offset_s: float, variance_s2: float, noise: DriveNoise) ->
     return abs(time_offset_s) / variance_s2 / np.sqrt(information) if information > 0.0 else 0.0
 
 
-def _shift_covariance(fixes: AntennaFixes, state: DriveState, hint_s: float) -> FloatArray:
-    """(K, 3, 3) m^2 along the road by an offset that is hinted at and not believed."""
+def _shifts(count: int) -> FloatArray:
+    """(3, count, 6) left perturbations that shift the whole drive by a metre along each axis."""
+    return np.broadcast_to(np.eye(3, 6)[:, None], (3, count, 6))
+
+
+def _way_by_the_clock(fixes: AntennaFixes, state: DriveState) -> FloatArray:
+    """(1, K, 6) left perturbation of the nodes along the road, a second of the receiver's clock long."""
     v_enu = (state.T_enu_node[fixes.node, :3, :3] @ fixes.v_node_gnss[:, :, None])[:, :, 0]
     order = np.argsort(fixes.node, kind="stable")
     rows = np.arange(len(state.T_enu_node))
     shift = np.stack([np.interp(rows, fixes.node[order], v_enu[order, axis]) for axis in range(3)], axis=1)
-    shift *= hint_s
-    return np.asarray(shift[:, :, None] * shift[:, None, :])
+    return np.concatenate([shift, np.zeros_like(shift)], axis=1)[None]
 
 
 def _with_clock_held(equations: DriveEquations, state: DriveState) -> DriveState:
     """The most likely state with the receiver's stamps as they are."""
     held = copy(equations)
-    held.noise = replace(equations.noise, time_offset_s=HELD_CLOCK_S)
+    held.noise = with_held(equations.noise, 0, HELD_CLOCK_S)
     return held.descend(replace(state, receiver=state.receiver * [0.0, 1.0, 1.0, 1.0]))
 
 
 def optimise_without_fixes(
-    chain: OdometryChain, T_enu_node: FloatArray, noise: DriveNoise, evidence: Evidence = Evidence()
+    chain: OdometryChain, T_enu_node: FloatArray, noise: DriveNoise, evidence: Evidence = Evidence(), pairs: IntArray = NO_PAIRS
 ) -> DriveSolution:
     """As `optimise_drive` in the drive's own level frame: covariances are relative to its first node.
 
@@ -143,17 +202,22 @@ def optimise_without_fixes(
     return DriveSolution(
         state.T_enu_node,
         left_covariances(tree, state.T_enu_node),
+        left_cross_covariances(tree, state.T_enu_node, pairs),
         1.0 + state.scale,
         scale_sigmas(tree, links.stretches),
         np.zeros(0, bool),
         np.zeros((0, 3)),
         state.receiver,
         marginal(tree, receiver_key()),
+        0.0,
         ReceiverTold(np.zeros((RECEIVER, RECEIVER)), np.zeros(RECEIVER)),
         (False, False),
         {},
         (),
         0.0,
+        0.0,
+        np.zeros(0, np.int64),
+        np.zeros(0),
         closed,
     )
 

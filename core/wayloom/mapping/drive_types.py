@@ -46,6 +46,7 @@ class AntennaFixes:
     covariance    (M, 3, 3) m^2
     kind          (M,) uint8 FixType
     white_share   (M,) share of sigma that is new with each fix
+    datum         (M,) number of the height datum: 0, the default, is the map's, any other lies higher by an unknown constant
     """
 
     t_s: FloatArray
@@ -58,6 +59,11 @@ class AntennaFixes:
     covariance: FloatArray
     kind: NDArray[np.uint8]
     white_share: FloatArray
+    datum: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    def __post_init__(self) -> None:
+        if len(self.datum) != len(self.t_s):
+            object.__setattr__(self, "datum", np.zeros(len(self.t_s), np.int64))
 
     def __len__(self) -> int:
         return len(self.t_s)
@@ -88,6 +94,7 @@ class DriveNoise:
     receiver      : (4, 4) covariance of time offset, s, and lever arm, m, where log or rig memory knows them beside
                     time_offset_s and lever_m; None where neither does
     window_factor : what `OdometryChain.link_covariance` is multiplied by
+    clock_drifts  : whether the stamps were put right of a drift, of which something may be left
     """
 
     position_m: float
@@ -104,6 +111,7 @@ class DriveNoise:
     lever_m: float
     receiver: FloatArray | None = None
     window_factor: float = 3.0
+    clock_drifts: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,31 +120,41 @@ class DriveSolution:
 
     T_enu_node    (K, 4, 4)
     covariance    (K, 6, 6) of its left perturbation (v, omega)
+    cross         (P, 6, 6) covariance of the left perturbations of the nodes of each pair asked for, the first's by rows
     scale         (S,) metres of road per metre of odometry, stretch by stretch; scale_sigma (S,) its sigma
     inlier        (M,) whether the fix was used
     residual_enu  (M, 3) m
     receiver      (4,) time offset s and error of the lever arm m; receiver_covariance (4, 4)
+    clock_drift   s/s by which the receiver's stamps are ever later, about the middle of the fixes; 0 where the drive does not tell
     told          what the drive alone says of the receiver
     overruled     of clock and lever arm, whether the drive denies what was known of it
     noise_ratio   for each kind of fix that scatters more than it says: how many times
     shifted       stretches of fixes that lie apart from the others
     unconfirmed_m metres by which the drive would lie elsewhere if the lesser part of its fixes were right; see `fix_screening`
+    unconfirmed_height_m  the same where that part differs in its heights alone
+    datum         (M,) number of each fix's height datum, 0 the drive's; datum_height_m (D,) by which each of the others, from 1
+                  on, is higher; residuals are without it
     closed        (V,) whether the loop closures of each visit were used
     """
 
     T_enu_node: FloatArray
     covariance: FloatArray
+    cross: FloatArray
     scale: FloatArray
     scale_sigma: FloatArray
     inlier: BoolArray
     residual_enu: FloatArray
     receiver: FloatArray
     receiver_covariance: FloatArray
+    clock_drift: float
     told: "ReceiverTold"
     overruled: tuple[bool, bool]
     noise_ratio: dict[int, float]
     shifted: tuple["ShiftedFixes", ...]
     unconfirmed_m: float
+    unconfirmed_height_m: float
+    datum: NDArray[np.int64]
+    datum_height_m: FloatArray
     closed: BoolArray
 
 

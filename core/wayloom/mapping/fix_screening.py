@@ -18,7 +18,9 @@ that it does not show begins a new stretch.
    chi-square of its witnesses, and PRICE_S for each second, so that of two parts that contradict each other the longer is believed.
 5. Loop closures are judged in the same squares, each visit's against a price of their own: they unmask stretches that lie apart,
    and those that contradict odometry and fixes are left out.
-6. Where hardly any stretch agrees with the odometry, the receiver is wrong everywhere: `wayloom.mapping.heavy_tails`.
+6. Bursts that come or go without a jump take their feet with them (`wayloom.mapping.burst_feet`), and stretches whose heights alone
+   lie apart come back with a height datum of their own (`wayloom.mapping.height_datums`).
+7. Where hardly any stretch agrees with the odometry, the receiver is wrong everywhere: `wayloom.mapping.heavy_tails`.
 """
 
 from dataclasses import dataclass, replace
@@ -27,12 +29,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from wayloom.mapping.belief_doubts import doubt_covariance, examine
+from wayloom.mapping.belief_doubts import Examined, examine, spread_doubts
+from wayloom.mapping.burst_feet import Belief, without_feet
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain, ShiftedFixes
 from wayloom.mapping.evidence import Evidence
 from wayloom.mapping.fix_witnesses import Witnesses, witnesses_of
 from wayloom.mapping.gnss_factors import RECEIVER
 from wayloom.mapping.heavy_tails import heavy_tailed
+from wayloom.mapping.height_datums import height_datums
+from wayloom.mapping.linear_beliefs import LinearBeliefs
 from wayloom.mapping.stretch_choice import choose
 from wayloom.mapping.wild_fixes import wild_fixes
 from wayloom.mapping.witness_graph import WitnessGraph, carried
@@ -64,10 +69,10 @@ LEAST_DOUBT = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Screening:
-    """fixes as they really scatter; inlier (M,); noise_ratio by kind; shifted stretches; T_enu_node
-    (K, 4, 4) of all nodes and receiver (4,) at the end of it; unconfirmed_m: see `DriveSolution`; doubt (K, 6, 6) of the left
-    perturbation of the nodes, by what may be wrong beside (`wayloom.mapping.belief_doubts`); excess: of the squares
-    over their expectation; closed (V,) visits whose closures are believed."""
+    """fixes as they really scatter; inlier (M,); noise_ratio by kind; shifted stretches; T_enu_node (K, 4, 4) of all nodes and
+    receiver (4,) at the end of it; unconfirmed_m, unconfirmed_height_m: see `DriveSolution`; doubts (H, K, 6)
+    left perturbations of the nodes by what may be wrong beside, one sigma each (`wayloom.mapping.belief_doubts`); excess: of the
+    squares over their expectation; closed (V,) visits whose closures are believed."""
 
     fixes: AntennaFixes
     inlier: BoolArray
@@ -76,7 +81,8 @@ class Screening:
     T_enu_node: FloatArray
     receiver: FloatArray
     unconfirmed_m: float
-    doubt: FloatArray
+    unconfirmed_height_m: float
+    doubts: FloatArray
     excess: float
     closed: BoolArray
 
@@ -92,10 +98,14 @@ def screen(
 
 def _among_all(screened: Screening, fixes: AntennaFixes, calm: IntArray) -> Screening:
     """The screening of the fixes in the rows calm (m,) as one of all: the others are left out."""
-    covariance, share, inlier = fixes.covariance.copy(), fixes.white_share.copy(), np.zeros(len(fixes), bool)
-    covariance[calm], share[calm], inlier[calm] = screened.fixes.covariance, screened.fixes.white_share, screened.inlier
+    covariance, share, datum = fixes.covariance.copy(), fixes.white_share.copy(), np.zeros(len(fixes), np.int64)
+    covariance[calm], share[calm], datum[calm] = screened.fixes.covariance, screened.fixes.white_share, screened.fixes.datum
+    inlier = np.zeros(len(fixes), bool)
+    inlier[calm] = screened.inlier
     shifted = tuple(replace(part, first=int(calm[part.first]), last=int(calm[part.last])) for part in screened.shifted)
-    return replace(screened, fixes=replace(fixes, covariance=covariance, white_share=share), inlier=inlier, shifted=shifted)
+    return replace(
+        screened, fixes=replace(fixes, covariance=covariance, white_share=share, datum=datum), inlier=inlier, shifted=shifted
+    )
 
 
 def _of_calm(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, noise: DriveNoise, evidence: Evidence) -> Screening:
@@ -111,15 +121,57 @@ def _of_calm(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray, 
     if witnesses.duration_s[good].sum() < MAJORITY * witnesses.duration_s.sum() or not good.any():
         return _of_heavy_tails(chain, fixes, T_enu_node, noise, ratios, closed)
     examined = examine(graph, choice)
-    state, believed, inlier = examined.state, examined.believed, np.zeros(len(fixes), bool)
-    for head, tail in zip(witnesses.head[believed], witnesses.tail[believed], strict=True):
-        inlier[head : tail + 1] = True
+    belief = Belief(witnesses.members(examined.believed, len(fixes)), closed, examined.state)
+    shorter = without_feet(chain, fixes, jump, graph, evidence, belief)
+    if shorter is not None:
+        graph, choice = shorter
+        examined, witnesses = examine(graph, choice), graph.witnesses
+        good = choice.believed[: len(witnesses)]
+    return _screening(chain, fixes, jump, graph, examined, good, closed, ratios)
+
+
+def _screening(
+    chain: OdometryChain,
+    fixes: AntennaFixes,
+    jump: BoolArray,
+    graph: WitnessGraph,
+    examined: Examined,
+    good: BoolArray,
+    closed: BoolArray,
+    ratios: dict[int, float],
+) -> Screening:
+    """What an examined choice says of the fixes; good (B,) the stretches that it began with."""
+    state, believed, witnesses = examined.state, examined.believed, graph.witnesses
+    datum = _datums(graph, examined, jump, closed)
     offset = graph.fixes.residuals(state.T_enu_node, state.receiver)
-    shifted = _shifted(witnesses, believed, jump, offset)
+    counted = believed | (datum[witnesses.stretch] > 0)
     T = carried(chain, graph.nodes, state.T_enu_node)
-    doubt = doubt_covariance(graph.nodes, examined.moved, len(T))
-    unconfirmed_m = _unconfirmed_m(witnesses, good, witnesses.means(offset))
-    return Screening(fixes, inlier, ratios, shifted, T, state.receiver, unconfirmed_m, doubt, examined.excess, closed)
+    means = witnesses.means(offset)
+    lifted = np.zeros(len(fixes), np.int64)
+    for first, last, number in zip(witnesses.first, witnesses.last, datum, strict=True):
+        lifted[first : last + 1] = number
+    return Screening(
+        replace(fixes, datum=lifted),
+        witnesses.members(counted, len(fixes)),
+        ratios,
+        _shifted(witnesses, counted, jump, offset),
+        T,
+        state.receiver,
+        _unconfirmed_m(witnesses, good | (datum > 0), means),
+        _unconfirmed_m(witnesses, good, means * [0.0, 0.0, 1.0]) if datum.any() else 0.0,
+        spread_doubts(graph.nodes, examined.moved, len(T)),
+        examined.excess,
+        closed,
+    )
+
+
+def _datums(graph: WitnessGraph, examined: Examined, jump: BoolArray, closed: BoolArray) -> IntArray:
+    """(B,) the height datum of each stretch."""
+    witnesses, believed = graph.witnesses, graph.witnesses.sums(examined.believed.astype(np.float64)) > 0.0
+    if believed.all():
+        return np.zeros(len(believed), np.int64)
+    linear = LinearBeliefs(graph, examined.believed, closed, examined.state)
+    return height_datums(witnesses, believed, jump, linear, graph.noise.gate_probability)
 
 
 def _ramps(chain: OdometryChain, fixes: AntennaFixes, jump: BoolArray, T_enu_node: FloatArray, noise: DriveNoise) -> BoolArray:
@@ -160,8 +212,9 @@ def _of_heavy_tails(
     """No majority agrees with the odometry: every fix counts, with a variance that its residual tells."""
     tails = heavy_tailed(chain, fixes, T_enu_node, noise)
     every = {kind: ratios.get(kind, 1.0) * tails.inflation for kind in np.unique(fixes.kind).tolist()}
-    nothing = np.zeros((len(T_enu_node), 6, 6))
-    return Screening(tails.fixes, np.ones(len(fixes), bool), every, (), tails.T_enu_node, tails.receiver, 0.0, nothing, 1.0, closed)
+    nothing = np.zeros((0, len(T_enu_node), 6))
+    all_of_them = np.ones(len(fixes), bool)
+    return Screening(tails.fixes, all_of_them, every, (), tails.T_enu_node, tails.receiver, 0.0, 0.0, nothing, 1.0, closed)
 
 
 def _steps(chain: OdometryChain, fixes: AntennaFixes, T_enu_node: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -54,6 +54,13 @@ class Witnesses:
         """(B,) sums over the witnesses (W,) of each stretch."""
         return np.asarray(np.bincount(self.stretch, of_witness, len(self.first)), np.float64)
 
+    def members(self, of_witness: BoolArray, count: int) -> BoolArray:
+        """(count,) of all fixes, those of the witnesses (W,) that are true."""
+        out = np.zeros(count, bool)
+        for head, tail in zip(self.head[of_witness], self.tail[of_witness], strict=True):
+            out[head : tail + 1] = True
+        return out
+
     def means(self, of_witness: FloatArray) -> FloatArray:
         """(B, 3) means over the witnesses (W, 3) of each stretch."""
         count = np.bincount(self.stretch, minlength=len(self.first))

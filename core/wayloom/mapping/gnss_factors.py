@@ -10,7 +10,10 @@ exp(-dt / T) the density of the b_k is, exactly, the product of plain Gaussians 
 rho_k^2) |b_{k+1} - b_k|^2 ],  u_k = 1/(1+rho_{k-1}) + 1/(1+rho_k) - 1 (rho = 0 beyond both ends; |.| weighted by the inverse
 covariance), that is priors on g_k and between factors of g_k and g_{k+1}. Where sigma changes slowly the error changes with it:
 its relative change, squared, is added to (1 - rho^2) / rho. Where it changes by more than a half from fix to fix (another fix
-type) the chain is cut: its errors are another process."""
+type) the chain is cut: its errors are another process. Fixes of another height datum than the drive's have an unknown constant in
+their heights: the chain of their heights keeps its links and loses its priors; it is cut where the datum changes."""
+
+from dataclasses import replace
 
 import gtsam
 import numpy as np
@@ -22,6 +25,8 @@ from wayloom.mapping.odometry_links import ou_unary, pose_key
 
 FloatArray = NDArray[np.float64]
 SAME_PROCESS_RATIO = 1.5
+UNKNOWN_HEIGHT_M = 1e3
+"""Sigma of the height of another datum."""
 RECEIVER = 4
 """Unknowns of the receiver: its time offset, s, and the error of the lever arm, 3 m."""
 
@@ -50,10 +55,13 @@ def add_correlated_noise(graph: gtsam.NonlinearFactorGraph, fixes: AntennaFixes,
     """Add the Ornstein-Uhlenbeck part of the noise: priors on the g_k and links between them."""
     correlated = (1.0 - fixes.white_share**2)[:, None, None] * fixes.covariance
     rho = correlations(fixes.t_s, correlated, noise.correlation_s)
+    rho[1:-1][np.diff(fixes.datum) != 0] = 0.0
     unary = ou_unary(rho)
+    free = np.zeros((len(fixes), 3, 3))
+    free[:, 2, 2] = np.where(fixes.datum, UNKNOWN_HEIGHT_M**2, 0.0)
     sigma = np.sqrt(np.trace(correlated, axis1=1, axis2=2))
     for k in range(len(fixes)):
-        prior = gtsam.noiseModel.Gaussian.Covariance(correlated[k] / unary[k])
+        prior = gtsam.noiseModel.Gaussian.Covariance(correlated[k] / unary[k] + free[k])
         graph.add(gtsam.PriorFactorPoint3(antenna_key(k), fixes.position_enu[k], prior))
         if k and rho[k] > 0.0:
             change = (sigma[k] - sigma[k - 1]) / (0.5 * (sigma[k] + sigma[k - 1]))
@@ -130,6 +138,14 @@ def receiver_covariance(noise: DriveNoise) -> FloatArray:
     if noise.receiver is not None:
         return noise.receiver
     return np.diag(np.square([noise.time_offset_s, noise.lever_m, noise.lever_m, noise.lever_m]))
+
+
+def with_held(noise: DriveNoise, unknown: int, sigma: float) -> DriveNoise:
+    """The noise with one of the receiver's unknowns held at what the fixes are made with."""
+    prior = receiver_covariance(noise).copy()
+    prior[unknown], prior[:, unknown] = 0.0, 0.0
+    prior[unknown, unknown] = sigma**2
+    return replace(noise, receiver=prior)
 
 
 def information_roots(covariance: FloatArray) -> FloatArray:

@@ -65,6 +65,27 @@ class LinearBeliefs:
         pull = np.linalg.solve(middle.reshape(len(rows), len(rows)), error)
         return 0.5 * float(error @ pull), pull
 
+    def with_errors(self, error_m: FloatArray) -> float:
+        """Change of the cost where the fixes of believed witnesses have errors (W, 3) m that are taken out."""
+        witnesses = np.flatnonzero(self.believed & error_m.any(axis=1))
+        if not len(witnesses):
+            return 0.0
+        rows, c = _rows(witnesses), error_m[witnesses]
+        weighted = np.linalg.solve(self.covariance[witnesses], c[:, :, None])[:, :, 0]
+        pull = weighted.ravel()
+        gain = float(np.einsum("ni,ni->", weighted, self.error[witnesses] + 0.5 * c))
+        return gain - 0.5 * float(pull @ (self.S[np.ix_(rows, rows)] @ pull))
+
+    def whitened(self, witnesses: IntArray, column: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(3w,) errors of witnesses (w,) that are not believed, and a column (3w,), over the root of the errors' covariance."""
+        rows = _rows(witnesses)
+        covariance = self.S[np.ix_(rows, rows)].reshape(len(witnesses), 3, len(witnesses), 3)
+        each = np.arange(len(witnesses))
+        covariance[each, :, each, :] += self.covariance[witnesses]
+        root = np.linalg.cholesky(covariance.reshape(len(rows), len(rows)))
+        both = np.linalg.solve(root, np.column_stack([self.error[witnesses].ravel(), column]))
+        return both[:, 0], both[:, 1]
+
     def moved(self, witnesses: IntArray, pull: FloatArray) -> FloatArray:
         """(K, 6) left perturbation (v, omega) of every node by the pull (3w,) of witnesses (w,)."""
         unknowns = -self._factor.solve(self._J[_rows(witnesses)].T @ pull)

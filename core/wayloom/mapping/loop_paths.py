@@ -3,8 +3,9 @@
 Loops that agree with their neighbours may still be false all together: two streets that look alike. So they are believed in
 rounds, those first between whose ends the surest way is short; what that way and the loop fail to close by is judged by the
 covariances of all steps on the cycle. Each loop that is believed shortens other ways, so that nothing is judged by a long way
-while a shorter one may still come. Compare Y. Latif, C. Cadena, J. Neira: Robust loop closing over time for pose graph SLAM,
-IJRR 2013.
+while a shorter one may still come. Where the cycles of believed loops close far better than their covariances say, these
+are too wide, and later loops are judged by less. Compare Y. Latif, C. Cadena, J. Neira: Robust loop closing over time for
+pose graph SLAM, IJRR 2013.
 """
 
 from dataclasses import dataclass
@@ -14,13 +15,24 @@ from numpy.typing import NDArray
 
 from wayloom.geometry import se3
 from wayloom.mapping.kernels import shortest_paths
-from wayloom.mapping.loop_votes import REACH, Chain, along, chain_of, left_covariances_of_edges, lengths, mahalanobis2, moved
+from wayloom.mapping.loop_votes import (
+    REACH,
+    Chain,
+    along,
+    chain_of,
+    left_covariances_of_edges,
+    lengths,
+    mahalanobis2,
+    moved,
+    scaled_limit,
+)
 from wayloom.mapping.pose_graph_equations import GraphEquations
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-GROWTH = 2.0  # of the longest way, from round to round
+GROWTH = 1.5  # of the longest way, from round to round
+SCOUTS = 8  # one loop in so many is judged by long ways
 OPEN, BELIEVED, REFUSED = 0, 1, -1
 
 
@@ -65,21 +77,25 @@ def closing(equations: GraphEquations, loops: BoolArray, candidates: BoolArray, 
 def believed(trusted: Steps, loops: Steps, nodes: int, c2: float, planar: bool = False) -> tuple[IntArray, FloatArray]:
     """Verdict (k,) on each of the loops, BELIEVED, REFUSED, or OPEN where no way joins its ends; and chi-square (k,) of its cycle.
 
-    Lengths are in units of a typical step's variance: the first ways are twice REACH of them long.
+    Lengths are in units of a typical step's variance; short ways are GROWTH times REACH of them long. At each greater length one
+    loop in SCOUTS is judged; its neighbours follow by the short ways that it opens, which is quicker, and surer. At last all are.
     """
     verdict, chi2 = np.full(len(loops.first), OPEN), np.full(len(loops.first), np.nan)
-    longest, every = float(REACH), float(trusted.length.sum() + loops.length.sum())
+    near, every = GROWTH * REACH, float(trusted.length.sum() + loops.length.sum())
+    longest = near
     while (verdict == OPEN).any():
-        longest = GROWTH * longest if longest < every else np.inf
-        left = np.flatnonzero(verdict == OPEN)
-        steps = trusted.and_of(loops.of(np.flatnonzero(verdict == BELIEVED)))
-        reached, T, total = _ways(loops.of(left), steps, nodes, longest)
-        judged = left[reached]
-        around = loops.T_first_second[judged] @ se3.inverse(T[reached])
-        chi2[judged] = mahalanobis2(around, loops.covariance[judged] + total[reached], planar)
-        verdict[judged] = np.where(chi2[judged] <= c2, BELIEVED, REFUSED)
+        for share, most in ((1, near), (1 if longest == np.inf else SCOUTS, longest)):
+            left = np.flatnonzero(verdict == OPEN)[::share]
+            steps = trusted.and_of(loops.of(np.flatnonzero(verdict == BELIEVED)))
+            reached, T, total = _ways(loops.of(left), steps, nodes, most)
+            judged = left[reached]
+            around = loops.T_first_second[judged] @ se3.inverse(T[reached])
+            chi2[judged] = mahalanobis2(around, loops.covariance[judged] + total[reached], planar)
+            limit = min(c2, scaled_limit(chi2[chi2 <= c2], c2, 3 if planar else 6, 0.5))
+            verdict[judged] = np.where(chi2[judged] <= limit, BELIEVED, REFUSED)
         if longest == np.inf:
             break
+        longest = GROWTH * longest if longest < every else np.inf
     return verdict, chi2
 
 

@@ -47,21 +47,21 @@ class Chain:
 
 def agreeing(equations: GraphEquations, loops: BoolArray, c2: float) -> BoolArray:
     """(E + P,) those of the loops (E + P,) that close a short cycle within c2, or within less where most do far better."""
-    rows = np.flatnonzero(loops)
+    rows, out = np.flatnonzero(loops), np.zeros(len(loops), np.bool_)
+    if len(rows) == 0:
+        return out
     chi2 = cycle_chi2(equations, rows)
-    told = chi2[np.isfinite(chi2)]
-    limit = min(c2, _scaled(told, c2, equations.block, 0.5)) if len(told) >= FEW else c2
-    out = np.zeros(len(loops), np.bool_)
+    limit = min(c2, scaled_limit(chi2[np.isfinite(chi2)], c2, equations.block, 0.5))
     out[rows[chi2 <= limit]] = True
     return out
 
 
-def scaled_limit(chi2: FloatArray, c2: float, block: int) -> float:
+def scaled_limit(chi2: FloatArray, c2: float, block: int, quantile: float = 0.99) -> float:
     """Where loops are truncated when those of chi-square (L,), agreed to be right, have sigmas of another scale than they state.
 
     A false loop within sigmas a hundred times too large would be taken for right, and a few of them bend everything.
     """
-    return _scaled(chi2, c2, block, 0.99) if len(chi2) >= FEW else c2
+    return MARGIN * c2 * float(np.quantile(chi2, quantile) / chi_square.ppf(quantile, block)) if len(chi2) >= FEW else c2
 
 
 def plausible(equations: GraphEquations, solved: GraphEquations, state: FloatArray, c2: float) -> BoolArray:
@@ -88,20 +88,12 @@ def plausible(equations: GraphEquations, solved: GraphEquations, state: FloatArr
     return np.asarray(d2 <= c2)
 
 
-def _scaled(chi2: FloatArray, c2: float, block: int, quantile: float) -> float:
-    return MARGIN * c2 * float(np.quantile(chi2, quantile) / chi_square.ppf(quantile, block))
-
-
 def cycle_chi2(equations: GraphEquations, loops: IntArray) -> FloatArray:
     """(L,) least chi-square of the cycles that loops, rows (L,) of edges, close with a neighbour or the chain; inf if none."""
     covariance = left_covariances_of_edges(equations)
     chain = chain_of(equations, covariance, loops)
     first, second = equations.first[loops], equations.second[loops]
-    turned = first > second
-    Z = equations.T_first_second[loops]
-    Z = np.where(turned[:, None, None], se3.inverse(Z), Z)
-    Ad = se3.adjoint(Z)
-    own = np.where(turned[:, None, None], Ad @ covariance[loops] @ np.swapaxes(Ad, 1, 2), covariance[loops])
+    Z, own = ahead(equations.T_first_second[loops], covariance[loops], first > second)
     ends = np.stack([np.minimum(first, second), np.maximum(first, second)], axis=1)
     best = np.full(len(loops), np.inf)
     short = np.flatnonzero((ends[:, 1] - ends[:, 0] <= REACH) & (chain.part[ends[:, 0]] == chain.part[ends[:, 1]]))
@@ -132,19 +124,27 @@ def chain_of(equations: GraphEquations, covariance: FloatArray, loops: IntArray)
     nodes = len(equations.held) - 1
     trusted = np.ones(len(equations.first), np.bool_)
     trusted[loops] = False
-    steps = np.flatnonzero(trusted & (equations.second == equations.first + 1) & (equations.second < nodes))
+    low, high = np.minimum(equations.first, equations.second), np.maximum(equations.first, equations.second)
+    steps = np.flatnonzero(trusted & (high == low + 1) & (high < nodes))
     edge = np.full(nodes - 1, -1)
-    steps = steps[np.lexsort((lengths(covariance)[steps], equations.first[steps]))]
-    i, surest = np.unique(equations.first[steps], return_index=True)
+    steps = steps[np.lexsort((lengths(covariance)[steps], low[steps]))]
+    i, surest = np.unique(low[steps], return_index=True)
     edge[i] = steps[surest]
-    T, C = np.tile(np.eye(4), (nodes, 1, 1)), np.zeros((nodes, 6, 6))
-    for k in np.flatnonzero(edge >= 0).tolist():
-        T[k + 1] = T[k] @ equations.T_first_second[edge[k]]
     told = np.flatnonzero(edge >= 0)
-    C[told + 1] = moved(T[told], covariance[edge[told]])
+    step, spread = ahead(equations.T_first_second[edge[told]], covariance[edge[told]], equations.first[edge[told]] > told)
+    T, C = np.tile(np.eye(4), (nodes, 1, 1)), np.zeros((nodes, 6, 6))
+    for k, T_step in zip(told.tolist(), step, strict=True):
+        T[k + 1] = T[k] @ T_step
+    C[told + 1] = moved(T[told], spread)
     length = np.zeros(nodes)
     length[told + 1] = lengths(covariance)[edge[told]]
     return Chain(T, np.concatenate([[0], np.cumsum(edge < 0)]), np.cumsum(C, axis=0), np.cumsum(length))
+
+
+def ahead(T: FloatArray, covariance: FloatArray, turned: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Steps (E, 4, 4) and covariances (E, 6, 6) of their left perturbations, inverted where turned (E,)."""
+    Z = np.where(turned[:, None, None], se3.inverse(T), T)
+    return Z, np.where(turned[:, None, None], moved(Z, covariance), covariance)
 
 
 def lengths(covariance: FloatArray) -> FloatArray:

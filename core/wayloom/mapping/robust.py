@@ -7,7 +7,7 @@ r^2 = c^2 mu / (mu + 1), 0
 above c^2 (mu + 1) / mu, and c / r sqrt(mu (mu + 1)) - mu between (their eq. 14); weights and poses are found in turn.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from wayloom.mapping.descent import Equations, descend
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 GROWTH = 1.4  # of mu, as in the paper
+LATE_GROWTH = 4.0  # from a state near the solution
 STEPS_EACH, MOST_LEVELS = 2, 120
 ROUGHLY = 1e-6  # share of the cost that a descent within a level may leave
 MOST_REVISIONS = 10
@@ -53,24 +54,30 @@ def graduate(equations: Equations, state: FloatArray, loops: BoolArray, c2: floa
         if np.isin(weight, (0.0, 1.0)).all():
             break
         r2 = equations.chi2(equations.errors(state))[loops]
-        mu *= GROWTH
+        mu *= LATE_GROWTH if least_mu > 0.0 else GROWTH
     return state, systems
 
 
 def settle(equations: Equations, state: FloatArray, loops: BoolArray, c2: float, most: int, converged: float) -> Weighed:
     """Truncated least squares near a state: loops below c2 count in full, others not at all, until none changes sides."""
-    weight, systems = _sides(equations, state, loops, c2), 0
+    weight, systems = sides(equations, state, loops, c2), 0
     for _ in range(MOST_REVISIONS):
         moved = descend(equations, state, weight, most, converged)
         state, systems, before = moved.state, systems + moved.iterations, weight
-        weight = _sides(equations, state, loops, c2)
+        weight = sides(equations, state, loops, c2)
         if (weight == before).all():
             break
+    return replace(weighed(equations, state, loops, c2, systems), weight=weight)
+
+
+def weighed(equations: Equations, state: FloatArray, loops: BoolArray, c2: float, systems: int) -> Weighed:
+    """A state, what counts there, and what it costs."""
     chi2 = equations.chi2(equations.errors(state))
     cost = 0.5 * float(chi2[~loops].sum() + np.minimum(chi2[loops], c2).sum())
-    return Weighed(state, weight, cost, systems)
+    return Weighed(state, sides(equations, state, loops, c2), cost, systems)
 
 
-def _sides(equations: Equations, state: FloatArray, loops: BoolArray, c2: float) -> FloatArray:
+def sides(equations: Equations, state: FloatArray, loops: BoolArray, c2: float) -> FloatArray:
+    """(E + P,) weights of 1 for loops that count at a state, and for all that is trusted, else 0."""
     chi2 = equations.chi2(equations.errors(state))
     return np.where(loops & (chi2 > c2), 0.0, 1.0)

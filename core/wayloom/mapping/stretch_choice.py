@@ -84,7 +84,7 @@ def rivals(graph: WitnessGraph, choice: Choice, linear: LinearBeliefs) -> Rivals
     """The neighbours of a choice that keep a share of the belief, by its equations at their minimum. What counts by a share only
     (`Witnesses.importance`) costs that share: its odds are those of the whole."""
     count = len(graph.witnesses)
-    near = _predicted(graph, choice, linear)
+    near = [*_predicted(graph, choice, linear), *_between_alike(graph, choice, linear)]
     least = [float(graph.importance[:count][(other != choice.believed)[:count]].min()) for _, other, _ in near]
     weight = np.exp(-np.maximum(np.array([gain for gain, _, _ in near]), 0.0) / np.array(least))
     share = weight / (1.0 + weight.sum())
@@ -110,10 +110,33 @@ def _predicted(graph: WitnessGraph, choice: Choice, linear: LinearBeliefs) -> li
     return found
 
 
+def _between_alike(graph: WitnessGraph, choice: Choice, linear: LinearBeliefs) -> list[tuple[float, BoolArray, IntArray]]:
+    """As `_predicted`, of believed runs the other way round with the two that are left out beside them, and without any price:
+    where those two agree with each other, they deny what stands between as much as it denies them, however long it is."""
+    count, found = len(graph.witnesses), []
+    believed = choice.believed[:count]
+    runs = _runs(believed, graph.witnesses.cut)
+    for before, run, after in zip(runs, runs[1:], runs[2:], strict=False):
+        if believed[before].any() or not believed[run].all() or believed[after].any():
+            continue
+        other = choice.believed.copy()
+        other[before], other[run], other[after] = True, False, True
+        turned = (other != choice.believed)[:count][graph.witnesses.stretch]
+        witnesses = np.flatnonzero(turned & (linear.believed == believed[graph.witnesses.stretch]))
+        if len(witnesses) <= MOST_TURNED:
+            found.append((linear.turned(witnesses)[0], other, witnesses))
+    return found
+
+
+def _runs(believed: BoolArray, cut: BoolArray) -> list[slice]:
+    """Runs of stretches between jumps or turns."""
+    edges = np.flatnonzero(np.append(True, ~cut[1:] | (believed[1:] != believed[:-1])))
+    return [slice(a, b) for a, b in zip(edges.tolist(), [*edges[1:].tolist(), len(believed)], strict=True)]
+
+
 def _neighbours(believed: BoolArray, cut: BoolArray) -> Iterator[tuple[slice, ...]]:
     """Runs of stretches between jumps or turns, each alone and each two that are near each other."""
-    edges = np.flatnonzero(np.append(True, ~cut[1:] | (believed[1:] != believed[:-1])))
-    runs = [slice(a, b) for a, b in zip(edges.tolist(), [*edges[1:].tolist(), len(believed)], strict=True)]
+    runs = _runs(believed, cut)
     for i, run in enumerate(runs):
         yield (run,)
         for other in runs[i + 1 : i + 2 + NEAR_RUNS]:

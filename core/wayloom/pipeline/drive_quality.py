@@ -45,7 +45,8 @@ def drive_quality(odometry: OdometryResult, geo: GeoReference, loops: LoopClosur
         "format_version": FORMAT_VERSION,
         "placed": geo.frame is not None,
         "grade": report.get("grade"),
-        "reasons": reasons(report),
+        "sound": is_sound(report, trajectory),
+        "reasons": reasons(report, trajectory),
         "fixes": _fixes(geo.fixes, trajectory),
         "bursts": [stretch for stretch in report.get("shifted", ()) if stretch["to_s"] > stretch["from_s"]],  # else an outlier
         "receiver": _receiver(report),
@@ -56,14 +57,28 @@ def drive_quality(odometry: OdometryResult, geo: GeoReference, loops: LoopClosur
     }
 
 
-def reasons(report: dict[str, Any]) -> list[str]:
+def is_sound(report: dict[str, Any], trajectory: Trajectory) -> bool:
+    """Whether at most the drive's place is in doubt, and not its odometry.
+
+    Pieces between losses of the track are put together by fixes: without any, nothing says where they lie against each other.
+    """
+    return bool(report.get("geo_referenced")) or _pieces(trajectory) == 1
+
+
+def reasons(report: dict[str, Any], trajectory: Trajectory) -> list[str]:
     """Why the geo-reference gave its grade, in words: the sigma that it starts from, then all that speaks against the place."""
     found = [str(message) for message in report.get("messages", ())]
     if not report.get("geo_referenced"):
-        return found or ["no GNSS: the drive has no place on Earth"]
+        lost = _pieces(trajectory) - 1
+        broken = [f"the track was lost {lost} times, and no GNSS says how the pieces lie against each other"] if lost else []
+        return [*(found or ["no GNSS: the drive has no place on Earth"]), *broken]
     sigma_m = float(np.linalg.norm(report["sigma_enu_m"]["median"]))
     worst_m = float(np.linalg.norm(report["sigma_enu_m"]["worst"]))
     return [f"sigma of the position {sigma_m:.2f} m in the median, {worst_m:.2f} m at worst", *found]
+
+
+def _pieces(trajectory: Trajectory) -> int:
+    return len(np.unique(trajectory.segment[trajectory.tracked]))
 
 
 def write_quality(file: Path, quality: dict[str, Any]) -> None:

@@ -1,5 +1,6 @@
 """Exports of a processed drive for people and other programs: trajectory, cloud, overlay pictures, map picture."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -8,6 +9,9 @@ import numpy as np
 from wayloom.files.trajectory_files import write_kitti, write_tum
 from wayloom.geodesy.geoid import GeoidGrid
 from wayloom.georeference.types import GeoReference
+from wayloom.ground.exports import export_ground
+from wayloom.ground.markings.exports import MARKINGS_FILE, export_markings
+from wayloom.ground.markings.settings import KerbSettings, MarkingSettings
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.drive_map import cloud, drive_map, write_image
@@ -21,6 +25,15 @@ OVERLAYS_DIR: Final = "overlays"
 OVERLAYS: Final = 6
 
 
+@dataclass(frozen=True, slots=True)
+class GroundFound:
+    """Folder of what the stage ground left, and how markings and kerbs are found on it."""
+
+    sheets_dir: Path
+    markings: MarkingSettings
+    kerbs: KerbSettings
+
+
 def write_exports(
     log: DriveLog,
     odometry: OdometryResult,
@@ -29,10 +42,13 @@ def write_exports(
     submaps: list[PlacedSubmap],
     folder: Path,
     geoid: GeoidGrid | None = None,
+    ground: GroundFound | None = None,
 ) -> None:
-    """Write trajectory.tum, .kitti and, with GNSS, .geojson; cloud.ply and cloud.laz; map.png; overlays/.
+    """Write trajectory.tum, .kitti and, with GNSS, .geojson; cloud.ply and cloud.laz; ground.tif, height.tif and, with GNSS,
+    markings.geojson; map.png; overlays/.
 
     geoid : the LAZ states heights above it
+    ground : None for no pictures of the ground
     """
     trajectory = odometry.trajectory
     write_tum(folder / "trajectory.tum", trajectory.t_ns, trajectory.T_world_cam, trajectory.tracked)
@@ -42,6 +58,9 @@ def write_exports(
     points, labels = cloud(submaps)
     export_ply(folder / "cloud.ply", points, labels, geo.frame)
     export_laz(folder / "cloud.laz", points, labels, geo.frame, geoid)
+    if ground is not None:
+        export_ground(ground.sheets_dir, submaps, folder)
+        export_markings(ground.sheets_dir, submaps, folder / MARKINGS_FILE, ground.markings, ground.kerbs)
     write_image(folder / MAP_FILE, drive_map(geo, points, labels))
     write_overlays(log, odometry, images, folder / OVERLAYS_DIR)
 

@@ -1,7 +1,8 @@
 """The nested settings: `ProcessSettings` of one drive's stages, `WayloomSettings` of everything that a settings file may say."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Final
 
 from pydantic import Field
 
@@ -9,8 +10,11 @@ from wayloom.config.gate import GateSettings
 from wayloom.config.service import ServiceSettings
 from wayloom.config.settings import Settings
 from wayloom.config.sources import Loaded, Option, load
+from wayloom.dense.settings import LookSettings
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.settings import GeoReferenceSettings
+from wayloom.ground.markings.settings import KerbSettings, MarkingSettings
+from wayloom.ground.settings import GroundSettings
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.loops.settings import LoopSettings
 from wayloom.odometry.settings import OdometrySettings
@@ -24,6 +28,10 @@ from wayloom.tiles.settings import TileSettings
 Longitude = Annotated[float, Field(ge=-180.0, le=180.0)]
 Latitude = Annotated[float, Field(ge=-90.0, le=90.0)]
 Height = Annotated[float, Field(ge=-1000.0, le=20000.0)]
+TABLES: Final = frozenset(
+    {"odometry", "segmentation", "labelling", "places", "looks", "loops", "georeference", "submaps", "ground"}
+)
+"""Of `ProcessSettings`: those of single stages."""
 
 
 class ProcessSettings(Settings):
@@ -42,13 +50,25 @@ class ProcessSettings(Settings):
     segmentation: SegmentationSettings = SegmentationSettings()
     labelling: LabellingSettings = LabellingSettings()
     places: PlaceSettings = PlaceSettings()
+    looks: LookSettings = LookSettings()
     loops: LoopSettings = LoopSettings()
     georeference: GeoReferenceSettings = GeoReferenceSettings()
     submaps: SubmapSettings = SubmapSettings()
+    ground: GroundSettings = GroundSettings()
+    markings: MarkingSettings = MarkingSettings()
+    kerbs: KerbSettings = KerbSettings()
 
     def map_frame(self) -> MapFrame | None:
         """The map frame that was asked for, None for the place's own."""
         return None if self.map_origin is None else MapFrame(*self.map_origin)
+
+
+def with_asked(settings: ProcessSettings, asked: Mapping[str, Mapping[str, Any]]) -> ProcessSettings:
+    """The settings with some values of some tables replaced. Raises ValidationError, and KeyError for what is no table."""
+    tables = {name: getattr(settings, name) for name in asked if name in TABLES}
+    if unknown := sorted(asked.keys() - tables.keys()):
+        raise KeyError(f"no tables of a drive's settings: {', '.join(unknown)}")
+    return settings.model_copy(update={name: type(own)(**{**own.model_dump(), **asked[name]}) for name, own in tables.items()})
 
 
 class WayloomSettings(ServiceSettings, ProcessSettings):

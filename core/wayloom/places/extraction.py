@@ -1,7 +1,7 @@
 """Extraction of a drive's places from its images: one pass over the keyframes that are chosen along the road."""
 
 from dataclasses import fields, replace
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,20 +18,12 @@ from wayloom.places.cloud import VoxelFilter, hosted_points, packed, pair_points
 from wayloom.places.features import BYTES, describe
 from wayloom.places.road import road_m, spaced
 from wayloom.places.settings import PlaceSettings
-from wayloom.places.stereo_pair import read_pair, right_rectifier
+from wayloom.places.stereo_pair import LeftLabels, read_pair, right_rectifier
 from wayloom.places.types import PlaceCloud, PlaceFeatures, Places, PlaceStations
 from wayloom.places.views import view_at
 
 FloatArray = NDArray[np.float64]
 Table = TypeVar("Table", PlaceCloud, PlaceFeatures)
-
-
-class LeftLabels(Protocol):
-    """Label images of the keyframes, as `wayloom.segmentation.keyframe_labels.KeyframeLabels`."""
-
-    def left(self, keyframe: int, /) -> NDArray[np.uint8]:
-        """(h, w) uint8 train ids of the left image of the keyframe in this row."""
-        ...
 
 
 def make_places(

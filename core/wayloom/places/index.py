@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import InputError
-from wayloom.places.bit_tables import BitTables
+from wayloom.places.bit_tables import FULL_WEIGHT, TABLES, BitTables
 from wayloom.places.road import road_m
 from wayloom.places.surroundings import Surroundings
 from wayloom.places.types import Places
@@ -151,6 +151,16 @@ class PlaceIndex:
             self._apart(rows, like, is_turned, SURROUNDINGS, count),
         ]
         return self._in_turn(sorted(lists, key=lambda ranked: _prominence(ranked, count), reverse=True), count)
+
+    def likest(self, query: PlaceQuery) -> float:
+        """0 to 2: the share of the query's features that the best station has, and the likeness of the likest surroundings."""
+        self._merge()
+        rows = self._allowed(None, None)
+        if not len(rows):
+            return 0.0
+        most = max(1, len(query.bits)) * FULL_WEIGHT * TABLES
+        share = float(self.bits.votes(query.bits, len(self._used))[rows].max()) / most
+        return share + float(self.around.alike(query.grid, rows)[0].max())
 
     @property
     def nbytes(self) -> int:

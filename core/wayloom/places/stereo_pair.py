@@ -1,6 +1,7 @@
 """Rectified stereo pair of a keyframe with its label image, and depth at its pixels."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,14 @@ SIGMA_FLOOR_PX, SIGMA_FACTOR = 0.15, 1.7
 """Patches that are not flat move a disparity, and hide how much: its sigma is the root of floor^2 + (factor sigma)^2."""
 STATIC = np.array([c < CLASS_COUNT and c != SKY and c not in MOVING_CLASSES for c in range(256)])
 """(256,) whether a train id may be kept of a place."""
+
+
+class LeftLabels(Protocol):
+    """Label images of the keyframes, as `wayloom.segmentation.keyframe_labels.KeyframeLabels`."""
+
+    def left(self, keyframe: int, /) -> NDArray[np.uint8]:
+        """(h, w) uint8 train ids of the left image of the keyframe in this row."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,6 +68,7 @@ class Scene:
     noise    (N, 3, 3) m^2
     surface  (N, 3, 3) m^2: shape of the surface and noise of the point
     sigma_m  (N,) along the ray
+    rays     (N, 3) unit, from the camera that hosts the point
     origin   (3,) m, lower corner of the voxels
     voxels   (X, Y, Z) uint8 bits of the groups that have points nearby, and FREE where lines of sight pass
     free_cells  (M, 3) m centres of the voxels' columns that are free in BAND_M; z is 0
@@ -78,6 +79,7 @@ class Scene:
     group: NDArray[np.int8]
     surface: FloatArray
     sigma_m: FloatArray
+    rays: FloatArray
     cells: Cells
     origin: FloatArray
     voxels: NDArray[np.uint8]
@@ -116,8 +118,10 @@ def prepare(view: PlaceView, settings: RegistrationSettings) -> Scene:
     noise = ray_noise(xyz - cameras, sigma_m)
     surface = surfaces(xyz, group, noise) + noise
     rows = thinned(xyz, group, sigma_m)
+    rays = directions(xyz[rows] - cameras[rows])
     xyz = np.ascontiguousarray(xyz[rows])
-    return Scene(view, xyz, group[rows], surface[rows], sigma_m[rows], cells_of(xyz), origin, voxels, free_cells(voxels, origin))
+    cells = cells_of(xyz)
+    return Scene(view, xyz, group[rows], surface[rows], sigma_m[rows], rays, cells, origin, voxels, free_cells(voxels, origin))
 
 
 def thinned(xyz: FloatArray, group: NDArray[np.int8], sigma_m: FloatArray) -> NDArray[np.int64]:
@@ -139,9 +143,14 @@ def free_cells(voxels: NDArray[np.uint8], origin: FloatArray) -> FloatArray:
     return np.column_stack([(cells + 0.5) * VOXEL_M + origin[:2], np.zeros(len(cells))])
 
 
+def directions(rays: FloatArray) -> FloatArray:
+    """(N, 3) unit, of rays (N, 3) m; of none where one has no length."""
+    return np.asarray(rays / np.maximum(np.linalg.norm(rays, axis=1), 1e-9)[:, None])
+
+
 def ray_noise(rays: FloatArray, sigma_m: FloatArray) -> FloatArray:
     """(N, 3, 3) m^2 covariance of points at the ends of rays (N, 3) with sigma_m (N,) along them."""
-    direction = rays / np.maximum(np.linalg.norm(rays, axis=1), 1e-9)[:, None]
+    direction = directions(rays)
     along = np.einsum("ni,nj->nij", direction, direction)
     covariance: FloatArray = along * (sigma_m**2)[:, None, None] + LATERAL_SIGMA_M**2 * np.eye(3)
     return covariance

@@ -18,6 +18,9 @@ from wayloom.stitching.placed_drive import PlacedDrive
 GUESS: Final = np.diag([8.0**2] * 2 + [2.0**2] + [np.deg2rad(3.0) ** 2] * 2 + [np.deg2rad(10.0) ** 2])
 """Covariance of where a candidate's view lies about its middle, by what the index says; no evidence for a pose."""
 
+LIKE_STATIONS: Final = 10
+"""Stations of a drive by which it is told how alike two drives are: about 100 m of road."""
+
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
@@ -53,13 +56,12 @@ def guess(one: Scene, other: Scene, yaw_rad: float) -> Prior:
     return Prior(T_one_middle @ T_middle_other, Ad @ GUESS @ Ad.T)
 
 
-def likely_drives(index: PlaceIndex, places: Places, count: int) -> list[tuple[str, int]]:
-    """Drives of the index that a drive without a place may have met, with the stations that name them first, the most first.
+def likeness(held: Places, asking: Places) -> float:
+    """How much some of a drive's road looks like a drive that is held: the mean of `PlaceIndex.likest` over its best stations.
 
-    count : drives at most; the drive itself must not be in the index
+    Depends on the two drives alone. It ranks drives, and is no evidence of a place.
     """
-    votes: dict[str, int] = {}
-    for station in range(len(places.stations)):
-        for found in index.candidates(query_at(places, station), 1):
-            votes[found.drive_id] = votes.get(found.drive_id, 0) + 1
-    return sorted(votes.items(), key=lambda item: (-item[1], item[0]))[:count]
+    index = PlaceIndex()
+    index.add("", held)
+    found = [index.likest(query_at(asking, station)) for station in range(len(asking.stations))]
+    return round(sum(sorted(found, reverse=True)[:LIKE_STATIONS]) / LIKE_STATIONS, 6)

@@ -27,7 +27,7 @@ from wayloom.stitching.city_window import Solved, Window, solve_window
 from wayloom.stitching.drive_chain import DriveChain, across, drive_chain
 from wayloom.stitching.joining import Joined, join_drives
 from wayloom.stitching.settings import CityGraphSettings
-from wayloom.stitching.types import City, DrivePlaces, JudgedMeeting, Meeting, PlacedDrive
+from wayloom.stitching.types import AlignedDrive, City, DrivePlaces, JudgedMeeting, Meeting
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -220,17 +220,17 @@ def _judged(meeting: Meeting, used: np.bool_, chi2: float, cycle: float, limit: 
     return JudgedMeeting(meeting, float(chi2), why)
 
 
-def _placed(given: Sequence[DrivePlaces], nodes: Nodes, T: FloatArray, covariance: FloatArray) -> dict[str, PlacedDrive]:
+def _placed(given: Sequence[DrivePlaces], nodes: Nodes, T: FloatArray, covariance: FloatArray) -> dict[str, AlignedDrive]:
     row = {chain.drive.drive_id: d for d, chain in enumerate(nodes.chains)}
     out = {}
     for drive in given:
         name, nowhere = drive.drive_id, np.full((len(drive), 3), np.nan)
         if name not in row:
-            out[name] = PlacedDrive(name, drive.T_map_submap, drive.covariance, nowhere, False)
+            out[name] = AlignedDrive(name, drive.T_map_submap, drive.covariance, nowhere, False)
             continue
         mine = slice(nodes.start[row[name]], nodes.start[row[name] + 1])
         shift = T[mine, :3, 3] - drive.T_map_submap[:, :3, 3] if drive.located else nowhere
-        out[name] = PlacedDrive(name, T[mine], covariance[mine], shift, True)
+        out[name] = AlignedDrive(name, T[mine], covariance[mine], shift, True)
     return out
 
 

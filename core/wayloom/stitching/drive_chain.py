@@ -29,6 +29,8 @@ from wayloom.stitching.types import DrivePlaces
 FloatArray = NDArray[np.float64]
 CLOSEST = 1.0 - 1e-12
 """Correlation of neighbours, at most."""
+OWN_M, OWN_RAD = 1e-3, 1e-5
+"""How well a drive's first submap lies in the drive's own frame, which begins there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,11 +75,11 @@ def drive_chain(
     if n > 1:
         middle = _shift(-0.5 * (T0[:-1, :3, 3] + T0[1:, :3, 3]))
         P, Q = _moved(middle, drive.covariance[:-1]), _moved(middle, drive.covariance[1:])
-        if drive.cross is None:
-            cross = _neighbours(P, Q, _odometry(drive, settings))
-        else:
+        cross = _neighbours(P, Q, _odometry(drive, settings))
+        if drive.cross is not None:
             Ad = se3.adjoint(middle)
-            cross = Ad @ drive.cross @ np.swapaxes(Ad, 1, 2)
+            told = np.isfinite(drive.cross).all(axis=(1, 2))
+            cross[told] = (Ad @ drive.cross @ np.swapaxes(Ad, 1, 2))[told]
         A = np.swapaxes(np.linalg.solve(P, cross), 1, 2)
         noise = _symmetric(Q - A @ cross)
         here, before = se3.adjoint(se3.inverse(middle @ T0[1:])), se3.adjoint(se3.inverse(middle @ T0[:-1]))
@@ -105,6 +107,19 @@ def joined(drive: DrivePlaces, T_map_own: FloatArray, settings: CityGraphSetting
         Ad = se3.adjoint(T_map_own)
         cross = _moved(_shift(T[0, :3, 3]), free) + Ad @ drive.cross @ Ad.T
     return replace(drive, T_map_submap=T, covariance=_symmetric(covariance), cross=cross, located=True)
+
+
+def own_covariance(T_own_submap: FloatArray, length_m: FloatArray, settings: CityGraphSettings) -> FloatArray:
+    """(n, 6, 6) of the left perturbations of a drive's submaps (n, 4, 4) in its own level frame, by the odometry's noise alone.
+
+    The first is known but for being level; from each submap to the next the odometry errs about the middle between them.
+    """
+    n = len(T_own_submap)
+    first = np.diag([OWN_M**2] * 3 + [np.radians(settings.level_deg) ** 2] * 2 + [OWN_RAD**2])
+    drive = DrivePlaces("", T_own_submap, np.zeros((n, 6, 6)), length_m, np.ones(max(n - 1, 0), np.bool_))
+    middle = 0.5 * (T_own_submap[:-1, :3, 3] + T_own_submap[1:, :3, 3])
+    steps = _moved(_shift(middle), _odometry(drive, settings))
+    return np.asarray(np.cumsum(np.concatenate([_moved(_shift(T_own_submap[:1, :3, 3]), first), steps]), axis=0))
 
 
 def _neighbours(P: FloatArray, Q: FloatArray, D: FloatArray) -> FloatArray:

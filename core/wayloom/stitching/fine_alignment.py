@@ -1,7 +1,7 @@
 """Fine alignment of two views by surfaces, where no local features tell more: nearer points, and things that both sides share.
 
 The two sides of a tree's crown are not one surface: a drive sees the side that faces it. Views from other directions are therefore
-aligned without vegetation, at last by points within decimetres of each other, and without local features, which match by chance
+aligned without vegetation, at last by where their points lie along their rays, and without local features, which match by chance
 there.
 """
 
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geometry import se3
-from wayloom.registration.refinement import refine
+from wayloom.registration.ray_alignment import RayFit, aligned_along_rays
+from wayloom.registration.refinement import Fit, refine
 from wayloom.registration.register import FINE_POINTS, covariance_of, yaw_of
 from wayloom.registration.scene import VEGETATION, Scene, cells_of
 from wayloom.registration.settings import RegistrationSettings
@@ -30,13 +31,16 @@ MOST_SIGMAS2: Final = 22.5
 
 def finely_aligned(a: Scene, b: Scene, found: Registration, settings: RegistrationSettings) -> Registration:
     """The registration with a finer pose and its covariance; unchanged where features know it, or where it would move too far."""
-    if abs(yaw_of(found.T_a_b)) > SAME_SIDE_RAD:
+    other_sides = abs(yaw_of(found.T_a_b)) > SAME_SIDE_RAD
+    if other_sides:
         a, b = without_vegetation(a), without_vegetation(b)
     elif found.evidence["inliers"] >= settings.min_matches:
         return found
     if min(len(a), len(b)) < settings.min_points:
         return found
-    fit = refine(a, b, found.T_a_b, STAGES, POINTS)
+    fit: Fit | RayFit = refine(a, b, found.T_a_b, STAGES, POINTS)
+    if other_sides:
+        fit = aligned_along_rays(a, b, fit.T_a_b, POINTS)
     moved = se3.log(fit.T_a_b @ se3.inverse(found.T_a_b))
     if moved @ np.linalg.solve(found.covariance, moved) > MOST_SIGMAS2:
         return found
@@ -51,4 +55,12 @@ def without_vegetation(scene: Scene) -> Scene:
     rows = np.flatnonzero(scene.group != VEGETATION)
     xyz = np.ascontiguousarray(scene.xyz[rows])
     surface = np.ascontiguousarray(scene.surface[rows])
-    return replace(scene, xyz=xyz, group=scene.group[rows], surface=surface, sigma_m=scene.sigma_m[rows], cells=cells_of(xyz))
+    return replace(
+        scene,
+        xyz=xyz,
+        group=scene.group[rows],
+        surface=surface,
+        sigma_m=scene.sigma_m[rows],
+        rays=scene.rays[rows],
+        cells=cells_of(xyz),
+    )

@@ -5,7 +5,7 @@ the covariances of both meetings, both places met and the drive's own way betwee
 wins, the surest of equals. Drives are placed one after another, those with the most agreeing proposals first, and then help others.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,12 +16,14 @@ from wayloom.geometry import se3
 from wayloom.mapping.loop_votes import mahalanobis2
 from wayloom.stitching.drive_chain import joined
 from wayloom.stitching.settings import CityGraphSettings
-from wayloom.stitching.types import DrivePlaces, Meeting
+from wayloom.stitching.types import AlignedDrive, DrivePlaces, Meeting
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 FAR2 = 1e6
 """Variance across a loss of the track, m^2 and rad^2."""
+LOOK_ALIKE_M = 10.0
+"""Proposals that differ by less are one place, badly measured: less than a street and the next one that looks like it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +36,18 @@ class Joined:
 
     drive: DrivePlaces
     covariance: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """What each of P views proposes: here (P, 4, 4) of its own submap, T_map_own (P, 4, 4) of the drive's frame, total (P, 6, 6) of
+    the left perturbation of here; agree (P, P) whether two propose one place."""
+
+    here: FloatArray
+    T_map_own: FloatArray
+    total: FloatArray
+    row: IntArray
+    agree: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +91,32 @@ def join_drives(drives: Sequence[DrivePlaces], meetings: Sequence[Meeting], sett
     return dict(sorted(placed.items()))
 
 
+def rivals(
+    drive: DrivePlaces, aligned: Mapping[str, AlignedDrive], meetings: Sequence[Meeting], settings: CityGraphSettings
+) -> str:
+    """How a drive without GNSS fits the others at places that lie apart, in words; empty where it does not.
+
+    aligned : the others, where the city graph has them
+    meetings : of the drive with others
+    A single meeting that puts the drive elsewhere counts: streets that look alike fit as well as the true one does.
+    """
+    views = _seen_from({drive.drive_id}, meetings)[drive.drive_id]
+    views = [view for view in views if view.other in aligned and aligned[view.other].placed]
+    if len(views) < 2:
+        return ""
+    found = _places({name: (one.T_map_submap, one.covariance) for name, one in aligned.items()}, drive, views, settings)
+    best = _surest(found)
+    middle = found.T_map_own @ drive.T_map_submap[len(drive) // 2, :, 3]
+    apart = np.linalg.norm((middle - middle[best])[:, :3], axis=1)
+    apart[found.agree[best]] = 0.0
+    rival = int(np.argmax(apart))
+    if apart[rival] <= LOOK_ALIKE_M:
+        return ""
+    one, other = (f"drive {views[row].other[:12]}" for row in (best, rival))
+    where = f"{one} at two places" if one == other else f"{one} and {other} at places"
+    return f"it fits {where} {apart[rival]:.0f} m apart: streets look alike"
+
+
 def _seen_from(loose: set[str], meetings: Sequence[Meeting]) -> dict[str, list[View]]:
     """The views of each of the drives, drives and views in canonical order."""
     out: dict[str, list[View]] = {name: [] for name in sorted(loose)}
@@ -96,21 +136,33 @@ def _proposed(drive: DrivePlaces, placed: dict[str, Joined], views: Sequence[Vie
     views = [view for view in views if view.other in placed]
     if not views:
         return Proposal(0, np.eye(4), drive.covariance)
-    at = np.array([placed[view.other].drive.T_map_submap[view.submap] for view in views])
-    known = np.array([placed[view.other].covariance[view.submap] for view in views])
+    found = _places({name: (one.drive.T_map_submap, one.covariance) for name, one in placed.items()}, drive, views, settings)
+    best = _surest(found)
+    k = int(found.row[best])
+    T_level = _level(found.T_map_own[best], drive.T_map_submap[k, :3, 3], found.here[best, :3, 3])
+    places = (T_level @ drive.T_map_submap)[:, :3, 3]
+    drift = _moved(_shift(0.5 * (places + places[k])), _drift(drive, np.full(len(drive), k), np.arange(len(drive)), settings))
+    return Proposal(int(found.agree[best].sum()), T_level, found.total[best] + drift)
+
+
+def _places(
+    known: Mapping[str, tuple[FloatArray, FloatArray]], drive: DrivePlaces, views: Sequence[View], settings: CityGraphSettings
+) -> Places:
+    """What the views propose; known: T_map_submap and covariance of each other drive's submaps."""
+    at = np.array([known[view.other][0][view.submap] for view in views])
+    sure = np.array([known[view.other][1][view.submap] for view in views])
     row = np.array([view.own for view in views])
     here = at @ np.array([view.T_other_own for view in views])
     T_map_own = here @ se3.inverse(drive.T_map_submap[row])
-    total = known + _moved(at, np.array([view.covariance for view in views]))  # of the left perturbation in the map's frame
+    total = sure + _moved(at, np.array([view.covariance for view in views]))  # of the left perturbation in the map's frame
     agree = _differences(here, T_map_own, total, row, drive, settings) <= float(chi_square.ppf(settings.confidence, 6))
-    votes = (agree | np.eye(len(row), dtype=np.bool_)).sum(axis=1)
-    spread = np.trace(_moved(_shift(-here[:, :3, 3]), total)[:, :3, :3], axis1=1, axis2=2)
-    best = int(np.lexsort((spread, -votes))[0])
-    k = int(row[best])
-    T_level = _level(T_map_own[best], drive.T_map_submap[k, :3, 3], here[best, :3, 3])
-    places = (T_level @ drive.T_map_submap)[:, :3, 3]
-    drift = _moved(_shift(0.5 * (places + places[k])), _drift(drive, np.full(len(drive), k), np.arange(len(drive)), settings))
-    return Proposal(int(votes[best]), T_level, total[best] + drift)
+    return Places(here, T_map_own, total, row, agree | np.eye(len(row), dtype=np.bool_))
+
+
+def _surest(found: Places) -> int:
+    """The proposal that most agree with, the surest of equals."""
+    spread = np.trace(_moved(_shift(-found.here[:, :3, 3]), found.total)[:, :3, :3], axis1=1, axis2=2)
+    return int(np.lexsort((spread, -found.agree.sum(axis=1)))[0])
 
 
 def _differences(

@@ -1,4 +1,4 @@
-"""Layers of the map: which of its points are published as static, which are parked, move, or wait for confirmation."""
+"""Layers of the map: which of its points are published as static, which are parked, move, wait for confirmation, or have gone."""
 
 from typing import Final
 
@@ -8,13 +8,12 @@ from numpy.typing import NDArray
 from wayloom.stitching.fusion import GROUP_OF_CLASS, FusedPoints
 from wayloom.stitching.grid import hash_table, lowest, neighbour_steps, pack_cells
 from wayloom.stitching.kernels import neighbours
+from wayloom.stitching.layer_names import MOVING, PARKED, STATIC, UNCONFIRMED
 from wayloom.stitching.points import VEHICLES, MapPoints
 from wayloom.stitching.settings import MergeSettings
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-LAYERS: Final = ("static", "parked", "moving", "unconfirmed")
-STATIC, PARKED, MOVING, UNCONFIRMED = range(len(LAYERS))
 STANDING_CELL_M: Final = 0.5
 
 

@@ -17,6 +17,12 @@ class MeetingSettings(Settings):
     near_m: float = Field(25.0, ge=1, le=60, description="views meet where their middles are nearer than this, m")
     sigmas: float = Field(3.0, gt=0, le=10, description="widens what is near by so many standard deviations of both drives' places")
     candidates: int = Field(4, ge=1, le=100, description="places of the other drive that a scout compares with, at most")
+    compared_drives: int = Field(
+        8,
+        ge=1,
+        le=1000,
+        description="drives that one without GNSS is compared with, at most: those that it looks most like",
+    )
     max_prior_sigma_m: float = Field(
         20.0, gt=0, description="places less certain than this against each other are looked for by appearance, m"
     )

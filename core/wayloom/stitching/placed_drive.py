@@ -52,6 +52,12 @@ class PlacedDrive:
         return np.concatenate([item.submap.T_submap_cam for item in self.submaps])[self._order]
 
     @cached_property
+    def bend(self) -> FloatArray:
+        """(K, 6) sigmas by which the drive's graph has each keyframe elsewhere in its submap; 0 where that is not told."""
+        told = [np.zeros((n, 6)) if item.bend is None else item.bend for item, n in zip(self.submaps, self._lengths, strict=True)]
+        return np.concatenate(told)[self._order]
+
+    @cached_property
     def T_enu_cam(self) -> FloatArray:
         """(K, 4, 4) by the drive's own geo-reference."""
         return np.concatenate([item.T_enu_submap @ item.submap.T_submap_cam for item in self.submaps])[self._order]

@@ -1,5 +1,6 @@
 """Region as bytes: equal regions give equal bytes (`docs/formats.md`, "Region")."""
 
+from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
@@ -8,12 +9,13 @@ from numpy.typing import NDArray
 from wayloom.errors import InputError
 from wayloom.files.blob import decode_blob, encode_blob
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.stitching.layers import LAYERS
-from wayloom.stitching.regions import RegionMap
+from wayloom.stitching.change_types import Change
+from wayloom.stitching.layer_names import LAYERS
+from wayloom.stitching.region_grid import RegionMap
 from wayloom.stitching.voxel_map import VoxelMap
 
 MAGIC: Final = b"WLREGION"
-VERSION: Final = 1
+VERSION: Final = 2
 DTYPES_OF_LAYER: Final = {
     "keys": "<i4", "points_enu": "<f8", "sigma_m": "<f4", "votes": "<f4", "label": "|u1", "count": "<u4", "drive_start": "<i8",
     "drive": "<i4", "first_seen_ns": "<i8", "last_seen_ns": "<i8",
@@ -29,6 +31,7 @@ def encode_region(region: RegionMap, frame: MapFrame) -> bytes:
         "voxel_m": region.layers[LAYERS[0]].voxel_m,
         "drive_ids": {name: list(layer.drive_ids) for name, layer in region.layers.items()},
         "left_out": {name: layer.left_out for name, layer in region.layers.items()},
+        "changes": [asdict(one) for one in region.changes],
     }
     arrays: dict[str, NDArray[Any]] = {}
     for layer in LAYERS:
@@ -43,9 +46,14 @@ def decode_region(data: bytes, name: str = "region") -> RegionMap:
         header, arrays = decode_blob(data, MAGIC, VERSION, DTYPES)
         layers = {layer: _layer(layer, header, arrays) for layer in LAYERS}
         east, north = header["key"]
-        return RegionMap((int(east), int(north)), layers)
+        return RegionMap((int(east), int(north)), layers, tuple(_change(one) for one in header["changes"]))
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"is no region or is damaged ({error})", file=name, remedy="have the map stitched anew") from error
+
+
+def _change(fields: dict[str, Any]) -> Change:
+    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}
+    return Change(**values)
 
 
 def _layer(layer: str, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> VoxelMap:

@@ -5,11 +5,8 @@ numbers or run in the canonical order of drive, digest and row. So a region has 
 and the union of all regions is what one region as large as the map gives.
 """
 
-import hashlib
-import itertools
-import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -17,11 +14,16 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT, MOVING_CLASSES, SKY
 from wayloom.geodesy.map_frame import MapFrame
+from wayloom.stitching.change import judge_change
+from wayloom.stitching.change_types import Change
 from wayloom.stitching.fusion import FusedPoints, fuse
 from wayloom.stitching.grid import unpack
-from wayloom.stitching.layers import LAYERS, MOVING, PARKED, STATIC, UNCONFIRMED, layers_of
+from wayloom.stitching.layer_names import GONE, LAYERS, MOVING, PARKED, STATIC, UNCONFIRMED
+from wayloom.stitching.layers import layers_of
+from wayloom.stitching.placed_looks import PlacedLooks, canonical_looks
 from wayloom.stitching.points import VEHICLES, Box, MapPoints, canonical, check_reach, frame_of, map_points
-from wayloom.stitching.settings import HALO_M, MergeSettings
+from wayloom.stitching.region_grid import REGION_M, RegionKey, RegionMap, region_edges
+from wayloom.stitching.settings import LOOK_HALO_M, THING_HALO_M, MergeSettings
 from wayloom.stitching.voxel_map import VoxelMap, joined_maps
 from wayloom.stitching.voxels import VOTE_UNIT, pooled, voxels_of
 from wayloom.submaps.submap import PlacedSubmap
@@ -33,81 +35,58 @@ CLASSES_OF_LAYER: Final = {
     UNCONFIRMED: STATIC_CLASSES,
     PARKED: np.array(VEHICLES),
     MOVING: np.array(VEHICLES),
+    GONE: np.concatenate([STATIC_CLASSES, VEHICLES]),
 }
 
 
-RegionKey = tuple[int, int]
-"""Column from the west, row from the south."""
-REGION_M: Final = 64.0
-
-
-@dataclass(frozen=True, slots=True)
-class RegionMap:
-    """The layers of one region by their names in LAYERS. Parked and moving things, and what waits for another drive to confirm it,
-    are kept apart: only `static` is published."""
-
-    key: RegionKey
-    layers: dict[str, VoxelMap]
-
-
-def region_edges(key: RegionKey, edge_m: float = REGION_M) -> tuple[FloatArray, FloatArray]:
-    """South-western and north-eastern corner (2,), m east and north in the map's frame."""
-    return edge_m * np.array(key, np.float64), edge_m * (np.array(key, np.float64) + 1.0)
-
-
-def regions_within(low_enu: FloatArray, high_enu: FloatArray) -> Iterable[RegionKey]:
-    """The regions that points of a box (2,) to (2,), m east and north, may bear on."""
-    first = np.floor((low_enu - HALO_M) / REGION_M).astype(int).tolist()
-    last = np.floor((high_enu + HALO_M) / REGION_M).astype(int).tolist()
-    return itertools.product(range(first[0], last[0] + 1), range(first[1], last[1] + 1))
-
-
 def regions_of(item: PlacedSubmap, settings: MergeSettings = MergeSettings(), edge_m: float = REGION_M) -> set[RegionKey]:
-    """The regions that a submap may change: those that its points, and the halo around them, reach."""
+    """The regions that a submap's points may change: those that they, and the halo around them, reach."""
     xyz = item.points_enu()
     check_reach(item, xyz, settings.voxel_m)
-    low, high = (np.floor((xyz[:, :2] + side * settings.halo_m) / edge_m).astype(np.int64) for side in (-1.0, 1.0))
+    return _around(xyz, settings.halo_m + THING_HALO_M, edge_m)
+
+
+def regions_seen(looks: PlacedLooks, edge_m: float = REGION_M) -> set[RegionKey]:
+    """The regions that the looks of a submap may change."""
+    return _around(looks.T_map_cam[:, :3, 3], LOOK_HALO_M, edge_m)
+
+
+def _around(xyz: FloatArray, halo_m: float, edge_m: float) -> set[RegionKey]:
+    """The regions within `halo_m` east or north of any of these places (n, 3) m."""
+    low, high = (np.floor((xyz[:, :2] + side * halo_m) / edge_m).astype(np.int64) for side in (-1.0, 1.0))
     corners = np.unique(np.hstack([low, high]), axis=0) if len(xyz) else np.zeros((0, 4), np.int64)
     return {(i, j) for west, south, east, north in corners.tolist() for i in range(west, east + 1) for j in range(south, north + 1)}
 
 
-def region_inputs_digest(
-    key: RegionKey, placed: Iterable[PlacedSubmap], settings: MergeSettings = MergeSettings(), edge_m: float = REGION_M
-) -> str:
-    """SHA-256 of all that a region is made from: submaps that reach it, poses, covariances, settings, frame."""
-    inputs = [
-        [item.drive_id, item.submap.digest, item.T_enu_submap.tolist(), np.nan_to_num(item.covariance).tolist()]
-        for item in canonical(placed)
-        if key in regions_of(item, settings, edge_m)
-    ]
-    frame = next((item.frame for item in canonical(placed)), None)
-    content = [
-        list(key),
-        edge_m,
-        settings.model_dump(),
-        None if frame is None else [frame.lon_deg, frame.lat_deg, frame.height_m],
-        inputs,
-    ]
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
-
-
 def fuse_region(
-    key: RegionKey, placed: Iterable[PlacedSubmap], settings: MergeSettings = MergeSettings(), edge_m: float = REGION_M
+    key: RegionKey,
+    placed: Iterable[PlacedSubmap],
+    settings: MergeSettings = MergeSettings(),
+    edge_m: float = REGION_M,
+    looks: Iterable[PlacedLooks] = (),
 ) -> RegionMap:
-    """The layers of one region of the map.
+    """The layers of one region of the map, and its changes.
 
-    placed : at least every submap that `regions_of` says to reach it, in any order; one that comes twice counts once
+    placed : at least every submap that has points within the region or HALO_M around it, in any order; one that comes twice
+             counts once
+    looks  : at least those whose cameras lie within the region or LOOK_HALO_M around it, likewise; without any nothing changes
     Raises StageError when the submaps are of different frames, or lie beyond KEY_LIMITS voxels from the frame's origin.
     """
     items = canonical(placed)
     low, high = region_edges(key, edge_m)
-    points = map_points(items, Box(low - settings.halo_m, high + settings.halo_m, low, high), settings)
+    around = Box(low - THING_HALO_M, high + THING_HALO_M, low, high)
+    seen = canonical_looks(looks, around.low, around.high, settings.change.see_m)
+    wide = settings.halo_m + (THING_HALO_M if seen else 0.0)
+    points = map_points(items, replace(around, low=low - wide, high=high + wide), settings)
     fused, layer = fused_points(points, settings)
+    changes: list[Change] = []
+    if seen:
+        layer, changes = judge_change(points, fused, layer, seen, around, settings.change)
     layers = {
         name: _voxel_map(points, fused, np.flatnonzero(layer == number), number, (low, high), frame_of(items), settings)
         for number, name in enumerate(LAYERS)
     }
-    return RegionMap(key, layers)
+    return RegionMap(key, layers, tuple(changes))
 
 
 def fused_points(points: MapPoints, settings: MergeSettings) -> tuple[FusedPoints, NDArray[np.int8]]:

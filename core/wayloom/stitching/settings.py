@@ -10,8 +10,33 @@ FITS: Final = 3
 """Planes are fitted so often, each time to points weighted by their distance from the plane before."""
 WIDEST_VOXEL_M: Final = 0.5
 """Coarser voxels may differ at the seams of regions."""
-HALO_M: Final = 12.0
+LARGEST_THING_M: Final = 6.0
+THING_HALO_M: Final = LARGEST_THING_M + 0.5
+"""How far around a region things reach that have a point or their middle in it."""
+HALO_M: Final = 12.0 + THING_HALO_M
 """How far around a region points bear on what is in it, at most."""
+FURTHEST_LOOK_M: Final = 25.0
+LOOK_HALO_M: Final = FURTHEST_LOOK_M + THING_HALO_M
+"""How far around a region looks bear on what is in it, at most: the cameras, not what they see."""
+
+
+class ChangeSettings(Settings):
+    """When a look sees a thing or through it, and how many looks make a thing gone or new."""
+
+    see_m: float = Field(25.0, gt=0.0, le=FURTHEST_LOOK_M, description="how far looks are believed, m")
+    gate_sigma: float = Field(2.0, gt=0.0, description="so many sigma of places and depths may a look be off")
+    slack_m: float = Field(0.3, ge=0.0, description="and so much besides: a thing is no point, m")
+    share: float = Field(0.5, gt=0.0, le=1.0, description="least share of a thing's points that a look sees through")
+    link_m: float = Field(0.5, gt=0.0, le=0.5, description="edge of the columns whose points are one thing where they touch, m")
+    thing_m: float = Field(LARGEST_THING_M, gt=0.0, le=LARGEST_THING_M, description="larger things are judged in pieces, m")
+    nothing_odds: float = Field(
+        8.0, gt=0.0, description="log-odds, by the looks of all other drives together, at which nothing is there"
+    )
+    least_through: int = Field(4, ge=1, description="and at least so many of these looks see through")
+    least_through_vehicle: int = Field(3, ge=1, description="the same of a vehicle, which stereo does not miss")
+    looks: int = Field(4, ge=1, description="looks of the drives that have a thing before it can be missed")
+    agreeing: float = Field(0.25, ge=0.0, description="looks of these that see through it, for each that sees it, at most")
+    confirming: int = Field(5, ge=1, description="looks of one drive that confirm a new thing; two drives do with fewer")
 
 
 class MergeSettings(Settings):
@@ -29,10 +54,11 @@ class MergeSettings(Settings):
     across_rad: float = Field(0.002, gt=0.0, description="sigma of a point across its ray, radians")
     lone_sigma_m: float = Field(0.3, gt=0.0, description="a point that nothing confirms is published up to this sigma, m")
     confirm_m: float = Field(0.2, gt=0.0, le=1.0, description="a point of another drive so near confirms it, m")
-    vote_reach_m: float = Field(0.6, gt=0.0, le=2.0, description="points of one surface so near vote together, m")
+    vote_reach_m: float = Field(1.2, gt=0.0, le=2.0, description="points of one surface so near vote together, m")
     lone_vote_reach_m: float = Field(0.2, gt=0.0, le=2.0, description="the same for points on no surface, m")
     surface_thickness_m: float = Field(0.15, gt=0.0, description="how far from its plane a point still votes on a surface, m")
     standing_s: float = Field(1.0, gt=0.0, description="a vehicle that a drive sees at one place for so long is parked, s")
+    change: ChangeSettings = ChangeSettings()
 
     @property
     def halo_m(self) -> float:
@@ -48,9 +74,10 @@ class MergeSettings(Settings):
 
     @model_validator(mode="after")
     def _reach_no_further_than_the_halo(self) -> "MergeSettings":
-        if self.halo_m > HALO_M:
+        most = HALO_M - THING_HALO_M
+        if self.halo_m > most:
             raise ValueError(
-                f"points bear on a region from {self.halo_m:.1f} m around it: shorten reaches or cells to come under {HALO_M} m"
+                f"points bear on a region from {self.halo_m:.1f} m around it: shorten reaches or cells to come under {most} m"
             )
         return self
 
@@ -67,6 +94,10 @@ class CityGraphSettings(Settings):
     )
     confidence: float = Field(0.9999, gt=0.9, lt=1.0, description="of chi-square (6): beyond, a meeting is refused")
     least_agreeing: int = Field(2, ge=1, description="meetings that must agree before a drive without GNSS is placed by them")
+    level_deg: float = Field(1.0, gt=0.0, le=45.0, description="sigma of how level a drive without GNSS lies, degrees")
+    least_road_m: float = Field(
+        100.0, ge=0.0, description="road of a drive without GNSS whose meetings must agree before the city map takes it, m"
+    )
     free_m: float = Field(100.0, gt=0.0, description="prior sigma of a drive without GNSS about where its meetings put it, m")
     free_rad: float = Field(1.0, gt=0.0, description="the same of its heading, rad")
     whole_up_to: int = Field(1000, ge=1, description="drives that meet are solved as one up to so many submaps, else cell by cell")

@@ -35,8 +35,8 @@ class DrivePlaces:
     covariance    (n, 6, 6) of the left perturbation (v, omega), m^2 and rad^2
     length_m      (n,) m of road of each submap
     connected     (n - 1,) false where the track was lost between a submap and the next
-    cross         (n - 1, 6, 6) covariance of the left perturbations of a submap (rows) and the next (columns), where the drive's
-                  graph tells it; otherwise it is derived (`wayloom.stitching.drive_chain`)
+    cross         (n - 1, 6, 6) covariance of the left perturbations of a submap (rows) and the next (columns), as the drive's
+                  graph tells it; where that is NaN, and without it, it is derived (`wayloom.stitching.drive_chain`)
     located       whether the frame is the map's: the drive has GNSS
     """
 
@@ -62,7 +62,7 @@ class JudgedMeeting:
 
 
 @dataclass(frozen=True, slots=True)
-class PlacedDrive:
+class AlignedDrive:
     """A drive after the city's optimisation.
 
     T_map_submap  (n, 4, 4); in the drive's own frame where it is not placed
@@ -82,7 +82,7 @@ class PlacedDrive:
 class City:
     """Drives by their id, in its order, and judged meetings in canonical order; solved: how many windows were solved now."""
 
-    drives: dict[str, PlacedDrive]
+    drives: dict[str, AlignedDrive]
     meetings: list[JudgedMeeting]
     solved: int = 0
     windows: int = 0

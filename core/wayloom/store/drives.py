@@ -12,6 +12,7 @@ from wayloom.store.jobs import JobMessage, create_drive_jobs, create_removal_job
 from wayloom.store.manifest import Manifest
 from wayloom.store.maps import ensure_map, mark_changed
 from wayloom.store.tables import Drive, DriveFile, Job, Vehicle
+from wayloom.store.withdrawal import forget_drive
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +57,11 @@ def get(session: Session, drive_id: str) -> Drive:
 def known(session: Session, drive_ids: Sequence[str]) -> set[str]:
     """Those of the ids that are drives."""
     return set(session.scalars(select(Drive.id).where(Drive.id.in_(drive_ids)))) if drive_ids else set()
+
+
+def all_ids(session: Session) -> set[str]:
+    """The ids of all drives."""
+    return set(session.scalars(select(Drive.id)))
 
 
 def newest(session: Session, limit: int, before: float | None = None, state: str | None = None) -> Sequence[Drive]:
@@ -120,25 +126,33 @@ def request_removal(session: Session, drive_id: str) -> JobMessage:
 
 
 def delete_rows(session: Session, drive_id: str) -> None:
-    """Forget the drive, its files, uploads, jobs and submaps; the map has changed where these were."""
+    """Forget the drive, its files, uploads, jobs, runs and submaps; the map has changed where these were. Its blobs are to go, and
+    so are the versions of the map that hold it, but for the newest, which the next one replaces."""
     mark_changed(session, drive_id)
+    forget_drive(session, drive_id)
     session.execute(delete(Drive).where(Drive.id == drive_id))
 
 
 def jobs_of(session: Session, drives: Sequence[Drive]) -> dict[str, list[Job]]:
     """For each drive its stages in order, with their parts, those of the map job that takes it in included."""
     ids = [drive.id for drive in drives]
-    stitches = {drive.stitch_job_id for drive in drives if drive.stitch_job_id is not None}
+    map_jobs = {drive.id: _map_job(drive) for drive in drives}
+    stitches = {job_id for job_id in map_jobs.values() if job_id is not None}
     own = session.scalars(select(Job).where(Job.drive_id.in_(ids)).order_by(Job.position, Job.part)).all()
     of_map = session.scalars(select(Job).where(Job.id.in_(stitches) | Job.parent_id.in_(stitches)).order_by(Job.id)).all()
     found: dict[str, list[Job]] = {drive_id: [] for drive_id in ids}
     for job in own:
         if job.drive_id is not None:
             found[job.drive_id].append(job)
-    for drive in drives:
-        if drive.stitch_job_id is not None:
-            found[drive.id] += [job for job in of_map if drive.stitch_job_id in (job.id, job.parent_id)]
+    for drive_id, map_job in map_jobs.items():
+        if map_job is not None:
+            found[drive_id] += [job for job in of_map if map_job in (job.id, job.parent_id)]
     return found
+
+
+def _map_job(drive: Drive) -> int | None:
+    """The map's job that takes in what the drive's stages make; of a drive that is processed anew, none until they are done."""
+    return drive.stitch_job_id if drive.coming is None else drive.coming.get("stitch")
 
 
 def track_of(session: Session, drive_id: str) -> list[object] | None:

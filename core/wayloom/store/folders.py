@@ -31,7 +31,12 @@ class Folders:
 
     def drive(self, drive_id: str) -> Path:
         """Folder of one drive."""
-        return self.root / "drives" / drive_id
+        return self.all_drives / drive_id
+
+    @property
+    def all_drives(self) -> Path:
+        """Folder of the folders of drives."""
+        return self.root / "drives"
 
     def map(self, map_id: str) -> Path:
         """Folder of one map's jobs."""

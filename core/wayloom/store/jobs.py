@@ -14,8 +14,9 @@ from sqlalchemy.orm import Session
 
 from wayloom.config.stages import REMOVAL, drive_stages, find_stage, map_stages
 from wayloom.errors import ConflictError, LeaseLostError
+from wayloom.store import coming
 from wayloom.store.database import Database, now_s
-from wayloom.store.tables import Drive, Job, Map
+from wayloom.store.tables import Drive, DriveRun, Job, Map
 
 ERROR_LENGTH = 4000
 
@@ -160,7 +161,16 @@ def input_keys(session: Session, drive_id: str, stage: str) -> dict[str, str]:
 
 
 def keys_of_outputs(session: Session, drive_id: str, stages: Sequence[str]) -> dict[str, str]:
-    """For each of the stages that is done, the key of its output."""
+    """For each of the stages, the key of its output in the run whose submaps the map has: of a drive that is processed anew, that
+    of the run before. A drive without a kept run has the outputs of its jobs that are done."""
+    run = session.scalars(select(DriveRun).where(DriveRun.drive_id == drive_id).order_by(DriveRun.number.desc()).limit(1)).first()
+    if run is not None:
+        return {stage: str(run.stages[stage]["key"]) for stage in stages if stage in run.stages}
+    return keys_of_jobs(session, drive_id, stages)
+
+
+def keys_of_jobs(session: Session, drive_id: str, stages: Sequence[str]) -> dict[str, str]:
+    """For each of the stages whose job is done, the key of its output."""
     rows = session.scalars(select(Job).where(Job.drive_id == drive_id, Job.stage.in_(stages), Job.state == "done", Job.part == 0))
     return {job.stage: str(job.payload["key"]) for job in rows}
 
@@ -178,7 +188,7 @@ def retry(session: Session, drive_id: str) -> list[JobMessage]:
             waiting = update(Drive).where(Drive.stitch_job_id == (job.parent_id or job.id), Drive.state == "failed")
             _update(session, waiting, state="stitching", error=None, finished_at=None)
         else:
-            drive.state, drive.error, drive.finished_at = "queued", None, None
+            coming.resume(drive)
     return [JobMessage(job.id, job.queue) for job in jobs]
 
 
@@ -226,13 +236,13 @@ def _map_is_busy(session: Session, job: Job) -> bool:
 
 def _fail_dependants(session: Session, job: Job, error: str) -> None:
     """A failed stage fails its drive; a failed map job fails the drives that wait for it."""
-    values = {
+    values: dict[str, Any] = {
         "state": "failed",
         "error": _text(f"{job.stage}{f', part {job.part}' if job.part else ''}: {error}"),
         "finished_at": now_s(session),
     }
     if job.drive_id is not None:
-        _update(session, update(Drive).where(Drive.id == job.drive_id), **values)
+        coming.fail(session.get_one(Drive, job.drive_id), values["error"], values["finished_at"])
     else:
         if job.part:
             _update(session, update(Job).where(Job.id == job.parent_id, Job.state == "waiting"), **values)

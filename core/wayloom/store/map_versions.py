@@ -5,17 +5,18 @@ version costs what changed, and every version that is kept stays readable whole.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
-from sqlalchemy import ColumnElement, Update, delete, insert, select, tuple_, update
+from sqlalchemy import ColumnElement, Update, delete, insert, or_, select, tuple_, update
 from sqlalchemy.orm import Session
 
 from wayloom.errors import ConflictError
 from wayloom.store import maps
 from wayloom.store.database import now_s
-from wayloom.store.maps import Box
+from wayloom.store.maps import Box, box_of_row
 from wayloom.store.tables import ChangedBox, Drive, Map, MapDrive, MapVersion, RegionRow, SubmapRow, TileRow
+from wayloom.store.withdrawal import withdraw
 from wayloom.tiles.formats import SERVED_LAYERS
 
 OUT_OF_REACH = "lies too far from the map's origin for one grid: give it a map of its own (WAYLOOM_MAP_ID)"
@@ -48,7 +49,11 @@ class TileEntry:
 
 @dataclass(frozen=True, slots=True)
 class RegionEntry:
-    """One region: where it is, what it was made from (`RegionRow`), and which blob it is."""
+    """One region: where it is, what it was made from (`RegionRow`), which blob it is, what has gone from it and is new, and which
+    blobs its ground and its markings are (empty: it has none).
+
+    changes : GeoJSON features, points with the properties of `wayloom.stitching.change.Change`
+    """
 
     east: int
     north: int
@@ -56,6 +61,9 @@ class RegionEntry:
     digest: str
     members: list[list[str]]
     size: int
+    changes: list[dict[str, Any]] = field(default_factory=list)
+    ground: str = ""
+    markings: str = ""
 
     @property
     def key(self) -> RegionKey:
@@ -65,7 +73,8 @@ class RegionEntry:
 
 @dataclass(frozen=True, slots=True)
 class MovedSubmap:
-    """A submap and its place by the city graph, as in `SubmapRow`; own_T_enu_submap tells the row that was moved."""
+    """A submap and its place by the city graph, as in `SubmapRow`; own_T_enu_submap tells the row that was moved. Without frame and
+    box it loses its place."""
 
     drive_id: str
     position: int
@@ -74,7 +83,13 @@ class MovedSubmap:
     T_enu_submap: list[list[float]]
     covariance: list[list[float]]
     track: list[list[float]]
-    box: Box
+    frame: list[float] | None
+    box: Box | None
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> "MovedSubmap":
+        """The inverse of `dataclasses.asdict`, whose tuples JSON has made lists."""
+        return cls(**{**content, "box": None if content["box"] is None else tuple(content["box"])})
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +104,7 @@ class NewVersion:
     moved          submaps that the city graph places elsewhere than `base` has them
     taken_in       ids of the changed boxes that this version has taken in
     out_of_reach   drives that lie too far from the frame's origin to be in it
+    verdicts       on guests that this version has judged, by their ids: `wayloom.stitching.admission.Verdict` as JSON
     """
 
     base: int
@@ -105,10 +121,12 @@ class NewVersion:
     facts: dict[str, Any] = field(default_factory=dict)
     built_with: str = ""
     out_of_reach: tuple[str, ...] = ()
+    verdicts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 def publish(session: Session, map_id: str, new: NewVersion, kept: int) -> int:
-    """Write the next version, flip the map's pointer to it, and finish the drives that waited for it. Returns its number.
+    """Write the next version, flip the map's pointer to it, finish the drives that waited for it, and withdraw the versions that
+    hold a removed drive. Returns its number.
 
     Raises ConflictError when another version than `new.base` is the newest by now.
     """
@@ -131,10 +149,12 @@ def publish(session: Session, map_id: str, new: NewVersion, kept: int) -> int:
     ).all()
     if not flipped:
         raise ConflictError(f"map {map_id!r}: another version was published meanwhile")
+    _write_verdicts(session, new.verdicts, now)
     _finish_drives(session, map_id, new.out_of_reach, now)
     for some in _batches(new.taken_in):
         session.execute(delete(ChangedBox).where(ChangedBox.map_id == map_id, ChangedBox.id.in_(some)))
     _forget(session, map_id, number - kept)
+    withdraw(session, map_id)
     return number
 
 
@@ -174,20 +194,51 @@ def current_regions(session: Session, map_id: str, keys: Iterable[RegionKey] | N
     place = tuple_(RegionRow.east, RegionRow.north)
     queries = [query] if keys is None else [query.where(place.in_(some)) for some in _batches(sorted(keys))]
     rows = [row for one in queries for row in session.scalars(one)]
-    return {(row.east, row.north): RegionEntry(row.east, row.north, row.inputs, row.digest, row.members, row.size) for row in rows}
+    return {(row.east, row.north): _region(row) for row in rows}
 
 
 def region_made_from(session: Session, map_id: str, key: RegionKey, inputs: str) -> RegionEntry | None:
     """A region of any version that is kept, made from the same inputs."""
     here = (RegionRow.map_id == map_id, RegionRow.east == key[0], RegionRow.north == key[1], RegionRow.inputs == inputs)
     row = session.scalars(select(RegionRow).where(*here).limit(1)).first()
-    return None if row is None else RegionEntry(*key, row.inputs, row.digest, row.members, row.size)
+    return None if row is None else _region(row)
 
 
-def changed_boxes(session: Session, map_id: str) -> dict[int, Box]:
-    """Where the map is to be stitched anew, by id of the row."""
+def _region(row: RegionRow) -> RegionEntry:
+    return RegionEntry(row.east, row.north, row.inputs, row.digest, row.members, row.size, row.changes, row.ground, row.markings)
+
+
+def marked_regions(session: Session, map_id: str, number: int) -> list[tuple[RegionKey, str]]:
+    """The regions of a version that have markings or kerbs, with the digests of these, by column and row."""
+    held = or_(RegionRow.until.is_(None), RegionRow.until > number)
+    here = (RegionRow.map_id == map_id, RegionRow.since <= number, held, RegionRow.markings != "")
+    columns = select(RegionRow.east, RegionRow.north, RegionRow.markings)
+    rows = session.execute(columns.where(*here).order_by(RegionRow.east, RegionRow.north))
+    return [((east, north), digest) for east, north, digest in rows]
+
+
+def changed_things(session: Session, map_id: str) -> list[dict[str, Any]]:
+    """What has gone and is new in the newest version, as features, by region."""
+    here = (RegionRow.map_id == map_id, RegionRow.until.is_(None), RegionRow.change_count > 0)
+    rows = session.scalars(select(RegionRow).where(*here).order_by(RegionRow.east, RegionRow.north))
+    return [feature for row in rows for feature in row.changes]
+
+
+def things_of_version(session: Session, map_id: str, number: int) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Of a version: the changed things that it lists and the one before did not, and those that it lists no more, as features."""
+    query = select(RegionRow).where(RegionRow.map_id == map_id, RegionRow.change_count > 0)
+    order = (RegionRow.east, RegionRow.north)
+    after, before = (
+        [one for row in session.scalars(query.where(which == number).order_by(*order)) for one in row.changes]
+        for which in (RegionRow.since, RegionRow.until)
+    )
+    return [one for one in after if one not in before], [one for one in before if one not in after]
+
+
+def changed_boxes(session: Session, map_id: str) -> dict[int, Box | None]:
+    """Where the map is to be stitched anew, by id of the row; None for a submap without a place."""
     rows = session.scalars(select(ChangedBox).where(ChangedBox.map_id == map_id).order_by(ChangedBox.id))
-    return {row.id: (row.min_lon, row.min_lat, row.max_lon, row.max_lat) for row in rows}
+    return {row.id: box_of_row(row) for row in rows}
 
 
 def changed_drives(session: Session, map_id: str) -> Sequence[str]:
@@ -253,13 +304,15 @@ def _replace_regions(session: Session, map_id: str, number: int, new: NewVersion
         here = (RegionRow.map_id == map_id, RegionRow.until.is_(None), tuple_(RegionRow.east, RegionRow.north).in_(some))
         session.execute(update(RegionRow).where(*here).values(until=number))
     if new.regions:
-        columns = [{name: getattr(entry, name) for name in RegionEntry.__slots__} for entry in new.regions]
+        columns = [asdict(entry) | {"change_count": len(entry.changes)} for entry in new.regions]
         session.execute(insert(RegionRow), [{"map_id": map_id, "since": number, "until": None, **row} for row in columns])
 
 
 def _replace_drives(session: Session, map_id: str, number: int, drives: Sequence[str]) -> None:
-    held = select(MapDrive.drive_id).where(MapDrive.map_id == map_id, MapDrive.until.is_(None))
-    before, after = set(session.scalars(held)), set(drives)
+    """Those of the version. A drive that was removed is another one where it has been sent again since."""
+    newest = (MapDrive.map_id == map_id, MapDrive.until.is_(None))
+    session.execute(update(MapDrive).where(*newest, MapDrive.removed.is_(True)).values(until=number))
+    before, after = set(session.scalars(select(MapDrive.drive_id).where(*newest))), set(drives)
     for some in _batches(sorted(before - after)):
         gone = (MapDrive.map_id == map_id, MapDrive.until.is_(None), MapDrive.drive_id.in_(some))
         session.execute(update(MapDrive).where(*gone).values(until=number))
@@ -281,7 +334,27 @@ def _move(session: Session, moved: MovedSubmap) -> None:
     if row is not None and (row.digest, row.own_T_enu_submap or row.T_enu_submap) == (moved.digest, moved.own_T_enu_submap):
         row.own_T_enu_submap, row.own_covariance = moved.own_T_enu_submap, row.own_covariance or row.covariance
         row.T_enu_submap, row.covariance, row.track = moved.T_enu_submap, moved.covariance, moved.track
-        row.min_lon, row.min_lat, row.max_lon, row.max_lat = moved.box
+        row.frame = moved.frame
+        row.min_lon, row.min_lat, row.max_lon, row.max_lat = moved.box or (None, None, None, None)
+
+
+def _write_verdicts(session: Session, verdicts: Mapping[str, Mapping[str, Any]], now: float) -> None:
+    """Guests that are admitted are done, the others are held. One that was judged anew, released or removed meanwhile is no guest
+    of this version any more: the next stitch has it."""
+    for some in _batches(sorted(verdicts)):
+        here = (Drive.id.in_(some), Drive.state != "removing", maps.IS_GUEST)
+        for drive in session.scalars(select(Drive).where(*here).order_by(Drive.id)):
+            drive.map_verdict = dict(verdicts[drive.id])
+            drive.admitted = bool(drive.map_verdict["admitted"])
+            was_asked = drive.state in ("stitching", "done", "held") or (
+                drive.state == "failed" and drive.stitch_job_id is not None
+            )
+            state = "done" if drive.admitted else "held"
+            if was_asked and drive.state != state:
+                drive.state, drive.error, drive.finished_at = state, None, now
+            if not drive.admitted:
+                drive.stitch_job_id = None
+    session.flush()
 
 
 def _finish_drives(session: Session, map_id: str, out_of_reach: Sequence[str], now: float) -> None:

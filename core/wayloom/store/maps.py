@@ -5,17 +5,24 @@ from dataclasses import dataclass
 from typing import Final
 
 from sqlalchemy import ColumnElement, and_, delete, func, insert, or_, select
-from sqlalchemy.orm import InstrumentedAttribute, Session
+from sqlalchemy.orm import InstrumentedAttribute, Session, aliased
 
-from wayloom.errors import NotFoundError
+from wayloom.errors import NotFoundError, WithdrawnError
 from wayloom.store.database import now_s
-from wayloom.store.tables import ChangedBox, Drive, Map, MapDrive, MapVersion, SubmapRow, TileRow
-from wayloom.tiles.formats import SERVED_LAYERS
+from wayloom.store.tables import ChangedBox, Drive, Map, MapDrive, MapVersion, RegionRow, SubmapRow, TileRow
+from wayloom.tiles.formats import STATIC_TILES
 
 Box = tuple[float, float, float, float]
 """West, south, east, north in degrees; across the antimeridian east is over 180 (`geodesy.antimeridian.box_of`)."""
+TURNS: Final = (0.0, 360.0, -360.0)
 PASSES: Final = or_(Drive.gate == "merge", Drive.released_at.is_not(None))
 """Of a drive: it was found good enough for the map, or an operator released it. As `gate.passes`."""
+IS_GUEST: Final = and_(Drive.gate == "hold", Drive.sound.is_(True), Drive.released_at.is_(None))
+"""Of a drive: it is held for its place alone, and its meetings with others may place it. As `gate.is_guest`."""
+IN_MAP: Final = or_(PASSES, and_(IS_GUEST, Drive.admitted.is_(True)))
+"""Of a drive: the newest version has it, or the next one will. As `gate.is_in_map`."""
+CANDIDATE: Final = or_(PASSES, IS_GUEST)
+"""Of a drive: a stitch looks at it."""
 
 
 def submaps_of(session: Session, drive_id: str) -> Sequence[SubmapRow]:
@@ -23,27 +30,47 @@ def submaps_of(session: Session, drive_id: str) -> Sequence[SubmapRow]:
     return session.scalars(select(SubmapRow).where(SubmapRow.drive_id == drive_id).order_by(SubmapRow.position)).all()
 
 
-def drives_with_submaps(session: Session, map_id: str) -> Sequence[str]:
-    """Ids of all drives of a map, sorted."""
-    query = select(SubmapRow.drive_id).join(Drive, Drive.id == SubmapRow.drive_id).where(*_merged(map_id))
+def candidates(session: Session, map_id: str) -> Sequence[str]:
+    """Ids of the drives with submaps that a stitch looks at, guests too, sorted."""
+    query = select(SubmapRow.drive_id).join(Drive, Drive.id == SubmapRow.drive_id).where(*_of_map(map_id, CANDIDATE))
     return session.scalars(query.distinct().order_by(SubmapRow.drive_id)).all()
 
 
-def drives_near(session: Session, map_id: str, box: Box) -> Sequence[str]:
-    """Ids of the drives of a map that have a submap touching the box, sorted."""
-    query = select(SubmapRow.drive_id).join(Drive, Drive.id == SubmapRow.drive_id).where(*_merged(map_id), touches(box))
+def candidates_near(session: Session, drive_id: str) -> Sequence[str]:
+    """Ids of the other drives that a stitch looks at and that may have seen the same street, by both drives' own places; sorted.
+
+    Whether two drives are near each other depends on the two alone; a drive without a place of its own is near none.
+    """
+    own = aliased(SubmapRow)
+    lon = (_turned(SubmapRow.near_min_lon, SubmapRow.near_max_lon, own.near_min_lon, own.near_max_lon, turn) for turn in TURNS)
+    touch = and_(or_(*lon), SubmapRow.near_min_lat <= own.near_max_lat, SubmapRow.near_max_lat >= own.near_min_lat)
+    query = select(SubmapRow.drive_id).join(own, and_(own.drive_id == drive_id, own.map_id == SubmapRow.map_id, touch))
+    query = query.join(Drive, Drive.id == SubmapRow.drive_id).where(Drive.id != drive_id, Drive.state != "removing", CANDIDATE)
     return session.scalars(query.distinct().order_by(SubmapRow.drive_id)).all()
 
 
 @dataclass(frozen=True, slots=True)
 class SubmapPlace:
-    """Where a submap lies, without its points: the origin (east, north, up) of its own frame in its cell's, and its box."""
+    """Where a submap lies, without its points: the origin (east, north, up) of its own frame in its cell's, and its box.
+
+    frame and box are None where it has no place; is_guest: of a drive whose meetings may place it; admitted: they did in the newest
+    version; located: the drive's own geo-reference places it.
+    """
 
     drive_id: str
     position: int
-    frame: tuple[float, float, float]
+    frame: tuple[float, float, float] | None
     origin_enu: tuple[float, float, float]
-    box: Box
+    box: Box | None
+    is_guest: bool = False
+    admitted: bool = False
+    located: bool = True
+
+
+def box_of_row(row: SubmapRow | ChangedBox) -> Box | None:
+    """The row's box; None where it has no place."""
+    west, south, east, north = row.min_lon, row.min_lat, row.max_lon, row.max_lat
+    return None if west is None or south is None or east is None or north is None else (west, south, east, north)
 
 
 def ensure_map(session: Session, map_id: str) -> Map:
@@ -70,20 +97,26 @@ def all_maps(session: Session) -> Sequence[Map]:
 
 
 def version(session: Session, map_id: str, number: int | None = None) -> MapVersion:
-    """A published version, the newest by default. Raises NotFoundError."""
+    """A published version, the newest by default. Raises NotFoundError, or WithdrawnError for one that held a removed drive."""
     number = get(session, map_id).version if number is None else number
     found = session.get(MapVersion, (map_id, number))
     if found is None:
         raise NotFoundError(
             f"map {map_id!r} has no version {number}" if number else f"nothing has been published in map {map_id!r} yet"
         )
+    if found.withdrawn_at is not None:
+        raise WithdrawnError(
+            f"version {number} of map {map_id!r} held a drive that was removed, and is withdrawn: drop what you have of it, "
+            f"and read the newest, /v1/maps/{map_id}"
+        )
     return found
 
 
 def versions(session: Session, map_id: str) -> Sequence[MapVersion]:
-    """The versions that are kept, newest first."""
+    """The versions that are kept and not withdrawn, newest first."""
     get(session, map_id)
-    return session.scalars(select(MapVersion).where(MapVersion.map_id == map_id).order_by(MapVersion.version.desc())).all()
+    kept = (MapVersion.map_id == map_id, MapVersion.withdrawn_at.is_(None))
+    return session.scalars(select(MapVersion).where(*kept).order_by(MapVersion.version.desc())).all()
 
 
 def drives_of(session: Session, map_id: str, number: int) -> Sequence[str]:
@@ -92,7 +125,13 @@ def drives_of(session: Session, map_id: str, number: int) -> Sequence[str]:
     return session.scalars(query.order_by(MapDrive.drive_id)).all()
 
 
-def of_version(table: type[TileRow | MapDrive], number: int) -> ColumnElement[bool]:
+def holds(session: Session, map_id: str, drive_id: str) -> bool:
+    """Whether the newest version of a map has the drive."""
+    query = select(MapDrive.since).where(MapDrive.map_id == map_id, MapDrive.drive_id == drive_id, MapDrive.until.is_(None))
+    return session.scalars(query.limit(1)).first() is not None
+
+
+def of_version(table: type[TileRow | RegionRow | MapDrive], number: int) -> ColumnElement[bool]:
     """Of rows that versions share: they belong to this one."""
     since: InstrumentedAttribute[int] = table.since
     until: InstrumentedAttribute[int | None] = table.until
@@ -106,10 +145,10 @@ def tile(session: Session, map_id: str, number: int, layer: str, z: int, x: int,
 
 
 def coverage(session: Session, map_id: str, zoom: int) -> tuple[int, list[tuple[int, int]]]:
-    """Where the newest version has tiles of any layer: (zoom, (x, y) in order), at this zoom, or, where it has none, at the next
-    coarser one that has any; (0, []) where there is none."""
+    """Where the newest version has tiles of the static layer: (zoom, (x, y) in order), at this zoom, or, where it has none, at
+    the next coarser one that has any; (0, []) where there is none."""
     number = get(session, map_id).version
-    newest = (TileRow.map_id == map_id, of_version(TileRow, number), TileRow.layer.in_(SERVED_LAYERS))
+    newest = (TileRow.map_id == map_id, of_version(TileRow, number), TileRow.layer.in_(STATIC_TILES))
     deepest = session.scalar(select(func.max(TileRow.z)).where(*newest, TileRow.z <= zoom))
     if deepest is None:
         return 0, []
@@ -141,38 +180,59 @@ def has_submaps(session: Session, drive_id: str) -> bool:
     return session.scalars(select(SubmapRow.position).where(SubmapRow.drive_id == drive_id).limit(1)).first() is not None
 
 
-def submaps(session: Session, map_id: str, box: Box | None = None) -> Sequence[SubmapRow]:
+def submaps(session: Session, map_id: str, box: Box | None = None, with_guests: bool = False) -> Sequence[SubmapRow]:
     """The submaps of a map, or those that touch the box, in an order that does not depend on when they came.
 
-    Those of held and quarantined drives are not of the map.
+    Those of held and quarantined drives are not of the map; with_guests: those of guests all the same, wherever they have a place.
     """
-    query = select(SubmapRow).join(Drive, Drive.id == SubmapRow.drive_id).where(*_merged(map_id))
+    which = CANDIDATE if with_guests else IN_MAP
+    query = (
+        select(SubmapRow).join(Drive, Drive.id == SubmapRow.drive_id).where(*_of_map(map_id, which), SubmapRow.min_lon.is_not(None))
+    )
     if box is not None:
         query = query.where(touches(box))
     return session.scalars(query.order_by(SubmapRow.digest, SubmapRow.drive_id, SubmapRow.position)).all()
 
 
 def places(session: Session, map_id: str) -> list[SubmapPlace]:
-    """Where all submaps of a map lie, by drive and position."""
+    """Where all submaps lie that a stitch looks at, by drive and position."""
     row = SubmapRow
     box = (row.min_lon, row.min_lat, row.max_lon, row.max_lat)
+    about = (IS_GUEST, Drive.admitted, row.located)
     query = (
-        select(row.drive_id, row.position, row.frame, row.T_enu_submap, *box)
+        select(row.drive_id, row.position, row.frame, row.T_enu_submap, *box, *about)
         .join(Drive, Drive.id == SubmapRow.drive_id)
-        .where(*_merged(map_id))
+        .where(*_of_map(map_id, CANDIDATE))
     )
     return [
-        SubmapPlace(drive_id, position, tuple(frame), (T[0][3], T[1][3], T[2][3]), (west, south, east, north))
-        for drive_id, position, frame, T, west, south, east, north in session.execute(query.order_by(row.drive_id, row.position))
-    ]
+        SubmapPlace(
+            drive_id, position, None if frame is None else tuple(frame), (T[0][3], T[1][3], T[2][3]),
+            None if west is None else (west, south, east, north), bool(guest), bool(guest and admitted), located,
+        )
+        for drive_id, position, frame, T, west, south, east, north, guest, admitted, located in session.execute(
+            query.order_by(row.drive_id, row.position)
+        )
+    ]  # fmt: skip
 
 
-def _merged(map_id: str) -> tuple[ColumnElement[bool], ...]:
-    return SubmapRow.map_id == map_id, Drive.state != "removing", PASSES
+def _of_map(map_id: str, which: ColumnElement[bool]) -> tuple[ColumnElement[bool], ...]:
+    return SubmapRow.map_id == map_id, Drive.state != "removing", which
 
 
 def touches(box: Box) -> ColumnElement[bool]:
-    """Of a submap: its box touches this one, west <= east, whichever way round the Earth either is written."""
+    """Of a submap: its box touches this one, west <= east, whichever way round the Earth either is written. One without a place
+    touches none."""
     west, south, east, north = box
-    turns = ((SubmapRow.min_lon <= east + turn) & (SubmapRow.max_lon >= west + turn) for turn in (0.0, 360.0, -360.0))
+    turns = ((SubmapRow.min_lon <= east + turn) & (SubmapRow.max_lon >= west + turn) for turn in TURNS)
     return and_(or_(*turns), SubmapRow.min_lat <= north, SubmapRow.max_lat >= south)
+
+
+def _turned(
+    low: InstrumentedAttribute[float | None],
+    high: InstrumentedAttribute[float | None],
+    west: InstrumentedAttribute[float | None],
+    east: InstrumentedAttribute[float | None],
+    turn: float,
+) -> ColumnElement[bool]:
+    """Of two spans of longitude, one turned round the Earth: they overlap."""
+    return and_(low <= east + turn, high >= west + turn)

@@ -2,10 +2,11 @@
 
 from collections.abc import Collection, Sequence
 
-from sqlalchemy import delete, or_, select
+from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
 from wayloom.store.tables import Drive, MeetingRow
+from wayloom.store.withdrawal import forget_meetings
 
 BATCH = 400
 
@@ -45,5 +46,4 @@ def forget_gone(session: Session, map_id: str, drive_ids: Collection[str]) -> No
     """Drop the pairs of those of the drives that are not there any more."""
     there = set(session.scalars(select(Drive.id).where(Drive.id.in_(sorted(drive_ids)))))
     for gone in sorted(set(drive_ids) - there):
-        either = or_(MeetingRow.drive_a == gone, MeetingRow.drive_b == gone)
-        session.execute(delete(MeetingRow).where(MeetingRow.map_id == map_id, either))
+        forget_meetings(session, map_id, gone)

@@ -15,6 +15,7 @@ from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
 from wayloom.errors import ConflictError, NotFoundError
+from wayloom.store.coming import note
 from wayloom.store.database import now_s
 from wayloom.store.tables import Drive, Rig, RigEvidence, RigVersion
 
@@ -167,5 +168,4 @@ def write(
 
 def use(session: Session, drive_id: str, about: Mapping[str, Any] | None) -> None:
     """Remember which version a drive is tracked with."""
-    drive = session.get_one(Drive, drive_id)
-    drive.facts = {**drive.facts, "rig": None if about is None else dict(about)}
+    note(session.get_one(Drive, drive_id), rig=None if about is None else dict(about))

@@ -14,7 +14,9 @@ from sqlalchemy import (
     String,
     Text,
     UniqueConstraint,
+    false,
     text,
+    true,
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
@@ -60,8 +62,13 @@ class Drive(Base):
     state    uploading, queued, running, stitching, done, held, quarantined, failed, removing
     placed   whether it has a place on Earth (None until the geo-reference is done)
     grade    A to E by the geo-reference (None: without a place, or not judged yet), and its reasons in words
-    gate     merge, hold or quarantine (None until the drive is judged); only `merge` and released drives are in the map
+    gate     merge, hold or quarantine (None until the drive is judged), by that grade
+    sound    whether at most the place is in doubt (None: judged before that was told): a sound drive that is held is a guest, asked
+             at every stitch whether its meetings with the map's drives place it
+    admitted, map_verdict  of a guest: whether the newest version has it, and `wayloom.stitching.admission.Verdict` as JSON
+             In the map are drives of the gate `merge`, released and admitted ones.
     released_at, released_by, released_why  an operator's word that a held or quarantined drive is merged all the same
+    coming   while it is processed anew: what was asked for and what the new run has found (`wayloom.store.reprocessing`)
     """
 
     __tablename__ = "drives"
@@ -78,12 +85,16 @@ class Drive(Base):
     grade: Mapped[str | None] = mapped_column(String(1))
     gate: Mapped[str | None] = mapped_column(String(16))
     reasons: Mapped[list[Any] | None]
+    sound: Mapped[bool | None]
+    admitted: Mapped[bool] = mapped_column(default=False, server_default=false())
+    map_verdict: Mapped[dict[str, Any] | None]
     released_at: Mapped[float | None]
     released_by: Mapped[str | None] = mapped_column(String(128))
     released_why: Mapped[str | None] = mapped_column(Text)
     facts: Mapped[dict[str, Any]] = mapped_column(default=dict)
     track: Mapped[list[Any] | None]
     stitch_job_id: Mapped[int | None]
+    coming: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
     created_at: Mapped[float] = mapped_column(index=True)
     uploaded_at: Mapped[float | None]
     finished_at: Mapped[float | None]
@@ -152,13 +163,37 @@ class Job(Base):
     )
 
 
+class DriveRun(Base):
+    """One way of a drive through its stages: what made the submaps that it had in the map. Never changed after it is written.
+
+    stages   for each stage the key, digest, code, libraries, inputs and parameters of its stage.json
+    submaps  digests of the submaps that it made, in the order of the road
+    asked    the settings that were asked for instead of the service's
+    """
+
+    __tablename__ = "drive_runs"
+    drive_id: Mapped[str] = mapped_column(ForeignKey("drives.id", ondelete="CASCADE"), primary_key=True)
+    number: Mapped[int] = mapped_column(primary_key=True)
+    stages: Mapped[dict[str, Any]]
+    submaps: Mapped[list[Any]]
+    asked: Mapped[dict[str, Any]]
+    created_at: Mapped[float]
+
+
 class SubmapRow(Base):
     """A submap's place in the map; its points are the blob `digest`. The box is in degrees, around points and track, for look-up.
 
+    located                           whether the drive's own geo-reference places it; where it does not, own_T_enu_submap is in the
+                                      drive's own level frame, and frame and box are NULL, which no box touches, until a version has
+                                      the drive by its meetings
     T_enu_submap, covariance          where the newest version has it: by the city graph where the drive meets others
     own_T_enu_submap, own_covariance  by the drive's own geo-reference; [] in rows older than the city graph: the same
+    step_before  what joins it to the one before by the drive's own geo-reference, `wayloom.submaps.submap.StepBefore`; none for the
+                 first, and in rows older than this
     length_m  of road
     track   (K, 2) longitude and latitude of its keyframes, and when the first of them was taken (`track_t_ns`)
+    near_*  box by the drive's own place, as wide as that is uncertain: drives whose boxes touch may have seen the same street. It
+            never moves, so which drives are compared depends on the two alone.
     """
 
     __tablename__ = "submaps"
@@ -167,19 +202,28 @@ class SubmapRow(Base):
     map_id: Mapped[str] = mapped_column(ForeignKey("maps.id"), index=True)
     digest: Mapped[str] = mapped_column(DIGEST)
     point_count: Mapped[int]
-    frame: Mapped[list[Any]]
+    located: Mapped[bool] = mapped_column(default=True, server_default=true())
+    frame: Mapped[list[Any] | None] = mapped_column(JSON(none_as_null=True))
     T_enu_submap: Mapped[list[Any]]
     covariance: Mapped[list[Any]]
     own_T_enu_submap: Mapped[list[Any]] = mapped_column(default=list)
     own_covariance: Mapped[list[Any]] = mapped_column(default=list)
+    step_before: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
     length_m: Mapped[float] = mapped_column(default=0.0)
     track: Mapped[list[Any]] = mapped_column(default=list)
     track_t_ns: Mapped[int] = mapped_column(default=0)
-    min_lon: Mapped[float]
-    min_lat: Mapped[float]
-    max_lon: Mapped[float]
-    max_lat: Mapped[float]
-    __table_args__ = (Index("ix_submaps_box", "map_id", "min_lon", "max_lon", "min_lat", "max_lat"),)
+    min_lon: Mapped[float | None]
+    min_lat: Mapped[float | None]
+    max_lon: Mapped[float | None]
+    max_lat: Mapped[float | None]
+    near_min_lon: Mapped[float | None]
+    near_min_lat: Mapped[float | None]
+    near_max_lon: Mapped[float | None]
+    near_max_lat: Mapped[float | None]
+    __table_args__ = (
+        Index("ix_submaps_box", "map_id", "min_lon", "max_lon", "min_lat", "max_lat"),
+        Index("ix_submaps_near", "map_id", "near_min_lon", "near_max_lon", "near_min_lat", "near_max_lat"),
+    )
 
 
 class Rig(Base):
@@ -257,6 +301,7 @@ class MapVersion(Base):
 
     layers      for each layer its media type and, by zoom, how many tiles it has
     built_with  digest of the settings, the code and the frame that its regions and tiles were made with
+    withdrawn_at  since when it is not served any more, because it held a drive that was removed
     """
 
     __tablename__ = "map_versions"
@@ -272,10 +317,11 @@ class MapVersion(Base):
     tile_count: Mapped[int]
     byte_count: Mapped[int]
     facts: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    withdrawn_at: Mapped[float | None]
 
 
 class TileRow(Base):
-    """Where the bytes of a tile are: the digest is the blob's name and the tile's ETag.
+    """Where the bytes of a tile are: the digest is the blob's name and the tile's ETag; empty where all its versions are withdrawn.
 
     since, until   it is part of the versions from `since` on and before `until`; None: of the newest too. So versions share the
                    rows of what did not change between them.
@@ -301,6 +347,9 @@ class RegionRow(Base):
     east, north  its column and row in the grid of the map's frame
     inputs       digest of the submaps, places, settings and code that it was made from: the same inputs make no new region
     members      which submaps these are: [drive id, digest of the submap]
+    changes      what has gone from it and is new, as `RegionEntry.changes`; change_count how many
+    ground       digest of its ground (docs/formats.md), empty where it has none
+    markings     digest of its markings and kerbs (docs/formats.md), empty where it has none: of its ground and that around it
     """
 
     __tablename__ = "regions"
@@ -313,39 +362,48 @@ class RegionRow(Base):
     digest: Mapped[str] = mapped_column(DIGEST)
     members: Mapped[list[Any]]
     size: Mapped[int]
+    changes: Mapped[list[Any]] = mapped_column(server_default="[]")
+    change_count: Mapped[int] = mapped_column(server_default="0")
+    ground: Mapped[str] = mapped_column(DIGEST, server_default="")
+    markings: Mapped[str] = mapped_column(DIGEST, server_default="")
     __table_args__ = (_ended("regions"),)
 
 
 class MapDrive(Base):
-    """A drive that versions of a map hold; `since` and `until` as in `TileRow`. It outlives the drive, as those versions do."""
+    """A drive that versions of a map hold; `since` and `until` as in `TileRow`.
+
+    removed  the drive is no more: the row stays until the versions that hold it are withdrawn
+    """
 
     __tablename__ = "map_drives"
     map_id: Mapped[str] = mapped_column(String(63), primary_key=True)
     drive_id: Mapped[str] = mapped_column(DIGEST, primary_key=True)
     since: Mapped[int] = mapped_column(primary_key=True)
     until: Mapped[int | None]
+    removed: Mapped[bool] = mapped_column(default=False, server_default=false())
     __table_args__ = (_ended("map_drives"),)
 
 
 class ChangedBox(Base):
-    """A place where submaps of a drive came, went or moved since the map was stitched; degrees, as in `SubmapRow`. The version that
-    has taken it in drops it."""
+    """A place where submaps of a drive came, went or moved since the map was stitched; degrees, as in `SubmapRow`, NULL where the
+    submap has no place. The version that has taken it in drops it."""
 
     __tablename__ = "changed_boxes"
     id: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     map_id: Mapped[str] = mapped_column(ForeignKey("maps.id", ondelete="CASCADE"), index=True)
     drive_id: Mapped[str] = mapped_column(DIGEST)
-    min_lon: Mapped[float]
-    min_lat: Mapped[float]
-    max_lon: Mapped[float]
-    max_lat: Mapped[float]
+    min_lon: Mapped[float | None]
+    min_lat: Mapped[float | None]
+    max_lon: Mapped[float | None]
+    max_lat: Mapped[float | None]
 
 
 class MeetingRow(Base):
     """What the registration of two drives found; kept for as long as both are what they were.
 
     inputs  digest of both drives' submaps and places, the frame, the settings and the code
-    digest  of the blob, a file of meetings (docs/formats.md); count: how many there are
+    digest  of the blob, a file of meetings (docs/formats.md), empty where they were not compared; count: how many there are
+    likeness  how much of one without a place of its own is like the other; NULL where both have places
     """
 
     __tablename__ = "meetings"
@@ -355,3 +413,15 @@ class MeetingRow(Base):
     inputs: Mapped[str] = mapped_column(DIGEST)
     digest: Mapped[str] = mapped_column(DIGEST)
     count: Mapped[int]
+    likeness: Mapped[float | None]
+
+
+class ForgottenBlob(Base):
+    """A blob that held something of a removed drive: it is deleted as soon as nothing names it.
+
+    stage  whose jobs store such blobs: while one runs it may have found this one stored, and be about to name it
+    """
+
+    __tablename__ = "forgotten_blobs"
+    digest: Mapped[str] = mapped_column(DIGEST, primary_key=True)
+    stage: Mapped[str] = mapped_column(String(32))

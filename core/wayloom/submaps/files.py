@@ -11,11 +11,13 @@ import numpy as np
 from wayloom.errors import InputError
 from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.submaps.submap import PlacedSubmap, decode_submap
+from wayloom.submaps.submap import PlacedSubmap, StepBefore, decode_submap
 
 FORMAT = "wayloom-submaps"
 VERSION = 1
 INDEX = "index.json"
+BEND_DIGITS = 5
+"""Decimals: 10 um and 10 urad."""
 REMEDY = "make the submaps again"
 
 
@@ -54,6 +56,8 @@ def _entry(item: PlacedSubmap) -> dict[str, Any]:
         "covariance": item.covariance.tolist() if np.isfinite(item.covariance).all() else None,
         "points": len(item.submap),
         "length_m": item.submap.length_m,
+        "before": None if item.before is None else item.before.content(),
+        "bend": None if item.bend is None else np.round(item.bend, BEND_DIGITS).tolist(),
     }
 
 
@@ -67,6 +71,11 @@ def _load(folder: Path, entry: dict[str, Any]) -> PlacedSubmap:
         raise InputError("does not hold what its name says", file=path, remedy=REMEDY)
     covariance = np.full((6, 6), np.nan) if entry["covariance"] is None else np.array(entry["covariance"], np.float64)
     frame = None if entry["frame"] is None else MapFrame(*entry["frame"])
-    return PlacedSubmap(
-        decode_submap(data, str(path)), np.array(entry["T_enu_submap"], np.float64), covariance, entry["drive_id"], frame
-    )
+    told = entry.get("before")  # not in files of before it was told
+    before = None if told is None else StepBefore.of(told)
+    T_enu_submap = np.array(entry["T_enu_submap"], np.float64)
+    bend = None if entry.get("bend") is None else np.array(entry["bend"], np.float64).reshape(-1, 6)  # likewise
+    submap = decode_submap(data, str(path))
+    if bend is not None and len(bend) != len(submap.keyframe_frame):
+        raise InputError("tells bends of another number of keyframes", file=folder / INDEX, remedy=REMEDY)
+    return PlacedSubmap(submap, T_enu_submap, covariance, entry["drive_id"], frame, before, bend)

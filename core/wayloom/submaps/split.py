@@ -11,12 +11,13 @@ from wayloom.errors import StageError
 from wayloom.geometry import se3
 from wayloom.georeference.nodes import travelled
 from wayloom.georeference.rigid import mean_motion
-from wayloom.georeference.types import GeoReference
+from wayloom.georeference.types import Anchors, GeoReference
 from wayloom.labelling.types import PointLabels
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.types import OdometryResult
+from wayloom.submaps.bend import noticed, stretches2
 from wayloom.submaps.settings import SubmapSettings
-from wayloom.submaps.submap import PlacedSubmap, Submap
+from wayloom.submaps.submap import PlacedSubmap, StepBefore, Submap
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -39,9 +40,12 @@ def make_submaps(
         raise StageError(f"{len(labels)} labels for {len(odometry.points)} points: labelling and odometry are of different runs")
     kept = _judge_points(odometry, labels, settings)
     stretches = split_road(odometry, settings)
+    submaps = [_submap(odometry, labels, kept, stretch, settings) for stretch in stretches]
+    anchors = anchor_frames(odometry, stretches)
+    steps = (None, *_steps(geo.anchors, anchors))
     return [
-        _place(_submap(odometry, labels, kept, stretch, settings), odometry, geo, stretch, drive_id or log.name)
-        for stretch in stretches
+        _place(submap, geo, int(anchor), drive_id or log.name, step, stretch2)
+        for submap, anchor, step, stretch2 in zip(submaps, anchors, steps, stretches2(geo, anchors).tolist(), strict=True)
     ]
 
 
@@ -69,6 +73,11 @@ def split_road(odometry: OdometryResult, settings: SubmapSettings) -> list[Stret
             middle = 0.5 * (road[members[0]] + road[members[-1]])
             stretches.append(Stretch(members, int(members[np.argmin(np.abs(road[members] - middle))]), length / pieces))
     return stretches
+
+
+def anchor_frames(odometry: OdometryResult, stretches: list[Stretch]) -> IntArray:
+    """(S,) frames of the log at which the sections' anchors stand."""
+    return np.asarray(odometry.keyframes.frame[[stretch.anchor for stretch in stretches]], np.int64)
 
 
 NAMES = ("kept", "without depth", "too far", "depth too uncertain", "sky")
@@ -147,11 +156,26 @@ def _take_ragged(start: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
     return new, np.repeat(start[rows] - new[:-1], length) + np.arange(new[-1])
 
 
-def _place(submap: Submap, odometry: OdometryResult, geo: GeoReference, stretch: Stretch, drive_id: str) -> PlacedSubmap:
-    """Pose of a submap: the mean of the poses that its keyframes give its origin; the anchor's covariance.
+def _steps(told: Anchors, anchors: IntArray) -> list[StepBefore | None]:
+    """(S - 1) what the drive's graph tells of each submap and the one before; None where it was asked of other frames."""
+    if not np.array_equal(told.frame, anchors):
+        return [None] * (len(anchors) - 1)
+    return [StepBefore(cross, bool(connected)) for cross, connected in zip(told.cross, told.connected, strict=True)]
 
-    (Rigidly joined frames share their left perturbation, so the anchor's is the submap's.)
+
+def _place(
+    submap: Submap, geo: GeoReference, anchor: int, drive_id: str, before: StepBefore | None, stretch2: float
+) -> PlacedSubmap:
+    """Pose of a submap: the mean of the poses that its keyframes give its origin.
+
+    Rigidly joined frames share their left perturbation, so the anchor's covariance would be the submap's, were the drive in its
+    graph as stiff as the submap. It is not: GNSS, loops and the scale bend it, and by so much any one of its keyframes, the anchor
+    like others, lies elsewhere than the submap has it.
     """
-    frames = odometry.keyframes.frame
-    T_enu_submap = mean_motion(geo.T_enu_cam[frames[stretch.keyframes]] @ se3.inverse(submap.T_submap_cam))
-    return PlacedSubmap(submap, T_enu_submap, geo.covariance[frames[stretch.anchor]], drive_id, geo.frame)
+    proposed = geo.T_enu_cam[submap.keyframe_frame] @ se3.inverse(submap.T_submap_cam)
+    T_enu_submap = mean_motion(proposed)
+    bend = np.array([se3.log(T) for T in se3.inverse(T_enu_submap) @ proposed])
+    xi = bend @ se3.adjoint(T_enu_submap).T
+    covariance = geo.covariance[anchor] + xi.T @ xi / len(xi)  # second moment of what takes the submap to the proposed
+    told = noticed(bend, submap.T_submap_cam, stretch2)
+    return PlacedSubmap(submap, T_enu_submap, covariance, drive_id, geo.frame, before, told)

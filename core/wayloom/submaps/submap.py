@@ -9,7 +9,7 @@ Its bytes are a `wayloom.files.blob` (`docs/formats.md`, "Submaps").
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,11 +84,36 @@ def decode_submap(data: bytes, name: str = "submap") -> Submap:
 
 
 @dataclass(frozen=True, slots=True)
+class StepBefore:
+    """What joins a submap to the one before it on the road, by the drive's own graph.
+
+    cross      (6, 6) covariance of the left perturbations of the submap before (rows) and of this one (columns), m^2 and rad^2
+    connected  whether the odometry tracked all the way from there
+    """
+
+    cross: FloatArray
+    connected: bool
+
+    def content(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {"cross": self.cross.tolist(), "connected": self.connected}
+
+    @classmethod
+    def of(cls, content: dict[str, Any]) -> "StepBefore":
+        """The inverse of `content`."""
+        return cls(np.array(content["cross"], np.float64), bool(content["connected"]))
+
+
+@dataclass(frozen=True, slots=True)
 class PlacedSubmap:
     """A submap with its pose in the map.
 
     T_enu_submap  (4, 4) in the map's frame; in the drive's own where frame is None
     covariance    (6, 6) of its left perturbation (v, omega), m^2, rad^2; NaN without frame
+    before        what joins it to the submap before; None for the first, and where it is not told
+    bend          (K, 6) one-sigma left perturbations of T_submap_cam, m and rad: by so much the drive's graph has each keyframe
+                  elsewhere than the rigid submap, where that is more than its own noise (`wayloom.submaps.bend`); None where it is
+                  not told
     """
 
     submap: Submap
@@ -96,6 +121,8 @@ class PlacedSubmap:
     covariance: FloatArray
     drive_id: str
     frame: MapFrame | None
+    before: StepBefore | None = None
+    bend: FloatArray | None = None
 
     def points_enu(self) -> FloatArray:
         """(P, 3) m."""

@@ -1,16 +1,22 @@
-"""Tile formats, and a tile as bytes with its address."""
+"""Tile formats, the layers in which they are cut, and a tile as bytes with its address.
+
+The static layer of the map is cut in every format. Each overlay (`OVERLAYS`) has pictures, under its own name, and points and
+counts, under names that begin with it: `parked`, `parked-points`, `parked-counts`. The ground has raster layers (`rasters`).
+"""
 
 from dataclasses import dataclass
 from typing import Final
 
+from wayloom.stitching.layer_names import LAYERS, OVERLAYS, STATIC
 from wayloom.tiles.grid import TileAddress
+from wayloom.tiles.rasters import RASTER_LAYERS
 
 
 @dataclass(frozen=True, slots=True)
 class TileFormat:
     """A tile format.
 
-    layer : the name under which such tiles are addressed; media_type for HTTP; suffix for files
+    layer : the name under which such tiles of the static layer are addressed; media_type for HTTP; suffix for files
     served : whether clients get such tiles; the others are what the next update of the pyramid starts from
     """
 
@@ -26,7 +32,34 @@ TILE_FORMATS: Final = {
     "points": TileFormat("points", "application/vnd.wayloom.points", ".wlp"),
     "counts": TileFormat("counts", "application/vnd.wayloom.counts", ".wlc", served=False),
 }
-SERVED_LAYERS: Final = tuple(form.layer for form in TILE_FORMATS.values() if form.served)
+OVERLAY_FORMATS: Final = ("png", "points", "counts")
+"""Those of an overlay: its vector tiles would repeat the tracks."""
+
+
+def tile_layer(name: str, of: str = LAYERS[STATIC]) -> str:
+    """Under which name tiles of a format are addressed that show a layer of the map."""
+    form = TILE_FORMATS[name]
+    if of == LAYERS[STATIC]:
+        return form.layer
+    return of if name == "png" else f"{of}-{form.layer}"
+
+
+MARKINGS: Final = "markings"
+"""The layer of vector tiles of markings and kerbs, and the layer of markings in each of its tiles."""
+KERBS: Final = "kerbs"
+"""The layer of kerbs in these tiles."""
+MARKING_PROPERTIES: Final = (
+    "kind", "width_m", "height_m", "length_m", "sigma_m", "sigma_height_m", "sigma_place_m", "confidence",
+)  # fmt: skip
+"""What its features tell."""
+STATIC_TILES: Final = tuple(form.layer for form in TILE_FORMATS.values() if form.served)
+"""Layers of tiles that clients get of the static layer of the map, and, in `SERVED_LAYERS`, of all."""
+SERVED_LAYERS: Final = (
+    *STATIC_TILES,
+    *(tile_layer(name, of) for of in OVERLAYS for name in OVERLAY_FORMATS if TILE_FORMATS[name].served),
+    *RASTER_LAYERS,
+    MARKINGS,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +74,6 @@ class Tile:
     data: bytes
 
 
-def tile_of(name: str, address: TileAddress, data: bytes) -> Tile:
-    """The tile of the format of this name."""
-    form = TILE_FORMATS[name]
-    return Tile(form.layer, *address, form.media_type, data)
+def tile_of(name: str, address: TileAddress, data: bytes, of: str = LAYERS[STATIC]) -> Tile:
+    """The tile of the format of this name that shows a layer of the map."""
+    return Tile(tile_layer(name, of), *address, TILE_FORMATS[name].media_type, data)

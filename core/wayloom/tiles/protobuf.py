@@ -6,12 +6,12 @@ Fields: the specification's vector_tile.proto.
 
 from collections.abc import Iterable, Mapping
 
-from wayloom.files.wire_format import field, number_field, varint
+from wayloom.files.wire_format import double_field, field, number_field, varint
 
 MVT_VERSION = 2
 LINE, POLYGON = 2, 3
 MOVE_TO, LINE_TO, CLOSE_PATH = 1, 2, 7
-Value = str | int
+Value = str | int | float
 Point = tuple[int, int]
 
 
@@ -44,18 +44,20 @@ def line(points: list[Point]) -> bytes:
 def layer(name: str, extent: int, kind: int, features: Iterable[tuple[bytes, Mapping[str, Value]]]) -> bytes:
     """The bytes of one layer, all of whose features are of one kind: (geometry, properties) of each."""
     keys: dict[str, int] = {}
-    values: dict[Value, int] = {}
+    values: dict[tuple[type, Value], int] = {}
     body = []
     for geometry, properties in features:
         tags = b"".join(
-            varint(keys.setdefault(key, len(keys))) + varint(values.setdefault(value, len(values)))
+            varint(keys.setdefault(key, len(keys))) + varint(values.setdefault((type(value), value), len(values)))
             for key, value in properties.items()
         )
         body.append(field(2, field(2, tags) + number_field(3, kind) + field(4, geometry)))
     body += [field(3, key.encode()) for key in keys]
-    body += [field(4, _value(value)) for value in values]
+    body += [field(4, _value(value)) for _, value in values]
     return field(3, number_field(15, MVT_VERSION) + field(1, name.encode()) + b"".join(body) + number_field(5, extent))
 
 
 def _value(value: Value) -> bytes:
+    if isinstance(value, float):
+        return double_field(3, value)
     return field(1, value.encode()) if isinstance(value, str) else number_field(5, value)

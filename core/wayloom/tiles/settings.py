@@ -24,6 +24,14 @@ class TileSettings(Settings):
     )
     points_zoom: int = Field(18, ge=10, le=20)
     points_per_tile: int = Field(100_000, ge=100, description="a fuller point tile is thinned by joining voxels, counts kept")
+    overlays_from_zoom: int = Field(
+        16, ge=3, le=20, description="coarsest zoom of the pictures of overlays: of what is parked, of what is not confirmed"
+    )
+    ortho_zoom: int = Field(
+        20, ge=3, le=20, description="finest zoom of the orthophoto, whose tiles have 512 pixels: 20 is 5 cm at 49 degrees"
+    )
+    markings_from_zoom: int = Field(16, ge=12, le=20, description="coarsest zoom of the vector tiles of markings and kerbs")
+    markings_zoom: int = Field(20, ge=12, le=20, description="finest zoom of the vector tiles of markings and kerbs")
     dot_from_zoom: int = Field(19, ge=0, le=21, description="from here a voxel is drawn three pixels wide")
 
     @model_validator(mode="after")
@@ -34,4 +42,6 @@ class TileSettings(Settings):
             )
         if self.dot_from_zoom <= min(self.points_zoom, self.max_zoom):
             raise ValueError(f"points_zoom {self.points_zoom} < dot_from_zoom {self.dot_from_zoom} must hold")
+        if self.markings_from_zoom > self.markings_zoom:
+            raise ValueError(f"markings_from_zoom {self.markings_from_zoom} <= markings_zoom {self.markings_zoom} must hold")
         return self

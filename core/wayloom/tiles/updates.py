@@ -1,7 +1,7 @@
 """Update of a tile pyramid: the tiles that a change of some blocks can change, and no others.
 
 A block is a tile of the zoom at which point tiles are cut. What is finer than a block is drawn from its own voxels; what is coarser
-from the counts of the four tiles below it, which are kept as a layer of their own (`COUNTS_LAYER`). So a change costs what it
+from the counts of the four tiles below it, which are kept as a layer of their own. So a change costs what it
 touches and one way to the top, whatever else the map holds; and as a whole pyramid is an update of all of its blocks, a pyramid
 that was updated is equal to one built at once, byte for byte.
 """
@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geodesy import wgs84
+from wayloom.stitching.layer_names import LAYERS, STATIC
 from wayloom.stitching.voxel_map import VoxelMap
-from wayloom.tiles.formats import TILE_FORMATS, Tile, tile_of
+from wayloom.tiles.formats import Tile, tile_layer, tile_of
 from wayloom.tiles.grid import TILE_PX, TileAddress, pixel_from_lonlat
 from wayloom.tiles.levels import Level, add_levels, coarser, decode_level, dilated, encode_level, finest_level, joined
 from wayloom.tiles.mvt import BUFFER, EXTENT, LonLatTrack, encode_mvt, tiles_of_track
@@ -25,7 +26,7 @@ from wayloom.tiles.points import PointTile, encode_points, origin_of, voxel_down
 from wayloom.tiles.settings import TileSettings
 
 FloatArray = NDArray[np.float64]
-COUNTS_LAYER = TILE_FORMATS["counts"].layer
+GROUND = LAYERS[STATIC]
 FINE_CELLS, COARSE_CELLS = 128, 64
 VECTOR_STEPS = ((1, FINE_CELLS), (2, COARSE_CELLS))
 """How many zooms below a vector tile the pixels lie that are its cells: 128 = 256 / 2, 64 = 256 / 2^2."""
@@ -38,7 +39,7 @@ class PyramidSource(Protocol):
         """Those of a block, and those around it up to `MARGIN_PX` pixels of the finest zoom; always in the same order."""
 
     def counts(self, address: TileAddress) -> bytes | None:
-        """The tile of the layer `COUNTS_LAYER` that was there before the change, for a tile that the change does not touch."""
+        """The tile of counts that was there before the change, for a tile that the change does not touch."""
 
     def tracks(self, addresses: Collection[TileAddress]) -> Sequence[LonLatTrack]:
         """At least those that come within `BUFFER` of one of the tiles, always in the same order; the addresses are of one zoom."""
@@ -62,30 +63,37 @@ def margin_px(settings: TileSettings) -> int:
     return 1 << max(settings.max_zoom - settings.dot_from_zoom, 0)
 
 
-def updated_tiles(changed: Collection[TileAddress], source: PyramidSource, settings: TileSettings) -> Iterator[Tile]:
+def updated_tiles(
+    changed: Collection[TileAddress], source: PyramidSource, settings: TileSettings, of: str = GROUND
+) -> Iterator[Tile]:
     """Every tile that shows something in the scope of the changed blocks (`touched_tiles`), counts included.
 
     changed : blocks whose voxels, or tracks, may have changed
+    of      : the layer of the map whose voxels the source gives: the static one, or an overlay
     A tile of the scope that does not come has nothing to show any more. Raises InputError beyond the latitudes of web mercator.
     """
-    update = _Update(frozenset(changed), source, settings)
+    update = _Update(frozenset(changed), source, settings, of)
     for block in sorted(update.changed, key=row_by_row):
         made = update.block(block)
         update.levels[block] = made.level
         yield from made.tiles
     yield from update.coarse_tiles()
-    yield from update.vector_tiles()
+    if of == GROUND:
+        yield from update.vector_tiles()
 
 
-def touched_tiles(changed: Collection[TileAddress], settings: TileSettings) -> dict[tuple[str, int], frozenset[TileAddress]]:
-    """The scope: for each layer and zoom, the tiles that a change of these blocks may change."""
-    lowest, zoom = settings.min_zoom, block_zoom(settings)
-    found = {(TILE_FORMATS["png"].layer, z): frozenset(_touched(changed, z, 0.0)) for z in range(lowest, settings.max_zoom + 1)}
-    for z in range(lowest, settings.features_max_zoom + 1):
-        found[TILE_FORMATS["mvt"].layer, z] = frozenset(_touched(changed, z, BUFFER / EXTENT))
-    for z in range(_top(settings), zoom + 1):
-        found[COUNTS_LAYER, z] = frozenset(_touched(changed, z, 0.0))
-    found[TILE_FORMATS["points"].layer, settings.points_zoom] = frozenset(_touched(changed, settings.points_zoom, 0.0))
+def touched_tiles(
+    changed: Collection[TileAddress], settings: TileSettings, of: str = GROUND
+) -> dict[tuple[str, int], frozenset[TileAddress]]:
+    """The scope: for each layer of tiles and zoom, the tiles that a change of these blocks may change."""
+    pictures = range(_coarsest(settings, of), settings.max_zoom + 1)
+    found = {(tile_layer("png", of), z): frozenset(_touched(changed, z, 0.0)) for z in pictures}
+    for z in range(_top(settings, of), block_zoom(settings) + 1):
+        found[tile_layer("counts", of), z] = frozenset(_touched(changed, z, 0.0))
+    found[tile_layer("points", of), settings.points_zoom] = frozenset(_touched(changed, settings.points_zoom, 0.0))
+    if of == GROUND:
+        for z in range(settings.min_zoom, settings.features_max_zoom + 1):
+            found[tile_layer("mvt"), z] = frozenset(_touched(changed, z, BUFFER / EXTENT))
     return found
 
 
@@ -110,16 +118,22 @@ def _touched(changed: Iterable[TileAddress], zoom: int, margin: float) -> Iterat
                 yield TileAddress(zoom, x, y)
 
 
-def _top(settings: TileSettings) -> int:
+def _coarsest(settings: TileSettings, of: str) -> int:
+    """The coarsest zoom of a layer's pictures."""
+    return settings.min_zoom if of == GROUND else max(settings.overlays_from_zoom, settings.min_zoom)
+
+
+def _top(settings: TileSettings, of: str) -> int:
     """The coarsest zoom whose counts are kept: the vector tiles of the lowest zoom need the pixels one or two zooms below."""
-    return max(min(settings.min_zoom - VECTOR_STEPS[-1][0], block_zoom(settings)), 0)
+    below = VECTOR_STEPS[-1][0] if of == GROUND else 0
+    return max(min(_coarsest(settings, of) - below, block_zoom(settings)), 0)
 
 
 class _Update:
     """One update: the changed blocks, and the levels that it has made so far."""
 
-    def __init__(self, changed: frozenset[TileAddress], source: PyramidSource, settings: TileSettings) -> None:
-        self.changed, self.source, self.settings = changed, source, settings
+    def __init__(self, changed: frozenset[TileAddress], source: PyramidSource, settings: TileSettings, of: str) -> None:
+        self.changed, self.source, self.settings, self.of = changed, source, settings, of
         self.levels: dict[TileAddress, Level] = {}
         self._read: dict[TileAddress, Level] = {}
 
@@ -145,27 +159,28 @@ class _Update:
         for rows in np.split(order, edges) if len(order) else []:
             address = TileAddress(zoom, *places[rows[0]].tolist())
             points = point_tile(voxels.take(rows), lon_lat_height[rows], address)
-            yield tile_of("points", address, encode_points(_thinned(points, self.settings, voxels.voxel_m)))
+            yield tile_of("points", address, encode_points(_thinned(points, self.settings, voxels.voxel_m)), self.of)
 
     def _pictures(self, level: Level, within: TileAddress) -> Iterator[Tile]:
         """The pictures of one zoom, those of a block or of one tile, of a level that may reach beyond."""
-        if level.zoom < self.settings.min_zoom:
+        if level.zoom < _coarsest(self.settings, self.of):
             return
         drawn = dilated(level) if level.zoom >= self.settings.dot_from_zoom else level
         for address, part in drawn.tiles():
             if ancestor(address, within.z) == within:
-                yield tile_of("png", address, encode_png(part, self.settings.max_zoom))
+                yield tile_of("png", address, encode_png(part, self.settings.max_zoom), self.of)
 
     def coarse_tiles(self) -> Iterator[Tile]:
         """From the changed blocks to the top: pictures, and the counts that the next update reads."""
-        for zoom in range(block_zoom(self.settings), _top(self.settings) - 1, -1):
+        top = _top(self.settings, self.of)
+        for zoom in range(block_zoom(self.settings), top - 1, -1):
             here = sorted((address for address in self.levels if address.z == zoom), key=row_by_row)
             for address in here:
                 level = self.levels[address]
                 if len(level.cell):
-                    yield tile_of("counts", address, encode_level(level))
+                    yield tile_of("counts", address, encode_level(level), self.of)
                     yield from self._pictures(level, address)
-            if zoom > _top(self.settings):
+            if zoom > top:
                 for parent in {ancestor(address, zoom - 1) for address in here}:
                     below = [coarser(self._level(child)) for child in children(parent)]
                     self.levels[parent] = add_levels(zoom - 1, below)

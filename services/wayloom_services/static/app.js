@@ -11,7 +11,7 @@ let chosen = null;
 let shownVersion = 0;
 
 const info = await ask("/v1/info");
-const city = new CityMap(at("map"));
+const city = new CityMap(at("map"), info.overlays);
 globalThis.wayloomMap = city.map;
 
 at("hint").textContent = `wayloom upload LOG --to ${location.origin}`;
@@ -26,7 +26,16 @@ at("legend").querySelector("ul").append(
 );
 if (matchMedia("(max-width: 800px)").matches) at("legend").open = false;
 at("fit").addEventListener("click", () => city.fit());
-for (const name of ["semantic", "tracks", "coverage"]) {
+for (const name of info.overlays) {
+  const label = document.createElement("label");
+  const box = document.createElement("input");
+  box.id = `show-${name}`;
+  box.type = "checkbox";
+  label.append(box, ` ${name[0].toUpperCase()}${name.slice(1)}`);
+  at("tools").append(label);
+}
+const TOGGLES = ["ortho", "semantic", "markings", "tracks", "coverage", ...info.overlays];
+for (const name of TOGGLES) {
   at(`show-${name}`).addEventListener("change", (event) => city.visible(name, event.target.checked));
 }
 
@@ -64,8 +73,9 @@ async function showMap({ id, version }) {
   at("version").textContent = `${id} · version ${version}`;
   const many = (number, word) => `${number.toLocaleString("en")} ${word}${number === 1 ? "" : "s"}`;
   at("facts").textContent = [many(found.drives.length, "drive"), many(found.submaps, "submap"), many(found.tiles, "tile")].join(" · ");
+  for (const name of ["ortho", "markings"]) at(`show-${name}`).parentElement.hidden = !found.layers[name];
   await city.show(found);
-  for (const name of ["tracks", "coverage", "semantic"]) await city.visible(name, at(`show-${name}`).checked);
+  for (const name of TOGGLES) await city.visible(name, at(`show-${name}`).checked);
 }
 
 function hear(event, data) {

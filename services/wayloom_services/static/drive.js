@@ -5,7 +5,7 @@ import { element, gradeBadge } from "/static/drives.js";
 
 const at = (id) => document.getElementById(id);
 const id = location.pathname.split("/").pop();
-const VERDICTS = { merge: "merged into the map", hold: "held: it waits for an operator", quarantine: "quarantined: not merged" };
+const VERDICTS = { merge: "merged into the map", hold: "held: it waits for drives that place it, or an operator", quarantine: "quarantined: not merged" };
 const TITLES = {
   residuals: "GNSS residuals over time",
   drift: "Drift before and after",
@@ -39,12 +39,26 @@ function showVerdict(drive) {
   at("name").textContent = drive.name;
   at("grade").replaceChildren(gradeBadge(drive.quality));
   at("state").textContent = drive.state;
-  const { grade, gate, reasons, release } = drive.quality;
-  at("verdict").textContent = `${grade ? `Grade ${grade}` : "No place on Earth"}, ${release ? "released" : VERDICTS[gate]}`;
+  const { grade, gate, reasons, release, by_map: byMap } = drive.quality;
+  const verdict = release ? "released" : byMap?.admitted ? `in the map with grade ${byMap.grade} by the drives that it meets` : VERDICTS[gate];
+  at("verdict").textContent = `${grade ? `Grade ${grade} by its own GNSS` : "No GNSS of its own"}, ${verdict}`;
+  at("by-map").hidden = !byMap;
+  if (byMap) at("by-map").textContent = `The map says: ${byMap.reason}.`;
   at("reasons").replaceChildren(...reasons.map((reason) => element("li", "", reason)));
   at("release").hidden = at("revoke").hidden = !release;
   if (release) at("release").textContent = `Released by ${release.by} on ${new Date(1000 * release.at).toLocaleString()}: ${release.why}`;
   at("ask-release").hidden = release !== null || gate === "merge" || drive.placed === false;
+}
+
+const RUNS = { running: "Being processed anew", publishing: "Processed anew, joining the map", failed: "Processing anew failed" };
+
+// What is said of a new run; the rest of the page is of the result before.
+function showRun({ state, stage, reprocess }) {
+  at("reprocess").hidden = !["done", "held", "quarantined", "failed"].includes(state) || ["running", "publishing"].includes(reprocess?.state);
+  at("anew").hidden = !reprocess;
+  if (!reprocess) return;
+  const more = reprocess.error ?? (reprocess.state === "running" && stage ? stage : "");
+  at("anew").textContent = `${RUNS[reprocess.state]}${more ? `: ${more}` : ""}. This page shows the result before.`;
 }
 
 async function picture(name) {
@@ -76,9 +90,11 @@ at("ask-release").addEventListener("submit", (event) => {
   change({ method: "POST", body: JSON.stringify({ by: at("by").value, why: at("why").value }) });
 });
 at("revoke").addEventListener("click", () => change({ method: "DELETE" }));
+at("reprocess").addEventListener("click", () => ask(`/v1/drives/${id}/reprocess`, { method: "POST" }).then(showRun, tell));
 
 try {
   const drive = await ask(`/v1/drives/${id}`);
+  showRun(drive);
   if (!drive.quality) throw new Error(`${drive.name} is not judged yet.`);
   showVerdict(drive);
   const quality = await ask(`/v1/drives/${id}/quality`);

@@ -20,12 +20,13 @@ const size = (bytes) => (bytes < 1e6 ? `${Math.ceil(bytes / 1e3)} kB` : bytes < 
 
 function words(drive) {
   if (drive.state === "uploading") return `${drive.received_files} of ${drive.files} files, ${size(drive.received_bytes)} of ${size(drive.bytes)}`;
+  if (drive.reprocess?.state === "failed") return `processing anew failed, the result before stays: ${drive.reprocess.error}`;
   const stage = drive.stages.find((one) => one.state === "running") ?? drive.stages.find((one) => one.state === "queued");
-  if (OVER.includes(drive.state) || !stage) {
+  if ((OVER.includes(drive.state) && !drive.reprocess) || !stage) {
     const took = drive.finished_at && drive.uploaded_at ? `, took ${duration(drive.finished_at - drive.uploaded_at)}` : "";
     return `${drive.files} files, ${size(drive.bytes)}${took}`;
   }
-  const parts = [stage.stage];
+  const parts = drive.reprocess ? ["processed anew", stage.stage] : [stage.stage];
   if (stage.state === "running") parts.push(`${Math.round(100 * stage.progress)} %`);
   if (stage.message) parts.push(stage.message);
   if (stage.attempt > 1) parts.push(`attempt ${stage.attempt}`);
@@ -66,12 +67,12 @@ export function fillCard(card, drive, retry) {
   top.append(name, gradeBadge(drive.quality), element("span", `state ${drive.state}`, WORDS[drive.state]));
   const stages = element("div", "stages");
   stages.append(...drive.stages.map(stageBar));
-  const told = OVER.includes(drive.state) && drive.note;
+  const told = OVER.includes(drive.state) && !drive.reprocess && drive.note;
   card.replaceChildren(top, stages, element("div", "words", told ? drive.note : words(drive)));
   card.dataset.id = drive.id;
   card.dataset.state = drive.state;
   if (drive.quality) card.append(report(drive));
-  if (drive.state === "failed") {
+  if (drive.state === "failed" || drive.reprocess?.state === "failed") {
     const button = element("button", "", "Try again");
     button.type = "button";
     button.addEventListener("click", (event) => {
@@ -79,6 +80,6 @@ export function fillCard(card, drive, retry) {
       button.disabled = true;
       retry();
     });
-    card.append(element("div", "error", drive.error ?? "failed"), button);
+    card.append(element("div", "error", drive.error ?? drive.reprocess?.error ?? "failed"), button);
   }
 }

@@ -1,4 +1,4 @@
-// The map: a plain grid below, the classes as picture tiles of the published version, coverage and the drives' tracks.
+// The map: a plain grid below, the orthophoto and over it the classes as tiles of the published version, coverage, the drives' tracks.
 
 import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
 import { ask, headers } from "/static/api.js";
@@ -25,6 +25,13 @@ maplibregl.addProtocol("grid", async () => {
   return { data: await (await canvas.convertToBlob({ type: "image/png" })).arrayBuffer() };
 });
 
+// The layers of a tile of markings and how they are drawn, over the photograph and the classes.
+const LINES_FROM_ZOOM = 18;
+const LINES = {
+  kerbs: { "line-color": "#ffd23f", "line-width": 2 },
+  markings: { "line-color": "#1fd1ff", "line-width": ["interpolate", ["linear"], ["zoom"], 18, 1.5, 21, 4] },
+};
+
 // Every place of a track, which the antimeridian may cut in two lines.
 const placesOf = (feature) => {
   if (!feature) return [];
@@ -36,7 +43,9 @@ const placesOf = (feature) => {
 const grid = () => ({ type: "raster", tiles: ["grid://{z}/{x}/{y}"], tileSize: 256, maxzoom: 22 });
 
 export class CityMap {
-  constructor(container) {
+  // overlays: names of the layers that are drawn over the classes where they are asked for.
+  constructor(container, overlays) {
+    this.overlays = overlays;
     this.tracks = new Map();
     this.bounds = null;
     this.map = new maplibregl.Map({
@@ -88,25 +97,51 @@ export class CityMap {
     await this.ready;
     const first = this.bounds === null;
     this.bounds = version.bounds;
-    const layer = version.layers.semantic;
-    const visibility = this.map.getLayer("semantic") ? this.map.getLayoutProperty("semantic", "visibility") : "visible";
-    if (this.map.getLayer("semantic")) {
-      this.map.removeLayer("semantic");
-      this.map.removeSource("semantic");
-    }
-    if (layer) {
-      const tiles = [`${location.origin}/v1/maps/${version.map_id}/versions/${version.version}/tiles/semantic/{z}/{x}/{y}.png`];
-      this.map.addSource("semantic", {
-        type: "raster", tiles, tileSize: 256, minzoom: layer.min_zoom, maxzoom: layer.max_zoom,
-        ...(version.bounds[0] <= version.bounds[2] ? { bounds: version.bounds } : {}),
-      });
-      this.map.addLayer(
-        { id: "semantic", type: "raster", source: "semantic", layout: { visibility }, paint: { "raster-resampling": "nearest" } },
-        "coverage",
-      );
-    }
+    this.#showPictures(version, "ortho", "visible");
+    this.#showPictures(version, "semantic", "visible");
+    for (const name of this.overlays) this.#showPictures(version, name, "none");
+    this.#showMarkings(version);
     this.map.getSource("coverage").setData(await ask(`/v1/maps/${version.map_id}/coverage`));
     if (first) this.fit();
+  }
+
+  // A layer of pictures in the place of that of the version before, as visible as that was.
+  #showPictures(version, name, otherwise) {
+    const layer = version.layers[name];
+    const visibility = this.map.getLayer(name) ? this.map.getLayoutProperty(name, "visibility") : otherwise;
+    if (this.map.getLayer(name)) {
+      this.map.removeLayer(name);
+      this.map.removeSource(name);
+    }
+    if (!layer) return;
+    const photo = name === "ortho";
+    const tiles = [`${location.origin}/v1/maps/${version.map_id}/versions/${version.version}/tiles/${name}/{z}/{x}/{y}.${photo ? "webp" : "png"}`];
+    this.map.addSource(name, {
+      type: "raster", tiles, tileSize: photo ? 512 : 256, minzoom: layer.min_zoom, maxzoom: layer.max_zoom,
+      ...(version.bounds[0] <= version.bounds[2] ? { bounds: version.bounds } : {}),
+    });
+    this.map.addLayer(
+      { id: name, type: "raster", source: name, layout: { visibility }, paint: { "raster-resampling": photo ? "linear" : "nearest" } },
+      "coverage",
+    );
+  }
+
+  // Lines of paint and kerbs in the place of those of the version before, as visible as they were.
+  #showMarkings(version) {
+    const layer = version.layers.markings;
+    const visibility = this.map.getLayer("markings") ? this.map.getLayoutProperty("markings", "visibility") : "visible";
+    for (const id of Object.keys(LINES)) if (this.map.getLayer(id)) this.map.removeLayer(id);
+    if (this.map.getSource("markings")) this.map.removeSource("markings");
+    if (!layer) return;
+    this.map.addSource("markings", {
+      type: "vector", minzoom: layer.min_zoom, maxzoom: layer.max_zoom,
+      tiles: [`${location.origin}/v1/maps/${version.map_id}/versions/${version.version}/tiles/markings/{z}/{x}/{y}.mvt`],
+      ...(version.bounds[0] <= version.bounds[2] ? { bounds: version.bounds } : {}),
+    });
+    for (const [id, paint] of Object.entries(LINES)) {
+      const at = { source: "markings", "source-layer": id, minzoom: LINES_FROM_ZOOM };
+      this.map.addLayer({ id, type: "line", ...at, layout: { visibility, "line-cap": "round" }, paint }, "coverage");
+    }
   }
 
   async track(drive) {
@@ -152,7 +187,7 @@ export class CityMap {
 
   async visible(name, on) {
     await this.ready;
-    const layers = name === "tracks" ? ["tracks-edge", "tracks"] : [name];
+    const layers = { tracks: ["tracks-edge", "tracks"], markings: Object.keys(LINES) }[name] ?? [name];
     for (const id of layers) if (this.map.getLayer(id)) this.map.setLayoutProperty(id, "visibility", on ? "visible" : "none");
   }
 }

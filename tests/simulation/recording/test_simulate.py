@@ -278,7 +278,7 @@ def test_truth_tells_the_rig_the_frames_and_the_city(written: dict[str, Path], p
     assert frames.imu_bias is not None
     assert frames.imu_bias.shape == (FRAMES, 6)
     assert 0 < np.abs(frames.imu_bias).max() < 0.5
-    for name in ("objects.geojson", "areas.geojson"):
+    for name in ("objects.geojson", "areas.geojson", "markings.geojson"):
         assert json.loads((truth.folder / name).read_text())["type"] == "FeatureCollection"
 
 

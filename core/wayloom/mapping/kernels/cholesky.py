@@ -3,6 +3,8 @@
 The matrix has N variables with d rows each. A supernode with k pivots and m variables in its border keeps the rows of its pivots
 of U, A = U^T U, as a panel (k d, (k + m) d) at offset[s] of `factor`. What its elimination takes from its border (m d, m d) waits
 on a stack for the parent: supernodes are in postorder, so its children's lie on top.
+
+Arrays are copied entry by entry: numba compiles half a second of error texts for each assignment of one array to a part of another.
 """
 
 import numpy as np
@@ -154,7 +156,9 @@ def solve(
     n, d, sides = right.shape
     x = np.empty((n * d, sides))
     for i in range(n):
-        x[i * d : (i + 1) * d] = right[order[i]]
+        for r in range(d):
+            for side in range(sides):
+                x[i * d + r, side] = right[order[i], r, side]
     for s in range(len(first) - 1):
         rows = rows_of(s, first, border_start, border, d)
         k = (first[s + 1] - first[s]) * d
@@ -177,7 +181,9 @@ def solve(
                 own[side] /= panel[j, j]
     out = np.empty((n, d, sides))
     for i in range(n):
-        out[order[i]] = x[i * d : (i + 1) * d]
+        for r in range(d):
+            for side in range(sides):
+                out[order[i], r, side] = x[i * d + r, side]
     return out
 
 

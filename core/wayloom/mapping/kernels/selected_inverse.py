@@ -69,9 +69,13 @@ def diagonal_of_inverse(
         fill_pivots(Z, factor[offset[s] : offset[s + 1]].reshape(k, w).copy())
         for i in range(first[s], first[s + 1]):
             a = (i - first[s]) * d
-            out[order[i]] = Z[a : a + d, a : a + d]
+            for r in range(d):
+                for c in range(d):
+                    out[order[i], r, c] = Z[a + r, a + c]
         if last[s] >= 0:
-            stack[top : top + w * w] = Z.reshape(w * w)
+            for r in range(w):
+                for c in range(w):
+                    stack[top + r * w + c] = Z[r, c]
             top += w * w
     return out
 

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from wayloom.mapping.kernels.spatial_edges import hat, product
+from wayloom.mapping.kernels.spatial_edges import fill_adjoint, product
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -74,15 +74,21 @@ def add_up(
     total: FloatArray,
 ) -> None:
     """T (4, 4) and total (6, 6) of the steps that came to target from source, from the last one on."""
-    T[:], total[:] = np.eye(4), 0.0
+    for r in range(4):
+        for c in range(4):
+            T[r, c] = 1.0 if r == c else 0.0
+    total[:] = 0.0
     adjoint = np.zeros((6, 6))
     i = target
     while i != source:
         s = by[i]
-        R = np.ascontiguousarray(T_step[s, :3, :3])
-        adjoint[:3, :3] = R
-        adjoint[3:, 3:] = R
-        adjoint[:3, 3:] = product(hat(T_step[s, :3, 3]), R)
-        T[:] = product(T_step[s], T)
-        total[:] = covariance[s] + product(product(adjoint, total), adjoint.T)
+        fill_adjoint(T_step[s], adjoint)
+        behind = product(T_step[s], T)
+        for r in range(4):
+            for c in range(4):
+                T[r, c] = behind[r, c]
+        carried = product(product(adjoint, total), adjoint.T)
+        for r in range(6):
+            for c in range(6):
+                total[r, c] = covariance[s, r, c] + carried[r, c]
         i = came[i]

@@ -88,15 +88,21 @@ def fill_inverse_right_jacobian(xi: FloatArray, out: FloatArray) -> None:
         c2 = (angle - sine) / (angle * angle2)
         c3 = (angle2 + 2.0 * cosine - 2.0) / (2.0 * angle2 * angle2)
         c4 = (2.0 * angle - 3.0 * sine + angle * cosine) / (2.0 * angle * angle2 * angle2)
-    WV, VW = product(W, V), product(V, W)
+    WV, VW, WW = product(W, V), product(V, W), product(W, W)
     WVW = product(WV, W)
-    Q = 0.5 * V + c2 * (WV + VW + WVW) + c3 * (product(W, WV) + product(VW, W) - 3.0 * WVW)
-    Q += c4 * (product(WVW, W) + product(W, WVW))
-    turn = np.eye(3) - 0.5 * W + turn_coefficient(angle2) * product(W, W)
-    out[:3, :3] = turn
-    out[3:, 3:] = turn
-    out[3:, :3] = 0.0
-    out[:3, 3:] = -product(turn, product(Q, turn))
+    W_WV, VW_W, WVW_W, W_WVW = product(W, WV), product(VW, W), product(WVW, W), product(W, WVW)
+    Q, turn, c1 = np.empty((3, 3)), np.empty((3, 3)), turn_coefficient(angle2)
+    for i in range(3):
+        for j in range(3):
+            cubic = WV[i, j] + VW[i, j] + WVW[i, j]
+            Q[i, j] = 0.5 * V[i, j] + c2 * cubic + c3 * (W_WV[i, j] + VW_W[i, j] - 3.0 * WVW[i, j])
+            Q[i, j] += c4 * (WVW_W[i, j] + W_WVW[i, j])
+            turn[i, j] = (1.0 if i == j else 0.0) - 0.5 * W[i, j] + c1 * WW[i, j]
+    shift = product(turn, product(Q, turn))
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = out[3 + i, 3 + j] = turn[i, j]
+            out[3 + i, j], out[i, 3 + j] = 0.0, -shift[i, j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -106,6 +112,16 @@ def hat(w: FloatArray) -> FloatArray:
     out[0, 1], out[0, 2], out[1, 2] = -w[2], w[1], -w[0]
     out[1, 0], out[2, 0], out[2, 1] = w[2], -w[1], w[0]
     return out
+
+
+@njit(cache=True, error_model="numpy")
+def fill_adjoint(T: FloatArray, out: FloatArray) -> None:
+    """Ad(T) (6, 6), of which out holds zeros below the left: [R, hat(t) R; 0, R]."""
+    t = hat(T[:3, 3])
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = out[3 + i, 3 + j] = T[i, j]
+            out[i, 3 + j] = t[i, 0] * T[0, j] + t[i, 1] * T[1, j] + t[i, 2] * T[2, j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -141,7 +157,8 @@ def fill_edge_jacobians(A: FloatArray, B: FloatArray, error: FloatArray, by_firs
     back = np.empty((3, 4))
     fill_between(B, A, back)
     adjoint = np.zeros((6, 6))
-    adjoint[:3, :3] = back[:, :3]
-    adjoint[3:, 3:] = back[:, :3]
-    adjoint[:3, 3:] = product(hat(back[:, 3]), back[:, :3])
-    by_first[:] = -product(by_second, adjoint)
+    fill_adjoint(back, adjoint)
+    moved = product(by_second, adjoint)
+    for i in range(6):
+        for j in range(6):
+            by_first[i, j] = -moved[i, j]

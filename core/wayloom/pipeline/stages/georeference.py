@@ -11,6 +11,7 @@ from wayloom.calibration.rig_file import rig_for_log
 from wayloom.config.progress import Progress
 from wayloom.georeference.alignment import georeference
 from wayloom.georeference.files import GEOREFERENCE_FILE, save_georeference
+from wayloom.georeference.types import Wanted
 from wayloom.labelling.files import LABELS_FILE, load_labels
 from wayloom.loops.files import LOOPS_FILE, load_loops
 from wayloom.odometry.rig.drive_name import drive_name
@@ -19,6 +20,7 @@ from wayloom.pipeline.drive_quality import QUALITY_FILE, drive_quality, write_qu
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stage_report import write_report
 from wayloom.pipeline.tracked_drive import tracked_drive
+from wayloom.submaps.split import anchor_frames, split_road
 
 
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
@@ -27,9 +29,8 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     odometry = tracked_drive(context)
     labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE)
     closures = load_loops(context.inputs_dir / "loops" / LOOPS_FILE)
-    geo = georeference(
-        context.log, odometry, settings.map_frame(), settings.georeference, progress, closures, labels, rig_receiver(context)
-    )
+    wanted = Wanted(settings.map_frame(), anchor_frames(odometry, split_road(odometry, settings.submaps)))
+    geo = georeference(context.log, odometry, wanted, settings.georeference, progress, closures, labels, rig_receiver(context))
     save_georeference(geo, out_dir / GEOREFERENCE_FILE)
     write_quality(out_dir / QUALITY_FILE, drive_quality(odometry, geo, closures))
     write_report(out_dir, geo.report)

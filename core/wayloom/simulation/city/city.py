@@ -11,6 +11,7 @@ from wayloom.simulation.city import polygons
 from wayloom.simulation.city.block_context import SignalFace
 from wayloom.simulation.city.blocks import SURROUNDINGS_M, build_block
 from wayloom.simulation.city.city_settings import CitySettings
+from wayloom.simulation.city.markings import TrueKerb, TrueMarking, true_kerbs, true_markings
 from wayloom.simulation.city.objects import Area, Change, TrueArea, TrueObject
 from wayloom.simulation.city.streets import F64, StreetGraph
 from wayloom.simulation.city.terrain import FLAT, HILLS, Terrain
@@ -123,6 +124,14 @@ class City:
     def areas(self, area: Area | None = None) -> list[TrueArea]:
         """Roads, sidewalks and lawns of all blocks that touch an area (the whole city without one)."""
         return polygons.areas(self.settings, self.graph, self.ground, self._blocks_of(area))
+
+    def markings(self, area: Area | None = None) -> list[TrueMarking]:
+        """Road markings around all blocks that touch an area (the whole city without one)."""
+        return true_markings(self.graph, self.ground, self._blocks_of(area))
+
+    def kerbs(self, area: Area | None = None) -> list[TrueKerb]:
+        """Kerbs of all blocks that touch an area (the whole city without one)."""
+        return true_kerbs(self.graph, self.ground, self._blocks_of(area))
 
     def faces(self, x: float, y: float, reach_m: float) -> list[SignalFace]:
         """Signal heads near x, y, m."""

@@ -253,6 +253,54 @@ RIG: Final = Preset(
         for number, (nodes, reference, before_m, start_s) in enumerate(RIG_WAYS[:count], start=1)
     ),
 )  # fmt: skip
+GRID_WAYS: Final = {
+    "fixed": (
+        ((6, 7, 8, 9, 10, 11), 104.0), ((23, 22, 21, 20, 19, 18), 204.0), ((2, 8, 14, 20, 26, 32), 248.0),
+        ((3, 9, 15, 16, 17), 388.0),
+    ),
+    "outage": (
+        ((11, 10, 9, 8, 7, 6), 455.0), ((4, 10, 16, 22, 28, 34), 556.0), ((24, 25, 26, 20, 14, 8), 688.0),
+        ((12, 13, 14, 15, 16, 17), 785.0),
+    ),
+    "float": (
+        ((24, 25, 26, 27, 28, 29), 855.0), ((33, 27, 21, 15, 9, 3), 988.0), ((17, 16, 15, 14, 13, 12), 1040.0),
+        ((6, 7, 13, 19, 25, 31), 1148.0),
+    ),
+    "single": (
+        ((18, 19, 20, 21, 22, 23), 1285.0), ((31, 25, 19, 13, 7, 1), 1370.0), ((29, 28, 27, 26, 25, 24), 1455.0),
+        ((34, 28, 22, 21, 20), 1564.0),
+    ),
+    "none": (
+        ((32, 26, 20, 14, 8, 2), 1655.0), ((12, 13, 14, 15, 16, 17), 1804.0), ((3, 9, 15, 21, 27, 33), 1872.0),
+        ((11, 10, 16, 22, 28, 34), 2000.0),
+    ),
+}  # fmt: skip
+"""Crossings, and start time, of each vehicle's ways through the four streets each way in the middle of the city."""
+GRID_VEHICLES: Final = {
+    "fixed": VehicleSettings(camera_height_m=2.1, p_cam_gnss_m=(-0.2, -0.5, -1.2), imu=ImuSettings()),
+    "outage": VehicleSettings(camera_height_m=2.1, gnss=OUTAGE, right=SensorSettings(gain=1.04, vignette=0.5)),
+    "float": VehicleSettings(
+        rig="kitti", right_lens=FAULTS["worn"], gnss=GnssSettings(rate_hz=5.0, steps=gnss_steps((0.0, FLOAT)))
+    ),
+    "single": VehicleSettings(
+        right_lens=FAULTS["rows"], exposure=ExposureSettings(metering="centre", time_constant_s=0.4),
+        gnss=GnssSettings(rate_hz=5.0, steps=gnss_steps((0.0, SINGLE))),
+    ),
+    "none": VehicleSettings(camera_height_m=2.7, jpeg_quality=92, motion_blur=True, gnss=None, imu=ImuSettings()),
+}  # fmt: skip
+GRID: Final = Preset(
+    name="grid",
+    about="Five vehicles, each with a receiver of its own kind, four times each through a grid of streets, in both directions.",
+    city=CitySettings(seed=29, columns=6, rows=6, traffic=0.6),
+    drives=tuple(
+        DrivePlan(
+            vehicle_id=f"{kind}-{number}", nodes=nodes, reference=1, before_m=45.0, frames=200, start_s=start_s,
+            vehicle=GRID_VEHICLES[kind].model_copy(update={"rig_name": kind}),
+        )
+        for kind, ways in GRID_WAYS.items()
+        for number, (nodes, start_s) in enumerate(ways, start=1)
+    ),
+)  # fmt: skip
 LONG: Final = Preset(
     name="long",
     about="The way of `loop` without traffic, drawn once and driven for any number of laps (--laps).",
@@ -262,7 +310,7 @@ LONG: Final = Preset(
 )
 PRESETS: Final = {
     preset.name: preset
-    for preset in (DEMO, LOOP_PRESET, FLEET, BENCHMARK, HARD, CHANGED, PHOTOMETRY, MOVERS, RIG, LONG)
+    for preset in (DEMO, LOOP_PRESET, FLEET, BENCHMARK, HARD, CHANGED, PHOTOMETRY, MOVERS, RIG, GRID, LONG)
 }  # fmt: skip
 
 

@@ -135,7 +135,7 @@ class TruthFolder:
         write_vertices(self.folder / files.SURFACE_NAME, np.concatenate(parts), comment_lines)
 
     def write_city(self, city: City, T_enu_cam: F64) -> None:
-        """Write objects, and outlines of roads and sidewalks, around the trajectory."""
+        """Write objects, outlines of roads and sidewalks, markings and kerbs around the trajectory."""
         low, high = T_enu_cam[:, :2, 3].min(axis=0) - AROUND_M, T_enu_cam[:, :2, 3].max(axis=0) + AROUND_M
         area = Area((float(low[0]), float(low[1])), (float(high[0]), float(high[1])))
         objects = [
@@ -153,7 +153,8 @@ class TruthFolder:
             )
             for part in city.areas(area)
         ]  # fmt: skip
-        for name, features in ((files.OBJECTS_NAME, objects), (files.AREAS_NAME, areas)):
+        found = ((files.OBJECTS_NAME, objects), (files.AREAS_NAME, areas), (files.MARKINGS_NAME, _painted(city, area)))
+        for name, features in found:
             self._write_json(name, {"type": "FeatureCollection", "features": features})
 
     def _write_json(self, name: str, content: dict[str, Any]) -> None:
@@ -182,6 +183,25 @@ def _metres(point: F64) -> list[float]:
 def _lonlatheight(points_enu: F64) -> list[list[float]]:
     lon_lat_height = lonlatheight_from_enu(points_enu, CITY_ORIGIN)
     return [[round(float(lon), DEGREES), round(float(lat), DEGREES), round(float(h), METRES)] for lon, lat, h in lon_lat_height]
+
+
+def _painted(city: City, area: Area) -> list[dict[str, Any]]:
+    """Features of markings and kerbs."""
+    out = []
+    for marking in city.markings(area):
+        out.append({
+            "type": "Feature", "geometry": {"type": "Polygon", "coordinates": [_lonlatheight(marking.ring)]},
+            "properties": {
+                "kind": marking.kind, "width_m": round(marking.width_m, METRES), "length_m": round(marking.length_m, METRES),
+                "line_enu_m": [_metres(p) for p in marking.line], "ring_enu_m": [_metres(p) for p in marking.ring],
+            },
+        })  # fmt: skip
+    for kerb in city.kerbs(area):
+        out.append({
+            "type": "Feature", "geometry": {"type": "LineString", "coordinates": _lonlatheight(kerb.line)},
+            "properties": {"kind": "kerb", "height_m": kerb.height_m, "line_enu_m": [_metres(p) for p in kerb.line]},
+        })  # fmt: skip
+    return out
 
 
 def _feature(geometry: dict[str, Any], **properties: Any) -> dict[str, Any]:

@@ -15,6 +15,14 @@ ASPHALT_ALBEDO = 0.15
 WHITE_PAINT = 0.62
 TRACK_GAUGE_M = 1.435
 TRACK_OFFSET_M = 1.75
+DASH_WIDTH_M, DASH_M, DASH_PERIOD_M = 0.13, 3.0, 6.0
+"""Of the line between the lanes of a street."""
+STREET_PARKING_M, AVENUE_PARKING_M = 3.75, 6.75
+"""From a street's middle to the broken line before its parking strip."""
+PARKING_WIDTH_M, PARKING_DASH_M, PARKING_PERIOD_M = 0.11, 1.0, 2.0
+AVENUE_EDGE_M, AVENUE_EDGE_WIDTH_M = 3.6, 0.12
+BAR_M, BAR_PERIOD_M = 0.5, 1.0
+"""Of a zebra."""
 
 
 def _asphalt(c: Canvas, patches: int) -> Image:
@@ -49,12 +57,18 @@ def _line(across: Field, at_m: float, width_m: float) -> Mask:
     return np.asarray(np.abs(across - at_m) < width_m / 2)
 
 
+def _parking(across: Field, along: Field, at_m: float) -> Mask:
+    """Broken lines on both sides."""
+    lines = _line(across, -at_m, PARKING_WIDTH_M) | _line(across, at_m, PARKING_WIDTH_M)
+    return np.asarray(lines & (along % PARKING_PERIOD_M < PARKING_DASH_M))
+
+
 def street(c: Canvas) -> Image:
     """Two lanes with a dashed middle line and broken lines before the parking strips."""
     across, along = (c.x - 0.5) * STREET_TILE_M, c.y * STREET_TILE_M
     rgb = _asphalt(c, 4)
-    dashes = _line(across, 0.0, 0.13) & (along % 6.0 < 3.0)
-    parking = (_line(across, -3.75, 0.11) | _line(across, 3.75, 0.11)) & (along % 2.0 < 1.0)
+    dashes = _line(across, 0.0, DASH_WIDTH_M) & (along % DASH_PERIOD_M < DASH_M)
+    parking = _parking(across, along, STREET_PARKING_M)
     rgb = _marked(c, rgb, np.asarray(dashes | parking))
     rgb = over(np.asarray(np.abs(across) > 5.72), rgb * 0.62, rgb)  # the gutter
     for x, y in ((0.36, 0.3), (0.66, 0.78)):
@@ -73,8 +87,8 @@ def avenue(c: Canvas) -> Image:
         for rail in (track - TRACK_GAUGE_M / 2, track + TRACK_GAUGE_M / 2):
             rgb = over(_line(across, rail, 0.15), 0.05, rgb)
             rgb = over(_line(across, rail, 0.07), 0.42, rgb)
-    edges = _line(across, -3.6, 0.12) | _line(across, 3.6, 0.12)
-    parking = (_line(across, -6.75, 0.11) | _line(across, 6.75, 0.11)) & (along % 2.0 < 1.0)
+    edges = _line(across, -AVENUE_EDGE_M, AVENUE_EDGE_WIDTH_M) | _line(across, AVENUE_EDGE_M, AVENUE_EDGE_WIDTH_M)
+    parking = _parking(across, along, AVENUE_PARKING_M)
     return finished(_marked(c, rgb, np.asarray(edges | parking)), 0.05)
 
 
@@ -85,7 +99,7 @@ def asphalt(c: Canvas) -> Image:
 
 def crossing(c: Canvas) -> Image:
     """Zebra: bars of half a metre along the direction of travel."""
-    return finished(_marked(c, _asphalt(c, 1), np.asarray(c.x * ASPHALT_TILE_M % 1.0 < 0.5), 0.3), 0.05)
+    return finished(_marked(c, _asphalt(c, 1), np.asarray(c.x * ASPHALT_TILE_M % BAR_PERIOD_M < BAR_M), 0.3), 0.05)
 
 
 def pavers(c: Canvas) -> Image:

@@ -12,7 +12,7 @@ from wayloom.stitching.kernels.cells import find
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 KERNEL_STEPS = 256
-OWN_WEIGHT = 4
+OWN_WEIGHT = 16
 """How much more than votes beside it a voxel's own weigh."""
 LEAST_WEIGHT = 26
 """Of KERNEL_STEPS: a tenth. Lighter neighbours are not said to have seen a voxel."""

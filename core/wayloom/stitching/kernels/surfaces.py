@@ -64,7 +64,9 @@ def add_moments(cell, local, sigma2, across2, ray, common, plane, moments):  # t
 @njit(cache=True, error_model="numpy")
 def smallest_direction(A, values, V):  # type: ignore[no-untyped-def]
     """Eigenvalues (3,), increasing, and eigenvectors (3, 3), columns, of a symmetric A (3, 3), overwritten, by cyclic Jacobi."""
-    V[:] = np.eye(3)
+    V[:] = 0.0
+    for i in range(3):
+        V[i, i] = 1.0
     for _ in range(SWEEPS):
         off = abs(A[0, 1]) + abs(A[0, 2]) + abs(A[1, 2])
         if off <= 1e-15 * (abs(A[0, 0]) + abs(A[1, 1]) + abs(A[2, 2])):
@@ -124,7 +126,8 @@ def fit_planes(key, table, steps, moments, cell_m, least_points, floor2, plane):
             continue
         w = total[0]
         expected = total[10] / w  # the mean variance: each weight is a robust one over a variance
-        plane[c, 0:3] = V[:, 0]
+        for i in range(3):
+            plane[c, i] = V[i, 0]
         plane[c, 3] = (V[0, 0] * total[1] + V[1, 0] * total[2] + V[2, 0] * total[3]) / w
         plane[c, 4] = max(values[0] - expected, 0.0) + floor2
         plane[c, 5] = values[0] / total[10] + 1.0 / w
@@ -201,11 +204,13 @@ def fuse(xyz, group, sigma2, across2, ray, common, key, table, low, steps, plane
                     inside &= abs(moved[k] - xyz[p, k]) <= reach_m
                 if inside:
                     most = density
-                    best[:] = moved
+                    for k in range(3):
+                        best[k] = moved[k]
                     surface[p] = c
                     variance[p] = v * (plane[c, 4] + plane[c, 5]) / total
         if most > 0.0:
-            fused[p] = best
+            for k in range(3):
+                fused[p, k] = best[k]
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,0 +1,248 @@
+"""Ground sheets measured on simulated drives with truth and on a clip with LiDAR; tables as docs/benchmarks/ground.md has them.
+
+    python benchmarks/ground.py drives OUT LOG [OUT LOG ...] [--write drives]
+    python benchmarks/ground.py movers OUT LOG [OUT LOG ...] [--write movers]
+    python benchmarks/ground.py lidar OUT LOG [--write lidar]
+    python benchmarks/ground.py texture OUT LOG [--write texture]
+
+OUT is what `wayloom process LOG` left of a drive, LOG the drive: as simulated with truth, or in KITTI's raw layout with scans
+and the calibration of its day beside it. The sheets are made anew from the images, which is timed. `lidar` compares the surface
+with the points of the scans that fall on it, after one offset in height; `texture` correlates the orthophoto with the city's true
+ground from above.
+"""
+
+import argparse
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pages import DOCS, put_between_marks
+from wayloom.config.classes import CLASS_ID, MOVING_CLASSES
+from wayloom.evaluation.ground import NEAR_TRACK_M, SheetErrors, compare, scores, true_ground, true_place
+from wayloom.evaluation.ground_texture import texture_correlation
+from wayloom.geometry import se3
+from wayloom.ground.exposure import drive_exposure
+from wayloom.ground.making import chosen_keyframes, level_frame, make_sheets, raster_around, views_of
+from wayloom.ground.picture import picture_of
+from wayloom.ground.settings import GroundSettings
+from wayloom.ground.sheet import CELL_M, GROUND_CLASSES, GroundSheet
+from wayloom.ground.standing import without_standing
+from wayloom.ground.surface import surface_of
+from wayloom.ground.view import may_be_shown
+from wayloom.logs.registry import open_log
+from wayloom.logs.simulated_truth import open_truth
+from wayloom.odometry.result.odometry_file import load_odometry
+from wayloom.segmentation.keyframe_labels import KeyframeLabels
+from wayloom.simulation.city.city_settings import CitySettings
+from wayloom.simulation.recording.worlds import build_world
+from wayloom.simulation.rendering.light import LightSettings
+from wayloom.submaps.files import load_submaps
+
+PAGE = DOCS / "benchmarks" / "ground.md"
+PERSONS = (CLASS_ID["person"], CLASS_ID["rider"])
+LIDAR_REACH_M = 25.0
+NO_GROUND_M = 0.3
+"""Points further from the surface stand on the ground, or are seen past it."""
+
+
+def make(out: Path, log_path: Path) -> tuple[list[GroundSheet], float]:
+    """The sheets of a drive and the CPU milliseconds a frame that they took, without compilation."""
+    log = open_log(log_path)
+    odometry = load_odometry(out / "stages" / "odometry" / "odometry.npz")
+    labels = KeyframeLabels(out / "stages" / "segmentation", odometry.keyframes.frame)
+    submaps = load_submaps(out / "stages" / "submaps")
+    next(make_sheets(log, odometry, labels, submaps[-1:]))
+    start = time.process_time()
+    sheets = list(make_sheets(log, odometry, labels, submaps))
+    return sheets, 1000.0 * (time.process_time() - start) / len(log)
+
+
+def drives(pairs: list[tuple[Path, Path]]) -> str:
+    """Markdown table, a row a drive."""
+    lines = [
+        "| drive | road, sidewalk, terrain covered (%) | height error (mm): median, p95, bias | errors / sigma |"
+        " kerbs at the edge, and from 0.3 m away (mm): median, p90 | IoU (%): road, sidewalk, terrain | true movers shown (ppm) |"
+        " CPU ms a frame |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for out, log_path in pairs:
+        sheets, cost = make(out, log_path)
+        truth = open_truth(log_path)
+        ground = true_ground(truth, open_log(log_path).rig.camera)
+        submaps = {item.submap.digest: item.submap for item in load_submaps(out / "stages" / "submaps")}
+        parts: list[SheetErrors] = []
+        for sheet in sheets:
+            T_enu_sheet = true_place(submaps[sheet.submap], truth.T_enu_cam) @ sheet.T_submap_sheet
+            parts.append(compare(sheet, T_enu_sheet, ground))
+        s = scores(parts, ground)
+        covered, iou = (", ".join(f"{100 * values.get(k, np.nan):.1f}" for k in (0, 1, 9)) for values in (s.coverage, s.iou))
+        height = f"{1e3 * s.median_m:.1f}, {1e3 * s.p95_m:.0f}, {1e3 * s.bias_m:+.1f}"
+        kerbs = "; ".join(f"{1e3 * median:.0f}, {1e3 * p90:.0f}" for median, p90 in (s.kerb_m, s.kerb_away_m))
+        name = f"{log_path.parent.name}/{log_path.name}"
+        lines.append(
+            f"| {name} | {covered} | {height} | {s.normalised_error:.2f} | {kerbs} | {iou} |"
+            f" {1e6 * movers_shown(out, log_path):.0f} | {cost:.0f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def movers_shown(out: Path, log_path: Path) -> float:
+    """Share of the pixels that may be shown, of all keyframes, that are persons or vehicles in truth."""
+    odometry, truth = load_odometry(out / "stages" / "odometry" / "odometry.npz"), open_truth(log_path)
+    labels = KeyframeLabels(out / "stages" / "segmentation", odometry.keyframes.frame)
+    wrong, total = 0, 0
+    for row, frame in enumerate(odometry.keyframes.frame.tolist()):
+        shown = may_be_shown(labels.left(row), GroundSettings().mover_margin_share) > 0.0
+        wrong += int(np.isin(truth.class_id(frame)[shown], MOVING_CLASSES).sum())
+        total += int(shown.sum())
+    return wrong / max(total, 1)
+
+
+def in_picture(pairs: list[tuple[Path, Path]]) -> str:
+    """Markdown table: true persons and vehicles in the orthophotos, with what stands on the ground in the views and without."""
+    lines = [
+        "| drive | | pixels (millions) | road, sidewalk, terrain shown (%) | persons: over a quarter, any (ppm) |"
+        " vehicles: over a quarter, any (ppm) |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    for out, log_path in pairs:
+        rows = drive_in_picture(out, log_path)
+        lines += [f"| {log_path.parent.name}/{log_path.name} | {which} | {row} |" for which, row in rows.items()]
+    return "\n".join(lines) + "\n"
+
+
+def drive_in_picture(out: Path, log_path: Path) -> dict[str, str]:
+    """Rows of one drive. The images are replaced by the true classes after the views have been matched and judged."""
+    log, truth, odometry = open_log(log_path), open_truth(log_path), load_odometry(out / "stages" / "odometry" / "odometry.npz")
+    labels, settings = KeyframeLabels(out / "stages" / "segmentation", odometry.keyframes.frame), GroundSettings()
+    exposure, chosen = drive_exposure(log, odometry, labels), chosen_keyframes(odometry, settings)
+    ground, bias_px = true_ground(truth, log.rig.camera), odometry.disparity_bias_px
+    counts = {which: np.zeros(5) for which in ("as labelled", "less what stands")}
+    covered = {which: np.zeros(ground.height.shape, bool) for which in counts}
+    for placed in load_submaps(out / "stages" / "submaps"):
+        seen = views_of(log, odometry, labels, placed, chosen, exposure, settings)
+        if not seen:
+            continue
+        raster = raster_around([view for _, view in seen], settings.reach_m)
+        height = surface_of([view for _, view in seen], raster, odometry.rig, bias_px, settings).height
+        for which in counts:
+            views = []
+            for frame, view in seen:
+                kept = view if which == "as labelled" else without_standing(view, raster, height, odometry.rig, bias_px, settings)
+                views.append(replace(kept, image=movers_image(truth.class_id(frame)[view.first_row :]), gain=1.0, offset=0.0))
+            picture = picture_of(views, raster, height, odometry.rig, bias_px, settings)
+            there = picture.sharpness > 0.0
+            share = picture.colour[there] / 255.0
+            counts[which] += [there.sum(), *(share > 0.25).sum(axis=0), *(share > 0.004).sum(axis=0)]
+            T_enu_sheet = true_place(placed.submap, truth.T_enu_cam) @ level_frame(placed)
+            r, c = np.nonzero(there.reshape(*raster.shape[:1], 2, raster.shape[1], 2).any(axis=(1, 3)) & np.isfinite(height))
+            xy = raster.low + (np.column_stack([c, r]) + 0.5) * CELL_M
+            row, column, inside = ground.place(se3.transform(T_enu_sheet, np.column_stack([xy, height[r, c]])))
+            covered[which][row[inside], column[inside]] = True
+    near, rows = ground.distance <= NEAR_TRACK_M, {}
+    for which, (pixels, person, vehicle, any_person, any_vehicle) in counts.items():
+        shown = ", ".join(f"{100 * covered[which][near & (ground.class_id == k)].mean():.1f}" for k in GROUND_CLASSES)
+        ppm = [f"{1e6 * n / pixels:.0f}" for n in (person, any_person, vehicle, any_vehicle)]
+        rows[which] = f"{1e-6 * pixels:.2f} | {shown} | {ppm[0]}, {ppm[1]} | {ppm[2]}, {ppm[3]}"
+    return rows
+
+
+def movers_image(class_id: np.ndarray) -> np.ndarray:
+    """(h, w, 2) uint8: 255 where a true person, and a vehicle, is."""
+    person = np.isin(class_id, PERSONS)
+    return np.stack([255 * person, 255 * (np.isin(class_id, MOVING_CLASSES) & ~person)], axis=-1).astype(np.uint8)
+
+
+def lidar(out: Path, log_path: Path) -> str:
+    """Markdown table: the surface against the scans, by reach."""
+    sheets, cost = make(out, log_path)
+    log, odometry = open_log(log_path), load_odometry(out / "stages" / "odometry" / "odometry.npz")
+    submaps = {item.submap.digest: item.submap for item in load_submaps(out / "stages" / "submaps")}
+    T_cam_velo = velodyne_pose(log_path)
+    apart, far = [], []
+    for sheet in sheets:
+        submap = submaps[sheet.submap]
+        anchor = submap.keyframe_frame[np.argmin(np.linalg.norm(submap.T_submap_cam[:, :3, 3], axis=1))]
+        T_sheet_world = se3.inverse(sheet.T_submap_sheet) @ se3.inverse(odometry.trajectory.T_world_cam[anchor])
+        for scan in sorted((log_path / "velodyne_points" / "data").glob("*.bin")):
+            frame = int(scan.stem)
+            if not submap.keyframe_frame[0] <= frame <= submap.keyframe_frame[-1] or frame >= len(log):
+                continue
+            points = np.fromfile(scan, "<f4").reshape(-1, 4)[:, :3].astype(np.float64)
+            reach = np.linalg.norm(points[:, :2], axis=1)
+            T_sheet_velo = T_sheet_world @ odometry.trajectory.T_world_cam[frame] @ T_cam_velo
+            on = se3.transform(T_sheet_velo, points[reach < LIDAR_REACH_M])
+            at = np.floor(on[:, :2] / CELL_M).astype(np.int64) - sheet.corner
+            rows, columns = sheet.height_mm.shape
+            inside = (at >= 0).all(axis=1) & (at[:, 0] < columns) & (at[:, 1] < rows)
+            apart.append(sheet.height[at[inside, 1], at[inside, 0]] - on[inside, 2])
+            far.append(reach[reach < LIDAR_REACH_M][inside])
+    error, distance = np.concatenate(apart), np.concatenate(far)
+    known = np.abs(error - np.nanmedian(error)) < NO_GROUND_M
+    offset = float(np.median(error[known]))
+    lines = ["| from the scanner (m) | points | median (mm) | p95 (mm) |", "| --- | --- | --- | --- |"]
+    for low, high in ((0.0, 10.0), (10.0, 15.0), (15.0, LIDAR_REACH_M), (0.0, LIDAR_REACH_M)):
+        here = np.abs(error[known & (distance >= low) & (distance < high)] - offset)
+        lines.append(
+            f"| {low:.0f} to {high:.0f} | {len(here)} | {1e3 * np.median(here):.1f} | {1e3 * np.percentile(here, 95):.0f} |"
+        )
+    return "\n".join(lines) + f"\n\nOffset {1e3 * offset:+.0f} mm; {cost:.0f} CPU ms a frame.\n"
+
+
+def texture(out: Path, log_path: Path) -> str:
+    """Markdown table: correlation of the orthophoto with the true texture, by the sharpness that it was seen with."""
+    sheets, _ = make(out, log_path)
+    preset = json.loads((log_path.parent / "simulation.json").read_text())["preset"]
+    light = LightSettings(**{**preset["light"], "haze_per_m": 0.0})
+    world = build_world(CitySettings(**preset["city"]), light, "half")
+    truth = open_truth(log_path)
+    submaps = {item.submap.digest: item.submap for item in load_submaps(out / "stages" / "submaps")}
+    parts = []
+    for sheet in sheets:
+        T_enu_sheet = true_place(submaps[sheet.submap], truth.T_enu_cam) @ sheet.T_submap_sheet
+        parts.append(np.column_stack(texture_correlation(sheet, T_enu_sheet, world)))
+    correlation, sharpness = np.concatenate(parts).T
+    lines = ["| image pixels a metre | cells of 1 m | correlation: p10, median, p90 |", "| --- | --- | --- |"]
+    for low, high in ((0, 2), (2, 4), (4, 255)):
+        here = correlation[(sharpness >= low) & (sharpness < high)]
+        values = ", ".join(f"{value:.2f}" for value in np.percentile(here, (10, 50, 90))) if len(here) else ""
+        lines.append(f"| {low} to {high} | {len(here)} | {values} |")
+    return "\n".join(lines) + "\n"
+
+
+def velodyne_pose(log_path: Path) -> np.ndarray:
+    """T_cam_velo (4, 4) of KITTI's left colour camera, from the calibration files of the day."""
+    day = log_path.parent
+    told = _numbers(day / "calib_velo_to_cam.txt")
+    cameras = _numbers(day / "calib_cam_to_cam.txt")
+    T_grey_velo = se3.from_rotation_translation(told["R"].reshape(3, 3), told["T"])
+    R_rect = se3.from_rotation_translation(cameras["R_rect_00"].reshape(3, 3), np.zeros(3))
+    P = cameras["P_rect_02"].reshape(3, 4)
+    return se3.from_rotation_translation(np.eye(3), np.linalg.solve(P[:, :3], P[:, 3])) @ R_rect @ T_grey_velo
+
+
+def _numbers(file: Path) -> dict[str, np.ndarray]:
+    rows = (line.split(":", 1) for line in file.read_text().splitlines() if ":" in line)
+    return {name: np.array(text.split(), float) for name, text in rows if name not in ("calib_time", "corner_dist")}
+
+
+def main() -> None:
+    """Measure, print, and write where that is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("drives", "movers", "lidar", "texture"))
+    parser.add_argument("paths", nargs="+", type=Path, help="OUT LOG, in pairs")
+    parser.add_argument("--write", metavar="NAME")
+    asked = parser.parse_args()
+    pairs = list(zip(asked.paths[::2], asked.paths[1::2], strict=True))
+    of_all, of_one = {"drives": drives, "movers": in_picture}, {"lidar": lidar, "texture": texture}
+    text = of_all[asked.what](pairs) if asked.what in of_all else of_one[asked.what](*pairs[0])
+    print(text)
+    if asked.write:
+        put_between_marks(PAGE, asked.write, text)
+
+
+if __name__ == "__main__":
+    main()

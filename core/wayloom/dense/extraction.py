@@ -1,0 +1,115 @@
+"""Extraction of a drive's looks from its images: one pass over keyframes along the road."""
+
+from dataclasses import replace
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.progress import Progress, silent
+from wayloom.dense.disparity import dense_disparity, search_px
+from wayloom.dense.kernels.patches import reduce_patches
+from wayloom.dense.settings import LookSettings
+from wayloom.dense.types import DEPTHS_M, INFINITY, KINDS_OF_CLASS, OPEN_SKY, UNSURE, Looks
+from wayloom.geometry.camera import PinholeCamera, StereoRig
+from wayloom.logs.types import DriveLog
+from wayloom.odometry.frame_source import one_opencv_thread
+from wayloom.odometry.types import OdometryResult
+from wayloom.places.road import road_m, spaced
+from wayloom.places.stereo_pair import LeftLabels, StereoPair, read_pair, right_rectifier
+
+Image = NDArray[np.uint8]
+FloatArray = NDArray[np.float64]
+SIGMA_PX: Final = 0.5
+"""Of a disparity, of the images that are matched: what is worse than the sub-pixel noise is the pull of neighbours."""
+Look = tuple[Image, Image, Image]
+"""near, far and kinds (h, w)."""
+
+
+def make_looks(
+    log: DriveLog,
+    odometry: OdometryResult,
+    images: LeftLabels,
+    settings: LookSettings = LookSettings(),
+    progress: Progress = silent,
+) -> Looks:
+    """The looks of a drive. Raises StageError where an image's labels are missing, LogError where an image cannot be read."""
+    keyframes, rectifier = odometry.keyframes, right_rectifier(odometry)
+    chosen = np.flatnonzero(spaced(road_m(keyframes.T_world_cam), keyframes.segment, settings.spacing_m))
+    camera, edge = small_camera(odometry.rig.camera, settings.width_px)
+    found: list[Look] = []
+    with one_opencv_thread():
+        for count, k in enumerate(chosen.tolist()):
+            pair = read_pair(log, int(keyframes.frame[k]), images.left(k), rectifier)
+            depth = dense_depth(pair, odometry.rig, odometry.disparity_bias_px, settings)
+            found.append(look_of(depth, pair.label, camera, edge, settings.sure_share))
+            progress(count / len(chosen), f"look {count + 1} of {len(chosen)}")
+    shape = (len(found), camera.height, camera.width)
+    near, far, kinds = (np.array([look[part] for look in found], np.uint8).reshape(shape) for part in range(3))
+    sigma = SIGMA_PX * (1 << _level(odometry.rig.camera.width, settings.match_width_px)) / odometry.rig.bf
+    return Looks(camera, sigma, keyframes.frame[chosen].astype(np.uint32), near, far, kinds)
+
+
+def dense_depth(pair: StereoPair, rig: StereoRig, bias_px: float, settings: LookSettings) -> FloatArray:
+    """(h, w) m along the left camera's z axis, of every pixel of the pair; NaN where it is not sure, infinite without disparity.
+
+    bias_px : of the disparities, at the full size of the images
+    """
+    left, right, level = pair.left, pair.right, _level(pair.left.shape[1], settings.match_width_px)
+    for _ in range(level):
+        left, right = _halved(left), _halved(right)
+    scale = 2.0**level
+    small = replace(rig, camera=rig.camera.at_level(level))
+    disparity = scale * dense_disparity(left, right, search_px(small), settings.check_px) - bias_px
+    depth = np.where(disparity > 0.0, rig.bf / np.where(disparity > 0.0, disparity, 1.0), np.inf)
+    return _at_full_size(np.where(np.isnan(disparity), np.nan, depth), level, pair.left.shape)
+
+
+def _level(width: int, match_width_px: int) -> int:
+    """How often images of this width are halved before they are matched."""
+    level = 0
+    while width >> level > match_width_px:
+        level += 1
+    return level
+
+
+def _halved(image: Image) -> Image:
+    """Means of 2 x 2 pixels, as of `PinholeCamera.at_level`; a last odd row or column is left out."""
+    even = image[: image.shape[0] & ~1, : image.shape[1] & ~1]
+    return np.asarray(cv2.resize(even, (even.shape[1] // 2, even.shape[0] // 2), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _at_full_size(depth: FloatArray, level: int, shape: tuple[int, ...]) -> FloatArray:
+    if level == 0:
+        return depth
+    large = np.full(shape, np.nan)
+    repeated = depth.repeat(1 << level, axis=0).repeat(1 << level, axis=1)
+    large[: repeated.shape[0], : repeated.shape[1]] = repeated
+    return large
+
+
+def small_camera(camera: PinholeCamera, width_px: int) -> tuple[PinholeCamera, int]:
+    """The camera whose pixels are patches of so many pixels that its image is at most `width_px` wide, and how many."""
+    edge = -(-camera.width // width_px)
+    fx, fy, cx, cy = camera.fx / edge, camera.fy / edge, (camera.cx + 0.5) / edge - 0.5, (camera.cy + 0.5) / edge - 0.5
+    return PinholeCamera(fx, fy, cx, cy, -(-camera.width // edge), -(-camera.height // edge)), edge
+
+
+def look_of(depth: FloatArray, label: Image, camera: PinholeCamera, edge: int, sure_share: float) -> Look:
+    """The look of a depth image (H, W) m and its labels (H, W).
+
+    Sky is a look to infinity where no depth says otherwise; where one does, one of the two is wrong and neither is believed.
+    """
+    kinds = KINDS_OF_CLASS[label]
+    sky = kinds == OPEN_SKY
+    near_code = np.searchsorted(DEPTHS_M, depth, side="right").clip(1)
+    far_code = np.minimum(np.searchsorted(DEPTHS_M, depth, side="left") + 1, INFINITY)
+    beyond = depth > DEPTHS_M[-1]
+    near_code[beyond] = INFINITY
+    unknown = np.isnan(depth) & ~sky | sky & (depth <= DEPTHS_M[-1])
+    near_code[sky], far_code[sky] = INFINITY, INFINITY
+    near_code[unknown], far_code[unknown] = UNSURE, UNSURE
+    near, far, all_kinds = (np.empty((camera.height, camera.width), np.uint8) for _ in range(3))
+    reduce_patches(near_code.astype(np.uint8), far_code.astype(np.uint8), kinds, edge, sure_share, near, far, all_kinds)
+    return near, far, all_kinds

@@ -1,0 +1,53 @@
+"""Exposure of a drive's orthophoto: keyframes balanced by the odometry's affine brightness, one tone curve for the drive."""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.ground.view import may_be_shown
+from wayloom.logs.types import DriveLog
+from wayloom.odometry.tracking.pyramid import grey
+from wayloom.odometry.types import OdometryResult
+from wayloom.places.stereo_pair import LeftLabels
+
+FloatArray = NDArray[np.float64]
+SAMPLED: Final = 16
+"""Keyframes whose ground tells how bright the drive's ground is."""
+WHITE_PERCENTILE, WHITE_TONE = 98.0, 215.0
+PIXEL_STEP: Final = 3
+
+
+@dataclass(frozen=True, slots=True)
+class DriveExposure:
+    """gain, offset (K,) take the left image of each keyframe to the exposure of the median one: I_drive = gain I + offset.
+
+    white : value in that exposure that the tone curve takes to WHITE_TONE
+    """
+
+    gain: FloatArray
+    offset: FloatArray
+    white: float
+
+    def tone(self, values: NDArray[Any]) -> NDArray[Any]:
+        """0 to 255 of values in the drive's exposure: their root, so that shade shows beside sun."""
+        return np.asarray(WHITE_TONE * np.sqrt(np.maximum(values, 0.0) / self.white))
+
+
+def drive_exposure(log: DriveLog, odometry: OdometryResult, labels: LeftLabels) -> DriveExposure:
+    """Of a drive whose brightness the odometry followed: I = exp(a) I_scene + b, so I_drive = exp(a_m - a) (I - b) + b_m.
+
+    Raises StageError where an image's labels are missing, LogError where an image cannot be read.
+    """
+    a, b = odometry.keyframes.affine[:, 0], odometry.keyframes.affine[:, 1]
+    gain = np.exp(np.median(a) - a)
+    offset = np.median(b) - gain * b
+    tones = []
+    for row in np.unique(np.linspace(0, len(a) - 1, SAMPLED).round().astype(np.int64)).tolist():
+        left = grey(log.frame(int(odometry.keyframes.frame[row])).left)
+        ground = may_be_shown(labels.left(row), 0.0)[::PIXEL_STEP, ::PIXEL_STEP] > 0.0
+        tones.append(gain[row] * left[::PIXEL_STEP, ::PIXEL_STEP][ground] + offset[row])
+    pooled = np.concatenate(tones)
+    white = float(np.percentile(pooled, WHITE_PERCENTILE)) if len(pooled) else 255.0
+    return DriveExposure(gain, offset, max(white, 1.0))

@@ -1,0 +1,1 @@
+"""Compiled kernels of the ground sheets: arrays in, arrays out."""

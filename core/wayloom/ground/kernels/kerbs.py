@@ -1,0 +1,101 @@
+"""Steps of the ground's height across a line: two parallel slopes with a smeared step between them, its place chosen."""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+
+
+@njit(cache=True, error_model="numpy")
+def best_step(
+    across: Float64, height: Float64, weight: Float64, shifts: Float64, smears: Float64, least: int, out: Float64
+) -> None:
+    """Fill out (6,) with the step of heights (N,) at places across (N,), weighted (N,).
+
+    They are its shift, its height h, the sigma of that by the residuals, the cost, the cost before, and its smear.
+
+    For each shift and smear the model is z = a + b x + h Phi((x - shift) / smear), Phi the normal distribution; the least weighted
+    mean square wins. cost before is that of a slope alone. sigma is of h, by the residuals. All NaN where no shift has `least`
+    heights with a weight on both sides, further than a smear from it. weight: larger for more certain heights, 0 for none.
+    """
+    best = math.inf
+    for k in range(6):
+        out[k] = math.nan
+    for s in range(shifts.shape[0]):
+        for q in range(smears.shape[0]):
+            A, r, szz = np.zeros((3, 3)), np.zeros(3), 0.0
+            low, high = 0, 0
+            for n in range(across.shape[0]):
+                x, z, w = across[n], height[n], weight[n]
+                if w <= 0:
+                    continue
+                u = 0.5 * (1.0 + math.erf((x - shifts[s]) / smears[q] * 0.7071067811865476))
+                low += 1 if x < shifts[s] - smears[q] else 0
+                high += 1 if x > shifts[s] + smears[q] else 0
+                A[0, 0] += w
+                A[0, 1] += w * x
+                A[0, 2] += w * u
+                A[1, 1] += w * x * x
+                A[1, 2] += w * x * u
+                A[2, 2] += w * u * u
+                r[0] += w * z
+                r[1] += w * x * z
+                r[2] += w * u * z
+                szz += w * z * z
+            if low < least or high < least:
+                continue
+            A[1, 0], A[2, 0], A[2, 1] = A[0, 1], A[0, 2], A[1, 2]
+            if abs(np.linalg.det(A)) < 1e-12 * A[0, 0] ** 3:
+                continue
+            inverse = np.linalg.inv(A)
+            p = inverse @ r
+            cost = max(szz - p[0] * r[0] - p[1] * r[1] - p[2] * r[2], 0.0) / A[0, 0]
+            if cost < best:
+                best = cost
+                out[0], out[1], out[3], out[5] = shifts[s], p[2], cost, smears[q]
+                out[2] = math.sqrt(max(inverse[2, 2], 0.0) * A[0, 0] * cost / max(low + high - 3, 1))
+                mean = r[0] / A[0, 0]
+                slope = (r[1] - mean * A[0, 1]) / max(A[1, 1] - A[0, 1] * A[0, 1] / A[0, 0], 1e-12)
+                out[4] = max(szz / A[0, 0] - mean * mean - slope * (r[1] - mean * A[0, 1]) / A[0, 0], 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def steps_along(
+    stations: Float64,
+    normals: Float64,
+    height: Float64,
+    weight: Float64,
+    half_along: float,
+    reach: float,
+    shifts: Float64,
+    smears: Float64,
+    least: int,
+    across: Float64,
+    found: Float64,
+    found_weight: Float64,
+    out: Float64,
+) -> None:
+    """Fill out (S, 6) with `best_step` at each station, of the cells within half_along of it along and reach across, all in cells.
+
+    stations (S, 2) column and row of places; normals (S, 2) unit vectors; height, weight (H, W), a cell counts where its weight is
+    positive; shifts (K,), smears (Q,) cells. across, found, found_weight (M,) are scratch
+    for as many cells as lie in a station's window.
+    """  # fmt: skip
+    rows, columns = height.shape
+    far = math.sqrt(half_along * half_along + reach * reach)
+    for s in range(stations.shape[0]):
+        u, v, nx, ny = stations[s, 0], stations[s, 1], normals[s, 0], normals[s, 1]
+        count, level = 0, 0.0  # heights are told from the first one: sums of squares keep their digits
+        for y in range(max(0, math.floor(v - far)), min(rows, math.ceil(v + far) + 1)):
+            for x in range(max(0, math.floor(u - far)), min(columns, math.ceil(u + far) + 1)):
+                if weight[y, x] <= 0:
+                    continue
+                a, b = (x - u) * nx + (y - v) * ny, (y - v) * nx - (x - u) * ny
+                if abs(a) <= reach and abs(b) <= half_along and count < across.shape[0]:
+                    level = height[y, x] if count == 0 else level
+                    across[count], found[count], found_weight[count] = a, height[y, x] - level, weight[y, x]
+                    count += 1
+        best_step(across[:count], found[:count], found_weight[:count], shifts, smears, least, out[s])

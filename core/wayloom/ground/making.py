@@ -1,0 +1,142 @@
+"""Ground sheets of a drive, one submap after the other: views of its keyframes → height surface → orthophoto and votes."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.progress import Progress, silent
+from wayloom.geometry import se3
+from wayloom.ground.exposure import DriveExposure, drive_exposure
+from wayloom.ground.picture import OTHER, Picture, picture_of
+from wayloom.ground.raster import Raster
+from wayloom.ground.settings import GroundSettings
+from wayloom.ground.sheet import CELL_M, LARGEST_SIGMA_MM, NO_HEIGHT, VOTE_UNIT, GroundSheet
+from wayloom.ground.standing import pieces, without_standing
+from wayloom.ground.surface import Surface, surface_of
+from wayloom.ground.view import GroundView, see_ground
+from wayloom.logs.types import DriveLog
+from wayloom.odometry.frame_source import one_opencv_thread
+from wayloom.odometry.types import OdometryResult
+from wayloom.places.road import road_m, spaced
+from wayloom.places.stereo_pair import LeftLabels, right_rectifier
+from wayloom.submaps.submap import PlacedSubmap, Submap
+
+FloatArray = NDArray[np.float64]
+SMALLEST_M2: Final = 1.0
+"""Ground that is joined to less than this is left out: what far fences and house fronts leave."""
+
+
+def make_sheets(
+    log: DriveLog,
+    odometry: OdometryResult,
+    labels: LeftLabels,
+    submaps: Sequence[PlacedSubmap],
+    settings: GroundSettings = GroundSettings(),
+    progress: Progress = silent,
+) -> Iterator[GroundSheet]:
+    """The sheet of each submap that saw ground, in the order of the road; one is in memory at a time.
+
+    Raises StageError where an image's labels are missing, LogError where an image cannot be read.
+    """
+    exposure, chosen = drive_exposure(log, odometry, labels), chosen_keyframes(odometry, settings)
+    for number, placed in enumerate(submaps):
+        T_submap_sheet = level_frame(placed)
+
+        def tell(share: float, number: int = number) -> None:
+            progress((number + 0.9 * share) / len(submaps), f"ground of submap {number + 1} of {len(submaps)}")
+
+        views = [view for _, view in views_of(log, odometry, labels, placed, chosen, exposure, settings, tell)]
+        sheet = sheet_of(placed.submap, T_submap_sheet, views, odometry, exposure, settings)
+        if sheet is not None:
+            yield sheet
+
+
+def chosen_keyframes(odometry: OdometryResult, settings: GroundSettings) -> NDArray[np.bool_]:
+    """(K,) whether sheets are made of a keyframe."""
+    return spaced(road_m(odometry.keyframes.T_world_cam), odometry.keyframes.segment, settings.spacing_m)
+
+
+def views_of(
+    log: DriveLog,
+    odometry: OdometryResult,
+    labels: LeftLabels,
+    placed: PlacedSubmap,
+    chosen: NDArray[np.bool_],
+    exposure: DriveExposure,
+    settings: GroundSettings,
+    tell: Callable[[float], None] = lambda share: None,
+) -> list[tuple[int, GroundView]]:
+    """Frame and view of the chosen (K,) keyframes of a submap that see ground; `tell` is told the share that is done."""
+    rectifier, T_sheet_submap = right_rectifier(odometry), se3.inverse(level_frame(placed))
+    rows = np.searchsorted(odometry.keyframes.frame, placed.submap.keyframe_frame)
+    views: list[tuple[int, GroundView]] = []
+    with one_opencv_thread():
+        for count, (row, T_submap_cam) in enumerate(zip(rows.tolist(), placed.submap.T_submap_cam, strict=True)):
+            if chosen[row]:
+                frame, balance = int(odometry.keyframes.frame[row]), (float(exposure.gain[row]), float(exposure.offset[row]))
+                view = see_ground(log, frame, labels.left(row), rectifier, T_sheet_submap @ T_submap_cam, balance, settings)
+                views += [] if view is None else [(frame, view)]
+            tell(count / len(rows))
+    return views
+
+
+def level_frame(placed: PlacedSubmap) -> FloatArray:
+    """T_submap_sheet (4, 4): the submap's origin, z up and x east as its pose has it."""
+    R_enu_submap = placed.T_enu_submap[:3, :3]
+    return se3.from_rotation_translation(R_enu_submap.T, np.zeros(3))
+
+
+def sheet_of(
+    submap: Submap,
+    T_submap_sheet: FloatArray,
+    views: list[GroundView],
+    odometry: OdometryResult,
+    exposure: DriveExposure,
+    settings: GroundSettings,
+) -> GroundSheet | None:
+    """The sheet that the views make; None where no ground was seen. The list's views are replaced by those without what stands."""
+    if not views:
+        return None
+    raster = raster_around(views, settings.reach_m)
+    surface = surface_of(views, raster, odometry.rig, odometry.disparity_bias_px, settings)
+    for number, view in enumerate(views):
+        views[number] = without_standing(view, raster, surface.height, odometry.rig, odometry.disparity_bias_px, settings)
+    picture = picture_of(views, raster, surface.height, odometry.rig, odometry.disparity_bias_px, settings)
+    return cropped(submap, T_submap_sheet, raster, surface, picture, exposure)
+
+
+def raster_around(views: list[GroundView], reach_m: float) -> Raster:
+    """Cells that hold all that the views may see."""
+    cameras = np.array([view.T_sheet_cam[:2, 3] for view in views])
+    low = np.floor((cameras.min(axis=0) - reach_m) / CELL_M).astype(np.int64)
+    high = np.ceil((cameras.max(axis=0) + reach_m) / CELL_M).astype(np.int64)
+    return Raster(low, (int(high[1] - low[1]), int(high[0] - low[0])))
+
+
+def cropped(
+    submap: Submap, T_submap_sheet: FloatArray, raster: Raster, surface: Surface, picture: Picture, exposure: DriveExposure
+) -> GroundSheet | None:
+    """The sheet of the cells that are ground, cut to where there are any; None where there are none."""
+    ground = picture.votes[..., :OTHER]
+    is_ground = pieces(np.isfinite(surface.height) & (ground.sum(axis=2) > picture.votes[..., OTHER]), SMALLEST_M2 / CELL_M**2)
+    if not is_ground.any():
+        return None
+    rows, columns = (np.flatnonzero(is_ground.any(axis=axis)) for axis in (1, 0))
+    part = (slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1))
+    fine = tuple(slice(2 * cut.start, 2 * cut.stop) for cut in part)
+    kept = is_ground[part]
+    seen = kept.repeat(2, axis=0).repeat(2, axis=1) & (picture.sharpness[fine] > 0.0)
+    height_mm = np.rint(1000.0 * np.nan_to_num(surface.height[part])).clip(NO_HEIGHT + 1, -NO_HEIGHT - 1)
+    return GroundSheet(
+        submap=submap.digest,
+        T_submap_sheet=T_submap_sheet,
+        corner=(raster.corner + np.array([columns[0], rows[0]])).astype(np.int32),
+        t_ns=submap.keyframe_t_ns[[0, -1]].astype(np.int64),
+        height_mm=np.where(kept, height_mm, NO_HEIGHT).astype(np.int16),
+        sigma_mm=np.where(kept, np.ceil(1000.0 * surface.sigma[part]).clip(1, LARGEST_SIGMA_MM), 0).astype(np.uint8),
+        votes=np.where(kept[..., None], np.rint(ground[part] / VOTE_UNIT).clip(0, 65535), 0).astype(np.uint16),
+        colour=np.where(seen[..., None], np.rint(exposure.tone(picture.colour[fine])).clip(0, 255), 0).astype(np.uint8),
+        sharpness=np.where(seen, np.rint(picture.sharpness[fine]).clip(1, 255), 0).astype(np.uint8),
+    )

@@ -1,0 +1,1 @@
+"""Markings and kerbs on a raster of the ground."""

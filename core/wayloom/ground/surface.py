@@ -1,0 +1,111 @@
+"""Height surface of a sheet: robust heights of cells from all views, smoothed where they are one surface.
+
+Far from the camera, views err together over metres: what no near view tells is held to the surface around it.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.geometry.camera import PinholeCamera, StereoRig
+from wayloom.ground.kernels.samples import gather_heights
+from wayloom.ground.kernels.surface import block_heights, cell_heights, smooth_blocks, smooth_surface
+from wayloom.ground.raster import Raster
+from wayloom.ground.settings import GroundSettings
+from wayloom.ground.sheet import CELL_M
+from wayloom.ground.view import GroundView
+
+FloatArray = NDArray[np.float64]
+SIGMA_PX: Final = 0.3
+"""Of the disparity of one view's pixels in a cell."""
+CORRELATED: Final = 8.0
+"""Samples of neighbouring cells and views that are wrong together: so many count as one."""
+FLOOR_M: Final = 0.014
+"""Sigma that no number of views takes away: what they have in common."""
+FILLED_M: Final = 0.03
+"""Sigma that is added where a cell's height comes from its neighbours alone."""
+STEP_M: Final = 0.03
+"""Heights that differ from the plane by more are of another surface."""
+BLOCK_CELLS, BROAD_BLOCKS = 4, 5
+"""Of the broad surface: cells of a block's side, and blocks to either side over which it is a plane, 2.2 m."""
+BEND_M: Final = 0.05
+"""Sigma of what the ground is off its broad surface, and the scale by which blocks and cells are of another one."""
+MOST_ABOVE: Final = (0.35, 0.06)
+"""m, and share of the depth: what is further over or under a view's plane is no ground."""
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """height (H, W) m, NaN without surface; sigma (H, W) m."""
+
+    height: FloatArray
+    sigma: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """Heights by view and cell: key (N,) 2 * cell + group - 1, height (N,) m, variance (N,) m^2."""
+
+    key: NDArray[np.int64]
+    height: FloatArray
+    variance: FloatArray
+
+
+def surface_of(views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: float, settings: GroundSettings) -> Surface:
+    """The surface that the views tell of. bias_px : of the disparities."""
+    samples = gather(views, raster, rig, bias_px, settings.reach_m)
+    height, information, group = fuse(samples, raster.shape)
+    return smooth(height, information, group, round(settings.smoothing_m / CELL_M))
+
+
+def gather(views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: float, reach_m: float) -> Samples:
+    """One sample for each view, cell and group."""
+    cells = 2 * raster.shape[0] * raster.shape[1]
+    sums, counts = np.zeros((cells, 2)), np.zeros(cells, np.int32)
+    parts: list[Samples] = []
+    camera = numbers(rig.camera)
+    for view in views:
+        room = view.above.size
+        key, height, variance = np.empty(room, np.int64), np.empty(room), np.empty(room)
+        found = gather_heights(
+            view.above, view.group, view.plane_row, view.first_row, camera, rig.bf, bias_px, view.T_sheet_cam, reach_m,
+            np.array([view.plane.camera_height_m(rig, bias_px), *MOST_ABOVE]), raster.low, CELL_M, np.array(raster.shape), sums,
+            counts, key, height, variance,
+        )  # fmt: skip
+        parts.append(Samples(key[:found].copy(), height[:found].copy(), SIGMA_PX**2 * variance[:found]))
+    return Samples(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("key", "height", "variance")))
+
+
+def fuse(samples: Samples, shape: tuple[int, int]) -> tuple[FloatArray, FloatArray, NDArray[np.uint8]]:
+    """Height m, information 1/m^2 (0 without samples) and group of each cell, (H, W) each."""
+    height, information = np.zeros(shape), np.zeros(shape)
+    group = np.zeros(shape, np.uint8)
+    order = np.argsort(samples.key, kind="stable")
+    flat = (height.reshape(-1), information.reshape(-1), group.reshape(-1))
+    cell_heights(samples.key, order, samples.height, samples.variance, *flat)
+    return height, information, group
+
+
+def smooth(height: FloatArray, information: FloatArray, group: NDArray[np.uint8], radius: int) -> Surface:
+    """The surface of cells (H, W) as `fuse` gives them; radius in cells."""
+    smoothed, variance, filled = np.zeros(height.shape), np.zeros(height.shape), np.zeros(height.shape, bool)
+    broad, bend2 = broad_surface(height, information, group), BEND_M**2 / CORRELATED
+    smooth_surface(height, information, group, *broad, BLOCK_CELLS, bend2, radius, STEP_M, smoothed, variance, filled)
+    sigma = np.sqrt(CORRELATED * variance + FLOOR_M**2 + np.where(filled, FILLED_M**2, 0.0))
+    return Surface(np.where(variance > 0.0, smoothed, np.nan), sigma)
+
+
+def broad_surface(height: FloatArray, information: FloatArray, group: NDArray[np.uint8]) -> tuple[FloatArray, FloatArray]:
+    """Height m and variance m^2 (0: none) by group of the blocks of cells (H, W): (2, rows, columns) of blocks each."""
+    shape = (2, *(-(-side // BLOCK_CELLS) for side in height.shape))
+    blocks, weights, broad, variance = (np.zeros(shape) for _ in range(4))
+    block_heights(height, information, group, BLOCK_CELLS, BEND_M, blocks, weights)
+    smooth_blocks(blocks, weights, BROAD_BLOCKS, BEND_M, broad, variance)
+    return broad, variance
+
+
+def numbers(camera: PinholeCamera) -> FloatArray:
+    """(4,) fx, fy, cx, cy."""
+    return np.array([camera.fx, camera.fy, camera.cx, camera.cy])

@@ -1,0 +1,106 @@
+"""View of the ground: what one keyframe's stereo pair tells of the ground before it."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.config.classes import CLASS_COUNT, CLASS_ID, MOVING_CLASSES
+from wayloom.ground.plane import GroundPlane, above_plane, find_plane
+from wayloom.ground.settings import GroundSettings
+from wayloom.ground.sheet import GROUND_CLASSES
+from wayloom.logs.types import DriveLog
+from wayloom.odometry.rig.rows import RightRectifier
+from wayloom.odometry.tracking.pyramid import grey
+
+Image = NDArray[np.uint8]
+FloatArray = NDArray[np.float64]
+ROAD, BESIDE = 1, 2
+GROUP: Final = np.zeros(256, np.uint8)
+"""(256,) group of a train id: surfaces of different groups are not one surface. 0 is no ground."""
+GROUP[list(GROUND_CLASSES)] = [ROAD if c == CLASS_ID["road"] else BESIDE for c in GROUND_CLASSES]
+MAY_MOVE: Final = np.array([c >= CLASS_COUNT or c in MOVING_CLASSES for c in range(256)])
+"""(256,) whether a train id is one of persons and vehicles, or void, which may be one."""
+SEARCH_STEP: Final = 8
+FEATHER_PX: Final = 8
+SURE_INSIDE: Final = 0.25
+"""Of `shown`: pixels that tell heights. Nearer to what stands there, matching mixes the two."""
+LEAST_ROWS: Final = 16
+HORIZON_SHARE: Final = 1.3
+"""Rows are matched from where the plane is so many times the reach away: ground falls and rises."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroundView:
+    """T_sheet_cam (4, 4); plane of disparities; rows from first_row on: above (h', w) px over the plane, image (h', w, C) uint8.
+
+    label   (h, w) uint8 train ids of the whole image
+    shown   (h, w) float32 0 to 1: how far inside of what may be shown; 0 where a person, a vehicle or no ground is near
+    gain, offset   take the image's values to the drive's exposure
+    """
+
+    T_sheet_cam: FloatArray
+    plane: GroundPlane
+    first_row: int
+    above: NDArray[np.float32]
+    image: Image
+    label: Image
+    shown: NDArray[np.float32]
+    gain: float
+    offset: float
+
+    @property
+    def group(self) -> Image:
+        """(h', w) group of the matched rows' pixels, 0 where they may not be used."""
+        rows = slice(self.first_row, None)
+        return np.where(self.shown[rows] >= SURE_INSIDE, GROUP[self.label[rows]], 0).astype(np.uint8)
+
+    @property
+    def plane_row(self) -> FloatArray:
+        """(3,) of the plane, as kernels take it."""
+        return np.array([self.plane.slope_u, self.plane.slope_v, self.plane.offset])
+
+
+def see_ground(
+    log: DriveLog,
+    frame: int,
+    label: Image,
+    rectifier: RightRectifier,
+    T_sheet_cam: FloatArray,
+    exposure: tuple[float, float],
+    settings: GroundSettings,
+) -> GroundView | None:
+    """The view of one frame; None where it shows too little ground. Raises LogError where an image cannot be read."""
+    pair, rig = log.frame(frame), log.rig
+    left, right = grey(pair.left), rectifier.align(grey(pair.right))
+    shown = may_be_shown(label, settings.mover_margin_share)
+    plane = find_plane(left, right, shown > 0.0, rig)
+    if plane is None:
+        return None
+    height, width = left.shape
+    least = rig.bf / (HORIZON_SHARE * settings.reach_m)
+    first_row = int(np.ceil(min(plane.row_of(least, column) for column in (0.0, width - 1.0))))
+    first_row = max(first_row, 0)
+    if height - first_row < LEAST_ROWS:
+        return None
+    search = SEARCH_STEP * max(1, round(settings.search_share * width / SEARCH_STEP))
+    above = above_plane(left, right, plane, first_row, search)
+    image = np.ascontiguousarray(pair.left[first_row:]).reshape(height - first_row, width, -1)
+    return GroundView(T_sheet_cam, plane, first_row, above, image, label, shown, *exposure)
+
+
+def may_be_shown(label: Image, margin_share: float) -> NDArray[np.float32]:
+    """(h, w) 0 to 1 of an image of train ids: 0 but on ground that no person or vehicle is nearer to than the margin, 1 well
+    inside of it."""
+    margin = round(margin_share * label.shape[1])
+    movers = cv2.dilate(MAY_MOVE[label].astype(np.uint8), disc(margin))
+    ground = (GROUP[label] > 0) & (movers == 0)
+    inside = cv2.distanceTransform(np.pad(ground.astype(np.uint8), 1, mode="edge"), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    return np.asarray(np.clip((inside - 1.0) / FEATHER_PX, 0.0, 1.0), np.float32)
+
+
+def disc(radius: int) -> Image:
+    """(2 radius + 1, 2 radius + 1) 1 inside of a disc."""
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), np.uint8)
