@@ -3,7 +3,7 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3 python; do c
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint requirements/constraints.txt
 PYTEST_ARGS ?= -n 2 --dist loadfile
-KERNEL_TESTS = -m "kernels and not compiled" $(shell grep -rl "^pytestmark = pytest.mark.kernels" tests)
+KERNEL_TESTS = -m "kernels and not compiled" $(shell grep -rlE "^(pytestmark = |@)pytest\.mark\.kernels" tests)
 
 .PHONY: demo test coverage lint bench format clean help
 .DEFAULT_GOAL := help

@@ -136,7 +136,7 @@ def drives(pairs: Sequence[tuple[Path, Path]], sheets: Path | None) -> Run:
 
 def of_map(outs: Sequence[Path], folders: Sequence[Path]) -> str:
     """What each drive finds by itself and what is found on the merged ground of all, as Markdown."""
-    columns, placed = {}, []
+    columns, placed, frame = {}, [], None
     for number, (out, folder) in enumerate(zip(outs, folders, strict=True), 1):
         submaps = load_submaps(out / "stages" / "submaps")
         index = read_index(folder)
@@ -153,9 +153,9 @@ def of_map(outs: Sequence[Path], folders: Sequence[Path]) -> str:
             if one.submap.digest in index
         ]
         found = markings_of_drive(folder, submaps, MarkingSettings(), KerbSettings())
-        frame = submaps[0].frame
-        assert frame is not None
+        frame = _one_frame(frame, submaps[0].frame, out)
         columns[f"drive {number}"] = geojson(*found, frame, submaps)["features"]
+    assert frame is not None
     ground, found_of_map, seconds = MergedGround(placed), [], []
     for key in ground.keys:
         start = time.process_time()
@@ -170,6 +170,15 @@ def of_map(outs: Sequence[Path], folders: Sequence[Path]) -> str:
         f"{len(placed)} sheets, {len(ground.keys)} regions: {np.mean(seconds):.2f} s of CPU a region, at most {max(seconds):.2f} s"
     )
     return f"{head}{rows}\n{about}"
+
+
+def _one_frame(of_others: MapFrame | None, own: MapFrame | None, out: Path) -> MapFrame:
+    """The frame of a drive, which has to be that of the drives before."""
+    if own is None:
+        sys.exit(f"{out}: has no place on Earth. Process the log with its GNSS.")
+    if of_others is not None and own != of_others:
+        sys.exit(f"{out}: lies in another map frame than the drives before. Give drives of one degree cell.")
+    return own
 
 
 def _of_features(found: Sequence[dict[str, Any]], frame: MapFrame) -> dict[str, str]:

@@ -39,6 +39,17 @@ def test_the_bounds_fit_at_the_finest_zoom_that_keeps_the_size():
     assert picture.shape[1] == width + 2 * MARGIN_PX + LEGEND_PX
 
 
+def test_no_tile_is_asked_for_twice():
+    asked: list[tuple[int, int, int]] = []
+
+    def tile(z: int, x: int, y: int) -> bytes:
+        asked.append((z, x, y))
+        return png(PALETTE[0].tolist(), 255)
+
+    map_picture(TileLayer(tile), BOUNDS, max_size_px=400)
+    assert len(asked) == len(set(asked)) > 1
+
+
 def test_a_track_is_drawn_where_it_ran():
     track = np.array([[11.6002, 48.10025], [11.6008, 48.10025]])
     seen: list[int] = []

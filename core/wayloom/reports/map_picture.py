@@ -1,7 +1,8 @@
 """Mosaic of map tiles in one picture, with the drives' tracks, a legend and a scale bar."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -56,6 +57,7 @@ def map_picture(
     bounds : west, south, east, north in degrees: at most so much is shown, and no more than there is
     tracks : name and (K, 2) longitude, latitude of each drive
     """
+    labels, photo = _asked_once(labels), None if photo is None else _asked_once(photo)
     window = _window(bounds, labels, photo, max_size_px)
     shown = _shown(window, labels, photo, tracks)
     if shown is not None:
@@ -75,6 +77,11 @@ def map_picture(
         cv2.polylines(ground, [line.astype(np.int32)], False, colour, 2, cv2.LINE_AA)
     _draw_scale(ground, metres_per_pixel(zoom, 0.5 * (bounds[1] + bounds[3])))
     return _with_legend(ground, present, [name for name, _ in tracks])
+
+
+def _asked_once(layer: TileLayer) -> TileLayer:
+    """The same layer, which asks for no tile twice: it is looked at once for what it shows and once to be drawn."""
+    return replace(layer, tile=cache(layer.tile))
 
 
 def _window(bounds: tuple[float, float, float, float], labels: TileLayer, photo: TileLayer | None, max_size_px: int) -> Window:

@@ -1,7 +1,8 @@
 """Log-odds of looks that nothing stands where a thing is: what each word of a look weighs, by kind.
 
-Weights are ln P(word | nothing is there) - ln P(word | it stands), as `benchmarks/change.py rates` counts the words of looks on
-things of simulated drives. Leaves and walls are seen through for reasons that last (gaps, poses): theirs are far under the count.
+Weights are of ln P(word | nothing is there) - ln P(word | it stands), where `benchmarks/change.py rates` counts the words of looks
+on things of simulated drives. They were set on the first such count and lie up to one below today's: looks of one drive err
+together. Leaves and walls are seen through for reasons that last (gaps, poses): theirs are far under the count.
 """
 
 from typing import Final
