@@ -48,13 +48,13 @@ def state(database: Database, drive_id: str) -> str:
         return drives.get(session, drive_id).state
 
 
-def publish(database: Database, *drive_ids: str, verdicts: dict[str, bool] | None = None) -> None:
-    """The next version with these drives, and its verdicts on guests: whether they are admitted."""
+def publish(database: Database, *drive_ids: str, verdicts: dict[str, bool] | None = None, by: int | None = None) -> None:
+    """The next version with these drives, by this stitch job, and its verdicts on guests: whether they are admitted."""
     said = {name: {"admitted": admitted, "reason": "placed"} for name, admitted in (verdicts or {}).items()}
     with database.write() as session:
         base = maps.get(session, "city").version
         new = NewVersion(base, (8.5, 49.5, 0.0), drive_ids, 1, None, [], verdicts=said)
-        map_versions.publish(session, "city", new, kept=5)
+        map_versions.publish(session, "city", new, 5, by)
 
 
 @pytest.mark.parametrize(
@@ -113,6 +113,22 @@ def test_a_drive_released_while_the_map_is_stitched_waits_for_the_next_stitch(da
     assert [state(database, drive_id) for drive_id in (first, late)] == ["done", "stitching"]
     publish(database, *merged(database))
     assert state(database, late) == "done"
+
+
+def test_a_drive_that_a_stitch_under_way_took_in_is_done_by_it_and_not_by_the_later_one_it_asked_for(database: Database) -> None:
+    first, late = new_drive(database, "a", "A", "merge"), new_drive(database, "b", "A", "merge")
+    complete(database, first)
+    with database.read() as session:
+        running = drives.get(session, first).stitch_job_id
+    assert running is not None
+    assert jobs.claim(database, running, "worker", 60.0) is not None
+    complete(database, late)
+    publish(database, first, late, by=running)
+    with database.read() as session:
+        rows = [drives.get(session, drive_id) for drive_id in (first, late)]
+        assert [(row.state, row.stitch_job_id) for row in rows] == [("done", running)] * 2
+        shown = drives.jobs_of(session, rows)
+    assert [job.id for job in shown[late] if job.map_id is not None] == [running]
 
 
 def test_a_release_and_the_drives_last_stage_at_once_end_in_the_map_whoever_is_first(database: Database) -> None:

@@ -84,9 +84,10 @@ def publish(session: Session, attempt: StageAttempt) -> list[JobMessage]:
         out_of_reach=tuple(stitched["out_of_reach"]),
     )
     changed = map_versions.changed_drives(session, str(attempt.claim.map_id))
-    map_versions.publish(session, str(attempt.claim.map_id), new, attempt.context.settings.map_versions_kept)
-    meetings.forget_gone(session, str(attempt.claim.map_id), changed)
     job = session.get(Job, attempt.claim.job_id)
-    if job is not None and job.parent_id is not None:
-        reprocessing.take_published(session, str(attempt.claim.map_id), job.parent_id)
+    stitch_job_id = None if job is None else job.parent_id
+    map_versions.publish(session, str(attempt.claim.map_id), new, attempt.context.settings.map_versions_kept, stitch_job_id)
+    meetings.forget_gone(session, str(attempt.claim.map_id), changed)
+    if stitch_job_id is not None:
+        reprocessing.take_published(session, str(attempt.claim.map_id), stitch_job_id)
     return []

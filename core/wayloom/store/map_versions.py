@@ -124,9 +124,11 @@ class NewVersion:
     verdicts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
-def publish(session: Session, map_id: str, new: NewVersion, kept: int) -> int:
+def publish(session: Session, map_id: str, new: NewVersion, kept: int, stitch_job_id: int | None = None) -> int:
     """Write the next version, flip the map's pointer to it, finish the drives that waited for it, and withdraw the versions that
     hold a removed drive. Returns its number.
+
+    stitch_job_id : the job that stitched it; drives that it takes in count as its, also one that a later job was asked for
 
     Raises ConflictError when another version than `new.base` is the newest by now.
     """
@@ -150,7 +152,7 @@ def publish(session: Session, map_id: str, new: NewVersion, kept: int) -> int:
     if not flipped:
         raise ConflictError(f"map {map_id!r}: another version was published meanwhile")
     _write_verdicts(session, new.verdicts, now)
-    _finish_drives(session, map_id, new.out_of_reach, now)
+    _finish_drives(session, map_id, new.out_of_reach, now, stitch_job_id)
     for some in _batches(new.taken_in):
         session.execute(delete(ChangedBox).where(ChangedBox.map_id == map_id, ChangedBox.id.in_(some)))
     _forget(session, map_id, number - kept)
@@ -357,11 +359,13 @@ def _write_verdicts(session: Session, verdicts: Mapping[str, Mapping[str, Any]],
     session.flush()
 
 
-def _finish_drives(session: Session, map_id: str, out_of_reach: Sequence[str], now: float) -> None:
-    """Those that are in the map are done, also one whose own map job was given up; those out of its reach have failed."""
+def _finish_drives(session: Session, map_id: str, out_of_reach: Sequence[str], now: float, stitch_job_id: int | None) -> None:
+    """Those that are in the map are done, by this job, also one whose own map job was given up or has not begun; those out of its
+    reach have failed."""
     held = select(MapDrive.drive_id).where(MapDrive.map_id == map_id, MapDrive.until.is_(None))
     taken_in = _stitched_drives(Drive.id.in_(held), "stitching", "failed")
-    session.execute(taken_in.values(state="done", error=None, finished_at=now))
+    by = {} if stitch_job_id is None else {"stitch_job_id": stitch_job_id}
+    session.execute(taken_in.values(state="done", error=None, finished_at=now, **by))
     left_out = _stitched_drives(Drive.id.in_(out_of_reach), "stitching", "done")
     session.execute(left_out.values(state="failed", error=OUT_OF_REACH, finished_at=now))
 
