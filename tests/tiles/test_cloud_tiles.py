@@ -1,6 +1,7 @@
 """3D Tiles: read back by the standards' rules, voxels lie where the map has them, and every level counts what the map counts."""
 
 import dataclasses
+import itertools
 import json
 import math
 from collections import Counter
@@ -11,6 +12,7 @@ import pytest
 from cloud_files import SMALL, TURN, attribute, gltf_of, tiles_of, walk, write_folder
 from made_maps import made_map
 
+from service_kit.javascript import gltf_errors
 from wayloom.config.classes import CLASS_COUNT, CLASS_NAMES, PALETTE
 from wayloom.errors import InputError
 from wayloom.geodesy import wgs84
@@ -82,7 +84,7 @@ def test_a_tile_tells_its_counts_by_class_in_its_table_of_classes(root):
         properties = table["properties"]
         offsets = np.frombuffer(raw[properties["name"]["stringOffsets"]], "<u4")
         text = raw[properties["name"]["values"]]
-        assert [text[a:b].decode() for a, b in zip(offsets, offsets[1:], strict=False)] == list(CLASS_NAMES)
+        assert [text[a:b].decode() for a, b in itertools.pairwise(offsets)] == list(CLASS_NAMES)
         label, voxels = attribute(data, "_FEATURE_ID_0")[:, 0], attribute(data, "_VOXELS")[:, 0]
         expected = np.bincount(label, voxels, CLASS_COUNT)
         assert np.frombuffer(raw[properties["voxels"]["values"]], "<u4").tolist() == expected.tolist()
@@ -171,3 +173,12 @@ def test_the_order_of_voxels_does_not_matter(city):
     points = cloud_of(city)
     shuffled = cloud_of(city.take(np.random.default_rng(1).permutation(len(city))))
     assert same(points, shuffled)
+
+
+def test_the_khronos_validator_finds_no_error_in_any_content_and_one_in_a_damaged_file(root, tmp_path):
+    files = sorted(root.parent.glob("cloud/*/*/*.glb"))
+    assert len(files) > 50
+    assert gltf_errors(files) == []
+    damaged = tmp_path / "damaged.glb"
+    damaged.write_bytes(files[0].read_bytes().replace(b'"VEC3"', b'"VEC2"'))
+    assert gltf_errors([damaged])

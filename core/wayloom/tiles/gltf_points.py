@@ -27,15 +27,10 @@ MOST_POINTS: Final = 31_000
 MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
 POINTS_MODE, ARRAY_BUFFER = 0, 34962
 UINT8, FLOAT32 = 5121, 5126
-VERTEX: Final = np.dtype(
-    {
-        "names": ["POSITION", "COLOR_0", "_FEATURE_ID_0", "_CONFIDENCE", "_DRIVES", "_VOXELS"],
-        "formats": [("<f4", 3), ("|u1", 4), "|u1", "|u1", "|u1", "<f4"],
-        "offsets": [0, 12, 16, 20, 24, 28],
-        "itemsize": 32,
-    }
-)
-"""Each attribute begins at a multiple of four bytes, as glTF asks for."""
+OFFSETS: Final = {"POSITION": 0, "COLOR_0": 12, "_FEATURE_ID_0": 16, "_CONFIDENCE": 20, "_DRIVES": 24, "_VOXELS": 28}
+"""Each attribute of a point begins at a multiple of four bytes, as glTF asks for."""
+_FORMATS: Final = [("<f4", 3), ("|u1", 4), "|u1", "|u1", "|u1", "<f4"]
+VERTEX: Final = np.dtype({"names": [*OFFSETS], "formats": _FORMATS, "offsets": [*OFFSETS.values()], "itemsize": 32})
 LINEAR: Final = np.rint(
     255.0 * np.where(PALETTE <= 10, PALETTE / (255.0 * 12.92), ((PALETTE / 255.0 + 0.055) / 1.055) ** 2.4)
 ).astype(np.uint8)
@@ -157,8 +152,8 @@ def decode_glb(data: bytes, name: str = "3D tile") -> CloudPoints:
         vertex = np.frombuffer(data, VERTEX, count, 28 + size)
         x, y, z = (vertex["POSITION"].astype(np.float64) * UNITS_PER_M).astype(np.int64).T
         place = np.column_stack([x, -z, y]) + np.array(said["origin_m"], np.int64) * UNITS_PER_M
-        columns = (vertex[key].copy() for key in ("_FEATURE_ID_0", "_CONFIDENCE", "_DRIVES"))
-        return CloudPoints(place, vertex["_VOXELS"].astype(np.int64), *columns, int(said["edge"]))
+        label, confidence, drives = (vertex[key].copy() for key in ("_FEATURE_ID_0", "_CONFIDENCE", "_DRIVES"))
+        return CloudPoints(place, vertex["_VOXELS"].astype(np.int64), label, confidence, drives, int(said["edge"]))
     except (ValueError, KeyError, TypeError, IndexError, struct.error) as error:
         raise InputError(f"is no 3D tile or is damaged ({error})", file=name, remedy="have the map stitched anew") from error
 
@@ -184,8 +179,7 @@ def _document(vertex: NDArray[Any], classes: int, extras: dict[str, Any]) -> dic
         "_DRIVES": {"componentType": UINT8, "type": "SCALAR"},
         "_VOXELS": {"componentType": FLOAT32, "type": "SCALAR"},
     }
-    fields = VERTEX.fields or {}
-    accessors = [{"bufferView": 0, "byteOffset": fields[key][1], "count": len(vertex)} | kind for key, kind in kinds.items()]
+    accessors = [{"bufferView": 0, "byteOffset": OFFSETS[key], "count": len(vertex)} | kind for key, kind in kinds.items()]
     features = {"featureIds": [{"featureCount": classes, "attribute": 0, "label": "class", "propertyTable": 0}]}
     primitive = {
         "mode": POINTS_MODE,
