@@ -180,7 +180,7 @@ def _document(vertex: NDArray[Any], classes: int, extras: dict[str, Any]) -> dic
         "_VOXELS": {"componentType": FLOAT32, "type": "SCALAR"},
     }
     accessors = [{"bufferView": 0, "byteOffset": OFFSETS[key], "count": len(vertex)} | kind for key, kind in kinds.items()]
-    features = {"featureIds": [{"featureCount": classes, "attribute": 0, "label": "class", "propertyTable": 0}]}
+    features = {"featureIds": [{"featureCount": classes, "attribute": 0, "label": "semantic", "propertyTable": 0}]}
     primitive = {
         "mode": POINTS_MODE,
         "material": 0,
@@ -209,7 +209,7 @@ METADATA: Final[dict[str, Any]] = {
     "schema": {
         "id": "wayloom",
         "classes": {
-            "class": {
+            "semantic": {
                 "properties": {
                     "name": {"type": "STRING", "required": True},
                     "voxels": _scalar("UINT32", "voxels of the map that the tile's points of this class stand for"),
@@ -226,7 +226,7 @@ METADATA: Final[dict[str, Any]] = {
     },
     "propertyTables": [
         {
-            "class": "class",
+            "class": "semantic",
             "count": CLASS_COUNT,
             "properties": {"name": {"values": 1, "stringOffsets": 2}, "voxels": {"values": 3}},
         }
