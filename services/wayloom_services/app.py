@@ -18,6 +18,7 @@ from wayloom_services import drives, errors, events, health, lineage, maps, mark
 from wayloom_services.context import make_service
 from wayloom_services.drives import DriveId
 from wayloom_services.events import Feed
+from wayloom_services.heads import HeadAsGet
 from wayloom_services.limits import LimitBodies
 from wayloom_services.metrics import CountRequests
 from wayloom_services.tile_answers import ShortWay
@@ -67,6 +68,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         return FileResponse(STATIC / "drive.html")
 
     app.add_middleware(ShortWay, service=service)
+    app.add_middleware(HeadAsGet)
     app.add_middleware(LimitBodies, settings=settings)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(MethodOverride)

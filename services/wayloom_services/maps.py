@@ -176,14 +176,12 @@ async def large_tile_of_version(
     return await tile_answer(service, request.headers, _asked(map_id, number, path, large=True))
 
 
-@router.head("/maps/{map_id}/tiles/{layer}/{z}/{x}/{y}.{ext}", include_in_schema=False)
 @router.get("/maps/{map_id}/tiles/{layer}/{z}/{x}/{y}.{ext}", response_class=Response, responses=TILE_ANSWERS)
 async def tile(map_id: MapId, path: TilePathDep, request: Request, service: ServiceDep) -> Response:
     """A tile of the newest version. Its ETag is its content's hash: ask again with If-None-Match."""
     return await tile_answer(service, request.headers, _asked(map_id, None, path))
 
 
-@router.head("/maps/{map_id}/versions/{number}/tiles/{layer}/{z}/{x}/{y}.{ext}", include_in_schema=False)
 @router.get("/maps/{map_id}/versions/{number}/tiles/{layer}/{z}/{x}/{y}.{ext}", response_class=Response, responses=TILE_ANSWERS)
 async def tile_of_version(map_id: MapId, number: Number, path: TilePathDep, request: Request, service: ServiceDep) -> Response:
     """A tile of a given version: it never changes."""

@@ -118,7 +118,7 @@ class ShortWay:
 
 
 def _asked(scope: Scope) -> TileAsked | None:
-    if scope["type"] != "http" or scope["method"] not in ("GET", "HEAD"):
+    if scope["type"] != "http" or scope["method"] != "GET":
         return None
     match = PATH.fullmatch(scope["path"])
     if match is None or int(match[4]) > FINEST_ZOOM:

@@ -24,14 +24,12 @@ TILESET: dict[int | str, dict[str, Any]] = {
 router = APIRouter(prefix="/v1", tags=["maps"], dependencies=[Depends(require_key)], responses=PROBLEMS)
 
 
-@router.head("/maps/{map_id}/3dtiles/tileset.json", include_in_schema=False)
 @router.get("/maps/{map_id}/3dtiles/tileset.json", response_class=Response, responses=TILESET)
 async def tileset(map_id: MapId, request: Request, service: ServiceDep) -> Response:
     """3D Tiles 1.1 of the newest version; what it refers to is of that version, and does not change."""
     return await _tileset(service, request, map_id, None)
 
 
-@router.head("/maps/{map_id}/versions/{number}/3dtiles/tileset.json", include_in_schema=False)
 @router.get("/maps/{map_id}/versions/{number}/3dtiles/tileset.json", response_class=Response, responses=TILESET)
 async def tileset_of_version(map_id: MapId, number: Number, request: Request, service: ServiceDep) -> Response:
     """3D Tiles 1.1 of a version: it never changes."""

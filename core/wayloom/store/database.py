@@ -44,7 +44,7 @@ class Database:
         """Connections for single statements that only look: no transaction around them, and none is asked whether it lives. Who
         uses them tries once more where one was dead (`DBAPIError.connection_invalidated`)."""
         if self.dialect == "sqlite":
-            return _sqlite_engine(self.url, isolation_level="AUTOCOMMIT")
+            return _sqlite_engine(self.url, begins=False)
         return create_engine(self.url, isolation_level="AUTOCOMMIT", pool_reset_on_return=None)
 
     def forget(self) -> None:
@@ -68,12 +68,12 @@ def now_s(session: Session) -> float:
     return float(session.execute(select(func.extract("epoch", func.clock_timestamp()))).scalar_one())
 
 
-def _sqlite_engine(url: str, **more: Any) -> Engine:
+def _sqlite_engine(url: str, begins: bool = True) -> Engine:
     """SQLite as a server would want it: WAL, foreign keys, waiting for the lock, and transactions that SQLAlchemy begins itself."""
     database = make_url(url).database
     if database and database != ":memory:":
         Path(database).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(url, connect_args={"timeout": BUSY_TIMEOUT_MS / 1000}, **more)
+    engine = create_engine(url, connect_args={"timeout": BUSY_TIMEOUT_MS / 1000})
 
     @event.listens_for(engine, "connect")
     def _prepare(connection: Any, _entry: ConnectionPoolEntry) -> None:
@@ -83,6 +83,7 @@ def _sqlite_engine(url: str, **more: Any) -> Engine:
 
     @event.listens_for(engine, "begin")
     def _begin(connection: Connection) -> None:
-        connection.exec_driver_sql(connection.get_execution_options().get("wayloom_begin", "BEGIN"))
+        if begins:
+            connection.exec_driver_sql(connection.get_execution_options().get("wayloom_begin", "BEGIN"))
 
     return engine

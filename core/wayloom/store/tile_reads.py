@@ -66,9 +66,10 @@ class TileReads:
 
 def _statement(size: int) -> Select[*tuple[Any, ...]]:
     """The map's row, its version's, and the tiles': each by its primary key."""
-    of_version = and_(MapVersion.map_id == Map.id, MapVersion.version == func.coalesce(bindparam("number"), Map.version))
-    x, y = (or_(*(column == bindparam(f"{name}{k}") for k in range(size))) for name, column in (("x", TileRow.x), ("y", TileRow.y)))
-    place = (TileRow.map_id == Map.id, TileRow.layer == bindparam("layer"), TileRow.z == bindparam("z"), x, y)
+    of_version = and_(MapVersion.map_id == bindparam("map"), MapVersion.version == func.coalesce(bindparam("number"), Map.version))
+    x, y = ([bindparam(f"{name}{k}") for k in range(size)] for name in "xy")
+    at = (TileRow.x.in_(x), TileRow.y.in_(y)) if size > 1 else (TileRow.x == x[0], TileRow.y == y[0])
+    place = (TileRow.map_id == bindparam("map"), TileRow.layer == bindparam("layer"), TileRow.z == bindparam("z"), *at)
     lasts = or_(TileRow.until.is_(None), TileRow.until > MapVersion.version)
     here = and_(*place, TileRow.since <= MapVersion.version, lasts)
     columns = (MapVersion.version, MapVersion.withdrawn_at, TileRow.x, TileRow.y, TileRow.digest, TileRow.media_type)
