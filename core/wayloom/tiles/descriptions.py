@@ -28,16 +28,21 @@ HEAD: Final = (
 )
 
 
+LARGE_LAYERS: Final = tuple(name for name, suffix in SUFFIXES.items() if suffix == ".png" and name not in RASTER_LAYERS)
+"""Layers of pictures of 256 pixels, which also have tiles of 512: `@2x`."""
+
+
 def edge_px(layer: str) -> int:
     """Pixels along the edge of a layer's tiles."""
     return RASTER_PX if layer in RASTER_LAYERS else TILE_PX
 
 
-def tile_json(name: str, layer: Mapping[str, Any], bounds: Box | None, address: str) -> dict[str, Any]:
+def tile_json(name: str, layer: Mapping[str, Any], bounds: Box | None, address: str, large: bool = False) -> dict[str, Any]:
     """TileJSON of a layer.
 
     layer   : of `MapVersion.layers`; bounds of the version, None without a place
     address : of its tiles, without the ending, with {z}, {x} and {y}
+    large   : of its tiles of 512 pixels; the layer is one of LARGE_LAYERS
     Beside the standard's: `tileSize` in pixels, and `encoding` of heights, as MapLibre names them.
     """
     west, south, east, north = bounds or WORLD
@@ -45,13 +50,13 @@ def tile_json(name: str, layer: Mapping[str, Any], bounds: Box | None, address: 
         "tilejson": "3.0.0",
         "name": name,
         "scheme": "xyz",
-        "tiles": [address + SUFFIXES[name]],
-        "minzoom": layer["min_zoom"],
-        "maxzoom": layer["max_zoom"],
+        "tiles": [address + ("@2x" if large else "") + SUFFIXES[name]],
+        "minzoom": max(layer["min_zoom"] - large, 0),
+        "maxzoom": max(layer["max_zoom"] - large, 0),
         "bounds": [*((west, south, east, north) if west <= east else (WORLD[0], south, WORLD[2], north))],
     }
     if layer["media_type"].startswith("image/"):
-        found |= {"tileSize": edge_px(name), "format": layer["media_type"].removeprefix("image/")}
+        found |= {"tileSize": edge_px(name) << large, "format": layer["media_type"].removeprefix("image/")}
     if name == HEIGHT:
         found["encoding"] = "terrarium"
     if name == TILE_FORMATS["mvt"].layer:
