@@ -2,8 +2,8 @@
 
 python benchmarks/tile_server.py [--against SOURCE_TREE] [--readers 50] [--seconds 6] [--write]
 
-`viewers`: each reader asks for 4 tiles a second on a connection of its own, as a map that is looked at does. `flood`: each asks again
-as soon as it has its answer, so that what one waits is the readers over the rate. Readers and server share the machine's cores.
+`viewers`: each reader asks for 4 tiles a second on a connection of its own, as a map that is looked at does. `flood`: each asks
+again as soon as it has its answer, so that what one waits is the readers over the rate. Readers and server share the cores.
 `first`: no tile was asked for since the server started; `again`: they come from its memory.
 """
 
@@ -22,9 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
-sys.path.insert(0, str(ROOT / "tests" / "tiles"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "tiles"))
 
 from made_maps import made_map, made_tracks
 
@@ -37,6 +36,7 @@ from wayloom.store.map_versions import TileEntry
 from wayloom.store.migrate import upgrade
 from wayloom.tiles.descriptions import SUFFIXES
 
+ROOT = Path(__file__).resolve().parents[1]
 LAYERS = ("semantic", "features", "points")
 """Which the servers of all source trees have."""
 PAGE = ROOT / "docs" / "benchmarks" / "tiles.md"
@@ -154,6 +154,7 @@ def runs_on(
             yield measured(alone, again, None, (name, tree, "flood, again"))
         with server(folder, source, url) as alone:
             slow = min(each, int(options.seconds * PACE))
+            measured(alone, [dealt(entries, 1, 1, 3)[0]], None, (name, tree, "the first of all"))
             yield measured(alone, dealt(entries, readers, slow, 2), PACE, (name, tree, "viewers, first"))
             yield measured(alone, dealt(entries, readers, slow, 2), PACE, (name, tree, "viewers, again"))
 

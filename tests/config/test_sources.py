@@ -193,7 +193,7 @@ def other(info: FieldInfo) -> Any:
     if isinstance(default, bool):
         return not default
     if isinstance(default, tuple):
-        return tuple(type(item)(item + 1) for item in default)
+        return tuple(type(item)(item + 1) for item in default) or ("https://one.example", "https://two.example:8443")
     if isinstance(default, int | float):
         shifted = (default + 1, default - 1, default * 1.01, default * 0.99)
         return next(value for value in shifted if valid(info, type(default)(value)) and type(default)(value) != default)

@@ -208,7 +208,7 @@ def test_versions_and_coverage_are_told(http: httpx2.Client) -> None:
     assert newest == http.get("/v1/maps/city/versions/2").json()
     assert newest["layers"]["semantic"]["max_zoom"] == 18
     assert http.get("/v1/maps/city/versions/9").status_code == 404
-    (feature,) = http.get("/v1/maps/city/coverage").json()["features"]
+    (feature,) = http.get("/v1/maps/city/coverage?of=tiles").json()["features"]
     assert feature["properties"] == {"z": 16, "x": 34297, "y": 22503}
     (west, north), (east, south) = feature["geometry"]["coordinates"][0][3], feature["geometry"]["coordinates"][0][1]
     assert west < 8.4 < east

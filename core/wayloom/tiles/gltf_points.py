@@ -1,4 +1,4 @@
-"""glTF 2.0 point content of 3D Tiles 1.1: points coloured by class, with class, votes and counts as structured metadata.
+"""Point contents of 3D tiles in glTF 2.0: coloured by class, with class, votes and counts as structured metadata.
 
 Places are whole numbers of 1/256 m in the map's frame, written as float32 around an origin of whole metres: exact within 65 km, so
 that what is read back is what was written, and sums over tiles do not depend on where they were cut. Axes are glTF's, as 3D Tiles
