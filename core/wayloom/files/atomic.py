@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -53,6 +54,24 @@ def replacing(file: Path) -> Iterator[IO[bytes]]:
         raise OSError(problem.errno, problem.strerror, str(file)) from problem
 
 
+@contextmanager
+def replacing_by_name(file: Path) -> Iterator[Path]:
+    """As `replacing`, for writers that open their file by its name: the temporary name, of a file that is empty yet."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=UNFINISHED, dir=file.parent)
+        os.close(handle)
+        try:
+            yield Path(name)
+            os.chmod(name, 0o666 & ~UMASK)
+            os.replace(name, file)
+        except BaseException:
+            os.unlink(name)
+            raise
+    except OSError as problem:
+        raise OSError(problem.errno, problem.strerror, str(file)) from problem
+
+
 def check_writable(file: Path) -> None:
     """Raises OSError that names `file` where it could not be written now; to be told before long work. Leaves nothing."""
     try:
@@ -79,5 +98,8 @@ def link_or_copy(source: Path, target: Path) -> None:
 
 def remove_unfinished(folder: Path) -> None:
     """Remove what writers that were killed left below `folder` under temporary names."""
-    for file in folder.rglob(f"{UNFINISHED}*"):
-        file.unlink()
+    for file in [*folder.rglob(f"{UNFINISHED}*")]:
+        if file.is_dir():
+            shutil.rmtree(file)
+        else:
+            file.unlink(missing_ok=True)
