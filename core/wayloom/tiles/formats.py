@@ -30,10 +30,12 @@ TILE_FORMATS: Final = {
     "png": TileFormat("semantic", "image/png", ".png"),
     "mvt": TileFormat("features", "application/vnd.mapbox-vector-tile", ".mvt"),
     "points": TileFormat("points", "application/vnd.wayloom.points", ".wlp"),
+    "glb": TileFormat("cloud", "model/gltf-binary", ".glb"),
+    "tileset": TileFormat("tilesets", "application/json", ".json"),
     "counts": TileFormat("counts", "application/vnd.wayloom.counts", ".wlc", served=False),
 }
 OVERLAY_FORMATS: Final = ("png", "points", "counts")
-"""Those of an overlay: its vector tiles would repeat the tracks."""
+"""Those of an overlay: its vector tiles would repeat the tracks, and its points are not among the 3D tiles of what stands."""
 
 
 def tile_layer(name: str, of: str = LAYERS[STATIC]) -> str:

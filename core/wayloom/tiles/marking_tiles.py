@@ -16,11 +16,10 @@ from wayloom.stitching.marking_files import AROUND_M, lines_of
 from wayloom.stitching.region_grid import RegionKey, regions_of_box
 from wayloom.tiles import protobuf
 from wayloom.tiles.formats import KERBS, MARKING_PROPERTIES, MARKINGS, TILE_FORMATS, Tile
-from wayloom.tiles.grid import EQUATOR_M, TileAddress, tile_bounds
+from wayloom.tiles.grid import EQUATOR_M, TileAddress, row_by_row, tile_bounds
 from wayloom.tiles.ground_tiles import tiles_of_region
 from wayloom.tiles.mvt import BUFFER, EXTENT, LonLatTrack, tiles_of_track
 from wayloom.tiles.settings import TileSettings
-from wayloom.tiles.updates import row_by_row
 
 KERB: Final = "kerb"
 HELD_REGIONS: Final = 256
