@@ -126,7 +126,7 @@ async def submaps(
 async def submap(digest: Annotated[str, Path(pattern="^[0-9a-f]{64}$")], service: ServiceDep) -> Response:
     """A submap's points, in its own frame; the format is in docs/formats.md."""
     content = await service.in_thread(lambda: service.blobs.get(digest))
-    headers = {"ETag": f'"{digest}"', "Cache-Control": _forever(service)}
+    headers = {"ETag": f'"{digest}"', "Cache-Control": forever(service)}
     return Response(content, headers=headers, media_type="application/octet-stream")
 
 
@@ -163,7 +163,7 @@ async def tile(map_id: MapId, path: TilePathDep, request: Request, service: Serv
 @router.get("/maps/{map_id}/versions/{number}/tiles/{layer}/{z}/{x}/{y}.{ext}", response_class=Response, responses=TILE_ANSWERS)
 async def tile_of_version(map_id: MapId, number: Number, path: TilePathDep, request: Request, service: ServiceDep) -> Response:
     """A tile of a given version: it never changes."""
-    return await _tile(service, request, (map_id, number), path, _forever(service))
+    return await _tile(service, request, (map_id, number), path, forever(service))
 
 
 async def _tile(service: Service, request: Request, map_version: tuple[str, int | None], path: TilePath, cache: str) -> Response:
@@ -187,7 +187,7 @@ async def _tile(service: Service, request: Request, map_version: tuple[str, int 
     return Response(content, headers=headers, media_type=row.media_type)
 
 
-def _forever(service: Service) -> str:
+def forever(service: Service) -> str:
     """Cache-Control of what never changes; what only the bearer of a key may have is kept by a browser, not by a proxy for all."""
     return f"{'public' if service.settings.api_key is None else 'private'}, max-age=31536000, immutable"
 

@@ -30,9 +30,7 @@ AROUND: Final = 2
 """Pixels around a tile that its resampling may ask for."""
 
 
-def write_ground_cog(
-    path: Path, source: MapSource, box: Box | None, layer: str, provenance: Mapping[str, Any]
-) -> tuple[int, int]:
+def write_ground_cog(path: Path, source: MapSource, box: Box | None, layer: str, provenance: Mapping[str, Any]) -> tuple[int, int]:
     """Write the orthophoto (RGBA, 5 cm) or the heights (float32, 10 cm, ellipsoidal); width and height in pixels.
 
     Raises InputError where the layer is unknown, the map has no ground or no UTM, OSError.
@@ -110,8 +108,8 @@ class _GroundInUtm:
     def _around(
         self, grid: GeoGrid, row: int, column: int, names: tuple[str, ...]
     ) -> tuple[list[NDArray[Any]], FloatArray, FloatArray] | None:
-        """Rasters around a tile, the (2, 3) that takes its pixels to theirs, and (3,) what is to be added to the frame's heights: at
-        pixel (0, 0), a column and a row. Over a tile UTM and the Earth bend by less than a millimetre."""
+        """Rasters around a tile, the (2, 3) that takes its pixels to theirs, and (3,) what is to be added to heights of the frame:
+        at pixel (0, 0), a column and a row. Over a tile UTM and the Earth bend by less than a millimetre."""
         side = TILE * grid.pixel_m
         middle_utm = np.array([grid.west + (column + 0.5) * side, grid.north - (row + 0.5) * side])
         at, height_m, J = self._place(middle_utm)

@@ -41,7 +41,10 @@ HIERARCHY_RECORD: Final = 1000
 
 
 def write_copc(path: Path, batches: Iterable[PointBatch], projection: Projection, provenance: Mapping[str, Any]) -> int:
-    """Write the points as COPC (`las.las_records`); how many there are. Raises InputError where the geoid does not reach, OSError."""
+    """Write the points as COPC (`las.las_records`); how many there are.
+
+    Raises InputError where the geoid does not reach, OSError.
+    """
     header = las_header(projection, provenance)
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=path.parent) as folder:
@@ -108,7 +111,8 @@ def coordinates(records: Records) -> IntArray:
 
 @dataclass(frozen=True, slots=True)
 class Cube:
-    """The root node, in stored coordinates: from `low` (3,), the least of the points', as readers want that go by the header's box."""
+    """The root node, in stored coordinates: from `low` (3,), the least of the points', since there are readers that go by the
+    header's box."""
 
     low: IntArray
     edge: int
@@ -116,7 +120,7 @@ class Cube:
     def cells(self, records: Records, level: int, parts: int = 1) -> IntArray:
         """(N, 3) cells, `parts` along the edge of each node of a level; a point on the far side is in the last one."""
         count = parts << level
-        return np.minimum((coordinates(records) - self.low) * count // self.edge, count - 1)
+        return np.asarray(np.minimum((coordinates(records) - self.low) * count // self.edge, count - 1), np.int64)
 
 
 class Octree:

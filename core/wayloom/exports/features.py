@@ -35,7 +35,9 @@ class Collection:
     read: Callable[[MapSource, Progress], Iterator[Feature]]
 
 
-def _of_regions(name: str, wanted: Callable[[Feature], bool] = lambda _: True) -> Callable[[MapSource, Progress], Iterator[Feature]]:
+def _of_regions(
+    name: str, wanted: Callable[[Feature], bool] = lambda _: True
+) -> Callable[[MapSource, Progress], Iterator[Feature]]:
     """A reader of the features that the source has of its regions under a name."""
 
     def read(source: MapSource, progress: Progress) -> Iterator[Feature]:
@@ -72,7 +74,9 @@ _KERB_COLUMNS: Final[dict[str, Kind]] = {
     "confidence": "real", "heights_m": "json",
 }  # fmt: skip
 COLLECTIONS: Final = {
-    "markings": Collection("lines, crossings, arrows", "Geometry", _MARKING_COLUMNS, _of_regions("markings", lambda one: not _is_kerb(one))),
+    "markings": Collection(
+        "lines, crossings, arrows", "Geometry", _MARKING_COLUMNS, _of_regions("markings", lambda one: not _is_kerb(one))
+    ),
     "kerbs": Collection("kerbs with their heights", "LineString", _KERB_COLUMNS, _of_regions("markings", _is_kerb)),
     "tracks": Collection("ways of the drives", "LineString", {"kind": "text", "drive_id": "text", "length_m": "real"}, _tracks),
 }

@@ -87,9 +87,7 @@ def _prepare(db: sqlite3.Connection, provenance: Mapping[str, Any]) -> None:
     db.execute("INSERT INTO gpkg_metadata VALUES (?, ?, ?, ?, ?)", metadata)
     db.execute("INSERT INTO gpkg_metadata_reference (reference_scope, md_file_id) VALUES ('geopackage', 1)")
     for table in ("gpkg_metadata", "gpkg_metadata_reference"):
-        db.execute(
-            "INSERT INTO gpkg_extensions VALUES (?, NULL, 'gpkg_metadata', ?, 'read-write')", (table, METADATA_URI)
-        )
+        db.execute("INSERT INTO gpkg_extensions VALUES (?, NULL, 'gpkg_metadata', ?, 'read-write')", (table, METADATA_URI))
 
 
 def _write_table(db: sqlite3.Connection, name: str, collection: Collection, features: Iterable[Feature]) -> int:
@@ -98,18 +96,19 @@ def _write_table(db: sqlite3.Connection, name: str, collection: Collection, feat
     db.execute(f'CREATE TABLE "{name}" (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom GEOMETRY{columns})')
     db.execute(f'CREATE VIRTUAL TABLE "rtree_{name}_geom" USING rtree(id, minx, maxx, miny, maxy)')
     marks = ", ".join("?" * (2 + len(collection.columns)))
-    bounds: list[float] | None = None
+    bounds: tuple[float, float, float, float] | None = None
     single = features if collection.geometry == "Geometry" else single_parts(features)
     numbered, count = enumerate(single, 1), 0
     while rows := [_row(fid, feature, collection) for fid, feature in itertools.islice(numbered, BATCH)]:
         db.executemany(f'INSERT INTO "{name}" VALUES ({marks})', [row for row, _ in rows])  # noqa: S608 (names of our own)
         boxes = [(row[0], *box) for row, box in rows]
         db.executemany(f'INSERT INTO "rtree_{name}_geom" VALUES (?, ?, ?, ?, ?)', boxes)  # noqa: S608
-        for _, (west, east, south, north) in rows:
-            w, s, e, n = bounds or (west, south, east, north)
-            bounds = [min(w, west), min(s, south), max(e, east), max(n, north)]
+        wests, easts, souths, norths = zip(*(box for _, box in rows), strict=True)
+        west, south, east, north = min(wests), min(souths), max(easts), max(norths)
+        w, s, e, n = bounds or (west, south, east, north)
+        bounds = (min(w, west), min(s, south), max(e, east), max(n, north))
         count += len(rows)
-    contents = (name, "features", name, collection.about, *(bounds or [None] * 4), WGS84)
+    contents = (name, "features", name, collection.about, *(bounds or (None,) * 4), WGS84)
     db.execute(
         "INSERT INTO gpkg_contents (table_name, data_type, identifier, description, min_x, min_y, max_x, max_y, srs_id) "
         "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
@@ -140,7 +139,7 @@ def _value(value: Any, kind: str) -> Any:
 def _triggers(name: str) -> Iterator[str]:
     """What keeps the R-tree up to date when an editor changes the table: the standard's triggers of the extension."""
     tree, box = f'"rtree_{name}_geom"', "ST_MinX(NEW.geom), ST_MaxX(NEW.geom), ST_MinY(NEW.geom), ST_MaxY(NEW.geom)"
-    put = f"INSERT OR REPLACE INTO {tree} VALUES (NEW.fid, {box});"
+    put = f"INSERT OR REPLACE INTO {tree} VALUES (NEW.fid, {box});"  # noqa: S608 (names of our own)
     some, none = "NEW.geom NOT NULL AND NOT ST_IsEmpty(NEW.geom)", "(NEW.geom IS NULL OR ST_IsEmpty(NEW.geom))"
     drop = f"DELETE FROM {tree} WHERE id = OLD.fid;"  # noqa: S608
     cases = (

@@ -1,7 +1,7 @@
-"""GeoParquet 1.1 of a map's features or points: row groups with boxes, provenance in the key-value metadata. The only import of pyarrow."""
+"""GeoParquet 1.1 of a map's features or points: row groups with boxes, provenance as metadata. The only import of pyarrow."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from itertools import islice
 from pathlib import Path
@@ -13,7 +13,7 @@ from wayloom.config.classes import CLASS_NAMES, VOID
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import InputError
 from wayloom.exports.features import Kind, places_of, read_collection, wanted_collections
-from wayloom.exports.points import ALL_VOTES, PointBatch
+from wayloom.exports.points import ALL_VOTES, PointBatch, together
 from wayloom.exports.source import Feature, MapSource
 from wayloom.exports.wkb import wkb, wkb_points
 from wayloom.files.atomic import replacing_by_name
@@ -27,7 +27,7 @@ try:
 except ModuleNotFoundError:  # an optional extra: 45 MB
     pyarrow = None
 
-ROW_GROUP: Final = 10_000
+ROW_GROUP, POINTS_TOGETHER = 10_000, 100_000
 VERSION: Final = "1.1.0"
 BOX: Final = ("xmin", "ymin", "xmax", "ymax")
 CLASS_NAME: Final = [*CLASS_NAMES, *[""] * (VOID - len(CLASS_NAMES)), "void"]
@@ -66,13 +66,13 @@ def write_point_parquet(path: Path, batches: Iterable[PointBatch], frame: MapFra
         raise InputError("is of places on Earth, and this drive has none", file=path, remedy="process it with --gnss")
     time = pyarrow.timestamp("ns", tz="UTC")
     fields = [
-        ("class", pyarrow.dictionary(pyarrow.int8(), pyarrow.string())), ("label", pyarrow.uint8()), ("confidence", pyarrow.float32()),
-        ("intensity", pyarrow.uint8()), ("sigma_m", pyarrow.float32()), ("drives", pyarrow.uint16()), ("first_seen", time),
-        ("last_seen", time),
+        ("class", pyarrow.dictionary(pyarrow.int8(), pyarrow.string())), ("label", pyarrow.uint8()),
+        ("confidence", pyarrow.float32()), ("intensity", pyarrow.uint8()), ("sigma_m", pyarrow.float32()),
+        ("drives", pyarrow.uint16()), ("first_seen", time), ("last_seen", time),
     ]  # fmt: skip
     count = 0
     with _Table(path, fields, provenance) as table:
-        for batch in batches:
+        for batch in together(batches, POINTS_TOGETHER):
             places = wgs84.lonlatheight_from_enu(batch.points, frame)
             table.add(_point_columns(batch, time), _binary(wkb_points(places)), np.hstack([places[:, :2]] * 2), {"Point Z"})
             count += len(batch)
@@ -98,7 +98,9 @@ def _geometries(rows: Sequence[Feature]) -> tuple[Any, np.ndarray[Any, np.dtype[
 
 def _point_columns(batch: PointBatch, time: Any) -> list[Any]:
     used, index = np.unique(batch.label, return_inverse=True)
-    names = pyarrow.DictionaryArray.from_arrays(pyarrow.array(index.astype(np.int8)), [CLASS_NAME[label] for label in used.tolist()])
+    names = pyarrow.DictionaryArray.from_arrays(
+        pyarrow.array(index.astype(np.int8)), [CLASS_NAME[label] for label in used.tolist()]
+    )
     confidence = (batch.confidence / np.float32(ALL_VOTES)).astype(np.float32)
     times = (pyarrow.array(one, pyarrow.int64()).cast(time) for one in (batch.first_ns, batch.seen_ns))
     return [names, batch.label, confidence, batch.grey, batch.sigma_m, batch.drives, *times]

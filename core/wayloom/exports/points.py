@@ -83,7 +83,9 @@ _DTYPES: Final = {
 def joined_batches(batches: Sequence[PointBatch]) -> PointBatch:
     """All points of some batches, in their order."""
     columns: list[Any] = [
-        np.concatenate([np.zeros((0, 3) if one.name == "points" else 0, _DTYPES[one.name]), *(getattr(b, one.name) for b in batches)])
+        np.concatenate(
+            [np.zeros((0, 3) if one.name == "points" else 0, _DTYPES[one.name]), *(getattr(b, one.name) for b in batches)]
+        )
         for one in fields(PointBatch)
     ]
     return PointBatch(*columns)
@@ -107,8 +109,13 @@ def cut(batch: PointBatch, frame: MapFrame | None, box: Box | None) -> PointBatc
     return batch.take(inside(wgs84.lonlatheight_from_enu(batch.points, frame), box))
 
 
-def counted(batches: Iterable[PointBatch], count: list[int]) -> Iterator[PointBatch]:
-    """The same batches; count[0] grows by their points."""
+def together(batches: Iterable[PointBatch], count: int) -> Iterator[PointBatch]:
+    """The same points in batches of at least so many, but for the last."""
+    held: list[PointBatch] = []
     for batch in batches:
-        count[0] += len(batch)
-        yield batch
+        held.append(batch)
+        if sum(map(len, held)) >= count:
+            yield joined_batches(held)
+            held = []
+    if held:
+        yield joined_batches(held)

@@ -13,6 +13,7 @@ from wayloom.geodesy.antimeridian import Box, box_of, overlap, union_of
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.stitching.region_grid import RegionKey, region_box, regions_of_box
 from wayloom.stitching.voxel_map import VoxelMap, joined_maps
+from wayloom.tiles.cloud_pyramid import cloud_tiles
 from wayloom.tiles.formats import Tile
 from wayloom.tiles.grid import TILE_PX, TileAddress, pixel_from_lonlat, tile_bounds
 from wayloom.tiles.ground_tiles import ground_tiles, tiles_of_region
@@ -41,6 +42,10 @@ class MapPyramid:
     def tiles(self) -> Iterator[Tile]:
         """Those of the static layer: pictures, vector tiles, points, counts."""
         return updated_tiles(self._blocks(), self, self._settings)
+
+    def cloud_tiles(self) -> Iterator[Tile]:
+        """The 3D tiles of the static layer, contents and tilesets."""
+        return cloud_tiles(self._blocks(), self, self._settings)
 
     def marking_tiles(self) -> Iterator[Tile]:
         """Those of markings and kerbs."""
@@ -72,7 +77,7 @@ class MapPyramid:
         near = ((pixels >= low - margin) & (pixels < low + edge + margin)).all(axis=1)
         return found.take(near & inside(lon_lat, self._box))
 
-    def counts(self, _address: TileAddress) -> bytes | None:
+    def stored(self, _name: str, _address: TileAddress) -> bytes | None:
         """Nothing was there before."""
         return None
 

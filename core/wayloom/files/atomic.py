@@ -72,6 +72,25 @@ def replacing_by_name(file: Path) -> Iterator[Path]:
         raise OSError(problem.errno, problem.strerror, str(file)) from problem
 
 
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """A folder under a temporary name beside `folder`, which it becomes in one step when the block ends well; else it vanishes.
+
+    Raises OSError that names `folder`, FileExistsError where there is something in it already.
+    """
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise FileExistsError(errno.EEXIST, "is not empty; name a new folder", str(folder))
+        with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=folder.parent, ignore_cleanup_errors=True) as name:
+            whole = Path(name) / folder.name
+            whole.mkdir()
+            yield whole
+            os.replace(whole, folder)
+    except OSError as problem:
+        raise OSError(problem.errno, problem.strerror, str(folder)) from problem
+
+
 def check_writable(file: Path) -> None:
     """Raises OSError that names `file` where it could not be written now; to be told before long work. Leaves nothing."""
     try:

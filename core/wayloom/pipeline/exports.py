@@ -2,12 +2,20 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
+from wayloom.exports.drive_origin import drive_origin
+from wayloom.exports.las import projection_at
+from wayloom.exports.laz import write_laz
+from wayloom.exports.ply import write_ply
+from wayloom.exports.points import batch_of_submap
+from wayloom.exports.provenance import provenance_of
+from wayloom.exports.track import export_geojson_track
 from wayloom.files.trajectory_files import write_kitti, write_tum
 from wayloom.geodesy.geoid import GeoidGrid
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.types import GeoReference
 from wayloom.ground.exports import export_ground
 from wayloom.ground.markings.exports import MARKINGS_FILE, export_markings
@@ -18,7 +26,6 @@ from wayloom.pipeline.drive_map import cloud, drive_map, write_image
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.segmentation.overlay import overlay
 from wayloom.submaps.submap import PlacedSubmap
-from wayloom.tiles.exports import export_geojson_track, export_laz, export_ply
 
 MAP_FILE: Final = "map.png"
 OVERLAYS_DIR: Final = "overlays"
@@ -56,13 +63,22 @@ def write_exports(
     if geo.frame is not None:
         export_geojson_track(folder / "trajectory.geojson", geo.T_enu_cam, geo.frame, log.name)
     points, labels = cloud(submaps)
-    export_ply(folder / "cloud.ply", points, labels, geo.frame)
-    export_laz(folder / "cloud.laz", points, labels, geo.frame, geoid)
+    _write_clouds(submaps, folder, geo.frame, geoid, {} if ground is None else drive_origin(ground.sheets_dir.parent, log.name))
     if ground is not None:
         export_ground(ground.sheets_dir, submaps, folder)
         export_markings(ground.sheets_dir, submaps, folder / MARKINGS_FILE, ground.markings, ground.kerbs)
     write_image(folder / MAP_FILE, drive_map(geo, points, labels))
     write_overlays(log, odometry, images, folder / OVERLAYS_DIR)
+
+
+def _write_clouds(
+    submaps: list[PlacedSubmap], folder: Path, frame: MapFrame | None, geoid: GeoidGrid | None, origin: dict[str, Any]
+) -> None:
+    """All points of all submaps, moving things included; the PLY near the drive's start, up as up."""
+    place = submaps[0].T_enu_submap[:3, 3] if submaps else np.zeros(3)
+    write_ply(folder / "cloud.ply", map(batch_of_submap, submaps), place, frame)
+    provenance = provenance_of("one drive's points", [origin], frame, {}, "")
+    write_laz(folder / "cloud.laz", map(batch_of_submap, submaps), projection_at(place, frame, geoid), provenance)
 
 
 def write_overlays(log: DriveLog, odometry: OdometryResult, images: KeyframeLabels, folder: Path, count: int = OVERLAYS) -> None:

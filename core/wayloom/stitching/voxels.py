@@ -25,7 +25,8 @@ NEVER_NS, EVER_NS = np.iinfo(np.int64).min, np.iinfo(np.int64).max
 @dataclass(frozen=True, slots=True)
 class Voxels:
     """V voxels of the points of one layer, sorted by key: key (V,) packed, xyz (V, 3) m, variance (V,) m^2, surface (V,) row of its
-    surest point's plane or -1, grey (V,) uint8, votes (V, 19) int64, count, first_ns, last_ns (V,), and the ragged drives of its own points."""
+    surest point's plane or -1, grey (V,) uint8, votes (V, 19) int64, count, first_ns, last_ns (V,), and the ragged drives of its
+    own points."""
 
     key: IntArray
     xyz: FloatArray

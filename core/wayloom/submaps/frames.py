@@ -35,6 +35,4 @@ def in_frame(item: PlacedSubmap, frame: MapFrame) -> PlacedSubmap:
     T = wgs84.T_enu_enu(frame, item.frame)
     Ad = se3.adjoint(T)
     before = None if item.before is None else StepBefore(Ad @ item.before.cross @ Ad.T, item.before.connected)
-    return replace(
-        item, T_enu_submap=T @ item.T_enu_submap, covariance=Ad @ item.covariance @ Ad.T, frame=frame, before=before
-    )
+    return replace(item, T_enu_submap=T @ item.T_enu_submap, covariance=Ad @ item.covariance @ Ad.T, frame=frame, before=before)
