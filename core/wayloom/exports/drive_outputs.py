@@ -5,7 +5,9 @@ cells are moved into one frame, which depends on the set of them alone.
 """
 
 import json
+import shutil
 import tempfile
+import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, cached_property, lru_cache, partial
 from pathlib import Path
@@ -168,7 +170,8 @@ class MergedSheets:
                 self._near.setdefault(key, []).append(one)
         self.keys: Sequence[RegionKey] = sorted(touched)
         self._touched = touched
-        self._folder = tempfile.TemporaryDirectory(prefix="wayloom-export-")
+        self._folder = Path(tempfile.mkdtemp(prefix="wayloom-export-"))
+        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         self._raster = lru_cache(HELD_RASTERS)(self._unpacked)
 
     def raster(self, key: RegionKey, name: str) -> NDArray[Any] | None:
@@ -185,7 +188,7 @@ class MergedSheets:
         return np.zeros(0, np.uint16) if file is None else file.place_sigma_mm
 
     def _file(self, key: RegionKey) -> GroundFile | None:
-        path = Path(self._folder.name) / f"{key[0]}_{key[1]}.ground"
+        path = self._folder / f"{key[0]}_{key[1]}.ground"
         if not path.exists():
             ground = merge_sheets(self._near[key], region_edges(key)[0], REGION_M)
             path.write_bytes(b"" if ground is None else ground.encoded())

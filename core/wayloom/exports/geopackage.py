@@ -1,4 +1,4 @@
-"""OGC GeoPackage 1.4 of a map's features: one table a collection, R-trees, provenance in the metadata tables."""
+"""OGC GeoPackage 1.3 of a map's features: one table a collection, R-trees, provenance in the metadata tables."""
 
 import errno
 import itertools
@@ -20,7 +20,7 @@ from wayloom.geodesy.antimeridian import Box
 
 APPLICATION_ID: Final = 0x47504B47
 """GPKG."""
-USER_VERSION: Final = 10400
+USER_VERSION: Final = 10300
 WGS84: Final = 4326
 MANDATORY, OPTIONAL = 1, 2
 """Heights; GDAL has no type for geometries of any kind that all have them."""
@@ -43,8 +43,8 @@ CREATE TABLE gpkg_metadata_reference (reference_scope TEXT NOT NULL, table_name 
   timestamp DATETIME NOT NULL DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')),
   md_file_id INTEGER NOT NULL REFERENCES gpkg_metadata(id), md_parent_id INTEGER REFERENCES gpkg_metadata(id));
 """
-METADATA_URI: Final = "http://www.geopackage.org/spec140/#extension_metadata"
-RTREE_URI: Final = "http://www.geopackage.org/spec140/#extension_rtree"
+METADATA_URI: Final = "http://www.geopackage.org/spec130/#extension_metadata"
+RTREE_URI: Final = "http://www.geopackage.org/spec130/#extension_rtree"
 PROVENANCE_URI: Final = "https://github.com/wayloom/wayloom/provenance"
 Row = tuple[Any, ...]
 
@@ -144,13 +144,10 @@ def _triggers(name: str) -> Iterator[str]:
     drop = f"DELETE FROM {tree} WHERE id = OLD.fid;"  # noqa: S608
     cases = (
         ("insert", "AFTER INSERT", some, put),
+        ("update1", "AFTER UPDATE OF geom", f"OLD.fid = NEW.fid AND ({some})", put),
         ("update2", "AFTER UPDATE OF geom", f"OLD.fid = NEW.fid AND {none}", drop),
+        ("update3", "AFTER UPDATE", f"OLD.fid != NEW.fid AND ({some})", drop + put),
         ("update4", "AFTER UPDATE", f"OLD.fid != NEW.fid AND {none}", f"DELETE FROM {tree} WHERE id IN (OLD.fid, NEW.fid);"),  # noqa: S608
-        ("update5", "AFTER UPDATE", f"OLD.fid != NEW.fid AND ({some})", drop + put),
-        ("update6", "AFTER UPDATE OF geom", f"OLD.fid = NEW.fid AND ({some}) AND OLD.geom NOT NULL AND NOT ST_IsEmpty(OLD.geom)",
-         f"UPDATE {tree} SET minx = ST_MinX(NEW.geom), maxx = ST_MaxX(NEW.geom), miny = ST_MinY(NEW.geom), "  # noqa: S608
-         "maxy = ST_MaxY(NEW.geom) WHERE id = NEW.fid;"),
-        ("update7", "AFTER UPDATE OF geom", f"OLD.fid = NEW.fid AND ({some}) AND (OLD.geom IS NULL OR ST_IsEmpty(OLD.geom))", put),
         ("delete", "AFTER DELETE", "OLD.geom NOT NULL", drop),
     )  # fmt: skip
     for event, when, condition, action in cases:

@@ -34,6 +34,8 @@ FULL_RANGE: Final = 257
 ELLIPSOIDAL, ORTHOMETRIC = "ellipsoidal heights", "orthometric heights"
 USER_ID, PROVENANCE_RECORD = "wayloom", 1
 MOST_VLR_BYTES: Final = 65_535
+LIMITS_TOLD: Final = 0b110
+"""Options of an extra dimension whose least and greatest value the header tells: laspy 2.7 takes those of the first point of a batch."""
 DIMENSIONS: Final = (
     laspy.ExtraBytesParams("label", np.uint8, "train id, 255 void"),
     laspy.ExtraBytesParams("confidence", np.uint8, "votes for the label, 255 all"),
@@ -80,6 +82,8 @@ def las_header(projection: Projection, provenance: Mapping[str, Any]) -> laspy.L
     """LAS 1.4, point format 7 with the extra dimensions, GPS time flagged as adjusted standard time, provenance as a record."""
     header = laspy.LasHeader(point_format=POINT_FORMAT, version="1.4")
     header.add_extra_dims([*DIMENSIONS])
+    for one in header.vlrs.get("ExtraBytesVlr")[0].extra_bytes_structs:
+        one.options &= ~LIMITS_TOLD
     header.generating_software = "wayloom"
     header.scales, header.offsets = np.full(3, SCALE_M), projection.origin
     header.global_encoding.wkt = True
