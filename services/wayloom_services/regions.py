@@ -5,9 +5,9 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Response
 
-from wayloom.geodesy.antimeridian import line_geometry
+from wayloom.geodesy.antimeridian import line_geometry, overlap
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.stitching.region_grid import regions_of_box
+from wayloom.stitching.region_grid import region_box
 from wayloom.store import lineage, maps
 from wayloom.store.database import Session
 from wayloom.store.tables import RegionRow
@@ -38,8 +38,9 @@ async def regions_of_version(map_id: MapId, number: Number, service: ServiceDep,
 
     def read(session: Session) -> RegionPartsList:
         version = maps.version(session, map_id, number)
-        keys = None if box is None else [*regions_of_box(box, MapFrame(*version.frame), around_m=0.0)]
-        rows = lineage.regions_of_version(session, version, keys)
+        frame = MapFrame(*version.frame)
+        every = lineage.regions_of_version(session, version, None)
+        rows = [row for row in every if box is None or overlap(region_box((row.east, row.north), frame, 0.0), box)]
         return RegionPartsList(
             frame=version.frame, built_with=version.built_with, regions=[RegionParts(**_parts(row)) for row in rows]
         )

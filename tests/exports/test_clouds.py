@@ -147,13 +147,15 @@ def test_laspy_queries_a_copc_by_box_and_by_level(octree):
 
 
 def test_a_coarse_level_of_a_copc_covers_the_whole_map(octree):
-    source, file = octree
+    _, file = octree
     with laspy.CopcReader.open(str(file)) as reader:
         points = reader.query(level=0)
         coarse = np.column_stack([points.x, points.y, points.z])
         info = reader.copc_info
     everything = np.array(laspy.read(file).xyz)
-    cells = [np.unique(np.floor((one - info.center + info.halfsize) / info.spacing).clip(0, 7), axis=0) for one in (coarse, everything)]
+    cells = [
+        np.unique(np.floor((one - info.center + info.halfsize) / info.spacing).clip(0, 7), axis=0) for one in (coarse, everything)
+    ]
     assert np.array_equal(*cells)
     assert len(coarse) == len(cells[0])
 

@@ -15,6 +15,7 @@ import shapely
 from exports.made_sources import made_source
 from wayloom.errors import InputError
 from wayloom.exports import geoparquet
+from wayloom.exports.drive_outputs import DriveOutputs
 from wayloom.exports.features import COLLECTIONS, read_collection, single_parts
 from wayloom.exports.geojson import write_geojson
 from wayloom.exports.geopackage import write_geopackage
@@ -58,12 +59,18 @@ def test_the_made_street_has_every_kind_of_feature(truth):
     assert len(truth["tracks"]) == 2
 
 
+def test_the_features_do_not_depend_on_the_order_of_the_folders(street_folders, truth):
+    back = DriveOutputs(street_folders[::-1])
+    assert {name: [*read_collection(name, back, None)] for name in KINDS} == truth
+
+
 @pytest.mark.parametrize(
     "geometry",
     [
         {"type": "Point", "coordinates": [8.0, 49.0, 100.0]},
         {"type": "LineString", "coordinates": [[8.0, 49.0, 100.0], [8.1, 49.1, 101.0]]},
-        {"type": "Polygon", "coordinates": [[[0, 0, 1], [4, 0, 1], [4, 4, 1], [0, 0, 1]], [[1, 0.5, 1], [2, 0.5, 1], [2, 1, 1], [1, 0.5, 1]]]},
+        {"type": "Polygon", "coordinates": [[[0, 0, 1], [4, 0, 1], [4, 4, 1], [0, 0, 1]],
+                                            [[1, 0.5, 1], [2, 0.5, 1], [2, 1, 1], [1, 0.5, 1]]]},
         {"type": "MultiLineString", "coordinates": [[[179, 1, 0], [180, 1, 0]], [[-180, 1, 0], [-179, 1, 0]]]},
         {"type": "MultiPolygon", "coordinates": [[[[0, 0, 1], [4, 0, 1], [4, 4, 1], [0, 0, 1]]]]},
     ],

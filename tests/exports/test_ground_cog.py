@@ -7,11 +7,11 @@ import subprocess
 import numpy as np
 import pytest
 
+from exports.made_sources import made_source
 from ground.made_sheets import Street
 from wayloom.errors import InputError
 from wayloom.exports.cog import write_ground_cog
 from wayloom.geodesy import wgs84
-from exports.made_sources import made_source
 
 
 @pytest.fixture(scope="module")

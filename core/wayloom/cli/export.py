@@ -33,15 +33,15 @@ def export_command(
 ) -> None:
     """Write a map, of the outputs of `wayloom process` or of a service, in a format that other programs open."""
     from wayloom.exports.boxes import parse_box
-    from wayloom.exports.formats import Export, export_map, format_of
+    from wayloom.exports.formats import Export, checked_format, export_map
     from wayloom.geodesy.geoid import GeoidGrid
     from wayloom.pipeline.folders import writing_to
 
-    format_of(out, form)
+    wanted = () if layers is None else tuple(name.strip() for name in layers.split(","))
+    checked_format(out, form, wanted, geoid is not None)
     if bool(folders) == (server is not None):
         raise ConfigError("give folders of drives, or --from URL", remedy="wayloom export DRIVE… --out map.laz")
     box = None if bbox is None else parse_box(bbox)
-    wanted = () if layers is None else tuple(name.strip() for name in layers.split(","))
     grid = None if geoid is None else GeoidGrid(geoid)
     with ProgressBars() as bars, writing_to(out.parent):
         source = _of_drives(folders or [], voxel, box) if server is None else _of_server(server, city, version, box)

@@ -20,7 +20,7 @@ from wayloom.errors import InputError
 from wayloom.exports.drive_origin import drive_origin
 from wayloom.exports.provenance import provenance_of
 from wayloom.exports.source import Feature
-from wayloom.geodesy.antimeridian import Box
+from wayloom.geodesy.antimeridian import Box, overlap
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.ground.files import load_sheet, read_index
 from wayloom.ground.ground_map import GroundFile
@@ -29,7 +29,7 @@ from wayloom.ground.merge import HALO_M, merge_sheets
 from wayloom.ground.placed_sheet import PlacedSheet, reach
 from wayloom.stitching.layer_names import LAYERS, STATIC
 from wayloom.stitching.marking_files import read_features
-from wayloom.stitching.region_grid import REGION_M, RegionKey, region_edges, regions_of_box, regions_within
+from wayloom.stitching.region_grid import REGION_M, RegionKey, region_box, region_edges, regions_within
 from wayloom.stitching.region_markings import region_markings
 from wayloom.stitching.regions import fuse_region, regions_of
 from wayloom.stitching.settings import MergeSettings
@@ -69,7 +69,7 @@ class DriveOutputs:
         if self.frame is None and box is not None:
             raise InputError("has no place on Earth to cut a box from", file=folders[0], remedy="leave --bbox away")
         self._load = lru_cache(HELD_SUBMAPS)(self._loaded)
-        self._wanted = None if box is None or self.frame is None else frozenset(regions_of_box(box, self.frame, 0.0))
+        self._box = box
         self._rows: dict[RegionKey, list[int]] = {}
         for row in range(len(self._entries)):
             for key in sorted(regions_of(self._load(row), settings)):
@@ -82,7 +82,7 @@ class DriveOutputs:
         return item if self.frame is None else in_frame(item, self.frame)
 
     def _is_wanted(self, key: RegionKey) -> bool:
-        return self._wanted is None or key in self._wanted
+        return self._box is None or self.frame is None or overlap(region_box(key, self.frame, 0.0), self._box)
 
     @cached_property
     def keys(self) -> Sequence[RegionKey]:

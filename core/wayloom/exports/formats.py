@@ -179,16 +179,21 @@ def format_of(out: Path, name: str | None) -> ExportFormat:
     raise UnknownFormatError(f"{out.suffix} is no format that is written", file=out, remedy=f"give --format, one of {known}")
 
 
+def checked_format(out: Path, name: str | None, layers: Sequence[str] = (), above_geoid: bool = False) -> ExportFormat:
+    """`format_of`, once it is known that the format can hold what is asked for. Raises UnknownFormatError, InputError."""
+    form = format_of(out, name)
+    for layer in layers:
+        if layer not in form.layers:
+            known = ", ".join(form.layers) or "none"
+            raise InputError(f"{layer} is no layer that this format holds", file=out, remedy=f"known are {known}")
+    if above_geoid and not form.geoid:
+        raise InputError("states no heights above a geoid", file=out, remedy="write a .laz, or leave --geoid away")
+    return form
+
+
 def export_map(job: Export, name: str | None = None) -> str:
     """Write a map in the format of this name, or the one that the file's name asks for; what was written, in words.
 
     Raises UnknownFormatError, InputError for what the format cannot hold, OSError that names the file.
     """
-    form = format_of(job.out, name)
-    for layer in job.layers:
-        if layer not in form.layers:
-            known = ", ".join(form.layers) or "none"
-            raise InputError(f"{layer} is no layer that this format holds", file=job.out, remedy=f"known are {known}")
-    if job.geoid is not None and not form.geoid:
-        raise InputError("states no heights above a geoid", file=job.out, remedy="write a .laz, or leave --geoid away")
-    return form.write(job)
+    return checked_format(job.out, name, job.layers, job.geoid is not None).write(job)

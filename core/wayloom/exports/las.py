@@ -35,7 +35,7 @@ ELLIPSOIDAL, ORTHOMETRIC = "ellipsoidal heights", "orthometric heights"
 USER_ID, PROVENANCE_RECORD = "wayloom", 1
 MOST_VLR_BYTES: Final = 65_535
 LIMITS_TOLD: Final = 0b110
-"""Options of an extra dimension whose least and greatest value the header tells: laspy 2.7 takes those of the first point of a batch."""
+"""Options of an extra dimension whose least and greatest value the header tells: laspy 2.7 takes a batch's first point's."""
 DIMENSIONS: Final = (
     laspy.ExtraBytesParams("label", np.uint8, "train id, 255 void"),
     laspy.ExtraBytesParams("confidence", np.uint8, "votes for the label, 255 all"),
@@ -114,5 +114,6 @@ def las_records(batch: PointBatch, projection: Projection, header: laspy.LasHead
     records.gps_time = adjusted_gps_s(batch.seen_ns)
     records.return_number = records.number_of_returns = np.ones(len(batch), np.uint8)
     records["label"], records["confidence"], records["drives"] = batch.label, batch.confidence, batch.drives
-    records["sigma"] = np.minimum(batch.sigma_m, SCALE_M * np.iinfo(np.uint16).max)
+    steps = np.nan_to_num(batch.sigma_m.astype(np.float64) / SCALE_M, nan=np.inf)
+    records.array["sigma"] = np.rint(np.minimum(steps, np.iinfo(np.uint16).max)).astype(np.uint16)
     return records
