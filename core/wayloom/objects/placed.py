@@ -89,7 +89,8 @@ def _in_map(one: PlacedSightings) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 NOTHING: Final = ObjectSightings(
     submap="", T_submap_level=np.eye(4), corner=np.zeros(2, np.int32), looked=np.zeros((0, 0), np.uint8),
-    kind=np.zeros(0, np.uint8), position=np.zeros((0, 3), np.float32), covariance=np.zeros((0, 3, 3), np.float32), bottom_m=np.zeros(0, np.float32),
+    kind=np.zeros(0, np.uint8), position=np.zeros((0, 3), np.float32), covariance=np.zeros((0, 3, 3), np.float32),
+    bottom_m=np.zeros(0, np.float32),
     top_m=np.zeros(0, np.float32), width_m=np.zeros(0, np.float32), facing=np.zeros((0, 3), np.float32),
     facing_sigma=np.zeros(0, np.float32), looks=np.zeros(0, np.uint16), evidence_for=np.zeros(0, np.float32),
     evidence_against=np.zeros(0, np.float32), first_ns=np.zeros(0, np.int64), last_ns=np.zeros(0, np.int64),
