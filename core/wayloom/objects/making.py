@@ -10,7 +10,7 @@ from wayloom.config.progress import Progress, silent
 from wayloom.geometry import se3
 from wayloom.ground.sheet import GroundSheet
 from wayloom.logs.types import DriveLog
-from wayloom.objects.bars import bars
+from wayloom.objects.bars import bars, posts
 from wayloom.objects.evidence import Facts, facts_of, unseen_views
 from wayloom.objects.faces import faces
 from wayloom.objects.ground_height import GroundHeight
@@ -113,8 +113,9 @@ def measure(views: list[ObjectView], settings: ObjectSettings) -> Measurements:
     """What each view shows by itself."""
     parts = []
     for number, view in enumerate(views):
-        parts += [bars(view, number, kind, settings.reach_m) for kind in (POLE, TRUNK)]
-        parts += [faces(view, number, kind, settings.reach_m) for kind in (SIGN, LIGHT)]
+        carried = joined([faces(view, number, kind, settings.reach_m) for kind in (SIGN, LIGHT)])
+        standing = [bars(view, number, kind, settings.reach_m) for kind in (POLE, TRUNK)]
+        parts += [carried, *standing, posts(view, carried, number)]
     return joined(parts)
 
 
