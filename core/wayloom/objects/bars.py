@@ -74,7 +74,9 @@ def bars(view: ObjectView, number: int, kind: int, reach_m: float) -> Measuremen
     most_px = int(WIDEST_M[kind] * view.rig.camera.fx / 3.0)
     count = runs_in_bands(view.label, LABEL[kind], band, most_px, out)
     v0, u0, u1 = out[:count].T
-    disparity, sigma = view.match(np.column_stack([u0 - 1, v0, u1 + 1, v0 + band]))
+    half = np.maximum((u1 - u0) // 3, 2)
+    core = (u0 + u1) // 2
+    disparity, sigma = view.match(np.column_stack([core - half, v0, core + half + 1, v0 + band]))
     with np.errstate(invalid="ignore"):
         across = (u1 - u0) / view.rig.camera.fx * view.rig.bf / disparity
         good = (disparity > view.rig.bf / reach_m) & (across <= WIDEST_M[kind])
