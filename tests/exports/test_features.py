@@ -12,7 +12,7 @@ import pyogrio
 import pytest
 import shapely
 
-from exports.made_sources import made_source
+from exports.made_sources import POLES, made_source
 from wayloom.errors import InputError
 from wayloom.exports import geoparquet
 from wayloom.exports.drive_outputs import DriveOutputs
@@ -24,7 +24,7 @@ from wayloom.exports.points import map_batches
 from wayloom.exports.wkb import wkb
 from wayloom.geodesy import wgs84
 
-KINDS = ("markings", "kerbs", "tracks")
+KINDS = ("objects", "markings", "kerbs", "tracks")
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +57,15 @@ def test_the_made_street_has_every_kind_of_feature(truth):
     assert sum(one["properties"]["kind"] == "dash" for one in truth["markings"]) == 12  # from 0 to 72 m, one every 6 m
     assert len(truth["kerbs"]) >= 2
     assert len(truth["tracks"]) == 2
+    assert len(truth["objects"]) == len(POLES)
+
+
+def test_objects_that_two_drives_saw_are_one_each_where_they_stand(street, truth):
+    places = np.array([one["geometry"]["coordinates"] for one in truth["objects"]])
+    found = wgs84.enu_from_lonlatheight(places, street.frame)
+    away = np.linalg.norm(found[:, None] - POLES[None], axis=2).min(axis=0)
+    assert away.max() < 0.002  # heights are told in millimetres
+    assert all(len(one["properties"]["drives"]) == 2 for one in truth["objects"])
 
 
 def test_the_features_do_not_depend_on_the_order_of_the_folders(street_folders, truth):
@@ -183,7 +192,7 @@ def test_without_pyarrow_the_remedy_is_told(street, tmp_path, monkeypatch):
 
 
 def test_an_unknown_collection_lists_the_known_ones(street, tmp_path):
-    with pytest.raises(InputError, match="markings, kerbs"):
+    with pytest.raises(InputError, match="objects, markings, kerbs"):
         write_geojson(tmp_path / "a.geojson", street, None, ("streets",), {})
 
 

@@ -27,6 +27,10 @@ from wayloom.ground.ground_map import GroundFile
 from wayloom.ground.markings.settings import KerbSettings, MarkingSettings
 from wayloom.ground.merge import HALO_M, merge_sheets
 from wayloom.ground.placed_sheet import PlacedSheet, reach
+from wayloom.objects.exports import feature as feature_of_object
+from wayloom.objects.exports import placed_sightings
+from wayloom.objects.fusion import fuse
+from wayloom.objects.types import PlacedSightings
 from wayloom.stitching.layer_names import LAYERS, STATIC
 from wayloom.stitching.marking_files import read_features
 from wayloom.stitching.region_grid import REGION_M, RegionKey, region_box, region_edges, regions_within
@@ -116,7 +120,9 @@ class DriveOutputs:
         return self._ground.place_sigma_mm(key)
 
     def features(self, name: str, key: RegionKey) -> Sequence[Feature]:
-        """Markings and kerbs of the merged ground."""
+        """The features of a collection that belong to a region."""
+        if name == "objects":
+            return self._objects.get(key, ())
         data = self._markings(key) if name == "markings" else None
         return () if data is None else read_features(data, str(key))
 
@@ -124,6 +130,25 @@ class DriveOutputs:
         if self.frame is None or key not in self._ground.keys:
             return None
         return region_markings(key, self, self.frame, MarkingSettings(), KerbSettings())
+
+    @cached_property
+    def _objects(self) -> Mapping[RegionKey, Sequence[Feature]]:
+        """What all drives' sightings are fused to, by the region that each object stands in."""
+        found: dict[RegionKey, list[Feature]] = {}
+        if self.frame is not None:
+            for one in fuse(self._sightings()):
+                east, north = np.floor(one.position[:2] / REGION_M).astype(int).tolist()
+                found.setdefault((east, north), []).append(feature_of_object(one, self.frame))
+        return found
+
+    def _sightings(self) -> list[PlacedSightings]:
+        """Those beside the folders of submaps, where these have any."""
+        found: list[PlacedSightings] = []
+        for folder in dict.fromkeys(self._folders):
+            if (folder.parent / "objects" / "index.json").is_file():
+                rows = [row for row, entry in enumerate(self._entries) if entry.folder == folder]
+                found += placed_sightings(folder.parent / "objects", [self._load(row) for row in rows])
+        return found
 
     @cached_property
     def _ground(self) -> "MergedSheets":
