@@ -26,6 +26,7 @@ FINEST_M: Final = 0.15
 HEIGHT_STEP_M: Final = 0.01
 LIVELY: Final = tuple(CLASS_ID[name] for name in ("pole", "traffic light", "traffic sign", "building", "vegetation", "sidewalk"))
 """Classes that make an inset worth looking at."""
+THICK_BELOW_M: Final = 0.6
 FEW: Final = 10
 """Voxels from which a class counts as seen in a region."""
 
@@ -81,8 +82,9 @@ class Survey:
     def picture(self, covered: str) -> FloatArray:
         """(H, W, 4) RGBA: classes, and around them, where a pixel is small, the colour of what is covered."""
         out = np.zeros((*self.seen.shape, 4))
-        known = self.seen != VOID
-        out[known, :3], out[known, 3] = PALETTE_WITH_VOID[self.seen[known]] / 255.0, 1.0
+        shown = _thickened(self.seen) if self.pixel_m < THICK_BELOW_M else self.seen
+        known = shown != VOID
+        out[known, :3], out[known, 3] = PALETTE_WITH_VOID[shown[known]] / 255.0, 1.0
         around = _grown(known, max(1, round(2.0 / self.pixel_m))) & ~known
         out[around, :3], out[around, 3] = to_rgb(covered), 1.0
         return out
@@ -118,7 +120,7 @@ def _empty(source: MapSource) -> Survey:
         origin = MapFrame(*wgs84.lonlatheight_from_enu(source.place[None], source.frame)[0].tolist())
         T = wgs84.T_enu_enu(origin, source.frame)
         place_text = f"{abs(origin.lat_deg):.4f}° {'NS'[origin.lat_deg < 0]}, {abs(origin.lon_deg):.4f}° {'EW'[origin.lon_deg < 0]}"
-    corners = np.array([[x, y, source.place[2]] for key in source.keys for x, y in zip(*region_edges(key), strict=True)])
+    corners = np.array([[x, y, source.place[2]] for key in source.keys for x, y in region_edges(key)])
     places = se3.transform(T, corners.reshape(-1, 3))[:, :2] if len(corners) else np.zeros((1, 2))
     low, high = places.min(axis=0) - 1.0, places.max(axis=0) + REGION_M
     pixel_m = max(float((high - low).max()) / MOST_PIXELS, FINEST_M)
@@ -146,6 +148,15 @@ def _add(survey: Survey, key: RegionKey, points: FloatArray, label: NDArray[np.u
 def _widen(survey: Survey, points: FloatArray) -> None:
     """Show these too."""
     survey.low, survey.high = np.minimum(survey.low, points[:, :2].min(axis=0)), np.maximum(survey.high, points[:, :2].max(axis=0))
+
+
+def _thickened(seen: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Each pixel that shows nothing shows what its western, else its southern neighbour does: single points are seen better."""
+    out = seen.copy()
+    for axis in (1, 0):
+        moved = np.roll(out, 1, axis)
+        out = np.where(out == VOID, moved, out)
+    return out
 
 
 def _grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""PMTiles version 3: one file of map tiles with a directory that is read by ranges; clustered, each content once, with run lengths.
+"""PMTiles version 3: map tiles in one file, clustered, each content once, with a directory that is read by ranges.
 
 Tiles come in any order, in parts that are joined, and wait in a temporary file; the archive is written in the order of tile ids,
 which follow a Hilbert curve zoom by zoom. Equal tiles give equal bytes.
