@@ -80,7 +80,7 @@ class Merger:
         """The region, stored; one of a version that is kept, where it was made from the same; None when nothing lies in it."""
         with self._context.database.read() as session:
             again = map_versions.region_made_from(session, self._map_id, key, inputs)
-        if again is not None and all(self._context.blobs.has(digest) for digest in (again.digest, again.ground) if digest):
+        if again is not None and all(map(self._context.blobs.has, filter(None, (again.digest, again.ground, again.objects)))):
             return again
         placed = list(self._placed(rows))
         region = fuse_region(key, placed, self._context.settings.merge, looks=self._looks.placed(placed))

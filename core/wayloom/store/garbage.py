@@ -17,8 +17,8 @@ from wayloom.store.tables import Drive, ForgottenBlob, Job, MeetingRow, RegionRo
 STORING: Final = ("odometry", "georeference", "ground", "stitch", "remove")
 """The stages that store blobs."""
 NAMED: Final = (
-    TileRow.digest, RegionRow.digest, RegionRow.ground, RegionRow.markings, MeetingRow.digest, SubmapRow.digest, RigEvidence.digest,
-    RigEvidence.own_digest, RigVersion.digest,
+    TileRow.digest, RegionRow.digest, RegionRow.ground, RegionRow.markings, RegionRow.areas, RegionRow.objects, MeetingRow.digest,
+    SubmapRow.digest, RigEvidence.digest, RigEvidence.own_digest, RigVersion.digest,
     *(facts[name].as_string() for facts in (Drive.facts, Drive.coming["facts"]) for name in ("preview", "quality")),
 )  # fmt: skip
 """Columns that name blobs, and places in columns."""

@@ -79,9 +79,11 @@ def forget_blobs(session: Session, digests: Iterable[str], stage: str) -> None:
 
 def _drop_rows(session: Session, map_id: str) -> None:
     """The rows that belong to no version that is served. Of tiles the addresses stay, for the list of what a version changed."""
+    of_region = (RegionRow.digest, RegionRow.ground, RegionRow.markings, RegionRow.areas, RegionRow.objects)
     named_by: tuple[tuple[type[TileRow | RegionRow], Any], ...] = (
-        (TileRow, TileRow.digest), *((RegionRow, named) for named in (RegionRow.digest, RegionRow.ground, RegionRow.markings)),
-    )  # fmt: skip
+        (TileRow, TileRow.digest),
+        *((RegionRow, named) for named in of_region),
+    )
     for table, named in named_by:
         digests = session.scalars(select(named).where(*_unserved(map_id, table)).distinct())
         forget_blobs(session, (digest for digest in digests if digest != NOTHING), "stitch")
