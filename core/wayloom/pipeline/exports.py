@@ -1,5 +1,6 @@
 """Exports of a processed drive for people and other programs: trajectory, cloud, overlay pictures, map picture."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -13,6 +14,8 @@ from wayloom.ground.exports import export_ground
 from wayloom.ground.markings.exports import MARKINGS_FILE, export_markings
 from wayloom.ground.markings.settings import KerbSettings, MarkingSettings
 from wayloom.logs.types import DriveLog
+from wayloom.objects.exports import OBJECTS_FILE, export_objects
+from wayloom.objects.types import MapObject
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.drive_map import cloud, drive_map, write_image
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
@@ -27,11 +30,12 @@ OVERLAYS: Final = 6
 
 @dataclass(frozen=True, slots=True)
 class GroundFound:
-    """Folder of what the stage ground left, and how markings and kerbs are found on it."""
+    """Folder of what the stage ground left, how markings and kerbs are found on it, and the objects that stand on it."""
 
     sheets_dir: Path
     markings: MarkingSettings
     kerbs: KerbSettings
+    objects: Sequence[MapObject] = ()
 
 
 def write_exports(
@@ -45,10 +49,10 @@ def write_exports(
     ground: GroundFound | None = None,
 ) -> None:
     """Write trajectory.tum, .kitti and, with GNSS, .geojson; cloud.ply and cloud.laz; ground.tif, height.tif and, with GNSS,
-    markings.geojson; map.png; overlays/.
+    markings.geojson and objects.geojson; map.png; overlays/.
 
     geoid : the LAZ states heights above it
-    ground : None for no pictures of the ground
+    ground : None for neither pictures of the ground nor objects
     """
     trajectory = odometry.trajectory
     write_tum(folder / "trajectory.tum", trajectory.t_ns, trajectory.T_world_cam, trajectory.tracked)
@@ -61,6 +65,8 @@ def write_exports(
     if ground is not None:
         export_ground(ground.sheets_dir, submaps, folder)
         export_markings(ground.sheets_dir, submaps, folder / MARKINGS_FILE, ground.markings, ground.kerbs)
+        if geo.frame is not None:
+            export_objects(ground.objects, geo.frame, folder / OBJECTS_FILE)
     write_image(folder / MAP_FILE, drive_map(geo, points, labels))
     write_overlays(log, odometry, images, folder / OVERLAYS_DIR)
 
