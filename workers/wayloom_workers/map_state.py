@@ -29,7 +29,7 @@ MARGIN_M: Final = 500.0
 MADE_BY: Final = (
     "wayloom.stitching.regions", "wayloom.stitching.region_files", "wayloom.tiles.updates", "wayloom.ground.merge",
     "wayloom.tiles.ground_tiles", "wayloom.stitching.region_markings", "wayloom.stitching.region_areas",
-    "wayloom.tiles.feature_tiles",
+    "wayloom.stitching.region_objects",     "wayloom.tiles.feature_tiles",
 )  # fmt: skip
 """The modules whose code makes regions and tiles."""
 
@@ -213,6 +213,7 @@ def _built_with(settings: WayloomSettings, frame: MapFrame) -> str:
         "markings": settings.markings.model_dump(mode="json"),
         "kerbs": settings.kerbs.model_dump(mode="json"),
         "areas": settings.areas.model_dump(mode="json"),
+        "objects": settings.object_fusion.model_dump(mode="json"),
         "frame": [frame.lon_deg, frame.lat_deg, frame.height_m],
         "code": [code_version(module).text for module in MADE_BY],
     })  # fmt: skip

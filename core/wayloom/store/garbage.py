@@ -14,7 +14,7 @@ from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database, Session
 from wayloom.store.tables import Drive, ForgottenBlob, Job, MeetingRow, RegionRow, RigEvidence, RigVersion, SubmapRow, TileRow
 
-STORING: Final = ("odometry", "georeference", "ground", "stitch", "remove")
+STORING: Final = ("odometry", "georeference", "objects", "stitch", "remove")
 """The stages that store blobs."""
 NAMED: Final = (
     TileRow.digest, RegionRow.digest, RegionRow.ground, RegionRow.markings, RegionRow.areas, RegionRow.objects, MeetingRow.digest,

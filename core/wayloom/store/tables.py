@@ -349,8 +349,8 @@ class RegionRow(Base):
     members      which submaps these are: [drive id, digest of the submap]
     changes      what has gone from it and is new, as `RegionEntry.changes`; change_count how many
     ground       digest of its ground (docs/formats.md), empty where it has none
-    markings, areas  digests of its markings and kerbs, and of its areas, as features (docs/formats.md), empty where it has none: of its
-                 ground and that around it
+    markings     digest of its markings and kerbs (docs/formats.md), empty where it has none: of its ground and that around it
+    areas        digest of its areas, likewise
     objects      digest of its objects, as features, empty where it has none
     """
 

@@ -34,8 +34,8 @@ def forget_drive(session: Session, drive_id: str) -> None:
     """Before a drive's rows go: its blobs, and the versions that hold it, but for the newest, which the next one replaces."""
     drive = session.get_one(Drive, drive_id)
     of_drive = select(SubmapRow.digest).where(SubmapRow.drive_id == drive_id)
-    forget_blobs(session, session.scalars(of_drive), "ground")
-    forget_blobs(session, (one["preview"] for one in _facts(drive) if "preview" in one), "ground")
+    forget_blobs(session, session.scalars(of_drive), "objects")
+    forget_blobs(session, (one["preview"] for one in _facts(drive) if "preview" in one), "objects")
     forget_blobs(session, (one["quality"] for one in _facts(drive) if "quality" in one), "georeference")
     for row in session.scalars(select(RigEvidence).where(RigEvidence.drive_id == drive_id)):
         forget_blobs(session, (row.digest, row.own_digest), "odometry")

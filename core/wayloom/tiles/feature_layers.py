@@ -49,7 +49,7 @@ MARKING_PROPERTIES: Final = (
     "kind", "width_m", "height_m", "length_m", "sigma_m", "sigma_height_m", "sigma_place_m", "confidence",
 )  # fmt: skip
 OBJECT_PROPERTIES: Final = (
-    "id", "kind", "height_m", "bottom_m", "width_m", "facing_deg", "sigma_facing_deg", "sigma_m", "confidence", "drive_count",
+    "id", "kind", "height_m", "bottom_m", "width_m", "facing_deg", "facing_sigma_deg", "sigma_m", "confidence", "drive_count",
 )  # fmt: skip
 FEATURE_LAYERS: Final = {
     layer.name: layer

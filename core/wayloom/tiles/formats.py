@@ -1,8 +1,8 @@
 """Tile formats, the layers in which they are cut, and a tile as bytes with its address.
 
 The static layer of the map is cut in every format. Each overlay (`OVERLAYS`) has pictures, under its own name, and points and
-counts, under names that begin with it: `parked`, `parked-points`, `parked-counts`. The ground has raster layers (`rasters`), features have vector
-tiles (`feature_layers`).
+counts, under names that begin with it: `parked`, `parked-points`, `parked-counts`. The ground has raster layers
+(`rasters`), features have vector tiles (`feature_layers`).
 """
 
 from dataclasses import dataclass

@@ -33,11 +33,9 @@ class TileSettings(Settings):
     markings_from_zoom: int = Field(16, ge=12, le=20, description="coarsest zoom of the vector tiles of markings and kerbs")
     markings_zoom: int = Field(20, ge=12, le=20, description="finest zoom of the vector tiles of markings and kerbs")
     areas_from_zoom: int = Field(14, ge=12, le=20, description="coarsest zoom of the vector tiles of areas")
-    areas_zoom: int = Field(18, ge=12, le=20, description="finest zoom of the vector tiles of areas: 18 is 2.5 cm at 49 degrees")
+    areas_zoom: int = Field(18, ge=12, le=20, description="finest zoom of the vector tiles of areas")
     objects_from_zoom: int = Field(15, ge=12, le=20, description="coarsest zoom of the vector tiles of objects")
-    objects_zoom: int = Field(
-        18, ge=12, le=20, description="finest zoom of the vector tiles of objects: 18 is 2.5 cm at 49 degrees"
-    )
+    objects_zoom: int = Field(18, ge=12, le=20, description="finest zoom of the vector tiles of objects")
     dot_from_zoom: int = Field(19, ge=0, le=21, description="from here a voxel is drawn three pixels wide")
 
     @model_validator(mode="after")

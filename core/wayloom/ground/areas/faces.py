@@ -44,7 +44,7 @@ def _tolerance(tolerance: float, steps: int) -> float:
 
 
 def _assembled(arcs: Sequence[Arc], lines: Sequence[IntArray]) -> dict[int, Rings]:
-    """The rings of each patch, the outer one first. A half-arc is (number, whether it is walked backwards): its patch is on the left."""
+    """The rings of each patch, the outer one first. A half-arc: (number, whether it is walked backwards), its patch on the left."""
     leaving = {}
     for number, arc in enumerate(arcs):
         leaving[(*arc.points[0].tolist(), arc.leaves)] = (number, False)
