@@ -238,6 +238,14 @@ def changed_things(session: Session, map_id: str) -> list[dict[str, Any]]:
     return [feature for row in rows for feature in row.changes]
 
 
+def changes_of_regions(session: Session, map_id: str, number: int) -> list[tuple[RegionKey, list[dict[str, Any]]]]:
+    """What a version lists as gone and new, as features, by column and row of the regions that have any."""
+    here = (RegionRow.map_id == map_id, maps.of_version(RegionRow, number), RegionRow.change_count > 0)
+    columns = select(RegionRow.east, RegionRow.north, RegionRow.changes)
+    rows = session.execute(columns.where(*here).order_by(RegionRow.east, RegionRow.north))
+    return [((east, north), features) for east, north, features in rows]
+
+
 def things_of_version(session: Session, map_id: str, number: int) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Of a version: the changed things that it lists and the one before did not, and those that it lists no more, as features."""
     query = select(RegionRow).where(RegionRow.map_id == map_id, RegionRow.change_count > 0)
