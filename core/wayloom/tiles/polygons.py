@@ -26,11 +26,11 @@ def tiles_of_point(lon_lat: FloatArray, zoom: int) -> dict[TileAddress, Point]:
 def tiles_of_polygon(rings: Sequence[FloatArray], zoom: int) -> dict[TileAddress, list[list[Point]]]:
     """The rings of a polygon, closed (K, 2) degrees each, the outer one first, in every tile that the polygon touches.
 
-    They run clockwise on the screen, holes the other way, as they run on Earth. A polygon that spans the antimeridian is left out,
-    as are rings that have no area in a tile's units.
+    They run clockwise on the screen, holes the other way: GeoJSON has both the other way round. A polygon that spans the
+    antimeridian is left out, as are rings that have no area in a tile's units.
     """
     world = 1 << zoom
-    places = [unit_from_lonlat(ring[:-1]) * world for ring in rings]
+    places = [unit_from_lonlat(ring[:0:-1]) * world for ring in rings]
     if np.ptp(places[0][:, 0]) > world / 2:
         return {}
     out = {}

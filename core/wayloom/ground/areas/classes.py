@@ -20,6 +20,11 @@ WHOLE: Final = 255
 UNSET: Final = 255
 FILL_STEPS: Final = 30
 """How far classes grow into patches that were too small, in cells; beyond, nothing is known."""
+PAIRS: Final = (
+    ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
+    ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
+)
+"""Cells and those beside them, to the north and to the east."""
 FOUR: Final = ndimage.generate_binary_structure(2, 1)
 
 
@@ -43,14 +48,31 @@ def area_classes(shares: IntArray, settings: AreaSettings) -> Classes:
     """(H, W) 0 where nothing is known, else 1 + the class (H, W, K) that the cells around vote for, the first of equals."""
     around = _box_sums(shares, settings.smooth_cells)
     classes = np.where(shares.any(axis=2), 1 + np.argmax(around, axis=2), 0).astype(np.uint8)
-    return without_small(classes, least_cells(settings))
-
-
-def without_small(classes: Classes, least: int) -> Classes:
-    """The classes without patches of fewer than `least` cells: these take what lies around them."""
     numbers, count = patches(classes)
     sizes = np.bincount(numbers.ravel(), minlength=count + 1)
-    return _filled(np.where(sizes[numbers] < least, UNSET, classes).astype(np.uint8))
+    return _filled(np.where(sizes[numbers] < least_cells(settings), UNSET, classes).astype(np.uint8))
+
+
+def without_cut_off(classes: Classes, least: int) -> Classes:
+    """The classes of a square whose edges have cut off patches of fewer than `least` cells: each takes the class that it borders on
+    most, whole, so that classes change along an edge only where they did."""
+    numbers, count = patches(classes)
+    small = np.bincount(numbers.ravel(), minlength=count + 1) < least
+    class_of = np.zeros(count + 1, np.int64)
+    class_of[numbers] = classes
+    sides = np.concatenate([np.stack([numbers[one].ravel(), numbers[other].ravel()]) for one, other in PAIRS], axis=1)
+    sides = np.concatenate([sides, sides[::-1]], axis=1)
+    while small.any():
+        own, other = sides[:, small[sides[0]] & ~small[sides[1]]]
+        shared = np.zeros((count + 1, 4), np.int64)
+        np.add.at(shared, (own, class_of[other]), 1)
+        taken = shared.any(axis=1)
+        if not taken.any():
+            class_of[small] = 0
+            break
+        class_of[taken] = np.argmax(shared[taken], axis=1)
+        small &= ~taken
+    return class_of[numbers].astype(np.uint8)
 
 
 def patches(classes: Classes) -> tuple[NDArray[np.int64], int]:

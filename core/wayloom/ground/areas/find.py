@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.ground.areas.arcs import arcs_of
-from wayloom.ground.areas.classes import WHOLE, area_classes, least_cells, patches, vote_shares, without_small
+from wayloom.ground.areas.classes import WHOLE, area_classes, least_cells, patches, vote_shares, without_cut_off
 from wayloom.ground.areas.faces import doubled_area, faces_of
 from wayloom.ground.areas.settings import AreaSettings
 from wayloom.ground.sheet import CELL_M
@@ -48,7 +48,7 @@ def find_areas(votes: NDArray[np.uint32], corner: IntArray, halo: int, settings:
     """
     shares = vote_shares(votes)
     around = area_classes(shares, settings)[halo - 1 : len(votes) - halo + 1, halo - 1 : len(votes) - halo + 1]
-    classes = without_small(around[1:-1, 1:-1], max(1, least_cells(settings) // PARTS))
+    classes = without_cut_off(around[1:-1, 1:-1], max(1, least_cells(settings) // PARTS))
     numbers, count = patches(classes)
     faces = faces_of(arcs_of(numbers, around), settings.tolerance_m / CELL_M)
     class_of = np.zeros(count + 1, np.int64)
