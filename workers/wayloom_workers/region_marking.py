@@ -57,11 +57,16 @@ def marked_regions(
     nothing = dict.fromkeys(REGION_FEATURES, "")
     unseen = dict.fromkeys(OF_GROUND, "")
     as_before = {key: {of: found[of] for of in OF_GROUND} for key, found in before.items()}
-    regions = [replace(entry, **fresh.get(key, as_before.get(key, unseen))) for key, entry in ours.items()]
-    regions += [replace(kept[key], **fresh[key]) for key in fresh if key not in ours and fresh[key] != as_before[key]]
+    regions = [_with(entry, fresh.get(key, as_before.get(key, unseen))) for key, entry in ours.items()]
+    regions += [_with(kept[key], fresh[key]) for key in fresh if key not in ours and fresh[key] != as_before[key]]
     changed = {of: {one.key for one in regions if getattr(one, of) != before.get(one.key, nothing)[of]} for of in REGION_FEATURES}
     gone = {of: {key for key in dropped if before.get(key, nothing)[of]} for of in REGION_FEATURES}
     return Marked(regions, {of: sorted(changed[of] | gone[of]) for of in REGION_FEATURES})
+
+
+def _with(entry: RegionEntry, found: Mapping[str, str]) -> RegionEntry:
+    """The region with these digests of its features of OF_GROUND."""
+    return replace(entry, markings=found["markings"], areas=found["areas"])
 
 
 def _found(attempt: StageAttempt, state: MapState, key: RegionKey, ground: GroundOfMap) -> dict[str, str]:

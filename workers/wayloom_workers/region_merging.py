@@ -100,8 +100,8 @@ class Merger:
         changes = change_features(region.changes, self._state.frame)
         of_ground = "" if ground is None else self._context.blobs.put(ground.encoded())
         of_objects = "" if objects is None else self._context.blobs.put(objects)
-        about = (inputs, self._context.blobs.put(data), members, len(data), changes)
-        return RegionEntry(*key, *about, ground=of_ground, objects=of_objects)
+        digest = self._context.blobs.put(data)
+        return RegionEntry(*key, inputs, digest, members, len(data), changes, of_ground, objects=of_objects)
 
     def _placed(self, rows: Sequence[PlacedRow]) -> Iterator[PlacedSubmap]:
         """The submaps in the map's frame."""

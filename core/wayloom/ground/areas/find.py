@@ -60,7 +60,7 @@ def find_areas(votes: NDArray[np.uint32], corner: IntArray, halo: int, settings:
     return [
         Area(
             int(class_of[number]) - 1,
-            tuple((ring + origin) * CELL_M for ring in rings),
+            tuple(np.asarray((ring + origin) * CELL_M, np.float64) for ring in rings),
             sum(map(doubled_area, rings)) * CELL_M**2 / 2.0,
             float(mean[number]),
         )
