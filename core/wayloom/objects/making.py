@@ -1,7 +1,7 @@
 """Object sightings of a drive, one submap after the other: views → measurements → tracks → things with evidence."""
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,6 +144,10 @@ def _row(
     top = float(np.median(high)) if len(high) else float(own.high.max())
     place, covariance = track.place.copy(), track.covariance.copy()
     base = bottom if np.isnan(ground) else ground
+    if track.kind == LIGHT:
+        away = (place - cameras.centre[own.view]).mean(axis=0) * np.array([1.0, 1.0, 0.0])
+        place += LIGHT_M * away / np.linalg.norm(away)
+        covariance += LIGHT_SIGMA_M**2 * np.diag([1.0, 1.0, 0.0])
     if track.kind in STANDING:
         place[2], covariance[2, 2] = base, GROUND_SIGMA_M**2
         bottom = base
@@ -157,7 +161,9 @@ def _row(
     }  # fmt: skip
 
 
-GROUND_SIGMA_M = 0.04
+GROUND_SIGMA_M: Final = 0.04
+LIGHT_M, LIGHT_SIGMA_M = 0.25, 0.06
+"""What is matched of a light are its visors: its head's middle lies so far behind them."""
 
 
 def facing_of(track: Track, own: Measurements, cameras: Cameras) -> tuple[FloatArray, float]:
