@@ -27,7 +27,7 @@ from wayloom.logs.simulated_truth import open_truth
 from wayloom.objects.fusion import fuse
 from wayloom.objects.making import find_objects
 from wayloom.objects.settings import ObjectSettings
-from wayloom.objects.types import KINDS, PlacedSightings
+from wayloom.objects.types import KINDS, MapObject, PlacedSightings
 from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
 from wayloom.places.road import road_m, spaced
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
@@ -138,27 +138,28 @@ def in_city(found: list[MapObject], frame: MapFrame) -> list[MapObject]:
 def added(scores: list[ObjectScores]) -> ObjectScores:
     """The scores of several drives as one."""
     numbers = [sum(getattr(one, name) for one in scores) for name in ("found", "true", "close", "doubles", "shown", "hit")]
-    return ObjectScores(
-        *numbers, *(np.concatenate([getattr(one, name) for one in scores]) for name in ("errors", "sigmas", "facing"))
-    )
+    arrays = [np.concatenate([getattr(one, name) for one in scores]) for name in ("errors", "sigmas", "facing")]
+    return ObjectScores(*numbers, *arrays)
 
 
 def table(title: str, rows: list[list[ObjectScores]], names: list[str]) -> str:
     """Markdown, a row a kind and way of counting."""
-    head = (
-        f"| {title} | found | precision, 1 m | within 0.3 m | doubles | shown | recall, 0.3 m | error, median, p95 | error/sigma, rms, "
-        "median of squares | facing, median |\n| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n"
-    )
-    return head + "\n".join(
-        f"| {kind.replace('_', ' ')}{name} | {one.found} | {share(one.true, one.found)} | {share(one.close, one.found)} | {one.doubles} "
-        f"| {one.shown} | {share(one.hit, one.shown)} | {centimetres(one.errors)} | {ratios(one.sigmas)} | {degrees(one.facing)} |"
-        for kind, of_kind in zip(KINDS, rows, strict=True)
-        for name, one in zip(names, of_kind, strict=True)
-    )
+    columns = (
+        title, "found", "precision, 1 m", "within 0.3 m", "doubles", "shown", "recall, 0.3 m", "error, median, p95",
+        "error/sigma, rms, median of squares", "facing, median",
+    )  # fmt: skip
+    lines = [columns, ("---", *["---:"] * (len(columns) - 1))]
+    for kind, of_kind in zip(KINDS, rows, strict=True):
+        for name, one in zip(names, of_kind, strict=True):
+            counts = (str(one.found), share(one.true, one.found), share(one.close, one.found), str(one.doubles), str(one.shown))
+            errors = (share(one.hit, one.shown), centimetres(one.errors), ratios(one.sigmas), degrees(one.facing))
+            lines.append((kind.replace("_", " ") + name, *counts, *errors))
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
 def costs(drives: list[Drive]) -> str:
-    return f"CPU of the stage: {', '.join(f'{drive.ms_per_frame:.1f}' for drive in drives)} ms a frame of the log, reading images included."
+    told = ", ".join(f"{drive.ms_per_frame:.1f}" for drive in drives)
+    return f"CPU of the stage: {told} ms a frame of the log, reading images included."
 
 
 def share(part: int, whole: int) -> str:

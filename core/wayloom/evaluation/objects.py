@@ -64,27 +64,28 @@ class ObjectScores:
 def true_things(truth: SimulatedTruth, city: City | None = None) -> list[TrueThing]:
     """Poles, signs and lights of the truth's list; with the city's mesh, trunks and the directions of signs, too."""
     kinds = {class_id: kind for kind, class_id in CLASS_OF.items()}
-    facing, trunks = ({}, []) if city is None else _of_mesh(city)
-    listed = [
-        TrueThing(
-            kinds[one.class_id],
-            one.instance,
-            one.foot_enu + np.array([0.0, 0.0, 0.0 if kinds[one.class_id] == POLE else 0.5 * (one.bottom_m + one.height_m)]),
-            one.height_m,
-            facing.get(one.instance, np.nan),
-        )
-        for one in truth.objects()
-    ]
+    faces, trunks = ({}, []) if city is None else _of_mesh(city)
+    listed = []
+    for one in truth.objects():
+        kind = kinds[one.class_id]
+        middle = one.foot_enu + np.array([0.0, 0.0, 0.0 if kind == POLE else 0.5 * (one.bottom_m + one.height_m)])
+        facing, place = faces.get(one.instance, (np.nan, middle))
+        listed.append(TrueThing(kind, one.instance, place, one.height_m, facing))
     return listed + trunks
 
 
-def _of_mesh(city: City) -> tuple[dict[int, float], list[TrueThing]]:
-    """Directions of signs by instance, and the trunks: feet of the bark."""
+def _of_mesh(city: City) -> tuple[dict[int, tuple[float, FloatArray]], list[TrueThing]]:
+    """Direction and middle of signs' faces by instance, which the list has at their posts; and the trunks: feet of the bark."""
     mesh = city.whole()
     face = (mesh.class_id == CLASS_ID["traffic sign"]) & (mesh.tint[:, 0] > FACE_TINT)
     corners = mesh.corners[face].astype(np.float64)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    facing = {int(k): float(np.arctan2(n[0], n[1])) for k, n in zip(mesh.instance[face], normal, strict=True)}
+    faces = {}
+    for instance in np.unique(mesh.instance[face]).tolist():
+        own = mesh.instance[face] == instance
+        points = corners[own].reshape(-1, 3)
+        n = normal[own].sum(axis=0)
+        faces[instance] = float(np.arctan2(n[0], n[1])), 0.5 * (points.min(axis=0) + points.max(axis=0))
     bark = (mesh.class_id == CLASS_ID["vegetation"]) & (mesh.material == int(Material.BARK))
     corners, owner = mesh.corners[bark].astype(np.float64), mesh.instance[bark]
     trunks = []
@@ -92,7 +93,7 @@ def _of_mesh(city: City) -> tuple[dict[int, float], list[TrueThing]]:
         points = np.unique(corners[owner == instance].reshape(-1, 3), axis=0)
         ring = points[points[:, 2] < points[:, 2].min() + FOOT_M]
         trunks.append(TrueThing(TRUNK, instance, ring.mean(axis=0), float(np.ptp(points[:, 2])), np.nan))
-    return facing, trunks
+    return faces, trunks
 
 
 def shown_in(truth: SimulatedTruth, frames: Sequence[int]) -> set[int]:
