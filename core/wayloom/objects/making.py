@@ -124,11 +124,13 @@ def tracks_with_facts(
 ) -> list[tuple[Track, Facts, Measurements, Cameras, float]]:
     """The tracks of all views, what the views say of each, and the height of the ground under it."""
     seen, cameras, heights = measure(views, settings), cameras_of(views), GroundHeight(sheet)
+    standing = np.isin(seen.kind, STANDING) & ~seen.cut_low
+    feet = float(np.median(seen.low[standing])) if standing.any() else np.nan
     out = []
     for track in tracks_of(seen, cameras, settings.least_looks):
         ground = heights.at(track.place[:2])
         if np.isnan(ground):
-            ground = float(np.median(seen.low[track.rows])) if track.kind in STANDING else np.nan
+            ground = float(np.median(seen.low[track.rows])) if track.kind in STANDING else feet
         unseen = unseen_views(track, seen, views, cameras, settings.reach_m)
         out.append((track, facts_of(track, seen, unseen, cameras, ground), seen, cameras, ground))
     return out
