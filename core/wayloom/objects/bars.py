@@ -4,7 +4,7 @@ A bar is a chain of pieces, runs of the label in bands of rows, that have one di
 sides; a stripe, a pipe or a window's frame on a front has the front beside it, as far away as itself.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -39,6 +39,15 @@ ALIKE: Final = 4.0
 """Pieces whose columns are wrong together."""
 
 
+POST_PX: Final = 5
+"""Width in which the post under a sign is looked for."""
+POST_M: Final = 3.0
+"""So far down from the sign."""
+LEAST_PIECES: Final = 3
+POST_WIDTH_M: Final = 0.08
+"""Of a post that the label does not show: of most signs' posts."""
+
+
 @dataclass(frozen=True, slots=True)
 class Bar:
     """One measurement of a pole or trunk, as `Measurements` has them."""
@@ -65,7 +74,9 @@ def bars(view: ObjectView, number: int, kind: int, reach_m: float) -> Measuremen
     most_px = int(WIDEST_M[kind] * view.rig.camera.fx / 3.0)
     count = runs_in_bands(view.label, LABEL[kind], band, most_px, out)
     v0, u0, u1 = out[:count].T
-    disparity, sigma = view.match(np.column_stack([u0 - 1, v0, u1 + 1, v0 + band]))
+    half = np.maximum((u1 - u0) // 3, 2)
+    core = (u0 + u1) // 2
+    disparity, sigma = view.match(np.column_stack([core - half, v0, core + half + 1, v0 + band]))
     with np.errstate(invalid="ignore"):
         across = (u1 - u0) / view.rig.camera.fx * view.rig.bf / disparity
         good = (disparity > view.rig.bf / reach_m) & (across <= WIDEST_M[kind])
@@ -75,6 +86,10 @@ def bars(view: ObjectView, number: int, kind: int, reach_m: float) -> Measuremen
     rectangles = np.column_stack([u0, v0, u1, v0 + band])
     made = [_bar(view, rectangles[rows], disparity[rows], sigma[rows]) for rows in (chain == k for k in range(chains))]
     found = [one for one in made if one.is_of(kind)]
+    return _measurements(found, number, kind)
+
+
+def _measurements(found: list[Bar], number: int, kind: int) -> Measurements:
     none = np.full(len(found), np.nan)
     column = {name: [getattr(one, name) for one in found] for name in Bar.__dataclass_fields__}
     return Measurements(
@@ -91,6 +106,26 @@ def bars(view: ObjectView, number: int, kind: int, reach_m: float) -> Measuremen
         slope=none,
         slope_sigma=none,
     )
+
+
+def posts(view: ObjectView, carried: Measurements, number: int) -> Measurements:
+    """Poles under the signs and lights of a view, where the label shows none: what is as near as the sign, under its middle."""
+    band = max(3, view.label.shape[0] // BANDS)
+    found = []
+    for k in range(len(carried)):
+        u, v, d = carried.uvd[k]
+        px_m = d / view.rig.bf * view.rig.camera.fy
+        first = int(v + 0.5 * (carried.high[k] - carried.low[k]) * px_m) + 1
+        last = min(int(first + POST_M * px_m), view.label.shape[0] - band)
+        v0 = np.arange(first, last, band)
+        u0 = round(u - 0.5 * (POST_PX - 1))
+        pieces = np.column_stack([np.full(len(v0), u0), v0, np.full(len(v0), u0 + POST_PX), v0 + band])
+        disparity, sigma = view.match(pieces)
+        with np.errstate(invalid="ignore"):
+            near = np.abs(disparity - d) <= FREE_PX + FREE_SHARE * d
+        if near.sum() >= LEAST_PIECES and (bar := _bar(view, pieces[near], disparity[near], sigma[near])).is_of(POLE):
+            found.append(replace(bar, width=min(bar.width, POST_WIDTH_M)))
+    return _measurements(found, number, POLE)
 
 
 def _bar(view: ObjectView, pieces: IntArray, disparity: FloatArray, sigma: FloatArray) -> Bar:

@@ -17,11 +17,14 @@ from wayloom.objects.types import LIGHT, SIGN
 from wayloom.objects.view import ObjectView
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 LABEL: Final = {SIGN: CLASS_ID["traffic sign"], LIGHT: CLASS_ID["traffic light"]}
 LEAST_PX: Final = 5
 LEAST_FILLED: Final = 0.35
 SMALLEST_M, LARGEST_M = 0.15, 2.5
 SIGMA_U_PX, SIGMA_D_PX = 0.8, 0.15
+INSIDE_PX: Final = 6
+"""Least side of the middle of a face that is matched by itself."""
 STRIP_PX: Final = 5
 """Width of the strips whose disparities tell the slope."""
 LEAST_STRIPS: Final = 3
@@ -37,7 +40,7 @@ def faces(view: ObjectView, number: int, kind: int, reach_m: float) -> Measureme
     large = (wide >= LEAST_PX) & (tall >= LEAST_PX) & (area >= LEAST_FILLED * wide * tall)
     u0, v0, u1, v1 = u0[large], v0[large], (u0 + wide)[large], (v0 + tall)[large]
     rectangles = np.column_stack([u0, v0, u1, v1])
-    d, sigma = view.match(rectangles)
+    d, sigma = match_inside(view, rectangles)
     size = np.column_stack([u1 - u0, v1 - v0]) / view.rig.camera.fx * (view.rig.bf / np.where(d > 0.0, d, np.nan))[:, None]
     with np.errstate(invalid="ignore"):
         good = (d > view.rig.bf / reach_m) & (size.min(axis=1) >= SMALLEST_M) & (size.max(axis=1) <= LARGEST_M)
@@ -60,6 +63,20 @@ def faces(view: ObjectView, number: int, kind: int, reach_m: float) -> Measureme
         slope=np.array([one for one, _ in slopes]),
         slope_sigma=np.array([one for _, one in slopes]),
     )
+
+
+def match_inside(view: ObjectView, rectangles: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Disparity and sigma (n,) of the middle half of rectangles (n, 4), where it has one, else of the whole of them.
+
+    Labels are wider than what they are of: what lies around it is behind it, and would often win.
+    """
+    u0, v0, u1, v1 = rectangles.T
+    aside, over = np.maximum(((u1 - u0) - INSIDE_PX) // 2, 0), np.maximum(((v1 - v0) - INSIDE_PX) // 2, 0)
+    aside, over = np.minimum(aside, (u1 - u0) // 4), np.minimum(over, (v1 - v0) // 4)
+    inside = view.match(np.column_stack([u0 + aside, v0 + over, u1 - aside, v1 - over]))
+    whole = view.match(rectangles)
+    known = np.isfinite(inside[0])
+    return np.where(known, inside[0], whole[0]), np.where(known, inside[1], whole[1])
 
 
 def slope(view: ObjectView, u0: int, v0: int, u1: int, v1: int) -> tuple[float, float]:
