@@ -45,9 +45,9 @@ def test_an_archive_holds_the_tiles_that_a_service_would_serve(city, tmp_path, l
 def test_vector_tiles_of_drives_with_ground_show_their_markings_too(street, tmp_path):
     write_archive(tmp_path / "a.pmtiles", street, None, "vector", {})
     _, metadata, tiles = archived(tmp_path / "a.pmtiles")
-    assert [one["id"] for one in metadata["vector_layers"]] == ["semantic", "coverage", "markings", "kerbs"]
+    assert [one["id"] for one in metadata["vector_layers"]] == ["semantic", "coverage", "markings", "kerbs", "areas", "objects"]
     finest = [mapbox_vector_tile.decode(gzip.decompress(data)) for (z, _, _), data in tiles.items() if z == 18]
-    assert {name for tile in finest for name in tile} == {"semantic", "coverage", "markings", "kerbs"}
+    assert {name for tile in finest for name in tile} == {"semantic", "coverage", "markings", "kerbs", "areas", "objects"}
     assert sum(len(tile["markings"]["features"]) for tile in finest if "markings" in tile) >= 12
 
 

@@ -24,7 +24,7 @@ from wayloom.exports.points import map_batches
 from wayloom.exports.wkb import wkb
 from wayloom.geodesy import wgs84
 
-KINDS = ("objects", "markings", "kerbs", "tracks")
+KINDS = ("areas", "objects", "markings", "kerbs", "tracks")
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +58,7 @@ def test_the_made_street_has_every_kind_of_feature(truth):
     assert len(truth["kerbs"]) >= 2
     assert len(truth["tracks"]) == 2
     assert len(truth["objects"]) == len(POLES)
+    assert {"road", "sidewalk"} == {one["properties"]["kind"] for one in truth["areas"]}
 
 
 def test_objects_that_two_drives_saw_are_one_each_where_they_stand(street, truth):
@@ -192,7 +193,7 @@ def test_without_pyarrow_the_remedy_is_told(street, tmp_path, monkeypatch):
 
 
 def test_an_unknown_collection_lists_the_known_ones(street, tmp_path):
-    with pytest.raises(InputError, match="objects, markings, kerbs"):
+    with pytest.raises(InputError, match="areas, objects, markings, kerbs"):
         write_geojson(tmp_path / "a.geojson", street, None, ("streets",), {})
 
 

@@ -65,7 +65,7 @@ def test_what_is_common_to_a_drives_place_does_not_average_away_within_the_drive
 
 def test_drives_that_looked_and_saw_nothing_take_an_object_out() -> None:
     saw = placed(some_sightings([[1.0, 2.0, 0.0]], evidence=2.0), "a")
-    passed = [placed(some_sightings(np.zeros((0, 3)), name=str(k)), f"b{k}") for k in range(2)]
+    passed = [placed(some_sightings(np.zeros((0, 3)), name=str(k)), f"b{k}") for k in range(3)]
     elsewhere = [placed(some_sightings(np.zeros((0, 3)), looked=0, name=str(k)), f"c{k}") for k in range(2)]
     (alone,) = fuse([saw])
     (with_one,) = fuse([saw, passed[0]])
@@ -75,9 +75,9 @@ def test_drives_that_looked_and_saw_nothing_take_an_object_out() -> None:
 
 
 def test_views_against_it_lower_the_confidence() -> None:
-    sure, doubted = (fuse([placed(some_sightings([[0.0, 0.0, 0.0]], against=a), "a")])[0].confidence for a in (0.0, 1.5))
-    assert sure > 0.85
-    assert doubted == pytest.approx(1.0 / (1.0 + np.exp(-0.5)), abs=1e-6)
+    sure, doubted = (fuse([placed(some_sightings([[0.0, 0.0, 0.0]], against=a), "a")])[0].confidence for a in (0.0, 1.0))
+    assert sure == pytest.approx(1.0 / (1.0 + np.exp(-2.0)), abs=1e-6)
+    assert doubted == pytest.approx(1.0 / (1.0 + np.exp(-1.0)), abs=1e-6)
 
 
 def test_a_sign_and_the_pole_that_carries_it_are_two_objects() -> None:

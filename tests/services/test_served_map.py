@@ -50,7 +50,7 @@ def _version(api_process: ApiAlone, drives: DriveOutputs) -> Iterator[None]:
         data = encode_region(RegionMap(key, layers), frame)
         ground = drives._ground._file(key) if key in drives._ground.keys else None
         held = merge_sheets(drives._ground._near[key], region_edges(key)[0], REGION_M) if ground is not None else None
-        found = drives._markings(key)
+        found = drives._of_region("markings", key)
         return RegionEntry(
             *key, "1" * 64, blobs.put(data), [["a" * 64, "2" * 64]], len(data), [],
             "" if held is None else blobs.put(held.encoded()), "" if found is None else blobs.put(found),

@@ -20,6 +20,7 @@ from wayloom.stitching.marking_files import lines_of, read_features
 from wayloom.stitching.region_files import decode_region
 from wayloom.stitching.region_grid import REGION_M, RegionKey, region_edges
 from wayloom.stitching.voxel_map import VoxelMap
+from wayloom.tiles.feature_layers import FEATURE_LAYERS
 from wayloom.tiles.grid import unit_from_lonlat
 from wayloom.tiles.pyramid import Track
 
@@ -49,7 +50,7 @@ class ServedMap:
         self._region = lru_cache(HELD_REGIONS)(self._fetched_region)
         self._ground = lru_cache(HELD_REGIONS)(self._fetched_ground)
         self._raster = lru_cache(HELD_RASTERS)(self._unpacked)
-        self._markings = cache(self._fetched_markings)  # some kilobytes a region
+        self._features = cache(self._fetch)  # some kilobytes a region
 
     @cached_property
     def voxel_m(self) -> float:
@@ -92,10 +93,7 @@ class ServedMap:
 
     def features(self, name: str, key: RegionKey) -> Sequence[Feature]:
         """The features of a collection that belong to a region."""
-        return read_features(self._markings(key), str(key)) if name == "markings" and self._has(key, "markings") else ()
-
-    def _fetched_markings(self, key: RegionKey) -> bytes:
-        return self._fetch(key, "markings")
+        return read_features(self._features(key, name), str(key)) if name in FEATURE_LAYERS and self._has(key, name) else ()
 
     def _has(self, key: RegionKey, part: str) -> bool:
         return bool(self._parts.get(key, {}).get(part))

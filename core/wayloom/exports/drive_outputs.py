@@ -8,7 +8,7 @@ import json
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any, Final
@@ -22,29 +22,38 @@ from wayloom.exports.provenance import provenance_of
 from wayloom.exports.source import Feature
 from wayloom.geodesy.antimeridian import Box, overlap
 from wayloom.geodesy.map_frame import MapFrame
+from wayloom.ground.areas.settings import AreaSettings
 from wayloom.ground.files import load_sheet, read_index
 from wayloom.ground.ground_map import GroundFile
 from wayloom.ground.markings.settings import KerbSettings, MarkingSettings
 from wayloom.ground.merge import HALO_M, merge_sheets
 from wayloom.ground.placed_sheet import PlacedSheet, reach
-from wayloom.objects.exports import feature as feature_of_object
 from wayloom.objects.exports import placed_sightings
-from wayloom.objects.fusion import fuse
+from wayloom.objects.settings import ObjectFusionSettings
 from wayloom.objects.types import PlacedSightings
+from wayloom.stitching.ground_mosaic import GroundOfRegions
 from wayloom.stitching.layer_names import LAYERS, STATIC
 from wayloom.stitching.marking_files import read_features
+from wayloom.stitching.region_areas import region_areas
 from wayloom.stitching.region_grid import REGION_M, RegionKey, region_box, region_edges, regions_within
 from wayloom.stitching.region_markings import region_markings
+from wayloom.stitching.region_objects import region_objects
 from wayloom.stitching.regions import fuse_region, regions_of
 from wayloom.stitching.settings import MergeSettings
 from wayloom.stitching.voxel_map import VoxelMap
 from wayloom.submaps.files import SubmapEntry, submap_entries
 from wayloom.submaps.frames import common_frame, in_frame
 from wayloom.submaps.submap import PlacedSubmap
+from wayloom.tiles.feature_layers import OBJECTS
 from wayloom.tiles.pyramid import Track, tracks_of
 
 FloatArray = NDArray[np.float64]
 SUBMAP_FOLDERS: Final = (".", "submaps", "stages/submaps")
+ON_GROUND: Final[Mapping[str, Callable[[RegionKey, GroundOfRegions, MapFrame], bytes | None]]] = {
+    "markings": lambda key, ground, frame: region_markings(key, ground, frame, MarkingSettings(), KerbSettings()),
+    "areas": lambda key, ground, frame: region_areas(key, ground, frame, AreaSettings()),
+}
+"""Features that are found on the ground of a region and of those around it."""
 HELD_SUBMAPS, HELD_SHEETS, HELD_REGIONS, HELD_RASTERS = 32, 24, 9, 48
 
 
@@ -79,7 +88,8 @@ class DriveOutputs:
             for key in sorted(regions_of(self._load(row), settings)):
                 self._rows.setdefault(key, []).append(row)
         self._voxels = lru_cache(HELD_REGIONS)(self._fused)
-        self._markings = cache(self._found_markings)  # some kilobytes a region, seconds to find
+        self._sightings = lru_cache(HELD_SUBMAPS)(self._loaded_sightings)
+        self._of_region = cache(self._found)  # some kilobytes a region, seconds to find
 
     def _loaded(self, row: int) -> PlacedSubmap:
         item = self._entries[row].load()
@@ -121,34 +131,28 @@ class DriveOutputs:
 
     def features(self, name: str, key: RegionKey) -> Sequence[Feature]:
         """The features of a collection that belong to a region."""
-        if name == "objects":
-            return self._objects.get(key, ())
-        data = self._markings(key) if name == "markings" else None
+        data = self._of_region(name, key)
         return () if data is None else read_features(data, str(key))
 
-    def _found_markings(self, key: RegionKey) -> bytes | None:
-        if self.frame is None or key not in self._ground.keys:
+    def _found(self, name: str, key: RegionKey) -> bytes | None:
+        if name == OBJECTS:
+            return self._found_objects(key)
+        if self.frame is None or name not in ON_GROUND or not self._ground.has(key):
             return None
-        return region_markings(key, self, self.frame, MarkingSettings(), KerbSettings())
+        return ON_GROUND[name](key, self, self.frame)
 
-    @cached_property
-    def _objects(self) -> Mapping[RegionKey, Sequence[Feature]]:
-        """What all drives' sightings are fused to, by the region that each object stands in."""
-        found: dict[RegionKey, list[Feature]] = {}
-        if self.frame is not None:
-            for one in fuse(self._sightings()):
-                east, north = np.floor(one.position[:2] / REGION_M).astype(int).tolist()
-                found.setdefault((east, north), []).append(feature_of_object(one, self.frame))
-        return found
+    def _found_objects(self, key: RegionKey) -> bytes | None:
+        """Of what the drives saw along the submaps that bear on a region."""
+        if self.frame is None:
+            return None
+        seen = [one for row in self._rows.get(key, ()) if (one := self._sightings(row)) is not None]
+        return region_objects(key, seen, self.frame, ObjectFusionSettings())
 
-    def _sightings(self) -> list[PlacedSightings]:
-        """Those beside the folders of submaps, where these have any."""
-        found: list[PlacedSightings] = []
-        for folder in dict.fromkeys(self._folders):
-            if (folder.parent / "objects" / "index.json").is_file():
-                rows = [row for row, entry in enumerate(self._entries) if entry.folder == folder]
-                found += placed_sightings(folder.parent / "objects", [self._load(row) for row in rows])
-        return found
+    def _loaded_sightings(self, row: int) -> PlacedSightings | None:
+        """Those of a submap; None of a drive without."""
+        folder = self._entries[row].folder.parent / "objects"
+        found = placed_sightings(folder, [self._load(row)]) if (folder / "index.json").is_file() else []
+        return found[0] if found else None
 
     @cached_property
     def _ground(self) -> "MergedSheets":
@@ -198,6 +202,10 @@ class MergedSheets:
         self._folder = Path(tempfile.mkdtemp(prefix="wayloom-export-"))
         weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         self._raster = lru_cache(HELD_RASTERS)(self._unpacked)
+
+    def has(self, key: RegionKey) -> bool:
+        """Whether a region may have ground."""
+        return key in self._touched
 
     def raster(self, key: RegionKey, name: str) -> NDArray[Any] | None:
         """A raster of a region's ground."""

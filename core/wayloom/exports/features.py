@@ -74,11 +74,13 @@ _KERB_COLUMNS: Final[dict[str, Kind]] = {
     "confidence": "real", "heights_m": "json",
 }  # fmt: skip
 _OBJECT_COLUMNS: Final[dict[str, Kind]] = {
-    "kind": "text", "confidence": "real", "bottom_m": "real", "height_m": "real", "width_m": "real", "sigma_m": "real",
-    "sigma_up_m": "real", "facing_deg": "real", "facing_sigma_deg": "real", "looks": "whole", "first_ns": "whole",
+    "id": "text", "kind": "text", "confidence": "real", "bottom_m": "real", "height_m": "real", "width_m": "real",
+    "sigma_m": "real", "sigma_up_m": "real", "facing_deg": "real", "facing_sigma_deg": "real", "looks": "whole", "first_ns": "whole",
     "last_ns": "whole", "drives": "json", "covariance_m2": "json",
 }  # fmt: skip
+_AREA_COLUMNS: Final[dict[str, Kind]] = {"kind": "text", "area_m2": "real", "confidence": "real", "sigma_place_m": "real"}
 COLLECTIONS: Final = {
+    "areas": Collection("road, sidewalk, terrain", "Polygon", _AREA_COLUMNS, _of_regions("areas")),
     "objects": Collection("poles, signs, lights, trunks", "Point", _OBJECT_COLUMNS, _of_regions("objects")),
     "markings": Collection(
         "lines, crossings, arrows", "Geometry", _MARKING_COLUMNS, _of_regions("markings", lambda one: not _is_kerb(one))

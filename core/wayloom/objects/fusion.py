@@ -24,8 +24,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 MOST_OF_A_DRIVE: Final = 4.0
 """Log-odds: what one drive says at most, for or against."""
-MISSED: Final = 1.6
-"""Log-odds against an object that a drive looked at without seeing it: it finds four of five that it looks at."""
+MISSED: Final = np.array([1.0, 1.6, 1.0, 0.25])
+"""By kind, log-odds against an object that a drive looked at without seeing it: by the shares of true ones that a drive misses."""
 ROUNDS: Final = 4
 CAUCHY2: Final = 9.0
 """Square of the sigmas at which a drive's place counts half."""
@@ -115,7 +115,8 @@ def _log_odds(seen: AllSightings, columns: Columns, found: list[Fused], settings
         np.add.at(by_drive[k], seen.drive[one.rows], net[one.rows])
         saw[k, seen.drive[one.rows]] = True
     looked = _looks_at(seen, np.array([one.position for one in found]).reshape(-1, 3))
-    missed = np.where(looked >= settings.looked, -MISSED, 0.0)
+    kinds = np.array([one.kind for one in found], np.int64)
+    missed = np.where(looked >= settings.looked, -MISSED[kinds][:, None], 0.0)
     return np.asarray(np.where(saw, by_drive.clip(-MOST_OF_A_DRIVE, MOST_OF_A_DRIVE), missed).sum(axis=1))
 
 

@@ -1,7 +1,7 @@
 """Object sightings of a drive, one submap after the other: views → measurements → tracks → things with evidence."""
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,11 +124,13 @@ def tracks_with_facts(
 ) -> list[tuple[Track, Facts, Measurements, Cameras, float]]:
     """The tracks of all views, what the views say of each, and the height of the ground under it."""
     seen, cameras, heights = measure(views, settings), cameras_of(views), GroundHeight(sheet)
+    standing = np.isin(seen.kind, STANDING) & ~seen.cut_low
+    feet = float(np.median(seen.low[standing])) if standing.any() else np.nan
     out = []
     for track in tracks_of(seen, cameras, settings.least_looks):
         ground = heights.at(track.place[:2])
         if np.isnan(ground):
-            ground = float(np.median(seen.low[track.rows])) if track.kind in STANDING else np.nan
+            ground = float(np.median(seen.low[track.rows])) if track.kind in STANDING else feet
         unseen = unseen_views(track, seen, views, cameras, settings.reach_m)
         out.append((track, facts_of(track, seen, unseen, cameras, ground), seen, cameras, ground))
     return out
@@ -144,6 +146,10 @@ def _row(
     top = float(np.median(high)) if len(high) else float(own.high.max())
     place, covariance = track.place.copy(), track.covariance.copy()
     base = bottom if np.isnan(ground) else ground
+    if track.kind == LIGHT:
+        away = (place - cameras.centre[own.view]).mean(axis=0) * np.array([1.0, 1.0, 0.0])
+        place += LIGHT_M * away / np.linalg.norm(away)
+        covariance += LIGHT_SIGMA_M**2 * np.diag([1.0, 1.0, 0.0])
     if track.kind in STANDING:
         place[2], covariance[2, 2] = base, GROUND_SIGMA_M**2
         bottom = base
@@ -157,7 +163,9 @@ def _row(
     }  # fmt: skip
 
 
-GROUND_SIGMA_M = 0.04
+GROUND_SIGMA_M: Final = 0.04
+LIGHT_M, LIGHT_SIGMA_M = 0.25, 0.06
+"""What is matched of a light are its visors: its head's middle lies so far behind them."""
 
 
 def facing_of(track: Track, own: Measurements, cameras: Cameras) -> tuple[FloatArray, float]:

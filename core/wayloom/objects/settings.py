@@ -18,5 +18,5 @@ class ObjectFusionSettings(Settings):
 
     radius_m: float = Field(0.6, gt=0.0, le=3.0, description="sightings further apart are of two objects, m")
     sigmas: float = Field(3.0, gt=0.0, description="and those that differ by more sigmas than this")
-    least_confidence: float = Field(0.5, ge=0.0, lt=1.0, description="probability from which on an object is in the map")
+    least_confidence: float = Field(0.65, ge=0.0, lt=1.0, description="probability from which on an object is in the map")
     looked: int = Field(4, ge=1, description="keyframes that must have looked at a place before a drive counts against an object")
