@@ -211,3 +211,40 @@ def test_the_dashboard_draws_markings_and_kerbs_near_the_ground(browser: Any, tm
         assert page.evaluate(drawn) == []
         assert said == []
         page.close()
+
+
+@pytest.mark.browser
+def test_the_dashboard_draws_objects_that_tell_of_themselves_and_areas_where_asked_for(browser: Any, tmp_path: Path) -> None:
+    with closing(ApiAlone(tmp_path / "data")) as alone:
+        pole = {"id": "0.0.pole-1", "kind": "pole", "height_m": 4.25, "confidence": 0.98, "drive_count": 3}
+        objects = protobuf.layer("objects", 4096, protobuf.POINT, [(protobuf.point(2048, 2048), pole)])
+        square = [(400, 400), (3700, 400), (3700, 3700), (400, 3700)]
+        areas = protobuf.layer("areas", 4096, protobuf.POLYGON, [(protobuf.polygon([square]), {"kind": "road"})])
+        of = TILE_FORMATS["mvt"].media_type
+        clear = png_bytes(np.zeros((256, 256, 4), np.uint8))
+        publish_tiles(alone, {"semantic": (clear, "image/png"), "objects": (objects, of), "areas": (areas, of)})
+        page = browser.new_page(viewport={"width": 900, "height": 600})
+        said: list[str] = []
+        page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.goto(alone.url)
+        until(lambda: page.evaluate(SHOWN))
+        drawn = "wayloomMap.queryRenderedFeatures({layers: ['objects', 'areas']}).map((one) => one.properties.kind)"
+        page.evaluate("wayloomMap.jumpTo({zoom: 18.2})")
+        until(lambda: {*page.evaluate(drawn)} == {"pole"})
+        page.click("#show-areas")
+        until(lambda: {*page.evaluate(drawn)} == {"pole", "road"})
+        place = page.evaluate(
+            "(() => { const one = wayloomMap.queryRenderedFeatures({layers: ['objects']})[0];"
+            "const at = wayloomMap.project(one.geometry.coordinates);"
+            "const box = wayloomMap.getCanvas().getBoundingClientRect(); return [at.x + box.x, at.y + box.y]; })()"
+        )
+        page.mouse.click(*place)
+        until(lambda: page.locator(".about").count() == 1)
+        told = page.inner_text(".about")
+        assert "0.0.pole-1" in told
+        assert "4.25" in told
+        page.click("#show-objects")
+        until(lambda: {*page.evaluate(drawn)} == {"road"})
+        assert said == []
+        page.close()
