@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from threading import Lock
 from typing import Any, Final
 
-from sqlalchemy import Row, Select, and_, bindparam, func, or_, select
+from sqlalchemy import BindParameter, Row, Select, and_, bindparam, func, or_, select
 from sqlalchemy.exc import DBAPIError
 
 from wayloom.errors import NotFoundError
@@ -67,7 +67,8 @@ class TileReads:
 def _statement(size: int) -> Select[*tuple[Any, ...]]:
     """The map's row, its version's, and the tiles': each by its primary key."""
     of_version = and_(MapVersion.map_id == bindparam("map"), MapVersion.version == func.coalesce(bindparam("number"), Map.version))
-    x, y = ([bindparam(f"{name}{k}") for k in range(size)] for name in "xy")
+    x: list[BindParameter[int]] = [bindparam(f"x{k}") for k in range(size)]
+    y: list[BindParameter[int]] = [bindparam(f"y{k}") for k in range(size)]
     at = (TileRow.x.in_(x), TileRow.y.in_(y)) if size > 1 else (TileRow.x == x[0], TileRow.y == y[0])
     place = (TileRow.map_id == bindparam("map"), TileRow.layer == bindparam("layer"), TileRow.z == bindparam("z"), *at)
     lasts = or_(TileRow.until.is_(None), TileRow.until > MapVersion.version)
