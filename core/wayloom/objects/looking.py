@@ -1,4 +1,4 @@
-"""Where a drive looked: how far the view of each keyframe is free, by columns of its image."""
+"""Raster of looks of a drive: how far the view of each keyframe is free, by columns of its image."""
 
 from typing import Final
 

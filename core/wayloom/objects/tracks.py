@@ -36,7 +36,7 @@ class Track:
 def tracks_of(seen: Measurements, cameras: Cameras, least_looks: int) -> list[Track]:
     """The tracks of all kinds with at least so many views."""
     points = first_points(cameras, seen)
-    covariance = np.linalg.inv(information(cameras, seen, points) + 1e-6 * np.eye(3))
+    covariance: FloatArray = np.linalg.inv(information(cameras, seen, points) + 1e-6 * np.eye(3)).astype(np.float64)
     out: list[Track] = []
     for kind in range(len(KINDS)):
         rows = np.flatnonzero(seen.kind == kind)

@@ -50,7 +50,7 @@ def projected(cameras: Cameras, view: NDArray[np.int64], points: FloatArray) -> 
     zero = np.zeros(len(z))
     uvd = np.column_stack([fx * x / z + cx, fy * y / z + cy, cameras.bf / z])
     J = np.array([[fx / z, zero, -fx * x / z**2], [zero, fy / z, -fy * y / z**2], [zero, zero, -cameras.bf / z**2]])
-    return uvd, J.transpose(2, 0, 1) @ Rt
+    return uvd, np.asarray(J.transpose(2, 0, 1) @ Rt, np.float64)
 
 
 def first_points(cameras: Cameras, seen: Measurements) -> FloatArray:
@@ -58,7 +58,7 @@ def first_points(cameras: Cameras, seen: Measurements) -> FloatArray:
     fx, fy, cx, cy = cameras.numbers
     z = cameras.bf / seen.uvd[:, 2]
     in_cam = np.column_stack([(seen.uvd[:, 0] - cx) / fx * z, (seen.uvd[:, 1] - cy) / fy * z, z])
-    return np.einsum("nij,nj->ni", cameras.R[seen.view], in_cam) + cameras.centre[seen.view]
+    return np.asarray(np.einsum("nij,nj->ni", cameras.R[seen.view], in_cam) + cameras.centre[seen.view])
 
 
 def information(cameras: Cameras, seen: Measurements, points: FloatArray) -> FloatArray:

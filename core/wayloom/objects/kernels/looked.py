@@ -5,7 +5,7 @@ from numba import njit
 
 
 @njit(cache=True)
-def mark_looked(camera_xy, rays_xy, depth, nearest, cell, corner, looked, mark, number):
+def mark_looked(camera_xy, rays_xy, depth, nearest, cell, corner, looked, mark, number):  # type: ignore[no-untyped-def]
     """Count one keyframe in the cells of looked (H, W) uint8 that its rays go through.
 
     camera_xy (2,); rays_xy (n, 2) steps in the plane a metre of depth; depth (n,) m to which each is free; nearest: where they

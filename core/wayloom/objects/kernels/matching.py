@@ -9,7 +9,7 @@ NOISE2 = 9.0
 
 
 @njit(cache=True)
-def match_rectangles(left, right, rectangles, start, most, uniqueness, found):
+def match_rectangles(left, right, rectangles, start, most, uniqueness, found):  # type: ignore[no-untyped-def]
     """Disparity and sigma px of groups of rectangles (n, 4) u0, v0, u1, v1 (ends left out) of left (h, w) uint8 in right.
 
     start       (g + 1,) first rectangle of each group: those of one group have one disparity
@@ -40,7 +40,7 @@ def match_rectangles(left, right, rectangles, start, most, uniqueness, found):
 
 
 @njit(cache=True)
-def _slope2(left, u0, v0, u1, v1):
+def _slope2(left, u0, v0, u1, v1):  # type: ignore[no-untyped-def]
     """Sum of the squared slopes along the rows."""
     total = 0.0
     for v in range(v0, v1):
@@ -51,7 +51,7 @@ def _slope2(left, u0, v0, u1, v1):
 
 
 @njit(cache=True)
-def _add_cost(left, right, u0, v0, u1, v1, cost):
+def _add_cost(left, right, u0, v0, u1, v1, cost):  # type: ignore[no-untyped-def]
     """Add the squared differences less their mean at each disparity."""
     count = (u1 - u0) * (v1 - v0)
     for d in range(len(cost)):
@@ -65,7 +65,7 @@ def _add_cost(left, right, u0, v0, u1, v1, cost):
 
 
 @njit(cache=True)
-def _best(cost, count, slope2, uniqueness, found):
+def _best(cost, count, slope2, uniqueness, found):  # type: ignore[no-untyped-def]
     """The minimum of a cost curve between its ends, by a parabola, where it is unique."""
     best = int(np.argmin(cost))
     if best < 1 or best >= len(cost) - 1:

@@ -5,7 +5,7 @@ from numba import njit
 
 
 @njit(cache=True)
-def runs_in_bands(label, wanted, band, most_px, out):
+def runs_in_bands(label, wanted, band, most_px, out):  # type: ignore[no-untyped-def]
     """Runs of a class in bands of rows of label (h, w): first row, first column, column behind the last into out (n, 3).
 
     A column of a band belongs to the class where more than half of its pixels do. Returns how many there are; runs wider than
@@ -34,7 +34,7 @@ def runs_in_bands(label, wanted, band, most_px, out):
 
 
 @njit(cache=True)
-def chain_pieces(band_row, middle, width, disparity, most_gap, chain):
+def chain_pieces(band_row, middle, width, disparity, most_gap, chain):  # type: ignore[no-untyped-def]
     """Number of each piece's chain into chain (n,), top down; returns how many chains there are.
 
     band_row (n,) number of its band, increasing; middle, width (n,) px; disparity (n,) px. A piece goes on the nearest chain that
