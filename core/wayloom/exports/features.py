@@ -75,8 +75,8 @@ _KERB_COLUMNS: Final[dict[str, Kind]] = {
 }  # fmt: skip
 _OBJECT_COLUMNS: Final[dict[str, Kind]] = {
     "id": "text", "kind": "text", "confidence": "real", "bottom_m": "real", "height_m": "real", "width_m": "real",
-    "sigma_m": "real", "sigma_up_m": "real", "facing_deg": "real", "facing_sigma_deg": "real", "looks": "whole", "first_ns": "whole",
-    "last_ns": "whole", "drives": "json", "covariance_m2": "json",
+    "sigma_m": "real", "sigma_up_m": "real", "facing_deg": "real", "facing_sigma_deg": "real", "looks": "whole",
+    "first_ns": "whole", "last_ns": "whole", "drives": "json", "covariance_m2": "json",
 }  # fmt: skip
 _AREA_COLUMNS: Final[dict[str, Kind]] = {"kind": "text", "area_m2": "real", "confidence": "real", "sigma_place_m": "real"}
 COLLECTIONS: Final = {
