@@ -11,16 +11,22 @@ from exports.made_sources import made_source
 from wayloom.errors import InputError
 from wayloom.exports.archive import write_archive
 from wayloom.exports.tileset_folder import write_tile_folder, write_tileset
+from wayloom.geodesy import wgs84
 from wayloom.tiles.gltf_points import decode_glb
 from wayloom.tiles.pyramid import build_tiles
+
+SPAN = 0.0002
+"""Degrees, some 15 m."""
 
 
 @pytest.fixture(scope="module")
 def city():
-    return made_source(3000)
+    return made_source(600, extent_m=40.0)
 
 
+@pytest.fixture(scope="module")
 def served(city):
+    """What a service would serve of it."""
     return {(t.layer, t.z, t.x, t.y): t.data for t in build_tiles(city.whole, city.frame, tracks=[*city.tracks()])}
 
 
@@ -31,11 +37,11 @@ def archived(path):
 
 
 @pytest.mark.parametrize(("layer", "kept"), [("vector", "features"), ("semantic", "semantic")])
-def test_an_archive_holds_the_tiles_that_a_service_would_serve(city, tmp_path, layer, kept):
+def test_an_archive_holds_the_tiles_that_a_service_would_serve(city, tmp_path, served, layer, kept):
     count = write_archive(tmp_path / "a.pmtiles", city, None, layer, city.provenance())
     header, metadata, tiles = archived(tmp_path / "a.pmtiles")
     data = {address: gzip.decompress(one) if layer == "vector" else one for address, one in tiles.items()}
-    assert data == {key[1:]: one for key, one in served(city).items() if key[0] == kept}
+    assert data == {key[1:]: one for key, one in served.items() if key[0] == kept}
     assert count == len(tiles)
     assert metadata["provenance"] == city.provenance()
     assert header["min_zoom"] == 12
@@ -86,11 +92,11 @@ def test_a_tileset_holds_every_voxel_and_its_provenance(city, tmp_path):
     assert sum(len(decode_glb(file.read_bytes())) for file in finest) == len(city.whole)
 
 
-def test_a_folder_of_tiles_holds_what_a_service_would_serve(city, tmp_path):
+def test_a_folder_of_tiles_holds_what_a_service_would_serve(city, tmp_path, served):
     count = write_tile_folder(tmp_path / "tiles", city, None, city.provenance())
     found = {file.relative_to(tmp_path / "tiles").with_suffix("").as_posix(): file.read_bytes()
              for file in (tmp_path / "tiles").glob("*/*/*/*")}  # fmt: skip
-    assert found == {"/".join(map(str, key)): data for key, data in served(city).items()}
+    assert found == {"/".join(map(str, key)): data for key, data in served.items()}
     assert count == len(found)
     assert json.loads((tmp_path / "tiles" / "provenance.json").read_text()) == city.provenance()
 
@@ -104,13 +110,11 @@ def test_a_folder_that_holds_something_is_left_alone(city, tmp_path):
 
 
 def test_tiles_are_cut_to_a_box(city, tmp_path):
-    from wayloom.geodesy import wgs84
-
     middle = wgs84.lonlatheight_from_enu(city.whole.points_enu, city.frame)[:, :2].mean(axis=0)
-    box = (middle[0], middle[1], middle[0] + 0.0005, middle[1] + 0.0005)
+    box = (middle[0], middle[1], middle[0] + SPAN, middle[1] + SPAN)
     write_archive(tmp_path / "a.pmtiles", city, box, "vector", {})
     _, _, tiles = archived(tmp_path / "a.pmtiles")
     finest = [mapbox_vector_tile.decode(gzip.decompress(data)) for (z, _, _), data in tiles.items() if z == 12]
     counted = sum(one["properties"]["count"] for tile in finest for one in tile["semantic"]["features"])
     lon_lat = wgs84.lonlatheight_from_enu(city.whole.points_enu, city.frame)[:, :2]
-    assert counted == ((lon_lat >= middle) & (lon_lat <= middle + 0.0005)).all(axis=1).sum() > 50
+    assert counted == ((lon_lat >= middle) & (lon_lat <= middle + SPAN)).all(axis=1).sum() > 20

@@ -14,7 +14,7 @@ from wayloom.geodesy.geoid import GeoidGrid
 
 @pytest.fixture(scope="module")
 def city():
-    return made_source(1500)
+    return made_source(400, extent_m=40.0)
 
 
 @pytest.mark.parametrize(

@@ -76,8 +76,7 @@ _KERB_COLUMNS: Final[dict[str, Kind]] = {
 _OBJECT_COLUMNS: Final[dict[str, Kind]] = {
     "id": "text", "kind": "text", "confidence": "real", "bottom_m": "real", "height_m": "real", "width_m": "real",
     "sigma_m": "real", "sigma_up_m": "real", "facing_deg": "real", "facing_sigma_deg": "real", "looks": "whole",
-    "first_ns": "whole",
-    "last_ns": "whole", "drives": "json", "covariance_m2": "json",
+    "first_ns": "whole", "last_ns": "whole", "drives": "json", "covariance_m2": "json",
 }  # fmt: skip
 _AREA_COLUMNS: Final[dict[str, Kind]] = {"kind": "text", "area_m2": "real", "confidence": "real", "sigma_place_m": "real"}
 COLLECTIONS: Final = {

@@ -8,6 +8,7 @@ import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
+from sqlite3 import connect
 from typing import Any, Final
 
 from wayloom.config.progress import Progress, silent
@@ -56,7 +57,7 @@ def write_geopackage(
     wanted = wanted_collections(names)
     with replacing_by_name(path) as file:
         try:
-            with closing(sqlite3.connect(file, isolation_level=None)) as db:
+            with closing(connect(file, isolation_level=None)) as db:
                 _prepare(db, provenance)
                 counts = {
                     name: _write_table(db, name, one, read_collection(name, source, box, progress)) for name, one in wanted.items()
