@@ -53,7 +53,8 @@ COLUMNS = (
 NEAR_BOX = "wayloom_box(near_min_lon, near_min_lat, near_max_lon, near_max_lat)"
 DRIVE_TRACKS = """
     CREATE VIEW drive_tracks AS SELECT id, map_id, name, vehicle_id, state, grade, gate,
-        state <> 'removing' AND (gate = 'merge' OR released_at IS NOT NULL OR (gate = 'hold' AND sound AND admitted)) AS in_map,
+        coalesce(state <> 'removing' AND (gate = 'merge' OR released_at IS NOT NULL OR (gate = 'hold' AND sound AND admitted)), false)
+        AS in_map,
         to_timestamp(created_at) AS created_at, to_timestamp(finished_at) AS finished_at, track_line AS geometry
     FROM drives WHERE track_line IS NOT NULL
 """
@@ -99,14 +100,18 @@ def _geometry_of_rows() -> None:
 def _grow(tree: str, prefix: str) -> None:
     """An R*Tree of a submap's box and the triggers that keep it. The old box finds an entry that goes: other columns are no keys."""
     sides = [f"{prefix}{side}" for side in ("min_lon", "max_lon", "min_lat", "max_lat")]
-    op.execute(f"CREATE VIRTUAL TABLE {tree} USING rtree(id, min_lon, max_lon, min_lat, max_lat, +drive_id TEXT, +position INTEGER)")
+    op.execute(
+        f"CREATE VIRTUAL TABLE {tree} USING rtree(id, min_lon, max_lon, min_lat, max_lat, +drive_id TEXT, +position INTEGER)"
+    )
     into = f"INSERT INTO {tree} (min_lon, max_lon, min_lat, max_lat, drive_id, position)"
     there = f"NEW.{sides[0]} IS NOT NULL"
     plant = f"{into} SELECT {', '.join(f'NEW.{side}' for side in sides)}, NEW.drive_id, NEW.position WHERE {there};"
     near = "min_lon <= OLD.{0} AND max_lon >= OLD.{1} AND min_lat <= OLD.{2} AND max_lat >= OLD.{3}".format(*sides)
     fell = f"DELETE FROM {tree} WHERE {near} AND drive_id = OLD.drive_id AND position = OLD.position;"
     op.execute(f"CREATE TRIGGER {tree}_insert AFTER INSERT ON submaps BEGIN {plant} END")
-    op.execute(f"CREATE TRIGGER {tree}_update AFTER UPDATE OF drive_id, position, {', '.join(sides)} ON submaps BEGIN {fell} {plant} END")
+    op.execute(
+        f"CREATE TRIGGER {tree}_update AFTER UPDATE OF drive_id, position, {', '.join(sides)} ON submaps BEGIN {fell} {plant} END"
+    )
     op.execute(f"CREATE TRIGGER {tree}_delete AFTER DELETE ON submaps BEGIN {fell} END")
     op.execute(f"{into} SELECT {', '.join(sides)}, drive_id, position FROM submaps WHERE {sides[0]} IS NOT NULL")
 

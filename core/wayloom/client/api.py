@@ -48,9 +48,13 @@ class Api:
 
     def json(self, method: str, path: str, **request: Any) -> Any:
         """The answer's JSON, after as many tries as it takes. Raises AnswerError, ServiceError."""
+        return self.tried(method, path, **request).json()
+
+    def tried(self, method: str, path: str, **request: Any) -> httpx2.Response:
+        """The answer, after as many tries as it takes. Raises AnswerError, ServiceError."""
         for is_last in self._retries.attempts():
             try:
-                return self.once(method, path, **request).json()
+                return self.once(method, path, **request)
             except ServiceError as error:
                 passing = not isinstance(error, AnswerError) or error.status in RETRIED_STATUS
                 if is_last or not passing:

@@ -1,6 +1,7 @@
 """Geometry in the database: box look-ups by an index, features of the newest version in tables, who may read them."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -128,7 +129,9 @@ def test_the_index_finds_what_the_columns_say_wherever_submaps_lie_move_and_go(d
 
 
 def publish(database: Database, blobs: BlobStore, base: int, regions: dict[tuple[int, int], list[object]], **more: object) -> None:
-    entries = [RegionEntry(*key, "1" * 64, "2" * 64, [], 1, markings=blobs.put(encode_features(told))) for key, told in regions.items()]  # type: ignore[arg-type]
+    entries = [
+        RegionEntry(*key, "1" * 64, "2" * 64, [], 1, markings=blobs.put(encode_features(told))) for key, told in regions.items()
+    ]  # type: ignore[arg-type]
     with database.write() as session:
         maps.ensure_map(session, "city")
         map_versions.publish(session, "city", NewVersion(base, (8.0, 49.0, 0.0), (), 0, None, [], regions=entries, **more), kept=5)  # type: ignore[arg-type]
@@ -233,7 +236,7 @@ def test_the_views_own_word_on_who_is_in_the_map_is_that_of_the_queries(database
         told = set(session.scalars(text("SELECT id FROM drive_tracks WHERE in_map")))
         assert told == {row.drive_id for row in maps.submaps(session, "city")}
         assert len(told) > 3
-        assert not session.scalar(text("SELECT count(*) FROM drive_tracks WHERE in_map IS NULL AND state <> 'removing' AND gate IS NOT NULL AND sound IS NOT NULL"))
+        assert not session.scalar(text("SELECT count(*) FROM drive_tracks WHERE in_map IS NULL"))
 
 
 def ogrinfo(database: Database, *arguments: str, user: str = "wayloom") -> str:
@@ -268,18 +271,19 @@ def reader(mapped: Database) -> Iterator[str]:
 def test_gdal_lists_the_geometries_with_type_reference_system_and_extent(mapped: Database, reader: str) -> None:
     listed = ogrinfo(mapped, user=reader)
     layers = {
-        "drive_tracks": "3D Multi Line String", "submaps(footprint)": "Multi Polygon", "submaps(track_line)": "Multi Line String",
-        "map_markings": "3D Multi Line String", "map_marking_areas": "3D Polygon", "map_kerbs": "3D Multi Line String",
+        "drive_tracks": ["3D Multi Line String"], "submaps": ["Multi Polygon", "Multi Line String"],
+        "map_markings": ["3D Multi Line String"], "map_marking_areas": ["3D Polygon"], "map_kerbs": ["3D Multi Line String"],
     }  # fmt: skip
-    assert {line.split(": ", 1)[1] for line in listed.splitlines() if line[:1].isdigit()} == {f"{k} ({v})" for k, v in layers.items()}
     extents = {
         "map_markings": "Extent: (8.000000, 49.000000) - (8.000100, 49.000000)",
-        "submaps(footprint)": "Extent: (-180.000000, -16.000000) - (180.000000, 49.001000)",
+        "submaps": "Extent (footprint): (-180.000000, -16.000000) - (180.000000, 49.001000)",
     }
-    for layer, kind in layers.items():
+    for layer, kinds in layers.items():
+        assert f"{layer} ({', '.join(kinds)})" in listed
         said = ogrinfo(mapped, "-so", layer, user=reader)
-        assert f"Geometry: {kind}" in said
-        assert 'ID["EPSG",4326]' in said
+        for kind in kinds:
+            assert re.search(rf"Geometry( \(\w+\))?: {kind}", said)
+        assert said.count('ID["EPSG",4326]]\n') == len(kinds)
         assert extents.get(layer, "Extent: (") in said
     assert "FID Column = id" in ogrinfo(mapped, "-so", "map_markings", user=reader)
 
@@ -288,10 +292,14 @@ def test_gdal_lists_the_geometries_with_type_reference_system_and_extent(mapped:
 def test_every_readable_table_has_what_qgis_asks_for(mapped: Database) -> None:
     """An entry among the geometry columns, a primary key (a view: a column that is one), an index of the geometry."""
     with mapped.read() as session:
-        entries = set(session.execute(text("SELECT f_table_name, f_geometry_column, srid FROM geometry_columns")).tuples())
+        entries = {
+            tuple(row) for row in session.execute(text("SELECT f_table_name, f_geometry_column, srid FROM geometry_columns"))
+        }
         keys = set(session.scalars(text("SELECT conrelid::regclass::text FROM pg_constraint WHERE contype = 'p'")))
         indices = session.scalars(text("SELECT indexdef FROM pg_indexes WHERE indexdef LIKE '%USING gist%'")).all()
-        assert len(set(session.scalars(text("SELECT id FROM drive_tracks")))) == session.scalar(text("SELECT count(*) FROM drive_tracks"))
+        assert len(set(session.scalars(text("SELECT id FROM drive_tracks")))) == session.scalar(
+            text("SELECT count(*) FROM drive_tracks")
+        )
     columns = {name: {"geometry"} for name in readers.READABLE} | {"submaps": {"footprint", "track_line"}}
     for name in readers.READABLE:
         assert {(name, column, 4326) for column in columns[name]} <= entries
@@ -353,8 +361,12 @@ def test_the_migration_makes_postgis_and_fills_the_geometry_of_rows_that_are_the
     put_old_rows(database)
     upgrade(database)
     with database.read() as session:
-        assert session.scalars(text("SELECT ST_AsText(geometry) FROM drive_tracks")).all() == ["MULTILINESTRING Z ((8 49 100,8.1 49 101))"]
-        assert session.scalars(text("SELECT ST_AsText(footprint) FROM submaps")).all() == ["MULTIPOLYGON(((8 49,8 50,9 50,9 49,8 49)))"]
+        assert session.scalars(text("SELECT ST_AsText(geometry) FROM drive_tracks")).all() == [
+            "MULTILINESTRING Z ((8 49 100,8.1 49 101))"
+        ]
+        assert session.scalars(text("SELECT ST_AsText(footprint) FROM submaps")).all() == [
+            "MULTIPOLYGON(((8 49,8 50,9 50,9 49,8 49)))"
+        ]
     database.close()
 
 
@@ -364,7 +376,9 @@ def test_the_migration_fills_the_tree_of_rows_that_are_there(tmp_path: Path) -> 
     put_old_rows(database)
     upgrade(database)
     with database.read() as session:
-        assert session.execute(text("SELECT drive_id, position, min_lon, max_lat FROM submap_boxes")).all() == [("d" * 64, 0, 8.0, 50.0)]
+        assert session.execute(text("SELECT drive_id, position, min_lon, max_lat FROM submap_boxes")).all() == [
+            ("d" * 64, 0, 8.0, 50.0)
+        ]
     database.close()
 
 

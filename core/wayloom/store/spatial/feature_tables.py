@@ -76,7 +76,9 @@ def _is_area(feature: Mapping[str, Any]) -> bool:
     return bool(feature["geometry"]["type"] == "Polygon")
 
 
-def _entry(source: str, name: str, kind: str, takes: Callable[[Mapping[str, Any]], bool], fields: Mapping[str, type]) -> FeatureTable:
+def _entry(
+    source: str, name: str, kind: str, takes: Callable[[Mapping[str, Any]], bool], fields: Mapping[str, type]
+) -> FeatureTable:
     return FeatureTable(source, _table(name, kind, fields), kind, takes, tuple(fields))
 
 

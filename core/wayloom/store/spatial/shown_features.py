@@ -37,7 +37,12 @@ def show(session: Session, blobs: BlobStore, map_id: str) -> int:
             if shown.get(key) != wanted.get(key):
                 _forget(session, map_id, source, key, key in shown)
                 if key in wanted:
-                    _write(session, blobs, ShownRegion(map_id=map_id, source=source, east=key[0], north=key[1], digest=wanted[key]), version)
+                    _write(
+                        session,
+                        blobs,
+                        ShownRegion(map_id=map_id, source=source, east=key[0], north=key[1], digest=wanted[key]),
+                        version,
+                    )
                 count += 1
     return count
 
@@ -46,7 +51,9 @@ def _newest(session: Session, map_id: str, source: str) -> dict[RegionKey, str]:
     """The regions of the newest version that have a file, with its digest."""
     digest = getattr(RegionRow, source)
     here = (RegionRow.map_id == map_id, RegionRow.until.is_(None), digest != "")
-    return {(east, north): found for east, north, found in session.execute(select(RegionRow.east, RegionRow.north, digest).where(*here))}
+    return {
+        (east, north): found for east, north, found in session.execute(select(RegionRow.east, RegionRow.north, digest).where(*here))
+    }
 
 
 def _shown(session: Session, map_id: str, source: str) -> dict[RegionKey, str]:
