@@ -1,7 +1,7 @@
 """Geometry of drives and submaps, spatial indices of their boxes, and tables of the newest versions' markings and kerbs.
 
-PostgreSQL generates the geometry from the columns that are there, of rows that exist too; SQLite's triggers keep R*Trees. The tables
-of features fill from the regions' files when the migration is over (`wayloom.store.spatial.shown_features`).
+PostgreSQL generates the geometry from the columns that are there, of rows that exist too; SQLite's triggers keep R*Trees. The
+tables of features fill from the regions' files when the migration is over (`wayloom.store.spatial.shown_features`).
 """
 
 import sqlalchemy as sa
@@ -53,8 +53,8 @@ COLUMNS = (
 NEAR_BOX = "wayloom_box(near_min_lon, near_min_lat, near_max_lon, near_max_lat)"
 DRIVE_TRACKS = """
     CREATE VIEW drive_tracks AS SELECT id, map_id, name, vehicle_id, state, grade, gate,
-        coalesce(state <> 'removing' AND (gate = 'merge' OR released_at IS NOT NULL OR (gate = 'hold' AND sound AND admitted)), false)
-        AS in_map,
+        coalesce(state <> 'removing' AND (gate = 'merge' OR released_at IS NOT NULL OR (gate = 'hold' AND sound AND admitted)),
+            false) AS in_map,
         to_timestamp(created_at) AS created_at, to_timestamp(finished_at) AS finished_at, track_line AS geometry
     FROM drives WHERE track_line IS NOT NULL
 """
@@ -98,22 +98,20 @@ def _geometry_of_rows() -> None:
 
 
 def _grow(tree: str, prefix: str) -> None:
-    """An R*Tree of a submap's box and the triggers that keep it. The old box finds an entry that goes: other columns are no keys."""
-    sides = [f"{prefix}{side}" for side in ("min_lon", "max_lon", "min_lat", "max_lat")]
-    op.execute(
-        f"CREATE VIRTUAL TABLE {tree} USING rtree(id, min_lon, max_lon, min_lat, max_lat, +drive_id TEXT, +position INTEGER)"
-    )
-    into = f"INSERT INTO {tree} (min_lon, max_lon, min_lat, max_lat, drive_id, position)"
-    there = f"NEW.{sides[0]} IS NOT NULL"
-    plant = f"{into} SELECT {', '.join(f'NEW.{side}' for side in sides)}, NEW.drive_id, NEW.position WHERE {there};"
-    near = "min_lon <= OLD.{0} AND max_lon >= OLD.{1} AND min_lat <= OLD.{2} AND max_lat >= OLD.{3}".format(*sides)
-    fell = f"DELETE FROM {tree} WHERE {near} AND drive_id = OLD.drive_id AND position = OLD.position;"
+    """An R*Tree of a submap's box and the triggers that keep it. An entry that goes is found by its box: nothing else is a key."""
+    west, east, south, north = sides = [f"{prefix}{side}" for side in ("min_lon", "max_lon", "min_lat", "max_lat")]
+    names = "min_lon, max_lon, min_lat, max_lat"
+    op.execute(f"CREATE VIRTUAL TABLE {tree} USING rtree(id, {names}, +drive_id TEXT, +position INTEGER)")
+    into = f"INSERT INTO {tree} ({names}, drive_id, position)"
+    new = ", ".join(f"NEW.{side}" for side in sides)
+    plant = f"{into} SELECT {new}, NEW.drive_id, NEW.position WHERE NEW.{west} IS NOT NULL;"
+    near = f"min_lon <= OLD.{west} AND max_lon >= OLD.{east} AND min_lat <= OLD.{south} AND max_lat >= OLD.{north}"
+    fell = f"DELETE FROM {tree} WHERE {near} AND drive_id = OLD.drive_id AND position = OLD.position;"  # noqa: S608
+    changed = ", ".join(["drive_id", "position", *sides])
     op.execute(f"CREATE TRIGGER {tree}_insert AFTER INSERT ON submaps BEGIN {plant} END")
-    op.execute(
-        f"CREATE TRIGGER {tree}_update AFTER UPDATE OF drive_id, position, {', '.join(sides)} ON submaps BEGIN {fell} {plant} END"
-    )
+    op.execute(f"CREATE TRIGGER {tree}_update AFTER UPDATE OF {changed} ON submaps BEGIN {fell} {plant} END")
     op.execute(f"CREATE TRIGGER {tree}_delete AFTER DELETE ON submaps BEGIN {fell} END")
-    op.execute(f"{into} SELECT {', '.join(sides)}, drive_id, position FROM submaps WHERE {sides[0]} IS NOT NULL")
+    op.execute(f"{into} SELECT {', '.join(sides)}, drive_id, position FROM submaps WHERE {west} IS NOT NULL")  # noqa: S608
 
 
 def _feature_tables() -> None:

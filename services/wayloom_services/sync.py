@@ -1,7 +1,7 @@
 """Endpoints of a map's differences between versions, and of the synchronisation of a client that holds one."""
 
 from collections.abc import Sequence
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Path, Query
 
@@ -58,12 +58,12 @@ async def diff(
     def read(session: Session) -> DiffOut:
         _check(session, map_id, base, number)
         found, end = version_diff.tile_changes(session, map_id, (base, number), choice, limit, _key(after))
+        came, changed, gone = _sorted_out(found)
         return DiffOut(
-            map_id=map_id, base=base, version=number,
-            added=[TileThere(**_there(row)) for _, before, row in _parts(found) if row is not None and before is None],
-            changed=[TileAnew(**_there(row), before=before) for _, before, row in _parts(found) if row is not None and before is not None],
-            removed=[TileGone(**_at(key), before=before) for key, before, row in _parts(found) if row is None and before is not None],
-            next=_text(end),
+            map_id=map_id, base=base, version=number, next=_text(end),
+            added=[TileThere(**_there(row)) for row in came],
+            changed=[TileAnew(**_there(row), before=before) for row, before in changed],
+            removed=[TileGone(**_at(key), before=before) for key, before in gone],
         )  # fmt: skip
 
     return await service.read(read)
@@ -106,12 +106,12 @@ async def sync(map_id: MapId, wanted: SyncIn, service: ServiceDep) -> SyncOut:
         else:
             base = _known(session, map_id, wanted.version or NOTHING)
             found, end = version_diff.tile_changes(session, map_id, (base, number), choice, wanted.limit, _key(wanted.after))
+        came, changed, gone = _sorted_out(found)
         return SyncOut(
-            map_id=map_id, version=number, base=base, next=_text(end),
-            fetch_from=f"/v1/maps/{map_id}/versions/{number}/tiles/",
-            add=[TileToFetch(**_there(row), name=_name(key)) for key, before, row in _parts(found) if row is not None and before is None],
-            replace=[TileToFetch(**_there(row), name=_name(key)) for key, before, row in _parts(found) if row is not None and before is not None],
-            drop=[TileToDrop(**_at(key), name=_name(key)) for key, _, row in _parts(found) if row is None],
+            map_id=map_id, version=number, base=base, fetch_from=f"/v1/maps/{map_id}/versions/{number}/tiles/", next=_text(end),
+            add=[TileToFetch(**_there(row), name=_name(_key_of(row))) for row in came],
+            replace=[TileToFetch(**_there(row), name=_name(_key_of(row))) for row, _ in changed],
+            drop=[TileToDrop(**_at(key), name=_name(key)) for key, _ in gone],
         )  # fmt: skip
 
     return await service.read(read)
@@ -139,16 +139,26 @@ def _choice(layers: Sequence[str] | None, bbox: str | None) -> TileChoice:
     return TileChoice(tuple(sorted({*(SERVED_LAYERS if layers is None else layers)})), None if bbox is None else box_of_query(bbox))
 
 
-def _parts(found: Sequence[TileChange]) -> list[tuple[TileKey, str | None, TileRow | None]]:
-    return [(one.key, one.before, one.after) for one in found]
+def _sorted_out(
+    found: Sequence[TileChange],
+) -> tuple[list[TileRow], list[tuple[TileRow, str]], list[tuple[TileKey, str]]]:
+    """Tiles that came, those that changed with the digests of before, and where which ones went."""
+    there = [(one.after, one.before) for one in found if one.after is not None]
+    came = [row for row, before in there if before is None]
+    changed = [(row, before) for row, before in there if before is not None]
+    return came, changed, [(one.key, one.before) for one in found if one.after is None and one.before is not None]
 
 
-def _at(key: TileKey) -> dict[str, str | int]:
+def _key_of(row: TileRow) -> TileKey:
+    return row.layer, row.z, row.x, row.y
+
+
+def _at(key: TileKey) -> dict[str, Any]:
     return dict(zip(("layer", "z", "x", "y"), key, strict=True))
 
 
-def _there(row: TileRow) -> dict[str, str | int]:
-    return _at((row.layer, row.z, row.x, row.y)) | {"digest": row.digest, "bytes": row.size}
+def _there(row: TileRow) -> dict[str, Any]:
+    return _at(_key_of(row)) | {"digest": row.digest, "bytes": row.size}
 
 
 def _name(key: TileKey) -> str:

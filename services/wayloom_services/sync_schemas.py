@@ -122,8 +122,8 @@ class TileToDrop(TileAt):
 class SyncOut(BaseModel):
     """A page of what makes a client's tiles those of `version`: fetch `add` and `replace`, delete `drop`.
 
-    base        the version that the client holds, as far as the server still knows it. 0: what it holds counts for nothing, `add` is
-                all of the version, and what the client has beside it is to be dropped. Null: it has told the tiles that it holds
+    base        the version that the client holds, as far as the server still knows it. 0: what it holds counts for nothing, `add`
+                is all of the version, and what the client has beside it is to be dropped. Null: it has told the tiles that it holds
     fetch_from  path of the version's tiles on the server; they never change
     """
 

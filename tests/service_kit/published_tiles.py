@@ -9,7 +9,11 @@ from wayloom.store.folders import Folders
 from wayloom.store.map_versions import NewVersion, TileEntry, TileKey
 from wayloom.tiles.descriptions import SUFFIXES
 
-MEDIA_TYPES = {"semantic": "image/png", "points": "application/vnd.wayloom.points", "markings": "application/vnd.mapbox-vector-tile"}
+MEDIA_TYPES = {
+    "semantic": "image/png",
+    "points": "application/vnd.wayloom.points",
+    "markings": "application/vnd.mapbox-vector-tile",
+}
 Tiles = dict[TileKey, bytes]
 
 

@@ -12,8 +12,8 @@ from wayloom.cli.interrupts import listen
 from wayloom.errors import InputError, WayloomError
 
 COMMANDS = (
-    "demo", "inspect", "process", "odometry", "calibrate", "rigs", "up", "upload", "sync", "export", "simulate", "models", "benchmark",
-    "config", "doctor",
+    "demo", "inspect", "process", "odometry", "calibrate", "rigs", "up", "upload", "sync", "export", "simulate", "models",
+    "benchmark", "config", "doctor",
 )  # fmt: skip
 STOPPED = 130
 

@@ -25,9 +25,7 @@ def sync_command(
     layers: Annotated[str | None, typer.Option(help="Only these layers of tiles, between commas.")] = None,
     bbox: Annotated[str | None, typer.Option(help="Only tiles that touch west,south,east,north (degrees).")] = None,
     delete: Annotated[bool, typer.Option("--delete", help="Delete files in DIR that are not of the map.")] = False,
-    check: Annotated[
-        bool, typer.Option("--check", help="Read every file, also those whose size and time have not changed.")
-    ] = False,
+    check: Annotated[bool, typer.Option("--check", help="Read every file, also those that look unchanged.")] = False,
     connections: Annotated[int, typer.Option(min=1, max=32, help="Tiles fetched at once.")] = 8,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write what was done there.")] = None,
     config: ConfigOption = None,
@@ -65,8 +63,7 @@ def lines(report: "SyncReport", map_id: str, deleted: bool) -> list[str]:
     moved = f"{report.fetched_files} files, {report.fetched_bytes / 1e6:.2f} MB fetched"
     told = [f"version {report.version} of map {map_id}: {changes}; {moved}"]
     if report.strays:
+        fate = ", deleted" if deleted else " (--delete deletes them)"
         some = ", ".join(report.strays[:STRAYS_TOLD]) + (", …" if len(report.strays) > STRAYS_TOLD else "")
-        told.append(
-            f"{len(report.strays)} files are not of the map{', deleted' if deleted else ' (--delete deletes them)'}: {some}"
-        )
+        told.append(f"{len(report.strays)} files are not of the map{fate}: {some}")
     return told

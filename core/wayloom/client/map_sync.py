@@ -52,8 +52,8 @@ class SyncOptions:
 
 @dataclass(frozen=True, slots=True)
 class SyncReport:
-    """What was done. before: the version that the folder held (None: none); fetched_*: what travelled; strays: files that are not of
-    the version, which were left, or deleted where that was asked for."""
+    """What was done. before: the version that the folder held (None: none); fetched_*: what travelled; strays: files that are not
+    of the version, which were left, or deleted where that was asked for."""
 
     version: int
     before: int | None
@@ -179,7 +179,7 @@ def _told(api: Api, map_id: str, version: int) -> dict[str, Any]:
 def _fetch(
     api: Api, folder: MapFolder, source: _Source, missing: Mapping[str, _Tile], options: SyncOptions, progress: Progress
 ) -> tuple[int, int]:
-    """Have the bytes of the tiles come into the folder, each once, unless they have come before. Returns how many files, and bytes."""
+    """Have the bytes of the tiles come into the folder, each once, unless they have come before. How many files, and bytes."""
     by_digest = {tile.digest: (path, tile.size) for path, tile in sorted(missing.items(), reverse=True)}
     left = {digest: one for digest, one in by_digest.items() if not folder.has_come(digest)}
     meter, over = _Meter(sum(size for _, size in left.values()), progress), threading.Event()

@@ -18,9 +18,7 @@ def main() -> int:
     """Do what the command line says, and end."""
     parser = argparse.ArgumentParser(prog="python -m wayloom.store", description="Without a command: migrate the database.")
     commands = parser.add_subparsers(dest="command")
-    grant = commands.add_parser(
-        "grant-readonly", help="let a role of PostgreSQL read the geometry (QGIS, martin), and nothing else"
-    )
+    grant = commands.add_parser("grant-readonly", help="let a role of PostgreSQL read the geometry and nothing else")
     grant.add_argument("role", help="a role that exists")
     arguments = parser.parse_args()
     settings = load(ServiceSettings, part=True).settings

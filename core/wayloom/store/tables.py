@@ -181,8 +181,8 @@ class DriveRun(Base):
 
 
 class SubmapRow(Base):
-    """A submap's place in the map; its points are the blob `digest`. The box is in degrees, around points and track, for look-up: the
-    database keeps a spatial index of both boxes (`wayloom.store.spatial.derived`).
+    """A submap's place in the map; its points are the blob `digest`. The box is in degrees, around points and track, for look-up;
+    the database keeps a spatial index of both boxes (`wayloom.store.spatial.derived`).
 
     located                           whether the drive's own geo-reference places it; where it does not, own_T_enu_submap is in the
                                       drive's own level frame, and frame and box are NULL, which no box touches, until a version has

@@ -62,7 +62,7 @@ def tile_changes(
         for key in keys:
             before, now = first.get(key), second.get(key)
             if before is None or now is None or before.digest != now.digest:
-                found.append(TileChange((layer, *key), before and before.digest, now))
+                found.append(TileChange((layer, *key), None if before is None else before.digest, now))
         if looked >= limit:
             return found, (layer, *keys[-1])
     return found, None

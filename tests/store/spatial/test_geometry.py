@@ -64,7 +64,8 @@ def submap(drive_id: str, position: int, west: float, south: float) -> SubmapRow
     east, north = west + 0.9 * WIDE, south + WIDE
     return SubmapRow(
         drive_id=drive_id, map_id="city", position=position, digest=f"{position:064d}", point_count=1, frame=[8.5, 49.5, 0.0],
-        T_enu_submap=[], covariance=[], track=[[west, south], [east, north]], min_lon=west, min_lat=south, max_lon=east, max_lat=north,
+        T_enu_submap=[], covariance=[], track=[[west, south], [east, north]],
+        min_lon=west, min_lat=south, max_lon=east, max_lat=north,
         near_min_lon=west - WIDE, near_min_lat=south - WIDE, near_max_lon=east + WIDE, near_max_lat=north + WIDE,
     )  # fmt: skip
 
@@ -215,7 +216,7 @@ def mapped(database: Database, tmp_path: Path) -> Database:
 @ON_POSTGRES
 def test_a_track_is_cut_at_the_antimeridian_and_one_place_is_no_line(mapped: Database) -> None:
     with mapped.write() as session:
-        lines = {name: line for name, line in session.execute(text("SELECT name, ST_AsText(geometry) FROM drive_tracks"))}
+        lines = dict(map(tuple, session.execute(text("SELECT name, ST_AsText(geometry) FROM drive_tracks"))))
         assert lines["b"] == "MULTILINESTRING Z ((179.9995 -16 9,180 -16 10),(-180 -16 10,-179.9995 -16 11))"
         session.execute(text("UPDATE drives SET track = '[[8, 49, 1]]' WHERE name = 'a'"))
         assert session.scalars(text("SELECT name FROM drive_tracks")).all() == ["b"]

@@ -1,8 +1,8 @@
 """Look-up of submaps by boxes: the GiST index of PostGIS, the R*Tree of SQLite.
 
 Either finds a few more than touch, since it holds boxes of single precision, and the box of a place on both sides of the
-antimeridian goes round the Earth on PostGIS; the caller asks the columns as well. The database keeps both indices from these columns
-itself (`derived`).
+antimeridian goes round the Earth on PostGIS; the caller asks the columns as well. The database itself keeps both indices from these
+columns (`derived`).
 """
 
 from typing import Any, Final

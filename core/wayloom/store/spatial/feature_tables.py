@@ -54,7 +54,7 @@ class FeatureTable:
 
 
 def _table(name: str, kind: str, fields: Mapping[str, type]) -> Table:
-    """Columns: id, map_id, the version since which the map has the region's features so, the region, the properties, the geometry."""
+    """id, map, the version since which the map has the region's features so, the region, the properties, the geometry."""
     return Table(
         name, Base.metadata,
         Column("id", INTEGER, primary_key=True, autoincrement=True),

@@ -35,14 +35,11 @@ def show(session: Session, blobs: BlobStore, map_id: str) -> int:
         wanted, shown = _newest(session, map_id, source), _shown(session, map_id, source)
         for key in sorted(shown.keys() | wanted.keys()):
             if shown.get(key) != wanted.get(key):
-                _forget(session, map_id, source, key, key in shown)
+                if key in shown:
+                    _forget(session, map_id, source, key)
                 if key in wanted:
-                    _write(
-                        session,
-                        blobs,
-                        ShownRegion(map_id=map_id, source=source, east=key[0], north=key[1], digest=wanted[key]),
-                        version,
-                    )
+                    region = ShownRegion(map_id=map_id, source=source, east=key[0], north=key[1], digest=wanted[key])
+                    _write(session, blobs, region, version)
                 count += 1
     return count
 
@@ -62,9 +59,7 @@ def _shown(session: Session, map_id: str, source: str) -> dict[RegionKey, str]:
     return {(east, north): digest for east, north, digest in rows}
 
 
-def _forget(session: Session, map_id: str, source: str, key: RegionKey, was_shown: bool) -> None:
-    if not was_shown:
-        return
+def _forget(session: Session, map_id: str, source: str, key: RegionKey) -> None:
     for one in FEATURE_TABLES:
         if one.source == source:
             at = one.table.c
