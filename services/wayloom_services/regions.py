@@ -30,6 +30,8 @@ class Part(StrEnum):
     VOXELS = "voxels"
     GROUND = "ground"
     MARKINGS = "markings"
+    AREAS = "areas"
+    OBJECTS = "objects"
 
 
 @router.get("/maps/{map_id}/versions/{number}/regions")
@@ -55,7 +57,7 @@ async def regions_of_version(map_id: MapId, number: Number, service: ServiceDep,
     responses={200: {"content": {OCTETS: {}}}},
 )
 async def region_part(map_id: MapId, number: Number, east: Step, north: Step, part: Part, service: ServiceDep) -> Response:
-    """A region's voxels, ground or markings, as docs/formats.md describes them; 404 where it has none."""
+    """A region's voxels, ground, markings, areas or objects, as docs/formats.md describes them; 404 where it has none."""
 
     def read(session: Session) -> str:
         version = maps.version(session, map_id, number)
@@ -87,5 +89,5 @@ def _parts(row: RegionRow) -> dict[str, Any]:
     """The fields of `RegionParts`."""
     return {
         "east": row.east, "north": row.north, "bytes": row.size, "voxels": row.digest, "ground": row.ground,
-        "markings": row.markings,
+        "markings": row.markings, "areas": row.areas, "objects": row.objects,
     }  # fmt: skip

@@ -304,6 +304,8 @@ class RegionParts(BaseModel):
     voxels: str
     ground: str
     markings: str
+    areas: str
+    objects: str
 
 
 class RegionPartsList(BaseModel):

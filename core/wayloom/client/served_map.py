@@ -49,7 +49,7 @@ class ServedMap:
         self._region = lru_cache(HELD_REGIONS)(self._fetched_region)
         self._ground = lru_cache(HELD_REGIONS)(self._fetched_ground)
         self._raster = lru_cache(HELD_RASTERS)(self._unpacked)
-        self._markings = cache(self._fetched_markings)  # some kilobytes a region
+        self._features = cache(self._fetched_features)  # some kilobytes a region
 
     @cached_property
     def voxel_m(self) -> float:
@@ -92,10 +92,10 @@ class ServedMap:
 
     def features(self, name: str, key: RegionKey) -> Sequence[Feature]:
         """The features of a collection that belong to a region."""
-        return read_features(self._markings(key), str(key)) if name == "markings" and self._has(key, "markings") else ()
+        return self._features(name, key) if self._has(key, name) else ()
 
-    def _fetched_markings(self, key: RegionKey) -> bytes:
-        return self._fetch(key, "markings")
+    def _fetched_features(self, name: str, key: RegionKey) -> Sequence[Feature]:
+        return read_features(self._fetch(key, name), str(key))
 
     def _has(self, key: RegionKey, part: str) -> bool:
         return bool(self._parts.get(key, {}).get(part))

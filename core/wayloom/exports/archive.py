@@ -10,7 +10,8 @@ from wayloom.exports.source import MapSource
 from wayloom.files.pmtiles import Address, write_pmtiles
 from wayloom.geodesy.antimeridian import Box
 from wayloom.tiles.descriptions import tile_json
-from wayloom.tiles.formats import MARKINGS, TILE_FORMATS, Tile
+from wayloom.tiles.feature_layers import FEATURE_LAYERS
+from wayloom.tiles.formats import TILE_FORMATS, Tile
 from wayloom.tiles.rasters import RASTER_LAYERS
 from wayloom.tiles.settings import TileSettings
 
@@ -31,7 +32,8 @@ def write_archive(path: Path, source: MapSource, box: Box | None, layer: str, pr
     if source.frame is None:
         raise InputError("is of places on Earth, and this drive has none", file=path, remedy="process it with --gnss")
     usual = TileSettings()
-    settings = usual.model_copy(update={"markings_zoom": min(usual.markings_zoom, usual.features_max_zoom)})
+    finest = {f"{name}_zoom": min(getattr(usual, f"{name}_zoom"), usual.features_max_zoom) for name in FEATURE_LAYERS}
+    settings = usual.model_copy(update=finest)
     pyramid = MapPyramid(source, source.frame, box, settings)
     west, south, east, north = pyramid.bounds()
     west, east = (west, east) if east <= WHOLE_WORLD[1] else WHOLE_WORLD
@@ -46,11 +48,15 @@ def _tiles(layer: str, pyramid: MapPyramid) -> Iterator[tuple[Address, bytes]]:
     """The archive's tiles. Layers of two vector tiles of one address are those of the joined bytes."""
     if layer == VECTOR:
         yield from _of_layer(TILE_FORMATS["mvt"].layer, pyramid.tiles())
-        yield from _of_layer(MARKINGS, pyramid.marking_tiles())
+        yield from _joined(pyramid.feature_tiles())
     elif layer == PICTURES:
         yield from _of_layer(layer, pyramid.tiles())
     else:
         yield from _of_layer(layer, pyramid.ground_tiles())
+
+
+def _joined(tiles: Iterator[Tile]) -> Iterator[tuple[Address, bytes]]:
+    return (((tile.z, tile.x, tile.y), tile.data) for tile in tiles)
 
 
 def _of_layer(layer: str, tiles: Iterator[Tile]) -> Iterator[tuple[Address, bytes]]:
@@ -60,7 +66,7 @@ def _of_layer(layer: str, tiles: Iterator[Tile]) -> Iterator[tuple[Address, byte
 def _described(layer: str, min_zoom: int, max_zoom: int) -> dict[str, Any]:
     """Name, layers of vector tiles with their fields, and the encoding of heights, as TileJSON has them."""
     zooms = {"min_zoom": min_zoom, "max_zoom": max_zoom, "media_type": MEDIA_TYPES[layer]}
-    names = (TILE_FORMATS["mvt"].layer, MARKINGS) if layer == VECTOR else (layer,)
+    names = (TILE_FORMATS["mvt"].layer, *FEATURE_LAYERS) if layer == VECTOR else (layer,)
     told = [tile_json(name, zooms, None, "") for name in names]
     found: dict[str, Any] = {"name": f"wayloom {layer}", "format": "pbf" if layer == VECTOR else told[0]["format"]}
     if layer == VECTOR:

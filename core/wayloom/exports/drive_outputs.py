@@ -22,6 +22,7 @@ from wayloom.exports.provenance import provenance_of
 from wayloom.exports.source import Feature
 from wayloom.geodesy.antimeridian import Box, overlap
 from wayloom.geodesy.map_frame import MapFrame
+from wayloom.ground.areas.settings import AreaSettings
 from wayloom.ground.files import load_sheet, read_index
 from wayloom.ground.ground_map import GroundFile
 from wayloom.ground.markings.settings import KerbSettings, MarkingSettings
@@ -33,6 +34,7 @@ from wayloom.objects.fusion import fuse
 from wayloom.objects.types import PlacedSightings
 from wayloom.stitching.layer_names import LAYERS, STATIC
 from wayloom.stitching.marking_files import read_features
+from wayloom.stitching.region_areas import region_areas
 from wayloom.stitching.region_grid import REGION_M, RegionKey, region_box, region_edges, regions_within
 from wayloom.stitching.region_markings import region_markings
 from wayloom.stitching.regions import fuse_region, regions_of
@@ -79,7 +81,10 @@ class DriveOutputs:
             for key in sorted(regions_of(self._load(row), settings)):
                 self._rows.setdefault(key, []).append(row)
         self._voxels = lru_cache(HELD_REGIONS)(self._fused)
-        self._markings = cache(self._found_markings)  # some kilobytes a region, seconds to find
+        self._markings, self._areas = (
+            cache(self._found_markings),
+            cache(self._found_areas),
+        )  # some kilobytes a region, seconds to find
 
     def _loaded(self, row: int) -> PlacedSubmap:
         item = self._entries[row].load()
@@ -123,13 +128,19 @@ class DriveOutputs:
         """The features of a collection that belong to a region."""
         if name == "objects":
             return self._objects.get(key, ())
-        data = self._markings(key) if name == "markings" else None
+        found = {"markings": self._markings, "areas": self._areas}.get(name)
+        data = None if found is None else found(key)
         return () if data is None else read_features(data, str(key))
 
     def _found_markings(self, key: RegionKey) -> bytes | None:
         if self.frame is None or key not in self._ground.keys:
             return None
         return region_markings(key, self, self.frame, MarkingSettings(), KerbSettings())
+
+    def _found_areas(self, key: RegionKey) -> bytes | None:
+        if self.frame is None or key not in self._ground.keys:
+            return None
+        return region_areas(key, self, self.frame, AreaSettings())
 
     @cached_property
     def _objects(self) -> Mapping[RegionKey, Sequence[Feature]]:

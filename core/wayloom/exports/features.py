@@ -78,8 +78,10 @@ _OBJECT_COLUMNS: Final[dict[str, Kind]] = {
     "sigma_up_m": "real", "facing_deg": "real", "facing_sigma_deg": "real", "looks": "whole", "first_ns": "whole",
     "last_ns": "whole", "drives": "json", "covariance_m2": "json",
 }  # fmt: skip
+_AREA_COLUMNS: Final[dict[str, Kind]] = {"kind": "text", "area_m2": "real", "confidence": "real", "sigma_place_m": "real"}
 COLLECTIONS: Final = {
     "objects": Collection("poles, signs, lights, trunks", "Point", _OBJECT_COLUMNS, _of_regions("objects")),
+    "areas": Collection("road, sidewalk, terrain", "Polygon", _AREA_COLUMNS, _of_regions("areas")),
     "markings": Collection(
         "lines, crossings, arrows", "Geometry", _MARKING_COLUMNS, _of_regions("markings", lambda one: not _is_kerb(one))
     ),

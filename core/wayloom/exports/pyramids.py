@@ -14,10 +14,11 @@ from wayloom.geodesy.map_frame import MapFrame
 from wayloom.stitching.region_grid import RegionKey, region_box, regions_of_box
 from wayloom.stitching.voxel_map import VoxelMap, joined_maps
 from wayloom.tiles.cloud_pyramid import cloud_tiles
+from wayloom.tiles.feature_layers import FEATURE_LAYERS
+from wayloom.tiles.feature_tiles import feature_tiles
 from wayloom.tiles.formats import Tile
 from wayloom.tiles.grid import TILE_PX, TileAddress, pixel_from_lonlat, tile_bounds
 from wayloom.tiles.ground_tiles import ground_tiles, tiles_of_region
-from wayloom.tiles.marking_tiles import marking_tiles
 from wayloom.tiles.mvt import LonLatTrack, tiles_of_track
 from wayloom.tiles.settings import TileSettings
 from wayloom.tiles.updates import block_zoom, margin_px, updated_tiles
@@ -28,7 +29,7 @@ DOT_M = 1.0
 
 
 class MapPyramid:
-    """`updates.PyramidSource`, `marking_tiles.MarkingSource` and `ground_tiles.GroundSource` of a whole map, cut to a box.
+    """`updates.PyramidSource`, `feature_tiles.FeatureSource` and `ground_tiles.GroundSource` of a whole map, cut to a box.
 
     The map must have a place on Earth.
     """
@@ -47,9 +48,9 @@ class MapPyramid:
         """The 3D tiles of the static layer, contents and tilesets."""
         return cloud_tiles(self._blocks(), self, self._settings)
 
-    def marking_tiles(self) -> Iterator[Tile]:
-        """Those of markings and kerbs."""
-        return marking_tiles(self._source.keys, self, self._frame, self._settings)
+    def feature_tiles(self) -> Iterator[Tile]:
+        """Those of markings, areas and objects."""
+        return feature_tiles(dict.fromkeys(FEATURE_LAYERS, self._source.keys), self, self._frame, self._settings)
 
     def ground_tiles(self) -> Iterator[Tile]:
         """Those of all raster layers of the ground."""
@@ -85,9 +86,9 @@ class MapPyramid:
         """All of them."""
         return self._tracks
 
-    def features(self, key: RegionKey) -> Sequence[Feature]:
-        """Markings and kerbs of a region."""
-        return self._source.features("markings", key)
+    def features(self, of: str, key: RegionKey) -> Sequence[Feature]:
+        """Those of a layer of tiles in a region."""
+        return self._source.features(of, key)
 
     def raster(self, key: RegionKey, name: str) -> NDArray[Any] | None:
         """A raster of a region's ground."""

@@ -44,7 +44,7 @@ def write_tile_folder(folder: Path, source: MapSource, box: Box | None, provenan
     frame, count = _frame_of(source, folder), 0
     with new_folder(folder) as new:
         pyramid = MapPyramid(source, frame, box, TileSettings())
-        for tiles in (pyramid.tiles(), pyramid.marking_tiles(), pyramid.ground_tiles()):
+        for tiles in (pyramid.tiles(), pyramid.feature_tiles(), pyramid.ground_tiles()):
             for tile in tiles:
                 if tile.layer in SERVED_LAYERS:
                     _put(new, tile)

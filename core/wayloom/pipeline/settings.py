@@ -13,6 +13,7 @@ from wayloom.config.sources import Loaded, Option, load
 from wayloom.dense.settings import LookSettings
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.settings import GeoReferenceSettings
+from wayloom.ground.areas.settings import AreaSettings
 from wayloom.ground.markings.settings import KerbSettings, MarkingSettings
 from wayloom.ground.settings import GroundSettings
 from wayloom.labelling.settings import LabellingSettings
@@ -78,6 +79,7 @@ class WayloomSettings(ServiceSettings, ProcessSettings):
     """All settings: those of a drive's stages, of the map's, and of the service."""
 
     gate: GateSettings = GateSettings()
+    areas: AreaSettings = AreaSettings()
     merge: MergeSettings = MergeSettings()
     tiles: TileSettings = TileSettings()
     meetings: MeetingSettings = MeetingSettings()
