@@ -1,4 +1,4 @@
-"""Geometry of drives and submaps, spatial indices of their boxes, and tables of the newest versions' markings and kerbs.
+"""Geometry of drives and submaps, spatial indices of their boxes, and tables of the newest versions' features.
 
 PostgreSQL generates the geometry from the columns that are there, of rows that exist too; SQLite's triggers keep R*Trees. The
 tables of features fill from the regions' files when the migration is over (`wayloom.store.spatial.shown_features`).
@@ -11,13 +11,15 @@ from sqlalchemy.exc import DBAPIError
 from wayloom.errors import InputError
 
 revision = "0016"
-down_revision = "0013"
+down_revision = "0014"
 branch_labels = None
 depends_on = None
 
 INTEGER = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
 BOX = "ix_submaps_box", ["map_id", "min_lon", "max_lon", "min_lat", "max_lat"]
 NEAR = "ix_submaps_near", ["map_id", "near_min_lon", "near_max_lon", "near_min_lat", "near_max_lat"]
+OBJECT = ("height_m", "bottom_m", "width_m", "facing_deg", "facing_sigma_deg", "sigma_m", "confidence")
+AREA = ("area_m2", "confidence", "sigma_place_m")
 PAINT = ("width_m", "length_m", "sigma_m", "sigma_place_m", "confidence")
 KERB = ("length_m", "height_m", "sigma_m", "sigma_height_m", "sigma_place_m", "confidence")
 FUNCTIONS = (
@@ -124,14 +126,16 @@ def _feature_tables() -> None:
         sa.Column("digest", sa.String(64), nullable=False),
         sa.PrimaryKeyConstraint("map_id", "source", "east", "north", name=op.f("pk_shown_regions")),
     )
-    bars = (sa.Column("bars", INTEGER), _number("period_m"))
-    _feature_table("map_markings", "MultiLineStringZ", sa.Column("kind", sa.Text()), *map(_number, PAINT))
-    _feature_table("map_marking_areas", "PolygonZ", sa.Column("kind", sa.Text()), *map(_number, PAINT), *bars)
-    _feature_table("map_kerbs", "MultiLineStringZ", *map(_number, KERB))
+    _feature_table("map_objects", "PointZ", *_columns(("object_id", "kind"), OBJECT, ("drive_count", "first_ns", "last_ns")))
+    _feature_table("map_areas", "PolygonZ", *_columns(("kind",), AREA))
+    _feature_table("map_markings", "MultiLineStringZ", *_columns(("kind",), PAINT))
+    _feature_table("map_marking_areas", "PolygonZ", *_columns(("kind",), (*PAINT, "period_m"), ("bars",)))
+    _feature_table("map_kerbs", "MultiLineStringZ", *_columns((), KERB))
 
 
-def _number(name: str) -> sa.Column[float]:
-    return sa.Column(name, sa.Float(53))
+def _columns(text: tuple[str, ...], numbers: tuple[str, ...], whole: tuple[str, ...] = ()) -> list[sa.Column[object]]:
+    kinds = ((text, sa.Text()), (numbers, sa.Float(53)), (whole, INTEGER))
+    return [sa.Column(name, kind) for names, kind in kinds for name in names]
 
 
 def _feature_table(name: str, kind: str, *fields: sa.Column[object]) -> None:
@@ -155,7 +159,7 @@ def _feature_table(name: str, kind: str, *fields: sa.Column[object]) -> None:
 
 def downgrade() -> None:
     """Back."""
-    for name in ("map_kerbs", "map_marking_areas", "map_markings", "shown_regions"):
+    for name in ("map_kerbs", "map_marking_areas", "map_markings", "map_areas", "map_objects", "shown_regions"):
         op.drop_table(name)
     if op.get_bind().dialect.name == "postgresql":
         op.execute("DROP VIEW drive_tracks")

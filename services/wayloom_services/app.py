@@ -4,20 +4,39 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.resources import files
 from pathlib import Path
+from typing import Any, Final
 
 from fastapi import FastAPI
 from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
+from starlette.middleware.cors import CORSMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from wayloom import __version__
 from wayloom.config.service import ServiceSettings
-from wayloom_services import drives, errors, events, health, lineage, maps, markings, rigs, sync, tile_sets, tus
+from wayloom_services import (
+    drives,
+    errors,
+    events,
+    health,
+    lineage,
+    maps,
+    markings,
+    ogc,
+    regions,
+    rigs,
+    sync,
+    tile_sets,
+    tilesets,
+    tus,
+)
 from wayloom_services.context import make_service
 from wayloom_services.drives import DriveId
 from wayloom_services.events import Feed
+from wayloom_services.heads import HeadAsGet
 from wayloom_services.limits import LimitBodies
 from wayloom_services.metrics import CountRequests
+from wayloom_services.tile_answers import ShortWay
 from wayloom_services.tus_headers import MethodOverride
 
 STATIC = Path(str(files("wayloom_services"))) / "static"
@@ -25,6 +44,14 @@ CONTENT_SECURITY_POLICY = (
     "default-src 'self'; img-src 'self' data: blob:; worker-src 'self'; connect-src 'self'; style-src 'self'; "
     "script-src 'self'; object-src 'none'; base-uri 'none'; frame-ancestors 'none'; form-action 'self'"
 )
+
+CORS: Final[dict[str, Any]] = {
+    "allow_methods": ["GET", "HEAD"],
+    "allow_headers": ["Authorization", "If-None-Match", "Range"],
+    "expose_headers": ["ETag"],
+    "max_age": 86_400,
+}
+"""What pages of allowed origins may do: read. There are no cookies; a page that has the key sends it as its own header."""
 
 
 def create_app(settings: ServiceSettings) -> FastAPI:
@@ -43,7 +70,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     )  # fmt: skip
     app.state.service, app.state.feed = service, Feed(service)
     errors.install(app)
-    for room in (drives, tus, maps, sync, markings, tile_sets, lineage, rigs, events, health):
+    for room in (drives, tus, maps, sync, markings, ogc, regions, tile_sets, tilesets, lineage, rigs, events, health):
         app.include_router(room.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 
@@ -55,9 +82,13 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     async def page_of_drive(drive_id: DriveId) -> FileResponse:
         return FileResponse(STATIC / "drive.html")
 
+    app.add_middleware(ShortWay, service=service)
+    app.add_middleware(HeadAsGet)
     app.add_middleware(LimitBodies, settings=settings)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(MethodOverride)
+    if settings.cors_origins:
+        app.add_middleware(CORSMiddleware, allow_origins=settings.cors_origins, **CORS)
     app.add_middleware(CountRequests, metrics=service.metrics)
     return app
 

@@ -19,7 +19,8 @@ from wayloom.store.folders import Folders
 from wayloom.store.jobs import JobMessage
 from wayloom.store.notifier import JobNotifier
 from wayloom.store.queues import celery_settings
-from wayloom_services.errors import ProtocolError
+from wayloom.store.tile_reads import HeldBlobs, TileReads
+from wayloom_services.errors import no_key
 from wayloom_services.locks import UploadLocks
 from wayloom_services.metrics import Metrics
 
@@ -29,7 +30,8 @@ FILE_THREADS = 16
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """Shared resources of the endpoints: settings, database, blobs, notifier of the workers, metrics, locks, threads."""
+    """Shared resources of the endpoints: settings, database, blobs, notifier of the workers, metrics, look-ups of tiles, blobs held
+    in memory, locks, threads."""
 
     settings: ServiceSettings
     database: Database
@@ -37,6 +39,8 @@ class Service:
     folders: Folders
     notifier: JobNotifier
     metrics: Metrics
+    tiles: TileReads
+    held: HeldBlobs
     locks: UploadLocks = field(default_factory=UploadLocks)
     threads: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(FILE_THREADS))
 
@@ -73,7 +77,9 @@ def make_service(settings: ServiceSettings) -> Service:
     broker.conf.update(celery_settings(settings.broker))
     database = Database(settings.database)
     notifier = JobNotifier(database, broker, OperationalError)
-    return Service(settings, database, BlobStore(folders.blobs, settings.blob_url), folders, notifier, Metrics())
+    blobs = BlobStore(folders.blobs, settings.blob_url)
+    held = HeldBlobs(blobs, settings.held_blobs_bytes)
+    return Service(settings, database, blobs, folders, notifier, Metrics(), TileReads(database), held)
 
 
 def the_service(request: Request) -> Service:
@@ -91,7 +97,7 @@ def has_key(headers: Headers, key: str | None) -> bool:
 async def require_key(request: Request) -> None:
     """Dependency that refuses a request without the API key, where one is set."""
     if not has_key(request.headers, the_service(request).settings.api_key):
-        raise ProtocolError(401, "unauthorized", "this server wants its API key as a Bearer token", {"WWW-Authenticate": "Bearer"})
+        raise no_key()
 
 
 ServiceDep = Annotated[Service, Depends(the_service)]

@@ -73,20 +73,26 @@ def problem(status: int, code: str, detail: str, headers: dict[str, str] | None 
 
 def install(app: FastAPI) -> None:
     """Make every error of the application a problem."""
-    app.add_exception_handler(ProtocolError, _protocol)
     app.add_exception_handler(errors.WayloomError, _wayloom)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(RequestValidationError, _malformed)
     app.add_exception_handler(Exception, _unforeseen)
 
 
-async def _protocol(_request: Request, error: Exception) -> JSONResponse:
-    assert isinstance(error, ProtocolError)
-    return problem(error.status, error.code, str(error), error.headers)
+def no_key() -> ProtocolError:
+    """The error of a request without the key, where one is set."""
+    return ProtocolError(401, "unauthorized", "this server wants its API key as a Bearer token", {"WWW-Authenticate": "Bearer"})
 
 
 async def _wayloom(_request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, errors.WayloomError)
+    return answer_to(error)
+
+
+def answer_to(error: errors.WayloomError) -> JSONResponse:
+    """The response to an error of ours."""
+    if isinstance(error, ProtocolError):
+        return problem(error.status, error.code, str(error), error.headers)
     status = next(STATUS_OF[kind] for kind in type(error).__mro__ if kind in STATUS_OF)
     return problem(status, error.code, str(error))
 

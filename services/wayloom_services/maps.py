@@ -2,16 +2,18 @@
 
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
+import numpy as np
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic import AwareDatetime
 
 from wayloom.store import map_versions, maps
 from wayloom.store.database import Session
-from wayloom.tiles.formats import SERVED_LAYERS
+from wayloom.tiles.coverage import HALF_WIDTH_M, covered_areas
+from wayloom.tiles.formats import TILE_FORMATS
 from wayloom.tiles.grid import TileAddress, tile_bounds
-from wayloom_services.context import Service, ServiceDep, require_key
+from wayloom_services.context import ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS
 from wayloom_services.errors import ProtocolError
 from wayloom_services.schemas import (
@@ -26,6 +28,7 @@ from wayloom_services.schemas import (
     VersionList,
     VersionOut,
 )  # fmt: skip
+from wayloom_services.tile_answers import TileAsked, forever, tile_answer
 from wayloom_services.views import submap_out, version_out
 
 MapId = Annotated[str, Path(pattern="^[a-z0-9][a-z0-9-]{0,62}$")]
@@ -39,7 +42,7 @@ BBox = Annotated[
 ]
 SINCE = "RFC 3339 time; things that the first drive noticed then or later: that saw through what has gone, that saw what is new"
 COVERAGE_ZOOM = 17
-ASK_AGAIN = "no-cache"
+COVERAGE_OF = "areas along the streets, or squares of the tile grid: of zoom 17, or of the next coarser that has tiles"
 
 router = APIRouter(prefix="/v1", tags=["maps"], dependencies=[Depends(require_key)], responses=PROBLEMS)
 
@@ -73,7 +76,11 @@ async def version(map_id: MapId, number: Number, service: ServiceDep) -> Version
 
 @router.get("/maps/{map_id}/changes")
 async def changed_things(
-    map_id: MapId, service: ServiceDep, bbox: BBox = None, since: Annotated[AwareDatetime | None, Query(description=SINCE)] = None
+    map_id: MapId,
+    service: ServiceDep,
+    bbox: BBox = None,
+    since: Annotated[AwareDatetime | None, Query(description=SINCE)] = None,
+    until: Annotated[AwareDatetime | None, Query(description="likewise; then or earlier")] = None,
 ) -> FeatureCollection:
     """The things that have gone and those that are new in the newest version, with the drives that are the evidence."""
     box = None if bbox is None else box_of_query(bbox)
@@ -83,7 +90,7 @@ async def changed_things(
         return map_versions.changed_things(session, map_id)
 
     found = [Feature(**feature) for feature in await service.read(read)]
-    return FeatureCollection(features=[one for one in found if _lies_in(one, box) and _is_since(one, since)])
+    return FeatureCollection(features=[one for one in found if _lies_in(one, box) and _is_within(one, since, until)])
 
 
 @router.get("/maps/{map_id}/versions/{number}/changes")
@@ -103,8 +110,15 @@ async def changes(map_id: MapId, number: Number, service: ServiceDep) -> ChangeL
 
 
 @router.get("/maps/{map_id}/coverage")
-async def coverage(map_id: MapId, service: ServiceDep) -> FeatureCollection:
-    """Coverage of the newest version, as squares of the tile grid: of zoom 17, or of the next coarser that has tiles."""
+async def coverage(
+    map_id: MapId, service: ServiceDep, of: Annotated[Literal["streets", "tiles"], Query(description=COVERAGE_OF)] = "streets"
+) -> FeatureCollection:
+    """Where the newest version is: areas along the streets that its drives took, or the squares of its tiles."""
+    if of == "streets":
+        ways = await service.read(lambda session: maps.tracks(session, map_id))
+        areas = await service.in_thread(lambda: list(covered_areas(np.array(way, np.float64) for way in ways)))
+        polygons = [{"type": "Polygon", "coordinates": rings} for rings in areas]
+        return FeatureCollection(features=[Feature(geometry=one, properties={"beside_m": HALF_WIDTH_M}) for one in polygons])
     zoom, addresses = await service.read(lambda session: maps.coverage(session, map_id, COVERAGE_ZOOM))
     return FeatureCollection(
         features=[Feature(geometry=_square(zoom, x, y), properties={"z": zoom, "x": x, "y": y}) for x, y in addresses]
@@ -126,11 +140,11 @@ async def submaps(
 async def submap(digest: Annotated[str, Path(pattern="^[0-9a-f]{64}$")], service: ServiceDep) -> Response:
     """A submap's points, in its own frame; the format is in docs/formats.md."""
     content = await service.in_thread(lambda: service.blobs.get(digest))
-    headers = {"ETag": f'"{digest}"', "Cache-Control": _forever(service)}
+    headers = {"ETag": f'"{digest}"', "Cache-Control": forever(service)}
     return Response(content, headers=headers, media_type="application/octet-stream")
 
 
-TILE_TYPES = ("image/png", "image/webp", "application/vnd.mapbox-vector-tile", "application/vnd.wayloom.points")
+TILE_TYPES = sorted({form.media_type for form in TILE_FORMATS.values() if form.served} | {"image/webp"})
 TILE_ANSWERS: dict[int | str, dict[str, Any]] = {
     200: {"content": {name: {} for name in TILE_TYPES}},
     204: {"description": "nothing is mapped there"},
@@ -152,44 +166,34 @@ class TilePath:
 TilePathDep = Annotated[TilePath, Depends()]
 
 
-@router.head("/maps/{map_id}/tiles/{layer}/{z}/{x}/{y}.{ext}", include_in_schema=False)
+@router.get("/maps/{map_id}/tiles/{layer}/{z}/{x}/{y}@2x.{ext}", response_class=Response, responses=TILE_ANSWERS)
+async def large_tile(map_id: MapId, path: TilePathDep, request: Request, service: ServiceDep) -> Response:
+    """A picture of 512 pixels of a layer whose tiles have 256, of the newest version: the four tiles of the next finer zoom."""
+    return await tile_answer(service, request.headers, _asked(map_id, None, path, large=True))
+
+
+@router.get("/maps/{map_id}/versions/{number}/tiles/{layer}/{z}/{x}/{y}@2x.{ext}", response_class=Response, responses=TILE_ANSWERS)
+async def large_tile_of_version(
+    map_id: MapId, number: Number, path: TilePathDep, request: Request, service: ServiceDep
+) -> Response:
+    """A picture of 512 pixels of a layer whose tiles have 256, of a given version: it never changes."""
+    return await tile_answer(service, request.headers, _asked(map_id, number, path, large=True))
+
+
 @router.get("/maps/{map_id}/tiles/{layer}/{z}/{x}/{y}.{ext}", response_class=Response, responses=TILE_ANSWERS)
 async def tile(map_id: MapId, path: TilePathDep, request: Request, service: ServiceDep) -> Response:
     """A tile of the newest version. Its ETag is its content's hash: ask again with If-None-Match."""
-    return await _tile(service, request, (map_id, None), path, ASK_AGAIN)
+    return await tile_answer(service, request.headers, _asked(map_id, None, path))
 
 
-@router.head("/maps/{map_id}/versions/{number}/tiles/{layer}/{z}/{x}/{y}.{ext}", include_in_schema=False)
 @router.get("/maps/{map_id}/versions/{number}/tiles/{layer}/{z}/{x}/{y}.{ext}", response_class=Response, responses=TILE_ANSWERS)
 async def tile_of_version(map_id: MapId, number: Number, path: TilePathDep, request: Request, service: ServiceDep) -> Response:
     """A tile of a given version: it never changes."""
-    return await _tile(service, request, (map_id, number), path, _forever(service))
+    return await tile_answer(service, request.headers, _asked(map_id, number, path))
 
 
-async def _tile(service: Service, request: Request, map_version: tuple[str, int | None], path: TilePath, cache: str) -> Response:
-    (map_id, number), layer, z, x, y = map_version, path.layer, path.z, path.x, path.y
-    if x >= 1 << z or y >= 1 << z:
-        raise ProtocolError(404, "not-found", f"zoom {z} has no tile {x}/{y}: both go from 0 to {(1 << z) - 1}")
-    if layer not in SERVED_LAYERS:
-        return Response(status_code=204, headers={"Cache-Control": cache})
-    row = await service.read(
-        lambda session: maps.tile(session, map_id, maps.version(session, map_id, number).version, layer, z, x, y)
-    )
-    if row is None:
-        return Response(status_code=204, headers={"Cache-Control": cache})
-    headers = {"ETag": f'"{row.digest}"', "Cache-Control": cache}
-    if any(
-        tag.strip().removeprefix("W/").strip('"') in (row.digest, "*")
-        for tag in request.headers.get("if-none-match", "").split(",")
-    ):
-        return Response(status_code=304, headers=headers)
-    content = await service.in_thread(lambda: service.blobs.get(row.digest))
-    return Response(content, headers=headers, media_type=row.media_type)
-
-
-def _forever(service: Service) -> str:
-    """Cache-Control of what never changes; what only the bearer of a key may have is kept by a browser, not by a proxy for all."""
-    return f"{'public' if service.settings.api_key is None else 'private'}, max-age=31536000, immutable"
+def _asked(map_id: str, number: int | None, path: TilePath, large: bool = False) -> TileAsked:
+    return TileAsked(map_id, number, path.layer, path.z, path.x, path.y, large)
 
 
 def box_of_query(text: str) -> maps.Box:
@@ -215,8 +219,9 @@ def _lies_in(feature: Feature, box: maps.Box | None) -> bool:
     return bool(south <= lat <= north and (west <= lon <= east or west <= lon + 360.0 <= east))
 
 
-def _is_since(feature: Feature, since: AwareDatetime | None) -> bool:
-    return since is None or datetime.fromisoformat(feature.properties["noticed"]) >= since
+def _is_within(feature: Feature, since: AwareDatetime | None, until: AwareDatetime | None) -> bool:
+    noticed = datetime.fromisoformat(feature.properties["noticed"])
+    return (since is None or noticed >= since) and (until is None or noticed <= until)
 
 
 def _square(z: int, x: int, y: int) -> dict[str, object]:

@@ -321,7 +321,7 @@ def test_a_server_that_names_a_place_outside_of_the_folder_or_sends_other_bytes_
     api: Api, city: PublishedMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     city.publish(some_tiles(2))
-    real = Api.tried
+    real = Api._answer
 
     def evil(self: Api, method: str, path: str, **request: Any) -> httpx2.Response:
         answer = real(self, method, path, **request)
@@ -331,7 +331,7 @@ def test_a_server_that_names_a_place_outside_of_the_folder_or_sends_other_bytes_
             return httpx2.Response(200, json=page)
         return answer
 
-    monkeypatch.setattr(Api, "tried", evil)
+    monkeypatch.setattr(Api, "_answer", evil)
     with pytest.raises(ServiceError, match="names a tile"):
         synced(api, city, tmp_path / "a")
 
@@ -339,7 +339,7 @@ def test_a_server_that_names_a_place_outside_of_the_folder_or_sends_other_bytes_
         answer = real(self, method, path, **request)
         return httpx2.Response(200, content=b"x" + answer.content) if "/tiles/" in path else answer
 
-    monkeypatch.setattr(Api, "tried", damaged)
+    monkeypatch.setattr(Api, "_answer", damaged)
     with pytest.raises(ServiceError, match="other bytes than the server lists"):
         synced(api, city, tmp_path / "b")
     assert tiles_in(tmp_path / "b") == {}

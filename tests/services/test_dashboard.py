@@ -1,6 +1,5 @@
 """The dashboard in a real browser: it shows map, drives and errors, follows what changes, and says nothing on the console."""
 
-import os
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 
 from service_kit import little_stages
+from service_kit.browsers import chromium
 from service_kit.packed_drives import packed_drive
 from service_kit.running import ApiAlone, service, until
 from wayloom.client.upload import upload
@@ -24,26 +24,13 @@ from wayloom.tiles.formats import TILE_FORMATS
 from wayloom.tiles.png import png_bytes
 from wayloom.tiles.rasters import RASTER_LAYERS
 
-CHROMIUM = Path("/usr/bin/chromium")
-ARGUMENTS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync",
-)  # fmt: skip
 SHOWN = "!!globalThis.wayloomMap?.getLayer('semantic') && wayloomMap.loaded() && !wayloomMap.isMoving()"
 
 
 @pytest.fixture
 def browser() -> Iterator[Any]:
-    if not CHROMIUM.exists():
-        if os.environ.get("CI"):
-            pytest.fail(f"no {CHROMIUM}: install Debian's chromium")
-        pytest.skip(f"no {CHROMIUM}")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(ARGUMENTS))
+    with chromium() as launched:
         yield launched
-        launched.close()
 
 
 @pytest.mark.browser

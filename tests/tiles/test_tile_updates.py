@@ -25,9 +25,9 @@ class ChangedMap:
         self.voxels, self.tracks = after.voxels, after.tracks
         self.read = 0
 
-    def counts(self, address: TileAddress) -> bytes | None:
-        self.read += 1
-        return self.before.get((tile_layer("counts", self.of), address))
+    def stored(self, name: str, address: TileAddress) -> bytes | None:
+        self.read += name == "counts"
+        return self.before.get((tile_layer(name, self.of), address))
 
 
 def by_address(tiles) -> Tiles:

@@ -68,7 +68,7 @@ class Reader:
 
     def _read(self) -> None:
         with httpx2.Client(base_url=self._up.url, timeout=30.0, trust_env=False) as http:
-            coverage = http.get("/v1/maps/city/coverage").json()["features"][0]["properties"]
+            coverage = http.get("/v1/maps/city/coverage?of=tiles").json()["features"][0]["properties"]
             path = f"/v1/maps/city/tiles/semantic/{coverage['z']}/{coverage['x']}/{coverage['y']}.png"
             while not self._stop.wait(0.05):
                 answer = http.get(path)

@@ -19,10 +19,10 @@ from wayloom.store.map_versions import current_regions
 from wayloom.store.maps import Box
 from wayloom.submaps.submap import decode_submap
 from wayloom.tiles.formats import tile_layer
-from wayloom.tiles.grid import TILE_PX, TileAddress, pixel_from_lonlat, tile_bounds
+from wayloom.tiles.grid import TILE_PX, TileAddress, ancestor, pixel_from_lonlat, tile_bounds
 from wayloom.tiles.mvt import BUFFER, EXTENT, LonLatTrack
 from wayloom.tiles.settings import TileSettings
-from wayloom.tiles.updates import ancestor, block_zoom, margin_px
+from wayloom.tiles.updates import block_zoom, margin_px
 from wayloom_workers.map_state import MapState, PlacedRow
 from wayloom_workers.stage_hooks import StageAttempt
 
@@ -70,12 +70,12 @@ class MapSource:
         inside = (pixels >= low - margin) & (pixels < low + edge + margin)
         return found.take(inside[:, 0] & inside[:, 1])
 
-    def counts(self, address: TileAddress) -> bytes | None:
-        """The counts of the version before."""
+    def stored(self, name: str, address: TileAddress) -> bytes | None:
+        """The tile of the version before."""
         if not self._base:
             return None
         with self._context.database.read() as session:
-            row = maps.tile(session, self._map_id, self._base, tile_layer("counts", self._of), *address)
+            row = maps.tile(session, self._map_id, self._base, tile_layer(name, self._of), *address)
         return None if row is None else self._context.blobs.get(row.digest)
 
     def tracks(self, addresses: Collection[TileAddress]) -> Sequence[LonLatTrack]:

@@ -48,10 +48,13 @@ class Api:
 
     def json(self, method: str, path: str, **request: Any) -> Any:
         """The answer's JSON, after as many tries as it takes. Raises AnswerError, ServiceError."""
-        return self.tried(method, path, **request).json()
+        return self._answer(method, path, **request).json()
 
-    def tried(self, method: str, path: str, **request: Any) -> httpx2.Response:
-        """The answer, after as many tries as it takes. Raises AnswerError, ServiceError."""
+    def content(self, path: str) -> bytes:
+        """The bytes at a path, likewise."""
+        return bytes(self._answer("GET", path).content)
+
+    def _answer(self, method: str, path: str, **request: Any) -> httpx2.Response:
         for is_last in self._retries.attempts():
             try:
                 return self.once(method, path, **request)

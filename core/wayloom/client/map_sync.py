@@ -208,7 +208,7 @@ def _content(api: Api, path: str, digest: str) -> bytes:
     """A tile's bytes, twice where they are damaged on the way. Raises _GoneError, ServiceError."""
     for _ in range(2):
         try:
-            content = api.tried("GET", path).content
+            content = api.content(path)
         except AnswerError as error:
             if error.status in GONE:
                 raise _GoneError from None

@@ -3,6 +3,7 @@
 import hashlib
 import ipaddress
 import os
+import re
 import tempfile
 from pathlib import Path
 
@@ -31,6 +32,12 @@ class ServiceSettings(Settings):
     port: int = Field(8088, ge=0, le=65535, description="port to listen on")
     api_key: str | None = Field(None, min_length=16, repr=False, description="required as a Bearer token under /v1 where set")
     map_id: str = Field("city", pattern=r"^[a-z0-9][a-z0-9-]{0,62}$", description="the map that drives go into")
+    cors_origins: tuple[str, ...] = Field(
+        (), description="origins whose pages may read the API, `https://maps.example`, or `*` for all; none by default"
+    )
+    held_blobs_bytes: int = Field(
+        64 * 2**20, ge=0, description="bytes of tiles that an API process keeps in memory, those that were asked for last"
+    )
     map_versions_kept: int = Field(20, ge=1, description="older versions of a map are forgotten")
 
     stage_hooks: str = Field(
@@ -59,6 +66,14 @@ class ServiceSettings(Settings):
     @classmethod
     def _absolute(cls, value: Path) -> Path:
         return value.expanduser().absolute()
+
+    @field_validator("cors_origins")
+    @classmethod
+    def _origins(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for origin in value:
+            if origin != "*" and not re.fullmatch(r"https?://[^/\s*]+", origin):
+                raise ValueError(f"{origin!r} is no origin: scheme, host and port as in https://maps.example:8443, or *")
+        return value
 
     @property
     def database(self) -> str:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -38,13 +39,26 @@ class Database:
         with Session(self._writing, expire_on_commit=False) as session, session.begin():
             yield session
 
+    @cached_property
+    def lookups(self) -> Engine:
+        """Connections for single statements that only look: no transaction around them, and none is asked whether it lives. Who
+        uses them tries once more where one was dead (`DBAPIError.connection_invalidated`)."""
+        if self.dialect == "sqlite":
+            return _sqlite_engine(self.url, begins=False)
+        return create_engine(self.url, isolation_level="AUTOCOMMIT", pool_reset_on_return=None)
+
     def forget(self) -> None:
         """Drop every connection without closing it: to be called in the child after a fork."""
-        self.engine.dispose(close=False)
+        for engine in self._engines():
+            engine.dispose(close=False)
 
     def close(self) -> None:
         """Close every connection."""
-        self.engine.dispose()
+        for engine in self._engines():
+            engine.dispose()
+
+    def _engines(self) -> list[Engine]:
+        return [self.engine, *([self.lookups] if "lookups" in self.__dict__ else [])]
 
 
 def now_s(session: Session) -> float:
@@ -54,7 +68,7 @@ def now_s(session: Session) -> float:
     return float(session.execute(select(func.extract("epoch", func.clock_timestamp()))).scalar_one())
 
 
-def _sqlite_engine(url: str) -> Engine:
+def _sqlite_engine(url: str, begins: bool = True) -> Engine:
     """SQLite as a server would want it: WAL, foreign keys, waiting for the lock, and transactions that SQLAlchemy begins itself."""
     database = make_url(url).database
     if database and database != ":memory:":
@@ -69,6 +83,7 @@ def _sqlite_engine(url: str) -> Engine:
 
     @event.listens_for(engine, "begin")
     def _begin(connection: Connection) -> None:
-        connection.exec_driver_sql(connection.get_execution_options().get("wayloom_begin", "BEGIN"))
+        if begins:
+            connection.exec_driver_sql(connection.get_execution_options().get("wayloom_begin", "BEGIN"))
 
     return engine

@@ -101,15 +101,25 @@ def version(session: Session, map_id: str, number: int | None = None) -> MapVers
     number = get(session, map_id).version if number is None else number
     found = session.get(MapVersion, (map_id, number))
     if found is None:
-        raise NotFoundError(
-            f"map {map_id!r} has no version {number}" if number else f"nothing has been published in map {map_id!r} yet"
-        )
+        raise nothing_published(map_id, number)
     if found.withdrawn_at is not None:
-        raise WithdrawnError(
-            f"version {number} of map {map_id!r} held a drive that was removed, and is withdrawn: drop what you have of it, "
-            f"and read the newest, /v1/maps/{map_id}"
-        )
+        raise withdrawn_version(map_id, number)
     return found
+
+
+def nothing_published(map_id: str, number: int | None) -> NotFoundError:
+    """Why there is no such version of a map."""
+    return NotFoundError(
+        f"map {map_id!r} has no version {number}" if number else f"nothing has been published in map {map_id!r} yet"
+    )
+
+
+def withdrawn_version(map_id: str, number: int) -> WithdrawnError:
+    """Why a version is not read any more."""
+    return WithdrawnError(
+        f"version {number} of map {map_id!r} held a drive that was removed, and is withdrawn: drop what you have of it, "
+        f"and read the newest, /v1/maps/{map_id}"
+    )
 
 
 def versions(session: Session, map_id: str) -> Sequence[MapVersion]:
@@ -142,6 +152,21 @@ def tile(session: Session, map_id: str, number: int, layer: str, z: int, x: int,
     """The tile's entry, None where nothing is mapped."""
     here = (TileRow.map_id == map_id, TileRow.layer == layer, TileRow.z == z, TileRow.x == x, TileRow.y == y)
     return session.scalars(select(TileRow).where(*here, of_version(TileRow, number))).first()
+
+
+def digests_of_zoom(session: Session, map_id: str, number: int, layer: str, zoom: int) -> list[str]:
+    """The blobs of a layer's tiles of one zoom in a version, in the order of columns and rows."""
+    here = (TileRow.map_id == map_id, TileRow.layer == layer, TileRow.z == zoom, of_version(TileRow, number))
+    return list(session.scalars(select(TileRow.digest).where(*here).order_by(TileRow.x, TileRow.y)))
+
+
+def tracks(session: Session, map_id: str) -> list[list[list[float]]]:
+    """The ways of the newest version's drives, submap by submap: longitudes and latitudes; the box's diagonal of a row without."""
+    of_version_ = select(MapDrive.drive_id).where(MapDrive.map_id == map_id, of_version(MapDrive, get(session, map_id).version))
+    places = (SubmapRow.map_id == map_id, SubmapRow.min_lon.is_not(None), SubmapRow.drive_id.in_(of_version_))
+    box = (SubmapRow.min_lon, SubmapRow.min_lat, SubmapRow.max_lon, SubmapRow.max_lat)
+    rows = session.execute(select(SubmapRow.track, *box).where(*places).order_by(SubmapRow.drive_id, SubmapRow.position))
+    return [[place[:2] for place in track] if track else [[west, south], [east, north]] for track, west, south, east, north in rows]
 
 
 def coverage(session: Session, map_id: str, zoom: int) -> tuple[int, list[tuple[int, int]]]:

@@ -11,14 +11,14 @@ from typing import Any, Final
 from sqlalchemy import ColumnElement, and_, false, or_, select, true, tuple_
 from sqlalchemy.orm import Session
 
-from wayloom.store.map_versions import RegionKey, TileKey
+from wayloom.store.map_versions import REGION_FEATURES, RegionKey, TileKey
 from wayloom.store.maps import Box, of_version
 from wayloom.store.tables import RegionRow, TileRow
 from wayloom.tiles.grid import MAX_ZOOM, spans_of_box
 
 NOTHING: Final = 0
 """The version before the first: it has no tiles."""
-FILES_OF_REGION: Final = ("ground", "markings")
+FILES_OF_REGION: Final = ("ground", *REGION_FEATURES)
 """The columns that name files of a region beside its voxels."""
 Place = tuple[int, int, int]
 

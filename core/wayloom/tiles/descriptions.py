@@ -5,21 +5,21 @@ from typing import Any, Final
 from xml.sax.saxutils import escape, quoteattr
 
 from wayloom.stitching.layer_names import OVERLAYS
-from wayloom.tiles.formats import KERBS, MARKING_PROPERTIES, MARKINGS, OVERLAY_FORMATS, TILE_FORMATS, tile_layer
+from wayloom.tiles.feature_layers import FEATURE_LAYERS
+from wayloom.tiles.formats import OVERLAY_FORMATS, TILE_FORMATS, tile_layer
 from wayloom.tiles.grid import EQUATOR_M, MAX_LATITUDE_DEG, MAX_ZOOM, TILE_PX
 from wayloom.tiles.mvt import CELLS_LAYER, TRACKS_LAYER
 from wayloom.tiles.rasters import HEIGHT, RASTER_LAYERS, RASTER_PX
 
 Box = tuple[float, float, float, float]
 WORLD: Final = (-180.0, -MAX_LATITUDE_DEG, 180.0, MAX_LATITUDE_DEG)
-_FIELDS: Final = {name: "String" if name == "kind" else "Number" for name in MARKING_PROPERTIES}
 WMTS_PIXEL_M: Final = 0.00028
 """Of the standard's scale denominators."""
 SUFFIXES: Final = (
     {form.layer: form.suffix for form in TILE_FORMATS.values() if form.served}
     | {tile_layer(name, of): TILE_FORMATS[name].suffix for of in OVERLAYS for name in OVERLAY_FORMATS}
     | {layer.name: layer.suffix for layer in RASTER_LAYERS.values()}
-    | {MARKINGS: TILE_FORMATS["mvt"].suffix}
+    | dict.fromkeys(FEATURE_LAYERS, TILE_FORMATS["mvt"].suffix)
 )
 """The file ending of each layer."""
 HEAD: Final = (
@@ -28,16 +28,21 @@ HEAD: Final = (
 )
 
 
+LARGE_LAYERS: Final = tuple(name for name, suffix in SUFFIXES.items() if suffix == ".png" and name not in RASTER_LAYERS)
+"""Layers of pictures of 256 pixels, which also have tiles of 512: `@2x`."""
+
+
 def edge_px(layer: str) -> int:
     """Pixels along the edge of a layer's tiles."""
     return RASTER_PX if layer in RASTER_LAYERS else TILE_PX
 
 
-def tile_json(name: str, layer: Mapping[str, Any], bounds: Box | None, address: str) -> dict[str, Any]:
+def tile_json(name: str, layer: Mapping[str, Any], bounds: Box | None, address: str, large: bool = False) -> dict[str, Any]:
     """TileJSON of a layer.
 
     layer   : of `MapVersion.layers`; bounds of the version, None without a place
     address : of its tiles, without the ending, with {z}, {x} and {y}
+    large   : of its tiles of 512 pixels; the layer is one of LARGE_LAYERS
     Beside the standard's: `tileSize` in pixels, and `encoding` of heights, as MapLibre names them.
     """
     west, south, east, north = bounds or WORLD
@@ -45,19 +50,19 @@ def tile_json(name: str, layer: Mapping[str, Any], bounds: Box | None, address: 
         "tilejson": "3.0.0",
         "name": name,
         "scheme": "xyz",
-        "tiles": [address + SUFFIXES[name]],
-        "minzoom": layer["min_zoom"],
-        "maxzoom": layer["max_zoom"],
+        "tiles": [address + ("@2x" if large else "") + SUFFIXES[name]],
+        "minzoom": max(layer["min_zoom"] - large, 0),
+        "maxzoom": max(layer["max_zoom"] - large, 0),
         "bounds": [*((west, south, east, north) if west <= east else (WORLD[0], south, WORLD[2], north))],
     }
     if layer["media_type"].startswith("image/"):
-        found |= {"tileSize": edge_px(name), "format": layer["media_type"].removeprefix("image/")}
+        found |= {"tileSize": edge_px(name) << large, "format": layer["media_type"].removeprefix("image/")}
     if name == HEIGHT:
         found["encoding"] = "terrarium"
     if name == TILE_FORMATS["mvt"].layer:
         found["vector_layers"] = [{"id": one, "fields": {}} for one in (CELLS_LAYER, TRACKS_LAYER)]
-    if name == MARKINGS:
-        found["vector_layers"] = [{"id": MARKINGS, "fields": _FIELDS}, {"id": KERBS, "fields": _FIELDS}]
+    if name in FEATURE_LAYERS:
+        found["vector_layers"] = FEATURE_LAYERS[name].vector_layers()
     return found
 
 

@@ -94,3 +94,18 @@ def tile_centre(tile: TileAddress) -> tuple[float, float]:
 def metres_per_pixel(zoom: int, lat_deg: float) -> float:
     """Width of a pixel on the ground, m."""
     return EQUATOR_M * math.cos(math.radians(lat_deg)) / (TILE_PX << zoom)
+
+
+def row_by_row(address: TileAddress) -> tuple[int, int]:
+    """The order of tiles of one zoom."""
+    return address.y, address.x
+
+
+def ancestor(address: TileAddress, zoom: int) -> TileAddress:
+    """The tile of a zoom, not finer than its own, in which the tile lies."""
+    return TileAddress(zoom, address.x >> (address.z - zoom), address.y >> (address.z - zoom))
+
+
+def children(address: TileAddress) -> list[TileAddress]:
+    """The four tiles of the next zoom in it."""
+    return [TileAddress(address.z + 1, 2 * address.x + dx, 2 * address.y + dy) for dy in (0, 1) for dx in (0, 1)]

@@ -20,10 +20,9 @@ from wayloom.ground.sheet import CELL_M, GROUND_CLASSES, PIXEL_M
 from wayloom.stitching.ground_mosaic import RasterSource, mosaic
 from wayloom.stitching.region_grid import REGION_M, RegionKey, region_box, region_edges, regions_of_box
 from wayloom.tiles.formats import Tile
-from wayloom.tiles.grid import TileAddress, lonlat_from_unit, tile_bounds, unit_from_lonlat
+from wayloom.tiles.grid import TileAddress, children, lonlat_from_unit, row_by_row, tile_bounds, unit_from_lonlat
 from wayloom.tiles.rasters import CLEAR, HEIGHT, ORTHO, RASTER_LAYERS, RASTER_PX, Picture, decode_picture, heights_picture
 from wayloom.tiles.settings import TileSettings
-from wayloom.tiles.updates import children, row_by_row
 
 FloatArray = NDArray[np.float64]
 NODES: Final = 17

@@ -1,5 +1,7 @@
 """Raster tiles of the semantic layer (PNG), seen from above."""
 
+from collections.abc import Mapping
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +35,16 @@ def draw(part: Level, finest_zoom: int) -> NDArray[np.uint8]:
     alpha = np.where(total > 0, np.minimum(FAINTEST + GAIN * share, 1.0), 0.0)
     rgba = np.stack([*(c / np.maximum(total, 1e-12) for c in colour), 255.0 * alpha], axis=1)
     return np.rint(rgba).astype(np.uint8).reshape(TILE_PX, TILE_PX, 4)
+
+
+def joined_png(parts: Mapping[tuple[int, int], bytes]) -> bytes:
+    """The PNG of 512 pixels along each edge that four tiles make, by their column and row, 0 or 1; clear where one lacks."""
+    rgba = np.zeros((2 * TILE_PX, 2 * TILE_PX, 4), np.uint8)
+    for (column, row), data in parts.items():
+        bgra = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))
+        here = slice(row * TILE_PX, (row + 1) * TILE_PX), slice(column * TILE_PX, (column + 1) * TILE_PX)
+        rgba[here] = cv2.cvtColor(bgra, cv2.COLOR_BGRA2RGBA)
+    return png_bytes(rgba)
 
 
 def png_bytes(rgba: NDArray[np.uint8]) -> bytes:

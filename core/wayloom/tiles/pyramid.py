@@ -99,7 +99,7 @@ class WholeMap:
         """Those of the block and of its margin, in the map's order."""
         return self._voxels.take(self._rows.get((block.x, block.y), np.zeros(0, np.int64)))
 
-    def counts(self, _address: TileAddress) -> bytes | None:
+    def stored(self, _name: str, _address: TileAddress) -> bytes | None:
         """Nothing was there before."""
         return None
 

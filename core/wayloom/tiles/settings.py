@@ -23,7 +23,12 @@ class TileSettings(Settings):
         description="from here the vector tiles show the drives' tracks; on coarser ones their cells say where they went",
     )
     points_zoom: int = Field(18, ge=10, le=20)
-    points_per_tile: int = Field(100_000, ge=100, description="a fuller point tile is thinned by joining voxels, counts kept")
+    points_per_tile: int = Field(
+        75_000, ge=100, le=76_000, description="a fuller point tile is thinned by joining voxels, counts kept; 13 bytes each"
+    )
+    cloud_points_per_tile: int = Field(
+        31_000, ge=100, le=31_000, description="of a 3D tile: more are joined, and stand whole in the tiles below; 32 bytes each"
+    )
     overlays_from_zoom: int = Field(
         16, ge=3, le=20, description="coarsest zoom of the pictures of overlays: of what is parked, of what is not confirmed"
     )
@@ -32,7 +37,16 @@ class TileSettings(Settings):
     )
     markings_from_zoom: int = Field(16, ge=12, le=20, description="coarsest zoom of the vector tiles of markings and kerbs")
     markings_zoom: int = Field(20, ge=12, le=20, description="finest zoom of the vector tiles of markings and kerbs")
+    areas_from_zoom: int = Field(14, ge=12, le=20, description="coarsest zoom of the vector tiles of areas")
+    areas_zoom: int = Field(18, ge=12, le=20, description="finest zoom of the vector tiles of areas")
+    objects_from_zoom: int = Field(15, ge=12, le=20, description="coarsest zoom of the vector tiles of objects")
+    objects_zoom: int = Field(18, ge=12, le=20, description="finest zoom of the vector tiles of objects")
     dot_from_zoom: int = Field(19, ge=0, le=21, description="from here a voxel is drawn three pixels wide")
+
+    @property
+    def block_zoom(self) -> int:
+        """The zoom of the blocks by which tiles are cut anew."""
+        return min(self.points_zoom, self.max_zoom)
 
     @model_validator(mode="after")
     def _zooms_in_order(self) -> Self:
@@ -42,6 +56,8 @@ class TileSettings(Settings):
             )
         if self.dot_from_zoom <= min(self.points_zoom, self.max_zoom):
             raise ValueError(f"points_zoom {self.points_zoom} < dot_from_zoom {self.dot_from_zoom} must hold")
-        if self.markings_from_zoom > self.markings_zoom:
-            raise ValueError(f"markings_from_zoom {self.markings_from_zoom} <= markings_zoom {self.markings_zoom} must hold")
+        for name in ("markings", "areas", "objects"):
+            first, last = getattr(self, f"{name}_from_zoom"), getattr(self, f"{name}_zoom")
+            if first > last:
+                raise ValueError(f"{name}_from_zoom {first} <= {name}_zoom {last} must hold")
         return self

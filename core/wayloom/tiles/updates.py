@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from wayloom.geodesy import wgs84
 from wayloom.stitching.layer_names import LAYERS, STATIC
 from wayloom.stitching.voxel_map import VoxelMap
+from wayloom.tiles.cloud_pyramid import CloudUpdate, file_zoom, top_zoom
 from wayloom.tiles.formats import Tile, tile_layer, tile_of
-from wayloom.tiles.grid import TILE_PX, TileAddress, pixel_from_lonlat
+from wayloom.tiles.grid import TILE_PX, TileAddress, ancestor, children, pixel_from_lonlat, row_by_row
 from wayloom.tiles.levels import Level, add_levels, coarser, decode_level, dilated, encode_level, finest_level, joined
 from wayloom.tiles.mvt import BUFFER, EXTENT, LonLatTrack, encode_mvt, tiles_of_track
 from wayloom.tiles.png import encode_png
@@ -38,8 +39,8 @@ class PyramidSource(Protocol):
     def voxels(self, block: TileAddress) -> VoxelMap:
         """Those of a block, and those around it up to `MARGIN_PX` pixels of the finest zoom; always in the same order."""
 
-    def counts(self, address: TileAddress) -> bytes | None:
-        """The tile of counts that was there before the change, for a tile that the change does not touch."""
+    def stored(self, name: str, address: TileAddress) -> bytes | None:
+        """The tile of a format (`TILE_FORMATS`) that was there before the change, for one that the change does not touch."""
 
     def tracks(self, addresses: Collection[TileAddress]) -> Sequence[LonLatTrack]:
         """At least those that come within `BUFFER` of one of the tiles, always in the same order; the addresses are of one zoom."""
@@ -55,7 +56,7 @@ class _Block:
 
 def block_zoom(settings: TileSettings) -> int:
     """The zoom of the blocks."""
-    return min(settings.points_zoom, settings.max_zoom)
+    return settings.block_zoom
 
 
 def margin_px(settings: TileSettings) -> int:
@@ -92,14 +93,13 @@ def touched_tiles(
         found[tile_layer("counts", of), z] = frozenset(_touched(changed, z, 0.0))
     found[tile_layer("points", of), settings.points_zoom] = frozenset(_touched(changed, settings.points_zoom, 0.0))
     if of == GROUND:
+        for z in range(top_zoom(settings), settings.max_zoom + 1):
+            found[tile_layer("glb"), z] = frozenset(_touched(changed, z, 0.0))
+            if file_zoom(z, settings) == z:
+                found[tile_layer("tileset"), z] = found[tile_layer("glb"), z]
         for z in range(settings.min_zoom, settings.features_max_zoom + 1):
             found[tile_layer("mvt"), z] = frozenset(_touched(changed, z, BUFFER / EXTENT))
     return found
-
-
-def row_by_row(address: TileAddress) -> tuple[int, int]:
-    """The order of tiles of one zoom."""
-    return address.y, address.x
 
 
 def _touched(changed: Iterable[TileAddress], zoom: int, margin: float) -> Iterator[TileAddress]:
@@ -135,6 +135,7 @@ class _Update:
     def __init__(self, changed: frozenset[TileAddress], source: PyramidSource, settings: TileSettings, of: str) -> None:
         self.changed, self.source, self.settings, self.of = changed, source, settings, of
         self.levels: dict[TileAddress, Level] = {}
+        self._cloud = CloudUpdate(changed, source, settings)
         self._read: dict[TileAddress, Level] = {}
 
     def block(self, block: TileAddress) -> _Block:
@@ -144,6 +145,8 @@ class _Update:
         lon_lat_height = wgs84.lonlatheight_from_enu(voxels.points_enu, voxels.frame)
         wide = finest_level(lon_lat_height[:, :2], voxels.label, self.settings.max_zoom)
         tiles = list(self._point_tiles(block, voxels, lon_lat_height))
+        if self.of == GROUND:
+            tiles += self._cloud.block(block, voxels, lon_lat_height[:, :2])
         while wide.zoom > block.z:
             tiles += self._pictures(wide, block)
             wide = coarser(wide)
@@ -190,7 +193,7 @@ class _Update:
         if address in self.levels:
             return self.levels[address]
         if address not in self._read:
-            stored = self.source.counts(address)
+            stored = self.source.stored("counts", address)
             self._read[address] = Level.empty(address.z) if stored is None else decode_level(stored)
         return self._read[address]
 
@@ -230,16 +233,6 @@ class _Update:
                 if address in wanted:
                     lines.setdefault(address, []).extend((track.drive_id, piece) for piece in pieces)
         return lines
-
-
-def ancestor(address: TileAddress, zoom: int) -> TileAddress:
-    """The tile of a zoom, not finer than its own, in which the tile lies."""
-    return TileAddress(zoom, address.x >> (address.z - zoom), address.y >> (address.z - zoom))
-
-
-def children(address: TileAddress) -> list[TileAddress]:
-    """The four tiles of the next zoom in it."""
-    return [TileAddress(address.z + 1, 2 * address.x + dx, 2 * address.y + dy) for dy in (0, 1) for dx in (0, 1)]
 
 
 def point_tile(voxels: VoxelMap, lon_lat_height: FloatArray, address: TileAddress) -> PointTile:

@@ -27,7 +27,7 @@ from wayloom.store.migrate import differences, migrations_dir, upgrade
 from wayloom.store.spatial import readers
 from wayloom.store.spatial.feature_tables import FEATURE_TABLES, ShownRegion
 from wayloom.store.spatial.shown_features import show, show_all
-from wayloom.store.spatial.wkb import wkb
+from wayloom.store.spatial.wkb import wkb_as
 from wayloom.store.tables import SubmapRow
 
 WIDE = 0.001
@@ -45,6 +45,8 @@ def feature(kind: str, geometry: str, coordinates: object, **told: object) -> di
 
 DASH = feature("dash", "LineString", [[8.0, 49.0, 110.0], [8.0001, 49.0, 110.5]])
 ZEBRA = feature("zebra", "Polygon", [[[8.0, 49.0, 1.0], [8.1, 49.0, 1.0], [8.1, 49.1, 1.0], [8.0, 49.0, 1.0]]], bars=7)
+SIGN = feature("traffic sign", "Point", [8.0, 49.0, 112.0], id="3.-4.1", drive_count=4, facing_deg=90.0)
+ROAD = feature("road", "Polygon", [[[8.0, 49.0, 1.0], [8.2, 49.0, 1.0], [8.2, 49.2, 1.0], [8.0, 49.0, 1.0]]], area_m2=3.5)
 KERB = feature("kerb", "MultiLineString", [[[179.9, 1.0, 2.0], [180.0, 1.0, 2.0]], [[-180.0, 1.0, 2.0], [-179.9, 1.0, 2.0]]])
 
 
@@ -130,9 +132,9 @@ def test_the_index_finds_what_the_columns_say_wherever_submaps_lie_move_and_go(d
 
 
 def publish(database: Database, blobs: BlobStore, base: int, regions: dict[tuple[int, int], list[object]], **more: object) -> None:
-    entries = [
-        RegionEntry(*key, "1" * 64, "2" * 64, [], 1, markings=blobs.put(encode_features(told))) for key, told in regions.items()
-    ]  # type: ignore[arg-type]
+    others = {"objects": blobs.put(encode_features([SIGN])), "areas": blobs.put(encode_features([ROAD]))}
+    files = {key: blobs.put(encode_features(told)) for key, told in regions.items()}  # type: ignore[arg-type]
+    entries = [RegionEntry(*key, "1" * 64, "2" * 64, [], 1, markings=digest, **others) for key, digest in files.items()]
     with database.write() as session:
         maps.ensure_map(session, "city")
         map_versions.publish(session, "city", NewVersion(base, (8.0, 49.0, 0.0), (), 0, None, [], regions=entries, **more), kept=5)  # type: ignore[arg-type]
@@ -148,14 +150,19 @@ def test_the_tables_show_the_features_of_the_newest_version_and_of_no_other(data
     blobs = BlobStore(tmp_path / "blobs")
     publish(database, blobs, 0, {(0, 0): [DASH, ZEBRA], (1, 0): [DASH, KERB]})
     with database.write() as session:
-        assert show(session, blobs, "city") == 2
+        assert show(session, blobs, "city") == 6
         assert show(session, blobs, "city") == 0
     (area,) = rows_of(database, "map_marking_areas")
     assert {name: area[name] for name in ("map_id", "since", "east", "north", "kind", "bars", "width_m", "period_m")} == {
         "map_id": "city", "since": 1, "east": 0, "north": 0, "kind": "zebra", "bars": 7, "width_m": 0.15, "period_m": None,
     }  # fmt: skip
-    assert [row["geometry"] for row in rows_of(database, "map_markings")] == [wkb(DASH["geometry"], "MultiLineStringZ")] * 2  # type: ignore[arg-type]
-    assert rows_of(database, "map_kerbs")[0]["geometry"] == wkb(KERB["geometry"], "MultiLineStringZ")  # type: ignore[arg-type]
+    assert [row["geometry"] for row in rows_of(database, "map_markings")] == [wkb_as(DASH["geometry"], "MultiLineStringZ")] * 2  # type: ignore[arg-type]
+    assert rows_of(database, "map_kerbs")[0]["geometry"] == wkb_as(KERB["geometry"], "MultiLineStringZ")  # type: ignore[arg-type]
+    sign = rows_of(database, "map_objects")[0]
+    told = {"kind": "traffic sign", "object_id": "3.-4.1", "drive_count": 4, "facing_deg": 90.0, "first_ns": None}
+    assert {name: sign[name] for name in told} == told
+    assert sign["geometry"] == wkb_as(SIGN["geometry"], "PointZ")  # type: ignore[arg-type]
+    assert [row["area_m2"] for row in rows_of(database, "map_areas")] == [3.5, 3.5]
     first = rows_of(database, "map_markings")[0]
     publish(database, blobs, 1, {(1, 0): [ZEBRA]})
     show_all(database, blobs)
@@ -163,7 +170,7 @@ def test_the_tables_show_the_features_of_the_newest_version_and_of_no_other(data
     assert [(row["east"], row["since"]) for row in rows_of(database, "map_marking_areas")] == [(0, 1), (1, 2)]
     publish(database, blobs, 2, {}, dropped_regions=[(0, 0), (1, 0)])
     show_all(database, blobs)
-    assert [rows_of(database, name) for name in TABLE] == [[], [], []]
+    assert [rows_of(database, name) for name in TABLE] == [[]] * len(TABLE)
     with database.read() as session:
         assert session.scalars(select(ShownRegion)).all() == []
 
@@ -182,12 +189,7 @@ def test_tables_that_a_migration_emptied_fill_again(database: Database, tmp_path
 @pytest.mark.parametrize(("geometry", "kind"), [("Point", "LineString"), ("MultiLineString", "LineStringZ")])
 def test_a_geometry_of_another_kind_is_refused(geometry: str, kind: str) -> None:
     with pytest.raises(ValueError, match="is no LineString"):
-        wkb({"type": geometry, "coordinates": []}, kind)
-
-
-def test_a_geometry_without_heights_fills_no_column_with_them() -> None:
-    with pytest.raises(ValueError, match="no height"):
-        wkb({"type": "Point", "coordinates": [8.0, 49.0]}, "PointZ")
+        wkb_as({"type": geometry, "coordinates": []}, kind)
 
 
 def test_a_lost_trigger_or_index_is_told_by_the_check(empty_database: Database) -> None:
@@ -273,6 +275,7 @@ def test_gdal_lists_the_geometries_with_type_reference_system_and_extent(mapped:
     listed = ogrinfo(mapped, user=reader)
     layers = {
         "drive_tracks": ["3D Multi Line String"], "submaps": ["Multi Polygon", "Multi Line String"],
+        "map_objects": ["3D Point"], "map_areas": ["3D Polygon"],
         "map_markings": ["3D Multi Line String"], "map_marking_areas": ["3D Polygon"], "map_kerbs": ["3D Multi Line String"],
     }  # fmt: skip
     extents = {

@@ -41,7 +41,7 @@ class FeatureTable:
     """A table of features.
 
     source   the column of `regions` that names their files, GeoJSON feature collections
-    kind     of the geometry, as `wkb.wkb` takes it
+    kind     of the geometry, as `wkb.wkb_as` takes it
     takes    whether a feature of these files belongs here
     fields   the properties that have columns, and their types
     """
@@ -88,7 +88,16 @@ PAINT: Final = {
 KERB: Final = {
     "length_m": float, "height_m": float, "sigma_m": float, "sigma_height_m": float, "sigma_place_m": float, "confidence": float,
 }  # fmt: skip
+AREA: Final = {"kind": str, "area_m2": float, "confidence": float, "sigma_place_m": float}
+OBJECT: Final = {
+    "object_id": str, "kind": str, "height_m": float, "bottom_m": float, "width_m": float, "facing_deg": float,
+    "facing_sigma_deg": float, "sigma_m": float, "confidence": float, "drive_count": int, "first_ns": int, "last_ns": int,
+}  # fmt: skip
+PROPERTY_OF: Final = {"object_id": "id"}
+"""The property of a column, where it has another name: `id` is the row's."""
 FEATURE_TABLES: Final = (
+    _entry("objects", "map_objects", "PointZ", lambda _: True, OBJECT),
+    _entry("areas", "map_areas", "PolygonZ", lambda _: True, AREA),
     _entry("markings", "map_markings", "MultiLineStringZ", lambda one: not _is_kerb(one) and not _is_area(one), PAINT),
     _entry("markings", "map_marking_areas", "PolygonZ", _is_area, PAINT | {"bars": int, "period_m": float}),
     _entry("markings", "map_kerbs", "MultiLineStringZ", _is_kerb, KERB),

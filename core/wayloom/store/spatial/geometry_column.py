@@ -35,7 +35,7 @@ class Geometry(UserDefinedType[bytes]):
 
 
 def geometry(kind: str) -> TypeEngine[bytes]:
-    """The type of a column of such geometries (`wkb.wkb`) on either database."""
+    """The type of a column of such geometries (`wkb.wkb_as`) on either database."""
     return Geometry(kind).with_variant(LargeBinary(), "sqlite")
 
 

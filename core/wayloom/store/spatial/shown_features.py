@@ -9,8 +9,8 @@ from sqlalchemy.orm import Session
 
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
-from wayloom.store.spatial.feature_tables import FEATURE_TABLES, FeatureTable, ShownRegion
-from wayloom.store.spatial.wkb import wkb
+from wayloom.store.spatial.feature_tables import FEATURE_TABLES, PROPERTY_OF, FeatureTable, ShownRegion
+from wayloom.store.spatial.wkb import wkb_as
 from wayloom.store.tables import Map, RegionRow
 
 RegionKey = tuple[int, int]
@@ -83,5 +83,5 @@ def _write(session: Session, blobs: BlobStore, region: ShownRegion, version: int
 def _rows(one: FeatureTable, features: list[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     for feature in features:
         if one.takes(feature):
-            told = {field: feature["properties"].get(field) for field in one.fields}
-            yield {**told, "geometry": wkb(feature["geometry"], one.kind)}
+            told = {field: feature["properties"].get(PROPERTY_OF.get(field, field)) for field in one.fields}
+            yield {**told, "geometry": wkb_as(feature["geometry"], one.kind)}
