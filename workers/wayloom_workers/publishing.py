@@ -14,6 +14,7 @@ from wayloom.store.folders import Folders
 from wayloom.store.garbage import drop_unused
 from wayloom.store.jobs import JobMessage
 from wayloom.store.map_versions import REGION_FEATURES, MovedSubmap, NewVersion, RegionEntry, TileEntry
+from wayloom.store.spatial.shown_features import show
 from wayloom.store.tables import Job
 from wayloom_workers.stage_hooks import StageAttempt
 
@@ -87,6 +88,7 @@ def publish(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     job = session.get(Job, attempt.claim.job_id)
     stitch_job_id = None if job is None else job.parent_id
     map_versions.publish(session, str(attempt.claim.map_id), new, attempt.context.settings.map_versions_kept, stitch_job_id)
+    show(session, attempt.context.blobs, str(attempt.claim.map_id))
     meetings.forget_gone(session, str(attempt.claim.map_id), changed)
     if stitch_job_id is not None:
         reprocessing.take_published(session, str(attempt.claim.map_id), stitch_job_id)

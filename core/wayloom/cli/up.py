@@ -51,14 +51,18 @@ def run(settings: "WayloomSettings", listener: socket.socket, workers: int, read
     """Start everything, say so, and watch over it until a signal comes."""
     from wayloom.cli.supervisor import Supervisor, compiling_kernels
     from wayloom.files.atomic import write_atomically
+    from wayloom.store.blobs import BlobStore
     from wayloom.store.database import Database
+    from wayloom.store.folders import Folders
     from wayloom.store.migrate import upgrade
+    from wayloom.store.spatial.shown_features import show_all
 
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
     database = Database(settings.database)
     upgrade(database)
+    show_all(database, BlobStore(Folders(settings.data_dir).blobs, settings.blob_url))
     database.close()
     supervisor = Supervisor()
     try:

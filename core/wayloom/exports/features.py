@@ -82,6 +82,7 @@ _AREA_COLUMNS: Final[dict[str, Kind]] = {"kind": "text", "area_m2": "real", "con
 COLLECTIONS: Final = {
     "areas": Collection("road, sidewalk, terrain", "Polygon", _AREA_COLUMNS, _of_regions("areas")),
     "objects": Collection("poles, signs, lights, trunks", "Point", _OBJECT_COLUMNS, _of_regions("objects")),
+    "areas": Collection("road, sidewalk, terrain", "Polygon", _AREA_COLUMNS, _of_regions("areas")),
     "markings": Collection(
         "lines, crossings, arrows", "Geometry", _MARKING_COLUMNS, _of_regions("markings", lambda one: not _is_kerb(one))
     ),

@@ -9,12 +9,11 @@ from sqlalchemy.orm import InstrumentedAttribute, Session, aliased
 
 from wayloom.errors import NotFoundError, WithdrawnError
 from wayloom.store.database import now_s
+from wayloom.store.spatial.boxes import TURNS, indexed, indexed_near
+from wayloom.store.spatial.boxes import Box as Box  # its home for readers of this module
 from wayloom.store.tables import ChangedBox, Drive, Map, MapDrive, MapVersion, RegionRow, SubmapRow, TileRow
 from wayloom.tiles.formats import STATIC_TILES
 
-Box = tuple[float, float, float, float]
-"""West, south, east, north in degrees; across the antimeridian east is over 180 (`geodesy.antimeridian.box_of`)."""
-TURNS: Final = (0.0, 360.0, -360.0)
 PASSES: Final = or_(Drive.gate == "merge", Drive.released_at.is_not(None))
 """Of a drive: it was found good enough for the map, or an operator released it. As `gate.passes`."""
 IS_GUEST: Final = and_(Drive.gate == "hold", Drive.sound.is_(True), Drive.released_at.is_(None))
@@ -43,7 +42,8 @@ def candidates_near(session: Session, drive_id: str) -> Sequence[str]:
     """
     own = aliased(SubmapRow)
     lon = (_turned(SubmapRow.near_min_lon, SubmapRow.near_max_lon, own.near_min_lon, own.near_max_lon, turn) for turn in TURNS)
-    touch = and_(or_(*lon), SubmapRow.near_min_lat <= own.near_max_lat, SubmapRow.near_max_lat >= own.near_min_lat)
+    lat = (SubmapRow.near_min_lat <= own.near_max_lat, SubmapRow.near_max_lat >= own.near_min_lat)
+    touch = and_(indexed_near(session, own), or_(*lon), *lat)
     query = select(SubmapRow.drive_id).join(own, and_(own.drive_id == drive_id, own.map_id == SubmapRow.map_id, touch))
     query = query.join(Drive, Drive.id == SubmapRow.drive_id).where(Drive.id != drive_id, Drive.state != "removing", CANDIDATE)
     return session.scalars(query.distinct().order_by(SubmapRow.drive_id)).all()
@@ -215,7 +215,7 @@ def submaps(session: Session, map_id: str, box: Box | None = None, with_guests: 
         select(SubmapRow).join(Drive, Drive.id == SubmapRow.drive_id).where(*_of_map(map_id, which), SubmapRow.min_lon.is_not(None))
     )
     if box is not None:
-        query = query.where(touches(box))
+        query = query.where(indexed(session, box), touches(box))
     return session.scalars(query.order_by(SubmapRow.digest, SubmapRow.drive_id, SubmapRow.position)).all()
 
 

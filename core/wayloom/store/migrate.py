@@ -12,6 +12,8 @@ from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 
 from wayloom.store.database import Database
+from wayloom.store.spatial.derived import is_of_models, missing
+from wayloom.store.spatial.readers import grant_again
 from wayloom.store.tables import Base
 
 
@@ -28,6 +30,7 @@ def upgrade(database: Database) -> None:
     with database.engine.connect() as connection:
         config.attributes["connection"] = connection
         command.upgrade(config, "head")
+        grant_again(connection)
         connection.commit()
 
 
@@ -39,10 +42,10 @@ def is_current(database: Database) -> bool:
 
 
 def differences(database: Database) -> list[object]:
-    """What the tables of the models have that the database has not, or the other way round."""
+    """What the tables of the models, or what the database derives from them, have that it has not, or the other way round."""
     with database.engine.connect() as connection:
-        context = MigrationContext.configure(connection, opts={"compare_type": True})
-        return list(compare_metadata(context, Base.metadata))
+        context = MigrationContext.configure(connection, opts={"compare_type": True, "include_object": is_of_models})
+        return [*compare_metadata(context, Base.metadata), *(("missing", name) for name in missing(connection))]
 
 
 def main() -> int:

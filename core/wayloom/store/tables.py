@@ -181,7 +181,8 @@ class DriveRun(Base):
 
 
 class SubmapRow(Base):
-    """A submap's place in the map; its points are the blob `digest`. The box is in degrees, around points and track, for look-up.
+    """A submap's place in the map; its points are the blob `digest`. The box is in degrees, around points and track, for look-up;
+    the database keeps a spatial index of both boxes (`wayloom.store.spatial.derived`).
 
     located                           whether the drive's own geo-reference places it; where it does not, own_T_enu_submap is in the
                                       drive's own level frame, and frame and box are NULL, which no box touches, until a version has
@@ -220,10 +221,6 @@ class SubmapRow(Base):
     near_min_lat: Mapped[float | None]
     near_max_lon: Mapped[float | None]
     near_max_lat: Mapped[float | None]
-    __table_args__ = (
-        Index("ix_submaps_box", "map_id", "min_lon", "max_lon", "min_lat", "max_lat"),
-        Index("ix_submaps_near", "map_id", "near_min_lon", "near_max_lon", "near_min_lat", "near_max_lat"),
-    )
 
 
 class Rig(Base):

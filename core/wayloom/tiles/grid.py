@@ -71,6 +71,19 @@ def tile_bounds(tile: TileAddress) -> tuple[float, float, float, float]:
     return west, south, east, north
 
 
+def spans_of_box(box: tuple[float, float, float, float], zoom: int) -> list[tuple[int, int, int, int]]:
+    """First and last column, first and last row of the tiles of a zoom that a box of degrees touches: of one that goes over the
+    antimeridian (its east is over 180) on both sides of it. What lies beyond web mercator's latitudes is cut off."""
+    west, south, east, north = box
+    if east - west >= 360.0:
+        west, east = -180.0, 180.0
+    parts = [(west, min(east, 180.0))] + ([(-180.0, east - 360.0)] if east > 180.0 else [])
+    lats = np.clip([north, south], -MAX_LATITUDE_DEG, MAX_LATITUDE_DEG)
+    rows = np.floor(unit_from_lonlat(np.column_stack([[0.0, 0.0], lats]))[:, 1] * (1 << zoom)).astype(int).tolist()
+    columns = [[min(int((lon + 180.0) / 360.0 * (1 << zoom)), (1 << zoom) - 1) for lon in part] for part in parts]
+    return [(first, last, rows[0], rows[1]) for first, last in columns]
+
+
 def tile_centre(tile: TileAddress) -> tuple[float, float]:
     """Longitude and latitude of the middle of a tile, degrees."""
     centre = np.array([[tile.x + 0.5, tile.y + 0.5]]) / (1 << tile.z)
