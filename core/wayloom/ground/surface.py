@@ -9,13 +9,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.geometry.camera import PinholeCamera, StereoRig
+from wayloom.geometry.camera import StereoRig
+from wayloom.ground.edges import find_steps
 from wayloom.ground.kernels.samples import gather_heights
 from wayloom.ground.kernels.surface import block_heights, cell_heights, smooth_blocks, smooth_surface
-from wayloom.ground.raster import Raster
+from wayloom.ground.raster import Cells, Raster
 from wayloom.ground.settings import GroundSettings
 from wayloom.ground.sheet import CELL_M
-from wayloom.ground.view import GroundView
+from wayloom.ground.sides import laid
+from wayloom.ground.view import GroundView, numbers
 
 FloatArray = NDArray[np.float64]
 SIGMA_PX: Final = 0.3
@@ -38,10 +40,11 @@ MOST_ABOVE: Final = (0.35, 0.06)
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """height (H, W) m, NaN without surface; sigma (H, W) m."""
+    """height (H, W) m, NaN without surface; sigma (H, W) m; side (H, W) uint8: ROAD or BESIDE around kerbs, else 0."""
 
     height: FloatArray
     sigma: FloatArray
+    side: NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +59,9 @@ class Samples:
 def surface_of(views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: float, settings: GroundSettings) -> Surface:
     """The surface that the views tell of. bias_px : of the disparities."""
     samples = gather(views, raster, rig, bias_px, settings.reach_m)
-    height, information, group = fuse(samples, raster.shape)
-    return smooth(height, information, group, round(settings.smoothing_m / CELL_M))
+    cells = fuse(samples, raster.shape)
+    cells, side = laid(find_steps(views, raster, cells, rig, bias_px), cells, raster)
+    return smooth(cells, side, round(settings.smoothing_m / CELL_M))
 
 
 def gather(views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: float, reach_m: float) -> Samples:
@@ -78,23 +82,24 @@ def gather(views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: flo
     return Samples(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("key", "height", "variance")))
 
 
-def fuse(samples: Samples, shape: tuple[int, int]) -> tuple[FloatArray, FloatArray, NDArray[np.uint8]]:
-    """Height m, information 1/m^2 (0 without samples) and group of each cell, (H, W) each."""
+def fuse(samples: Samples, shape: tuple[int, int]) -> Cells:
+    """What the samples tell of each cell by itself."""
     height, information = np.zeros(shape), np.zeros(shape)
     group = np.zeros(shape, np.uint8)
     order = np.argsort(samples.key, kind="stable")
     flat = (height.reshape(-1), information.reshape(-1), group.reshape(-1))
     cell_heights(samples.key, order, samples.height, samples.variance, *flat)
-    return height, information, group
+    return Cells(height, information, group)
 
 
-def smooth(height: FloatArray, information: FloatArray, group: NDArray[np.uint8], radius: int) -> Surface:
-    """The surface of cells (H, W) as `fuse` gives them; radius in cells."""
+def smooth(cells: Cells, side: NDArray[np.uint8], radius: int) -> Surface:
+    """The surface of cells (H, W), whose side (H, W) is told of with it; radius in cells."""
+    height, information, group = cells.height, cells.information, cells.group
     smoothed, variance, filled = np.zeros(height.shape), np.zeros(height.shape), np.zeros(height.shape, bool)
     broad, bend2 = broad_surface(height, information, group), BEND_M**2 / CORRELATED
     smooth_surface(height, information, group, *broad, BLOCK_CELLS, bend2, radius, STEP_M, smoothed, variance, filled)
     sigma = np.sqrt(CORRELATED * variance + FLOOR_M**2 + np.where(filled, FILLED_M**2, 0.0))
-    return Surface(np.where(variance > 0.0, smoothed, np.nan), sigma)
+    return Surface(np.where(variance > 0.0, smoothed, np.nan), sigma, side)
 
 
 def broad_surface(height: FloatArray, information: FloatArray, group: NDArray[np.uint8]) -> tuple[FloatArray, FloatArray]:
@@ -104,8 +109,3 @@ def broad_surface(height: FloatArray, information: FloatArray, group: NDArray[np
     block_heights(height, information, group, BLOCK_CELLS, BEND_M, blocks, weights)
     smooth_blocks(blocks, weights, BROAD_BLOCKS, BEND_M, broad, variance)
     return broad, variance
-
-
-def numbers(camera: PinholeCamera) -> FloatArray:
-    """(4,) fx, fy, cx, cy."""
-    return np.array([camera.fx, camera.fy, camera.cx, camera.cy])
