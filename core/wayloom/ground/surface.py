@@ -6,6 +6,7 @@ Far from the camera, views err together over metres: what no near view tells is 
 from dataclasses import dataclass
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +18,7 @@ from wayloom.ground.raster import Cells, Raster
 from wayloom.ground.settings import GroundSettings
 from wayloom.ground.sheet import CELL_M
 from wayloom.ground.sides import laid
-from wayloom.ground.view import GroundView, numbers
+from wayloom.ground.view import BESIDE, ROAD, GroundView, numbers
 
 FloatArray = NDArray[np.float64]
 SIGMA_PX: Final = 0.3
@@ -28,6 +29,10 @@ FLOOR_M: Final = 0.014
 """Sigma that no number of views takes away: what they have in common."""
 FILLED_M: Final = 0.03
 """Sigma that is added where a cell's height comes from its neighbours alone."""
+BORDER_CELLS: Final = 2
+BORDER_M, AT_STEP_M = 0.04, 0.02
+"""Sigma that is added so near to ground of the other group: where no step was found, since matching smears what there is of
+one, and where one was."""
 STEP_M: Final = 0.03
 """Heights that differ from the plane by more are of another surface."""
 BLOCK_CELLS, BROAD_BLOCKS = 4, 5
@@ -98,8 +103,16 @@ def smooth(cells: Cells, side: NDArray[np.uint8], radius: int) -> Surface:
     smoothed, variance, filled = np.zeros(height.shape), np.zeros(height.shape), np.zeros(height.shape, bool)
     broad, bend2 = broad_surface(height, information, group), BEND_M**2 / CORRELATED
     smooth_surface(height, information, group, *broad, BLOCK_CELLS, bend2, radius, STEP_M, smoothed, variance, filled)
-    sigma = np.sqrt(CORRELATED * variance + FLOOR_M**2 + np.where(filled, FILLED_M**2, 0.0))
+    sigma = np.sqrt(CORRELATED * variance + FLOOR_M**2 + np.where(filled, FILLED_M**2, 0.0) + _border_variance(group, side))
     return Surface(np.where(variance > 0.0, smoothed, np.nan), sigma, side)
+
+
+def _border_variance(group: NDArray[np.uint8], side: NDArray[np.uint8]) -> FloatArray:
+    """(H, W) m^2 that the border of road and what is beside it adds."""
+    square = np.ones((2 * BORDER_CELLS + 1, 2 * BORDER_CELLS + 1), np.uint8)
+    near_road, near_beside = (cv2.dilate((group == of).astype(np.uint8), square) > 0 for of in (ROAD, BESIDE))
+    at_border = np.where(side > 0, AT_STEP_M**2, BORDER_M**2)
+    return np.where(near_road & near_beside, at_border, 0.0)
 
 
 def broad_surface(height: FloatArray, information: FloatArray, group: NDArray[np.uint8]) -> tuple[FloatArray, FloatArray]:

@@ -31,7 +31,7 @@ MOST_CORRELATED: Final = 4.0
 """Neighbouring stations share so many windows."""
 SMEAR_SHARE: Final = 0.5
 """A smeared step lies off its place by so much of its smear, sigma: stereo smears it to one side."""
-HEIGHT_SIGMA_M: Final = 0.01
+HEIGHT_SIGMA_M: Final = 0.02
 """Of a step's height, what a kerb's stations share."""
 FOOT_M: Final = 0.15
 
