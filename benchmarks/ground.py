@@ -6,13 +6,15 @@
     python benchmarks/ground.py texture OUT LOG [--write texture]
     python benchmarks/ground.py classes OUT LOG [OUT LOG ...] [--write classes]
     python benchmarks/ground.py seams OUT LOG [--write seams]
+    python benchmarks/ground.py vignette OUT LOG [OUT LOG ...] [--write vignette]
     python benchmarks/ground.py twin [--write twin]
 
 OUT is what `wayloom process LOG` left of a drive, LOG the drive: as simulated with truth, or in KITTI's raw layout with scans
 and the calibration of its day beside it. The sheets are made anew from the images, which is timed. `lidar` compares the surface
 with the points of the scans that fall on it, after one offset in height; `texture` correlates the orthophoto with the city's true
 ground from above; `classes` are those of sheets beside those of the points of the sparse map; `seams` are where the view that
-decides a pixel changes; `twin` times the kernels of a made street's sheet beside the same without compilation.
+decides a pixel changes; `vignette` fits what views of one place tell of the light's fall to the border; `twin` times the kernels
+of a made street's sheet beside the same without compilation.
 """
 
 import argparse
@@ -41,10 +43,11 @@ from wayloom.ground.sheet import CELL_M, GROUND_CLASSES, PIXEL_M, GroundSheet
 from wayloom.ground.sides import laid
 from wayloom.ground.standing import without_standing
 from wayloom.ground.surface import fuse, gather, smooth, surface_of
-from wayloom.ground.view import may_be_shown
+from wayloom.ground.view import GroundView, may_be_shown
 from wayloom.logs.registry import open_log
 from wayloom.logs.simulated_truth import open_truth
 from wayloom.odometry.result.odometry_file import load_odometry
+from wayloom.odometry.types import OdometryResult
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.simulation.city.city_settings import CitySettings
 from wayloom.simulation.recording.worlds import build_world
@@ -57,6 +60,7 @@ LIDAR_REACH_M = 25.0
 NO_GROUND_M = 0.3
 """Points further from the surface stand on the ground, or are seen past it."""
 SEAM_PX = 5
+VIGNETTE_VIEWS = 16
 TWIN_VIEWS, TWIN_REACH_M = 3, 12.0
 
 
@@ -307,6 +311,61 @@ def seams(out: Path, log_path: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
+def vignette(pairs: list[tuple[Path, Path]]) -> str:
+    """Markdown table: the exponent p of (1 + r^2)^-p, r = tan of the angle from the axis, that the views of each stretch of
+    VIGNETTE_VIEWS tell, with a power of the depth beside it, for near and far views of ground differ by themselves."""
+    lines = [
+        "| drive | stretches | exponent: median, lowest, highest | brightness at r = 0.86 |"
+        " views of a place differ by (%): as they are, with the fit |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for out, log_path in pairs:
+        log, odometry = open_log(log_path), load_odometry(out / "stages" / "odometry" / "odometry.npz")
+        labels, settings = KeyframeLabels(out / "stages" / "segmentation", odometry.keyframes.frame), GroundSettings()
+        exposure, chosen = drive_exposure(log, odometry, labels), chosen_keyframes(odometry, settings)
+        fits = []
+        for placed in load_submaps(out / "stages" / "submaps"):
+            views = [view for _, view in views_of(log, odometry, labels, placed, chosen, exposure, settings)]
+            for first in range(0, len(views) - VIGNETTE_VIEWS + 1, VIGNETTE_VIEWS):
+                fits.append(light_fall(views[first : first + VIGNETTE_VIEWS], odometry, settings))
+        power, before, after = np.array(fits).T
+        middle, name = float(np.median(power)), f"{log_path.parent.name}/{log_path.name}"
+        lines.append(
+            f"| {name} | {len(power)} | {middle:.2f}, {power.min():.2f}, {power.max():.2f} | {(1 + 0.86**2) ** -middle:.2f} |"
+            f" {100 * np.median(before):.1f}, {100 * np.median(after):.1f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def light_fall(views: list[GroundView], odometry: OdometryResult, settings: GroundSettings) -> tuple[float, float, float]:
+    """The exponent that the views of one stretch tell, and by how much (median, log) those of a place differ from their mean
+    before and after."""
+    raster, about = raster_around(views, settings.reach_m), (odometry.rig, odometry.disparity_bias_px, settings)
+    height = surface_of(views, raster, *about).height
+    place, fall, depth, level = [], [], [], []
+    for view in views:
+        picture = picture_of([view], raster, height, *about)
+        r, c = np.nonzero(picture.sharpness[::6, ::6] > 0.0)
+        xy = raster.low + (np.column_stack([6 * c, 6 * r]) + 0.5) * PIXEL_M
+        cam = se3.transform(se3.inverse(view.T_sheet_cam), np.column_stack([xy, height[3 * r, 3 * c]]))
+        place.append(r * raster.shape[1] + c)
+        fall.append(-np.log1p((cam[:, 0] ** 2 + cam[:, 1] ** 2) / cam[:, 2] ** 2))
+        depth.append(np.log(cam[:, 2]))
+        level.append(np.log(np.maximum(picture.colour[6 * r, 6 * c].mean(axis=1), 1.0)))
+    _, inverse, count = np.unique(np.concatenate(place), return_inverse=True, return_counts=True)
+    several = count[inverse] > 1
+    A, y = (
+        np.column_stack([one - np.bincount(inverse, one)[inverse] / count[inverse] for one in map(np.concatenate, parts)])[several]
+        for parts in ((fall, depth), (level,))
+    )
+    x, weight = np.zeros(2), np.ones(len(y))
+    for _ in range(10):
+        W = A * weight[:, None]
+        x = np.linalg.solve(W.T @ A, W.T @ y[:, 0])
+        weight = 1.0 / (1.0 + ((y[:, 0] - A @ x) / 0.05) ** 2)
+    return float(x[0]), float(np.median(np.abs(y))), float(np.median(np.abs(y[:, 0] - A @ x)))
+
+
 def twin() -> str:
     """Markdown table: CPU seconds of the steps of a made street's sheet, compiled and not."""
     compiled, naive = (
@@ -371,14 +430,14 @@ def _numbers(file: Path) -> dict[str, np.ndarray]:
 def main() -> None:
     """Measure, print, and write where that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("drives", "movers", "lidar", "texture", "classes", "seams", "twin", "steps"))
+    parser.add_argument("what", choices=("drives", "movers", "lidar", "texture", "classes", "seams", "vignette", "twin", "steps"))
     parser.add_argument("paths", nargs="*", type=Path, help="OUT LOG, in pairs")
     parser.add_argument("--write", metavar="NAME")
     asked = parser.parse_args()
     pairs = list(zip(asked.paths[::2], asked.paths[1::2], strict=True))
     if asked.what == "steps":
         sys.exit(print(json.dumps(step_seconds())))
-    of_all = {"drives": drives, "movers": in_picture, "classes": classes}
+    of_all = {"drives": drives, "movers": in_picture, "classes": classes, "vignette": vignette}
     of_one = {"lidar": lidar, "texture": texture, "seams": seams}
     if asked.what in of_all:
         text = of_all[asked.what](pairs)
