@@ -2,11 +2,10 @@
 
     python benchmarks/dense_points.py OUT LOG [--write]
 
-OUT is what `wayloom process LOG` left of a drive that was simulated with truth. The looks' dense depth (`wayloom.dense`) of
-keyframes two metres apart, of pixels that are labelled as something that stands and stays, becomes voxels of 10 cm; the table
-has those that one look told of, and those that two and three did. All are placed by the true poses of their submap and compared
-with what the truth images show: the distance of a point to the nearest true one, and the share of true voxels near the track that
-have a point within 15 cm.
+OUT is what `wayloom process LOG` left of a drive that was simulated with truth. `wayloom process --dense` writes the voxels of
+10 cm that two keyframes, two metres apart, tell of; the table has those of one and of three as well. All are placed by the true
+poses of their submap and compared with what the truth images show: the distance of a point to the nearest true one, and the share
+of true voxels near the track that have a point within 15 cm.
 """
 
 import argparse
@@ -17,63 +16,37 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pages import DOCS, put_between_marks
-from wayloom.config.classes import CLASS_ID
-from wayloom.dense.extraction import dense_depth
-from wayloom.dense.settings import LookSettings
+from wayloom.dense.points import STANDING, VOXEL_M, dense_points
 from wayloom.evaluation.ground import true_place
 from wayloom.geometry import se3
 from wayloom.logs.registry import open_log
 from wayloom.logs.simulated_truth import SimulatedTruth, open_truth
-from wayloom.odometry.frame_source import one_opencv_thread
 from wayloom.odometry.result.odometry_file import load_odometry
-from wayloom.places.road import road_m, spaced
-from wayloom.places.stereo_pair import read_pair, right_rectifier
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.submaps.files import load_submaps
 
 PAGE = DOCS / "benchmarks" / "dense_points.md"
-STANDING = [CLASS_ID[name] for name in ("building", "wall", "fence", "pole", "traffic light", "traffic sign", "vegetation")]
-VOXEL_M, REACH_M, TRUE_REACH_M, NEAR_M, WRONG_M = 0.10, 20.0, 24.0, 15.0, 0.15
+TRUE_REACH_M, NEAR_M, WRONG_M = 24.0, 15.0, 0.15
 TRUE_STEP = 2
 """Of the truth's frames and pixels, so many are taken."""
 
 
-def dense(out: Path, log_path: Path) -> tuple[dict[int, np.ndarray], float]:
-    """Points (N, 3) ENU by how many looks told of their voxel, at least, and CPU seconds."""
+def dense(out: Path, log_path: Path, truth: SimulatedTruth) -> tuple[dict[int, np.ndarray], float]:
+    """Points (N, 3) ENU by how many keyframes told of their voxel, at least, and CPU seconds."""
     log, odometry = open_log(log_path), load_odometry(out / "stages" / "odometry" / "odometry.npz")
     images = KeyframeLabels(out / "stages" / "segmentation", odometry.keyframes.frame)
-    truth, settings, rectifier = open_truth(log_path), LookSettings(), right_rectifier(odometry)
-    chosen = spaced(road_m(odometry.keyframes.T_world_cam), odometry.keyframes.segment, settings.spacing_m)
-    camera, found, start = odometry.rig.camera, [], time.process_time()
-    v, u = np.mgrid[0 : camera.height, 0 : camera.width].reshape(2, -1).astype(np.float64)
-    rays = camera.rays(np.column_stack([u, v]))
-    with one_opencv_thread():
-        for item in load_submaps(out / "stages" / "submaps"):
-            T_enu_submap = true_place(item.submap, truth.T_enu_cam)
-            rows = np.searchsorted(odometry.keyframes.frame, item.submap.keyframe_frame)
-            for row, T_submap_cam in zip(rows.tolist(), item.submap.T_submap_cam, strict=True):
-                if not chosen[row]:
-                    continue
-                pair = read_pair(log, int(odometry.keyframes.frame[row]), images.left(row), rectifier)
-                depth = dense_depth(pair, odometry.rig, odometry.disparity_bias_px, settings).ravel()
-                kept = np.isin(pair.label.ravel(), STANDING) & (depth < REACH_M)  # NaN is not
-                points = se3.transform(T_enu_submap @ T_submap_cam, rays[kept] * depth[kept, None])
-                found.append(voxels(points))
+    submaps, start = load_submaps(out / "stages" / "submaps"), time.process_time()
+    found = list(dense_points(log, odometry, images, submaps, least=1))
     cpu = time.process_time() - start
-    cells, means = np.concatenate([cell for cell, _ in found]), np.concatenate([mean for _, mean in found])
-    _, inverse, looks = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    sums = np.zeros((len(looks), 3))
-    np.add.at(sums, inverse.ravel(), means)
-    points = sums / looks[:, None]
-    return {least: points[looks >= least] for least in (1, 2, 3)}, cpu
+    points = [se3.transform(true_place(item.submap, truth.T_enu_cam), one.xyz) for item, one in zip(submaps, found, strict=True)]
+    return {
+        least: np.concatenate([xyz[one.keyframes >= least] for xyz, one in zip(points, found, strict=True)]) for least in (1, 2, 3)
+    }, cpu
 
 
-def voxels(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cells (M, 3) of VOXEL_M that have points (N, 3), and the mean of those in each (M, 3)."""
-    cells, inverse, count = np.unique(np.floor(points / VOXEL_M).astype(np.int64), axis=0, return_inverse=True, return_counts=True)
-    sums = np.zeros((len(cells), 3))
-    np.add.at(sums, inverse.ravel(), points)
-    return cells, sums / count[:, None]
+def thinned(points: np.ndarray) -> np.ndarray:
+    """Of points (N, 3), the first in each voxel."""
+    return points[np.sort(np.unique(np.floor(points / VOXEL_M).astype(np.int64), axis=0, return_index=True)[1])]
 
 
 def true_points(truth: SimulatedTruth, log_path: Path) -> np.ndarray:
@@ -94,16 +67,16 @@ def true_points(truth: SimulatedTruth, log_path: Path) -> np.ndarray:
 def table(out: Path, log_path: Path) -> str:
     """Markdown."""
     truth = open_truth(log_path)
-    kinds, cpu = dense(out, log_path)
+    kinds, cpu = dense(out, log_path, truth)
     sparse = []
     for item in load_submaps(out / "stages" / "submaps"):
         there = np.isin(item.submap.label, STANDING)
         sparse.append(se3.transform(true_place(item.submap, truth.T_enu_cam), item.submap.xyz[there].astype(np.float64)))
     true = true_points(truth, log_path)
     tree, track = cKDTree(true), cKDTree(truth.T_enu_cam[:, :3, 3])
-    coarse = voxels(true)[1]
+    coarse = thinned(true)
     coarse = coarse[track.query(coarse)[0] < NEAR_M]
-    names = {1: "dense, one look", 2: "dense, two looks", 3: "dense, three looks"}
+    names = {1: "dense, one keyframe", 2: "dense, two keyframes", 3: "dense, three keyframes"}
     rows = {"sparse map": np.concatenate(sparse), **{names[least]: points for least, points in kinds.items()}}
     lines = [
         "| points | a metre of road | off the truth (cm): median, p90 | further than 15, 30 cm (%) | true voxels shown (%) |",

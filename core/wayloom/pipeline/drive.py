@@ -100,7 +100,8 @@ def process_drive(
         progress("exports")(0.0, "writing trajectory, cloud and pictures")
         with whole_folder(stages_dir / "exports") as folder:
             ground = GroundFound(stages_dir / "ground", settings.markings, settings.kerbs)
-            write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder, geoid, ground)
+            dense = settings.looks if settings.dense else None
+            write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder, geoid, ground, dense)
             progress("exports")(0.6, "writing the report")
             write_more(result, folder)
         _publish(stages_dir / "exports", out_dir)

@@ -6,8 +6,11 @@ from typing import Final
 
 import numpy as np
 
+from wayloom.dense.points import dense_points
+from wayloom.dense.settings import LookSettings
 from wayloom.files.trajectory_files import write_kitti, write_tum
 from wayloom.geodesy.geoid import GeoidGrid
+from wayloom.geometry import se3
 from wayloom.georeference.types import GeoReference
 from wayloom.ground.exports import export_ground
 from wayloom.ground.markings.exports import MARKINGS_FILE, export_markings
@@ -21,6 +24,7 @@ from wayloom.submaps.submap import PlacedSubmap
 from wayloom.tiles.exports import export_geojson_track, export_laz, export_ply
 
 MAP_FILE: Final = "map.png"
+DENSE_FILE: Final = "dense.laz"
 OVERLAYS_DIR: Final = "overlays"
 OVERLAYS: Final = 6
 
@@ -43,12 +47,14 @@ def write_exports(
     folder: Path,
     geoid: GeoidGrid | None = None,
     ground: GroundFound | None = None,
+    dense: LookSettings | None = None,
 ) -> None:
     """Write trajectory.tum, .kitti and, with GNSS, .geojson; cloud.ply and cloud.laz; ground.tif, height.tif and, with GNSS,
-    markings.geojson; map.png; overlays/.
+    markings.geojson; map.png; overlays/; dense.laz where it is asked for.
 
     geoid : the LAZ states heights above it
     ground : None for no pictures of the ground
+    dense : how dense depth is matched; None for no dense points
     """
     trajectory = odometry.trajectory
     write_tum(folder / "trajectory.tum", trajectory.t_ns, trajectory.T_world_cam, trajectory.tracked)
@@ -58,11 +64,30 @@ def write_exports(
     points, labels = cloud(submaps)
     export_ply(folder / "cloud.ply", points, labels, geo.frame)
     export_laz(folder / "cloud.laz", points, labels, geo.frame, geoid)
+    if dense is not None:
+        write_dense(log, odometry, images, geo, submaps, folder / DENSE_FILE, geoid, dense)
     if ground is not None:
         export_ground(ground.sheets_dir, submaps, folder)
         export_markings(ground.sheets_dir, submaps, folder / MARKINGS_FILE, ground.markings, ground.kerbs)
     write_image(folder / MAP_FILE, drive_map(geo, points, labels))
     write_overlays(log, odometry, images, folder / OVERLAYS_DIR)
+
+
+def write_dense(
+    log: DriveLog,
+    odometry: OdometryResult,
+    images: KeyframeLabels,
+    geo: GeoReference,
+    submaps: list[PlacedSubmap],
+    file: Path,
+    geoid: GeoidGrid | None,
+    settings: LookSettings,
+) -> None:
+    """The dense points of all submaps, each at its place, as `cloud.laz` has the sparse ones."""
+    found = list(dense_points(log, odometry, images, submaps, settings))
+    points = [se3.transform(placed.T_enu_submap, one.xyz) for placed, one in zip(submaps, found, strict=True)]
+    labels = np.concatenate([np.empty(0, np.uint8), *(one.label for one in found)])
+    export_laz(file, np.concatenate([np.empty((0, 3)), *points]), labels, geo.frame, geoid)
 
 
 def write_overlays(log: DriveLog, odometry: OdometryResult, images: KeyframeLabels, folder: Path, count: int = OVERLAYS) -> None:
