@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from made_ground import KERB_AT_M, KERB_M, MadeStreet
+from made_ground import KERB_AT_M, KERB_M, BuiltUpStreet
 from wayloom.config.classes import CLASS_ID
 from wayloom.dense.points import VOXEL_M, dense_points, voxels
 from wayloom.geometry import se3
@@ -11,17 +11,9 @@ from wayloom.geometry import se3
 BUILDING, POLE = CLASS_ID["building"], CLASS_ID["pole"]
 
 
-class BuiltUp(MadeStreet):
-    """The street with its sidewalk called building."""
-
-    def left(self, keyframe):
-        label = super().left(keyframe)
-        return np.where(label == CLASS_ID["sidewalk"], BUILDING, label).astype(np.uint8)
-
-
 @pytest.fixture(scope="module")
 def street():
-    return BuiltUp()
+    return BuiltUpStreet()
 
 
 def test_points_lie_on_what_stands_and_nowhere_else(street):

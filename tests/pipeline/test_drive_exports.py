@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 from evo.tools import file_interface
 
+from made_ground import BuiltUpStreet
 from reports.made_result import CAMERA, made_result
-from wayloom.config.classes import PALETTE_WITH_VOID
+from wayloom.config.classes import CLASS_ID, PALETTE_WITH_VOID
+from wayloom.dense.points import dense_points
+from wayloom.dense.settings import LookSettings
 from wayloom.files.ply import read_ply
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
 from wayloom.pipeline.drive_map import cloud
-from wayloom.pipeline.exports import write_exports
+from wayloom.pipeline.exports import write_dense, write_exports
 from wayloom.pipeline.plane import T_plane_enu, axis_labels
 
 
@@ -65,6 +68,18 @@ def test_the_laz_has_the_same_points_in_utm(folder, result):
     np.testing.assert_array_equal(np.asarray(laz.label), labels)
     assert laz.header.parse_crs().to_epsg() == 32632
     assert 450_000 < np.asarray(laz.x).mean() < 460_000
+
+
+def test_dense_points_of_all_submaps_are_in_one_laz_each_at_its_place(tmp_path):
+    street = BuiltUpStreet()
+    submaps, odometry = street.submaps(2), street.odometry()
+    write_dense(street, odometry, street, submaps, tmp_path / "dense.laz", None, None, LookSettings())
+    cloud = laspy.read(tmp_path / "dense.laz")
+    found = list(dense_points(street, odometry, street, submaps))
+    enu = np.concatenate([se3.transform(item.T_enu_submap, one.xyz) for item, one in zip(submaps, found, strict=True)])
+    assert len(enu) > 500
+    np.testing.assert_allclose(cloud.xyz, enu, atol=0.001)
+    assert set(np.unique(cloud.label).tolist()) == {CLASS_ID["building"]}
 
 
 def test_overlays_are_spread_over_the_drive_and_of_the_cameras_size(folder):

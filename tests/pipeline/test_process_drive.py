@@ -126,7 +126,6 @@ def test_dense_points_are_written_where_they_are_asked_for_and_redo_no_stage(don
     asked = process_drive(log_path, out, settings.model_copy(update={"dense": True}), clip_a_gnss)
     assert reused(asked) == list(drive_stages())
     points = laspy.read(out / "dense.laz")
-    assert len(points) > 100
     assert set(np.unique(points.label).tolist()) <= set(STANDING)
     process_drive(log_path, out, settings, clip_a_gnss, write_more=write_report)
     assert not (out / "dense.laz").exists()

@@ -10,6 +10,7 @@ from wayloom.dense.points import dense_points
 from wayloom.dense.settings import LookSettings
 from wayloom.files.trajectory_files import write_kitti, write_tum
 from wayloom.geodesy.geoid import GeoidGrid
+from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geometry import se3
 from wayloom.georeference.types import GeoReference
 from wayloom.ground.exports import export_ground
@@ -18,6 +19,7 @@ from wayloom.ground.markings.settings import KerbSettings, MarkingSettings
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.drive_map import cloud, drive_map, write_image
+from wayloom.places.stereo_pair import LeftLabels
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.segmentation.overlay import overlay
 from wayloom.submaps.submap import PlacedSubmap
@@ -65,7 +67,7 @@ def write_exports(
     export_ply(folder / "cloud.ply", points, labels, geo.frame)
     export_laz(folder / "cloud.laz", points, labels, geo.frame, geoid)
     if dense is not None:
-        write_dense(log, odometry, images, geo, submaps, folder / DENSE_FILE, geoid, dense)
+        write_dense(log, odometry, images, submaps, folder / DENSE_FILE, geo.frame, geoid, dense)
     if ground is not None:
         export_ground(ground.sheets_dir, submaps, folder)
         export_markings(ground.sheets_dir, submaps, folder / MARKINGS_FILE, ground.markings, ground.kerbs)
@@ -76,10 +78,10 @@ def write_exports(
 def write_dense(
     log: DriveLog,
     odometry: OdometryResult,
-    images: KeyframeLabels,
-    geo: GeoReference,
+    images: LeftLabels,
     submaps: list[PlacedSubmap],
     file: Path,
+    frame: MapFrame | None,
     geoid: GeoidGrid | None,
     settings: LookSettings,
 ) -> None:
@@ -87,7 +89,7 @@ def write_dense(
     found = list(dense_points(log, odometry, images, submaps, settings))
     points = [se3.transform(placed.T_enu_submap, one.xyz) for placed, one in zip(submaps, found, strict=True)]
     labels = np.concatenate([np.empty(0, np.uint8), *(one.label for one in found)])
-    export_laz(file, np.concatenate([np.empty((0, 3)), *points]), labels, geo.frame, geoid)
+    export_laz(file, np.concatenate([np.empty((0, 3)), *points]), labels, frame, geoid)
 
 
 def write_overlays(log: DriveLog, odometry: OdometryResult, images: KeyframeLabels, folder: Path, count: int = OVERLAYS) -> None:
