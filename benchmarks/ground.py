@@ -10,11 +10,11 @@
     python benchmarks/ground.py twin [--write twin]
 
 OUT is what `wayloom process LOG` left of a drive, LOG the drive: as simulated with truth, or in KITTI's raw layout with scans
-and the calibration of its day beside it. The sheets are made anew from the images, which is timed. `lidar` compares the surface
-with the points of the scans that fall on it, after one offset in height; `texture` correlates the orthophoto with the city's true
-ground from above; `classes` are those of sheets beside those of the points of the sparse map; `seams` are where the view that
-decides a pixel changes; `vignette` fits what views of one place tell of the light's fall to the border; `twin` times the kernels
-of a made street's sheet beside the same without compilation.
+and the calibration of its day beside it. The sheets are made anew from the images, which is timed; `classes` takes OUT's own.
+`lidar` compares the surface with the points of the scans that fall on it, after one offset in height; `texture` correlates the
+orthophoto with the city's true ground from above; `classes` are those of sheets beside those of the points of the sparse map;
+`seams` are where the view that decides a pixel changes; `vignette` fits what views of one place tell of the light's fall to the
+border; `twin` times the kernels of a made street's sheet beside the same without compilation.
 """
 
 import argparse
@@ -36,6 +36,7 @@ from wayloom.evaluation.ground_texture import texture_correlation
 from wayloom.geometry import se3
 from wayloom.ground.edges import find_steps
 from wayloom.ground.exposure import DriveExposure, drive_exposure
+from wayloom.ground.files import load_sheet, read_index
 from wayloom.ground.making import chosen_keyframes, level_frame, make_sheets, raster_around, views_of
 from wayloom.ground.picture import picture_of
 from wayloom.ground.settings import GroundSettings
@@ -249,7 +250,7 @@ def classes(pairs: list[tuple[Path, Path]]) -> str:
         for item in submaps:
             row, column, inside = ground.place(se3.transform(places[item.submap.digest], item.submap.xyz.astype(np.float64)))
             by_points[row[inside], column[inside]] = item.submap.label[inside]
-        for sheet in make(out, log_path)[0]:
+        for sheet in (load_sheet(out / "stages" / "ground", digest) for digest in read_index(out / "stages" / "ground").values()):
             r, c = np.nonzero(np.isfinite(sheet.height))
             xy = sheet.corner_m + (np.column_stack([c, r]) + 0.5) * CELL_M
             points = se3.transform(places[sheet.submap] @ sheet.T_submap_sheet, np.column_stack([xy, sheet.height[r, c]]))
