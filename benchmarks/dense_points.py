@@ -36,7 +36,7 @@ def dense(out: Path, log_path: Path, truth: SimulatedTruth) -> tuple[dict[int, n
     log, odometry = open_log(log_path), load_odometry(out / "stages" / "odometry" / "odometry.npz")
     images = KeyframeLabels(out / "stages" / "segmentation", odometry.keyframes.frame)
     submaps, start = load_submaps(out / "stages" / "submaps"), time.process_time()
-    found = list(dense_points(log, odometry, images, submaps, least=1))
+    found = list(dense_points(log, odometry, images, [item.submap for item in submaps], least=1))
     cpu = time.process_time() - start
     points = [se3.transform(true_place(item.submap, truth.T_enu_cam), one.xyz) for item, one in zip(submaps, found, strict=True)]
     return {

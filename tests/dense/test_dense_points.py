@@ -18,7 +18,7 @@ def street():
 
 def test_points_lie_on_what_stands_and_nowhere_else(street):
     submaps = street.submaps(2)
-    found = list(dense_points(street, street.odometry(), street, submaps))
+    found = list(dense_points(street, street.odometry(), street, [item.submap for item in submaps]))
     assert len(found) == 2
     enu = np.concatenate([se3.transform(item.T_enu_submap, one.xyz) for item, one in zip(submaps, found, strict=True)])
     assert len(enu) > 500
@@ -28,9 +28,9 @@ def test_points_lie_on_what_stands_and_nowhere_else(street):
 
 
 def test_more_keyframes_that_agree_mean_fewer_points(street):
+    submaps = [item.submap for item in street.submaps()]
     counts = [
-        sum(len(one.xyz) for one in dense_points(street, street.odometry(), street, street.submaps(), least=least))
-        for least in (1, 2, 3)
+        sum(len(one.xyz) for one in dense_points(street, street.odometry(), street, submaps, least=least)) for least in (1, 2, 3)
     ]
     assert counts[0] > counts[1] > counts[2] > 0
 

@@ -75,7 +75,7 @@ def test_dense_points_of_all_submaps_are_in_one_laz_each_at_its_place(tmp_path):
     submaps, odometry = street.submaps(2), street.odometry()
     write_dense(street, odometry, street, submaps, tmp_path / "dense.laz", None, None, LookSettings())
     cloud = laspy.read(tmp_path / "dense.laz")
-    found = list(dense_points(street, odometry, street, submaps))
+    found = list(dense_points(street, odometry, street, [item.submap for item in submaps]))
     enu = np.concatenate([se3.transform(item.T_enu_submap, one.xyz) for item, one in zip(submaps, found, strict=True)])
     assert len(enu) > 500
     np.testing.assert_allclose(cloud.xyz, enu, atol=0.001)

@@ -6,7 +6,7 @@ the edge before something else. So a voxel counts that several tell of.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,6 @@ from wayloom.odometry.frame_source import one_opencv_thread
 from wayloom.odometry.types import OdometryResult
 from wayloom.places.road import road_m, spaced
 from wayloom.places.stereo_pair import LeftLabels, read_pair, right_rectifier
-from wayloom.submaps.submap import PlacedSubmap
 
 FloatArray = NDArray[np.float64]
 STANDING: Final = tuple(
@@ -32,6 +31,15 @@ VOXEL_M: Final = 0.10
 REACH_M: Final = 20.0
 KEYFRAMES: Final = 2
 """A voxel counts that so many keyframes tell of."""
+
+
+class Keyframed(Protocol):
+    """What is asked of a submap: the frames (K,) of its keyframes, and T_submap_cam (K, 4, 4)."""
+
+    @property
+    def keyframe_frame(self) -> NDArray[np.uint32]: ...
+    @property
+    def T_submap_cam(self) -> FloatArray: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +56,7 @@ def dense_points(
     log: DriveLog,
     odometry: OdometryResult,
     images: LeftLabels,
-    submaps: Sequence[PlacedSubmap],
+    submaps: Sequence[Keyframed],
     settings: LookSettings = LookSettings(),
     least: int = KEYFRAMES,
     progress: Progress = silent,
@@ -61,11 +69,11 @@ def dense_points(
     chosen = spaced(road_m(keyframes.T_world_cam), keyframes.segment, settings.spacing_m)
     v, u = np.mgrid[0 : camera.height, 0 : camera.width].reshape(2, -1).astype(np.float64)
     rays = camera.rays(np.column_stack([u, v]))
-    for number, placed in enumerate(submaps):
-        rows = np.searchsorted(keyframes.frame, placed.submap.keyframe_frame)
+    for number, submap in enumerate(submaps):
+        rows = np.searchsorted(keyframes.frame, submap.keyframe_frame)
         seen: list[tuple[FloatArray, NDArray[np.uint8]]] = []
         with one_opencv_thread():
-            for row, T_submap_cam in zip(rows.tolist(), placed.submap.T_submap_cam, strict=True):
+            for row, T_submap_cam in zip(rows.tolist(), submap.T_submap_cam, strict=True):
                 if chosen[row]:
                     pair = read_pair(log, int(keyframes.frame[row]), images.left(row), rectifier)
                     depth, label = dense_depth(pair, odometry.rig, odometry.disparity_bias_px, settings).ravel(), pair.label.ravel()

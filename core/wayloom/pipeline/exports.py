@@ -49,14 +49,12 @@ def write_exports(
     folder: Path,
     geoid: GeoidGrid | None = None,
     ground: GroundFound | None = None,
-    dense: LookSettings | None = None,
 ) -> None:
     """Write trajectory.tum, .kitti and, with GNSS, .geojson; cloud.ply and cloud.laz; ground.tif, height.tif and, with GNSS,
-    markings.geojson; map.png; overlays/; dense.laz where it is asked for.
+    markings.geojson; map.png; overlays/.
 
     geoid : the LAZ states heights above it
     ground : None for no pictures of the ground
-    dense : how dense depth is matched; None for no dense points
     """
     trajectory = odometry.trajectory
     write_tum(folder / "trajectory.tum", trajectory.t_ns, trajectory.T_world_cam, trajectory.tracked)
@@ -66,8 +64,6 @@ def write_exports(
     points, labels = cloud(submaps)
     export_ply(folder / "cloud.ply", points, labels, geo.frame)
     export_laz(folder / "cloud.laz", points, labels, geo.frame, geoid)
-    if dense is not None:
-        write_dense(log, odometry, images, submaps, folder / DENSE_FILE, geo.frame, geoid, dense)
     if ground is not None:
         export_ground(ground.sheets_dir, submaps, folder)
         export_markings(ground.sheets_dir, submaps, folder / MARKINGS_FILE, ground.markings, ground.kerbs)
@@ -86,7 +82,7 @@ def write_dense(
     settings: LookSettings,
 ) -> None:
     """The dense points of all submaps, each at its place, as `cloud.laz` has the sparse ones."""
-    found = list(dense_points(log, odometry, images, submaps, settings))
+    found = list(dense_points(log, odometry, images, [placed.submap for placed in submaps], settings))
     points = [se3.transform(placed.T_enu_submap, one.xyz) for placed, one in zip(submaps, found, strict=True)]
     labels = np.concatenate([np.empty(0, np.uint8), *(one.label for one in found)])
     export_laz(file, np.concatenate([np.empty((0, 3)), *points]), labels, frame, geoid)
