@@ -4,37 +4,51 @@
     python benchmarks/ground.py movers OUT LOG [OUT LOG ...] [--write movers]
     python benchmarks/ground.py lidar OUT LOG [--write lidar]
     python benchmarks/ground.py texture OUT LOG [--write texture]
+    python benchmarks/ground.py classes OUT LOG [OUT LOG ...] [--write classes]
+    python benchmarks/ground.py seams OUT LOG [--write seams]
+    python benchmarks/ground.py vignette OUT LOG [OUT LOG ...] [--write vignette]
+    python benchmarks/ground.py twin [--write twin]
 
 OUT is what `wayloom process LOG` left of a drive, LOG the drive: as simulated with truth, or in KITTI's raw layout with scans
-and the calibration of its day beside it. The sheets are made anew from the images, which is timed. `lidar` compares the surface
-with the points of the scans that fall on it, after one offset in height; `texture` correlates the orthophoto with the city's true
-ground from above.
+and the calibration of its day beside it. The sheets are made anew from the images, which is timed; `classes` takes OUT's own.
+`lidar` compares the surface with the points of the scans that fall on it, after one offset in height; `texture` correlates the
+orthophoto with the city's true ground from above; `classes` are those of sheets beside those of the points of the sparse map;
+`seams` are where the view that decides a pixel changes; `vignette` fits what views of one place tell of the light's fall to the
+border; `twin` times the kernels of a made street's sheet beside the same without compilation.
 """
 
 import argparse
 import json
+import os
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from pages import DOCS, put_between_marks
-from wayloom.config.classes import CLASS_ID, MOVING_CLASSES
+from wayloom.config.classes import CLASS_ID, MOVING_CLASSES, VOID
 from wayloom.evaluation.ground import NEAR_TRACK_M, SheetErrors, compare, scores, true_ground, true_place
 from wayloom.evaluation.ground_texture import texture_correlation
 from wayloom.geometry import se3
-from wayloom.ground.exposure import drive_exposure
+from wayloom.ground.edges import find_steps
+from wayloom.ground.exposure import DriveExposure, drive_exposure
+from wayloom.ground.files import load_sheet, read_index
 from wayloom.ground.making import chosen_keyframes, level_frame, make_sheets, raster_around, views_of
 from wayloom.ground.picture import picture_of
 from wayloom.ground.settings import GroundSettings
-from wayloom.ground.sheet import CELL_M, GROUND_CLASSES, GroundSheet
+from wayloom.ground.sheet import CELL_M, GROUND_CLASSES, PIXEL_M, GroundSheet
+from wayloom.ground.sides import laid
 from wayloom.ground.standing import without_standing
-from wayloom.ground.surface import surface_of
-from wayloom.ground.view import may_be_shown
+from wayloom.ground.surface import fuse, gather, smooth, surface_of
+from wayloom.ground.view import GroundView, may_be_shown
 from wayloom.logs.registry import open_log
 from wayloom.logs.simulated_truth import open_truth
 from wayloom.odometry.result.odometry_file import load_odometry
+from wayloom.odometry.types import OdometryResult
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.simulation.city.city_settings import CitySettings
 from wayloom.simulation.recording.worlds import build_world
@@ -46,6 +60,9 @@ PERSONS = (CLASS_ID["person"], CLASS_ID["rider"])
 LIDAR_REACH_M = 25.0
 NO_GROUND_M = 0.3
 """Points further from the surface stand on the ground, or are seen past it."""
+SEAM_PX = 5
+VIGNETTE_VIEWS = 16
+TWIN_VIEWS, TWIN_REACH_M = 3, 12.0
 
 
 def make(out: Path, log_path: Path) -> tuple[list[GroundSheet], float]:
@@ -162,7 +179,7 @@ def lidar(out: Path, log_path: Path) -> str:
     log, odometry = open_log(log_path), load_odometry(out / "stages" / "odometry" / "odometry.npz")
     submaps = {item.submap.digest: item.submap for item in load_submaps(out / "stages" / "submaps")}
     T_cam_velo = velodyne_pose(log_path)
-    apart, far = [], []
+    apart, far, stands = [], [], []
     for sheet in sheets:
         submap = submaps[sheet.submap]
         anchor = submap.keyframe_frame[np.argmin(np.linalg.norm(submap.T_submap_cam[:, :3, 3], axis=1))]
@@ -180,15 +197,20 @@ def lidar(out: Path, log_path: Path) -> str:
             inside = (at >= 0).all(axis=1) & (at[:, 0] < columns) & (at[:, 1] < rows)
             apart.append(sheet.height[at[inside, 1], at[inside, 0]] - on[inside, 2])
             far.append(reach[reach < LIDAR_REACH_M][inside])
-    error, distance = np.concatenate(apart), np.concatenate(far)
+            highest = np.full((rows, columns), -np.inf)
+            np.maximum.at(highest, (at[inside, 1], at[inside, 0]), on[inside, 2])
+            above = cv2.dilate(highest, np.ones((3, 3), np.uint8))[at[inside, 1], at[inside, 0]]
+            stands.append(above > on[inside, 2] + NO_GROUND_M)
+    error, distance, standing = np.concatenate(apart), np.concatenate(far), np.concatenate(stands)
     known = np.abs(error - np.nanmedian(error)) < NO_GROUND_M
     offset = float(np.median(error[known]))
     lines = ["| from the scanner (m) | points | median (mm) | p95 (mm) |", "| --- | --- | --- | --- |"]
-    for low, high in ((0.0, 10.0), (10.0, 15.0), (15.0, LIDAR_REACH_M), (0.0, LIDAR_REACH_M)):
-        here = np.abs(error[known & (distance >= low) & (distance < high)] - offset)
-        lines.append(
-            f"| {low:.0f} to {high:.0f} | {len(here)} | {1e3 * np.median(here):.1f} | {1e3 * np.percentile(here, 95):.0f} |"
-        )
+    reaches = ((0.0, 10.0), (10.0, 15.0), (15.0, LIDAR_REACH_M), (0.0, LIDAR_REACH_M))
+    parts = [(f"{low:.0f} to {high:.0f}", (distance >= low) & (distance < high)) for low, high in reaches]
+    parts += [("the same, nothing stands there in the scan", ~standing), ("something does", standing)]
+    for name, part in parts:
+        here = np.abs(error[known & part] - offset)
+        lines.append(f"| {name} | {len(here)} | {1e3 * np.median(here):.1f} | {1e3 * np.percentile(here, 95):.0f} |")
     return "\n".join(lines) + f"\n\nOffset {1e3 * offset:+.0f} mm; {cost:.0f} CPU ms a frame.\n"
 
 
@@ -213,6 +235,183 @@ def texture(out: Path, log_path: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
+def classes(pairs: list[tuple[Path, Path]]) -> str:
+    """Markdown table: classes of the ground by sheets and by the sparse map's points, on cells of true ground near the track."""
+    lines = [
+        "| drive | | true ground that it tells of (%) | IoU (%): road, sidewalk, terrain | mean |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for out, log_path in pairs:
+        truth = open_truth(log_path)
+        ground, submaps = true_ground(truth, open_log(log_path).rig.camera), load_submaps(out / "stages" / "submaps")
+        near = (ground.distance <= NEAR_TRACK_M) & (ground.class_id != VOID)
+        by_sheets, by_points = (np.full(ground.class_id.shape, VOID, np.uint8) for _ in range(2))
+        places = {item.submap.digest: true_place(item.submap, truth.T_enu_cam) for item in submaps}
+        for item in submaps:
+            row, column, inside = ground.place(se3.transform(places[item.submap.digest], item.submap.xyz.astype(np.float64)))
+            by_points[row[inside], column[inside]] = item.submap.label[inside]
+        for sheet in (load_sheet(out / "stages" / "ground", digest) for digest in read_index(out / "stages" / "ground").values()):
+            r, c = np.nonzero(np.isfinite(sheet.height))
+            xy = sheet.corner_m + (np.column_stack([c, r]) + 0.5) * CELL_M
+            points = se3.transform(places[sheet.submap] @ sheet.T_submap_sheet, np.column_stack([xy, sheet.height[r, c]]))
+            row, column, inside = ground.place(points)
+            by_sheets[row[inside], column[inside]] = sheet.label[r, c][inside]
+        both = near & np.isin(by_points, GROUND_CLASSES) & (by_sheets != VOID)
+        for name, said, among in (
+            ("sheets", by_sheets, near & (by_sheets != VOID)),
+            ("points", by_points, near & np.isin(by_points, GROUND_CLASSES)),
+            ("sheets where there are points", by_sheets, both),
+            ("points where there are sheets", by_points, both),
+        ):
+            true = ground.class_id
+            iou = [
+                ((said == k) & (true == k) & among).sum() / max((((said == k) | (true == k)) & among).sum(), 1)
+                for k in GROUND_CLASSES
+            ]
+            lines.append(
+                f"| {log_path.parent.name}/{log_path.name} | {name} | {100 * among.sum() / near.sum():.1f} |"
+                f" {', '.join(f'{100 * one:.1f}' for one in iou)} | {100 * np.mean(iou):.1f} |"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def seams(out: Path, log_path: Path) -> str:
+    """Markdown table: steps of the orthophoto's grey from pixel to pixel, and between means over SEAM_PX pixels on both sides,
+    where the view that weighs most changes and where it does not."""
+    log, odometry = open_log(log_path), load_odometry(out / "stages" / "odometry" / "odometry.npz")
+    labels, settings = KeyframeLabels(out / "stages" / "segmentation", odometry.keyframes.frame), GroundSettings()
+    exposure, chosen = drive_exposure(log, odometry, labels), chosen_keyframes(odometry, settings)
+    found: dict[tuple[int, bool], list[np.ndarray]] = {}
+    for placed in load_submaps(out / "stages" / "submaps"):
+        views = [view for _, view in views_of(log, odometry, labels, placed, chosen, exposure, settings)]
+        raster = raster_around(views, settings.reach_m)
+        about = (odometry.rig, odometry.disparity_bias_px, settings)
+        height = surface_of(views, raster, *about).height
+        views = [without_standing(view, raster, height, *about) for view in views]
+        picture = picture_of(views, raster, height, *about)
+        grey = exposure.tone(picture.colour).mean(axis=2)
+        best, most = np.full(grey.shape, -1), np.zeros(grey.shape, np.float32)
+        for number, view in enumerate(views):
+            sharp = picture_of([view], raster, height, *about).sharpness
+            best, most = np.where(sharp > most, number, best), np.maximum(sharp, most)
+        for size in (1, SEAM_PX):
+            mean = cv2.blur(grey, (size, size))
+            whole = cv2.erode((picture.sharpness > 0.0).astype(np.uint8), np.ones((2 * size + 1, 2 * size + 1), np.uint8)) > 0
+            step, gap = np.abs(mean[:, size:] - mean[:, :-size]), (size - 1) // 2
+            width = step.shape[1]
+            at = best[:, gap : gap + width] != best[:, gap + 1 : gap + 1 + width]
+            known = whole[:, size:] & whole[:, :-size]
+            for is_seam in (False, True):
+                found.setdefault((size, is_seam), []).append(step[known & (at == is_seam)])
+    lines = ["| | places | grey levels of 255: median, p90, p99 |", "| --- | --- | --- |"]
+    for (size, is_seam), parts in found.items():
+        steps = np.concatenate(parts)
+        values = ", ".join(f"{value:.1f}" for value in np.percentile(steps, (50, 90, 99)))
+        what = "from pixel to pixel" if size == 1 else f"between means of {100 * SEAM_PX * PIXEL_M:.0f} cm"
+        lines.append(f"| {what}, {'at seams' if is_seam else 'elsewhere'} | {len(steps)} | {values} |")
+    return "\n".join(lines) + "\n"
+
+
+def vignette(pairs: list[tuple[Path, Path]]) -> str:
+    """Markdown table: the exponent p of (1 + r^2)^-p, r = tan of the angle from the axis, that the views of each stretch of
+    VIGNETTE_VIEWS tell, with a power of the depth beside it, for near and far views of ground differ by themselves."""
+    lines = [
+        "| drive | stretches | exponent: median, lowest, highest | brightness at r = 0.86 |"
+        " views of a place differ by (%): as they are, with the fit |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for out, log_path in pairs:
+        log, odometry = open_log(log_path), load_odometry(out / "stages" / "odometry" / "odometry.npz")
+        labels, settings = KeyframeLabels(out / "stages" / "segmentation", odometry.keyframes.frame), GroundSettings()
+        exposure, chosen = drive_exposure(log, odometry, labels), chosen_keyframes(odometry, settings)
+        fits = []
+        for placed in load_submaps(out / "stages" / "submaps"):
+            views = [view for _, view in views_of(log, odometry, labels, placed, chosen, exposure, settings)]
+            for first in range(0, len(views) - VIGNETTE_VIEWS + 1, VIGNETTE_VIEWS):
+                fits.append(light_fall(views[first : first + VIGNETTE_VIEWS], odometry, settings))
+        power, before, after = np.array(fits).T
+        middle, name = float(np.median(power)), f"{log_path.parent.name}/{log_path.name}"
+        lines.append(
+            f"| {name} | {len(power)} | {middle:.2f}, {power.min():.2f}, {power.max():.2f} | {(1 + 0.86**2) ** -middle:.2f} |"
+            f" {100 * np.median(before):.1f}, {100 * np.median(after):.1f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def light_fall(views: list[GroundView], odometry: OdometryResult, settings: GroundSettings) -> tuple[float, float, float]:
+    """The exponent that the views of one stretch tell, and by how much (median, log) those of a place differ from their mean
+    before and after."""
+    raster, about = raster_around(views, settings.reach_m), (odometry.rig, odometry.disparity_bias_px, settings)
+    height = surface_of(views, raster, *about).height
+    place, fall, depth, level = [], [], [], []
+    for view in views:
+        picture = picture_of([view], raster, height, *about)
+        r, c = np.nonzero(picture.sharpness[::6, ::6] > 0.0)
+        xy = raster.low + (np.column_stack([6 * c, 6 * r]) + 0.5) * PIXEL_M
+        cam = se3.transform(se3.inverse(view.T_sheet_cam), np.column_stack([xy, height[3 * r, 3 * c]]))
+        place.append(r * raster.shape[1] + c)
+        fall.append(-np.log1p((cam[:, 0] ** 2 + cam[:, 1] ** 2) / cam[:, 2] ** 2))
+        depth.append(np.log(cam[:, 2]))
+        level.append(np.log(np.maximum(picture.colour[6 * r, 6 * c].mean(axis=1), 1.0)))
+    _, inverse, count = np.unique(np.concatenate(place), return_inverse=True, return_counts=True)
+    several = count[inverse] > 1
+    A, y = (
+        np.column_stack([one - np.bincount(inverse, one)[inverse] / count[inverse] for one in map(np.concatenate, parts)])[several]
+        for parts in ((fall, depth), (level,))
+    )
+    x, weight = np.zeros(2), np.ones(len(y))
+    for _ in range(10):
+        W = A * weight[:, None]
+        x = np.linalg.solve(W.T @ A, W.T @ y[:, 0])
+        weight = 1.0 / (1.0 + ((y[:, 0] - A @ x) / 0.05) ** 2)
+    return float(x[0]), float(np.median(np.abs(y))), float(np.median(np.abs(y[:, 0] - A @ x)))
+
+
+def twin() -> str:
+    """Markdown table: CPU seconds of the steps of a made street's sheet, compiled and not."""
+    compiled, naive = (
+        json.loads(
+            subprocess.run(
+                [sys.executable, __file__, "steps"], env={**os.environ, "NUMBA_DISABLE_JIT": off}, check=True, capture_output=True
+            ).stdout
+        )
+        for off in ("0", "1")
+    )
+    lines = ["| step | compiled (CPU ms) | not compiled (CPU ms) | times |", "| --- | --- | --- | --- |"]
+    for name, seconds in compiled.items():
+        lines.append(f"| {name} | {1e3 * seconds:.1f} | {1e3 * naive[name]:.0f} | {naive[name] / seconds:.0f} |")
+    return "\n".join(lines) + "\n"
+
+
+def step_seconds() -> dict[str, float]:
+    """CPU seconds of the steps, with the kernels as this process has them, of TWIN_VIEWS views of the made street."""
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+    from made_ground import MadeStreet
+
+    street, settings = MadeStreet(count=TWIN_VIEWS), GroundSettings(reach_m=TWIN_REACH_M)
+    odometry = street.odometry()
+    exposure = DriveExposure(np.ones(TWIN_VIEWS), np.zeros(TWIN_VIEWS), 255.0)
+    chosen, about = chosen_keyframes(odometry, settings), (street.rig, 0.0)
+    seen = views_of(street, odometry, street, street.submaps()[0], chosen, exposure, settings)
+    views = [view for _, view in seen]
+    raster, seconds = raster_around(views, settings.reach_m), {}
+    for _ in range(1 if os.environ.get("NUMBA_DISABLE_JIT") == "1" else 2):  # the first compiles
+        marks = [time.process_time()]
+        cells = fuse(gather(views, raster, *about, settings.reach_m), raster.shape)
+        marks.append(time.process_time())
+        cells, side = laid(find_steps(views, raster, cells, *about), cells, raster)
+        marks.append(time.process_time())
+        height = smooth(cells, side, round(settings.smoothing_m / CELL_M)).height
+        marks.append(time.process_time())
+        views = [without_standing(view, raster, height, *about, settings) for view in views]
+        marks.append(time.process_time())
+        picture_of(views, raster, height, *about, settings)
+        marks.append(time.process_time())
+        names = ("samples and cells", "kerbs", "surface", "what stands", "orthophoto and votes")
+        seconds = dict(zip(names, np.diff(marks).tolist(), strict=True))
+    return seconds
+
+
 def velodyne_pose(log_path: Path) -> np.ndarray:
     """T_cam_velo (4, 4) of KITTI's left colour camera, from the calibration files of the day."""
     day = log_path.parent
@@ -232,13 +431,19 @@ def _numbers(file: Path) -> dict[str, np.ndarray]:
 def main() -> None:
     """Measure, print, and write where that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("drives", "movers", "lidar", "texture"))
-    parser.add_argument("paths", nargs="+", type=Path, help="OUT LOG, in pairs")
+    parser.add_argument("what", choices=("drives", "movers", "lidar", "texture", "classes", "seams", "vignette", "twin", "steps"))
+    parser.add_argument("paths", nargs="*", type=Path, help="OUT LOG, in pairs")
     parser.add_argument("--write", metavar="NAME")
     asked = parser.parse_args()
     pairs = list(zip(asked.paths[::2], asked.paths[1::2], strict=True))
-    of_all, of_one = {"drives": drives, "movers": in_picture}, {"lidar": lidar, "texture": texture}
-    text = of_all[asked.what](pairs) if asked.what in of_all else of_one[asked.what](*pairs[0])
+    if asked.what == "steps":
+        sys.exit(print(json.dumps(step_seconds())))
+    of_all = {"drives": drives, "movers": in_picture, "classes": classes, "vignette": vignette}
+    of_one = {"lidar": lidar, "texture": texture, "seams": seams}
+    if asked.what in of_all:
+        text = of_all[asked.what](pairs)
+    else:
+        text = twin() if asked.what == "twin" else of_one[asked.what](*pairs[0])
     print(text)
     if asked.write:
         put_between_marks(PAGE, asked.write, text)

@@ -168,6 +168,14 @@ class MadeStreet:
         return out
 
 
+class BuiltUpStreet(MadeStreet):
+    """The street with its sidewalk called building."""
+
+    def left(self, keyframe: int) -> np.ndarray:
+        label = super().left(keyframe)
+        return np.where(label == CLASS_ID["sidewalk"], CLASS_ID["building"], label).astype(np.uint8)
+
+
 SUBMAP_ARRAYS = {
     "label": np.uint8, "variance": np.float32, "grey": np.uint8, "seen_ns": np.int64, "keyframe": np.uint32,
     "vote_class": np.uint8, "vote_weight": np.float32,

@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 from evo.tools import file_interface
 
+from made_ground import BuiltUpStreet
 from reports.made_result import CAMERA, made_result
-from wayloom.config.classes import PALETTE_WITH_VOID
+from wayloom.config.classes import CLASS_ID, PALETTE_WITH_VOID
+from wayloom.dense.points import dense_points
+from wayloom.dense.settings import LookSettings
 from wayloom.files.gps_time import adjusted_gps_s
 from wayloom.files.ply import read_ply
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geodesy.wgs84 import T_enu_enu, enu_from_lonlatheight
 from wayloom.geometry import se3
 from wayloom.pipeline.drive_map import cloud
-from wayloom.pipeline.exports import write_exports
+from wayloom.pipeline.exports import write_dense, write_exports
 from wayloom.pipeline.plane import T_plane_enu, axis_labels
 
 
@@ -75,6 +78,18 @@ def test_the_laz_has_the_same_points_in_utm(folder, result):
     np.testing.assert_allclose(np.asarray(laz.sigma), sigma, atol=0.0005)
     seen_ns = np.concatenate([item.submap.seen_ns for item in result.submaps])
     np.testing.assert_array_equal(np.asarray(laz.gps_time), adjusted_gps_s(seen_ns))
+
+
+def test_dense_points_of_all_submaps_are_in_one_laz_each_at_its_place(tmp_path):
+    street = BuiltUpStreet()
+    submaps, odometry = street.submaps(2), street.odometry()
+    write_dense(street, odometry, street, submaps, tmp_path / "dense.laz", None, None, LookSettings())
+    cloud = laspy.read(tmp_path / "dense.laz")
+    found = list(dense_points(street, odometry, street, [item.submap for item in submaps]))
+    enu = np.concatenate([se3.transform(item.T_enu_submap, one.xyz) for item, one in zip(submaps, found, strict=True)])
+    assert len(enu) > 500
+    np.testing.assert_allclose(cloud.xyz, enu, atol=0.001)
+    assert set(np.unique(cloud.label).tolist()) == {CLASS_ID["building"]}
 
 
 def test_overlays_are_spread_over_the_drive_and_of_the_cameras_size(folder):

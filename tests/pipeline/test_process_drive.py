@@ -6,12 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import laspy
 import numpy as np
 import pytest
 
 from pipeline.real_log import FRAMES, colour_network, damage, first_frames
 from segmentation.made_network import THREE
 from wayloom.config.stages import drive_stages
+from wayloom.dense.points import STANDING
 from wayloom.errors import InputError, LogError, ModelError, TooFewKeyframesError
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.pipeline.drive import process_drive
@@ -117,6 +119,16 @@ def test_a_touched_file_is_looked_at_again_and_nothing_more(done, log_path, sett
     process_drive(log_path, out, settings, clip_a_gnss)
     os.utime(log_path / "calib.txt")
     assert reused(process_drive(log_path, out, settings, clip_a_gnss)) == [name for name in drive_stages() if name != "ingest"]
+
+
+def test_dense_points_are_written_where_they_are_asked_for_and_redo_no_stage(done, log_path, settings, clip_a_gnss):
+    out, _ = done
+    asked = process_drive(log_path, out, settings.model_copy(update={"dense": True}), clip_a_gnss)
+    assert reused(asked) == list(drive_stages())
+    points = laspy.read(out / "dense.laz")
+    assert set(np.unique(points.label).tolist()) <= set(STANDING)
+    process_drive(log_path, out, settings, clip_a_gnss, write_more=write_report)
+    assert not (out / "dense.laz").exists()
 
 
 def test_without_gnss_the_map_is_in_its_own_frame(done, log_path, settings, clip_a_gnss):

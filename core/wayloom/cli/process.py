@@ -29,6 +29,10 @@ def process_command(
         str | None, typer.Option(metavar="LON,LAT,H", help="Origin of the map frame; default the centre of the degree cell.")
     ] = None,
     geoid: Annotated[Path | None, typer.Option(help="Geoid grid (.gtx, .tif): cloud.laz states heights above it.")] = None,
+    dense: Annotated[
+        bool | None,
+        typer.Option("--dense", help="Also write dense.laz: points of facades, poles and vegetation in voxels of 10 cm."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
     config: ConfigOption = None,
 ) -> None:
@@ -45,7 +49,7 @@ def process_command(
     given = (
         Option("--model", "segmentation.model", model), Option("--threads", "threads", threads),
         Option("--origin", "map_origin", origin), Option("--rig", "rig", rig),
-        Option("--geoid", "geoid", geoid),
+        Option("--geoid", "geoid", geoid), Option("--dense", "dense", dense),
     )  # fmt: skip
     loaded = load_settings(config, *given, threads=default_threads())
     check_usable(loaded)

@@ -80,7 +80,6 @@ _OBJECT_COLUMNS: Final[dict[str, Kind]] = {
 }  # fmt: skip
 _AREA_COLUMNS: Final[dict[str, Kind]] = {"kind": "text", "area_m2": "real", "confidence": "real", "sigma_place_m": "real"}
 COLLECTIONS: Final = {
-    "areas": Collection("road, sidewalk, terrain", "Polygon", _AREA_COLUMNS, _of_regions("areas")),
     "objects": Collection("poles, signs, lights, trunks", "Point", _OBJECT_COLUMNS, _of_regions("objects")),
     "areas": Collection("road, sidewalk, terrain", "Polygon", _AREA_COLUMNS, _of_regions("areas")),
     "markings": Collection(

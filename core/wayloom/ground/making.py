@@ -13,6 +13,7 @@ from wayloom.ground.picture import OTHER, Picture, picture_of
 from wayloom.ground.raster import Raster
 from wayloom.ground.settings import GroundSettings
 from wayloom.ground.sheet import CELL_M, LARGEST_SIGMA_MM, NO_HEIGHT, VOTE_UNIT, GroundSheet
+from wayloom.ground.sides import give_to_sides
 from wayloom.ground.standing import pieces, without_standing
 from wayloom.ground.surface import Surface, surface_of
 from wayloom.ground.view import GroundView, see_ground
@@ -104,6 +105,7 @@ def sheet_of(
     for number, view in enumerate(views):
         views[number] = without_standing(view, raster, surface.height, odometry.rig, odometry.disparity_bias_px, settings)
     picture = picture_of(views, raster, surface.height, odometry.rig, odometry.disparity_bias_px, settings)
+    give_to_sides(picture.votes, surface.side)
     return cropped(submap, T_submap_sheet, raster, surface, picture, exposure)
 
 

@@ -13,8 +13,7 @@ from wayloom.ground.kernels.picture import add_colours, add_votes
 from wayloom.ground.raster import Raster
 from wayloom.ground.settings import GroundSettings
 from wayloom.ground.sheet import CELL_M, GROUND_CLASSES
-from wayloom.ground.surface import numbers
-from wayloom.ground.view import GroundView
+from wayloom.ground.view import GroundView, numbers
 
 FloatArray = NDArray[np.float64]
 POWER: Final = 3.0

@@ -30,3 +30,12 @@ class Raster:
         top, bottom = np.clip([first[1], last[1]], 0, rows)
         left, right = np.clip([first[0], last[0]], 0, columns)
         return np.array([top, bottom, left, right], np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """What each cell's own samples tell: height (H, W) m, information (H, W) 1/m^2 (0: none), group (H, W) uint8 of `view`."""
+
+    height: FloatArray
+    information: FloatArray
+    group: NDArray[np.uint8]

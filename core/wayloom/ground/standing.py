@@ -18,8 +18,7 @@ from wayloom.ground.kernels.standing import add_feet, stands
 from wayloom.ground.raster import Raster
 from wayloom.ground.settings import GroundSettings
 from wayloom.ground.sheet import CELL_M
-from wayloom.ground.surface import numbers
-from wayloom.ground.view import GROUP, GroundView, disc
+from wayloom.ground.view import GROUP, GroundView, disc, numbers
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -6,16 +6,19 @@ Far from the camera, views err together over metres: what no near view tells is 
 from dataclasses import dataclass
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.geometry.camera import PinholeCamera, StereoRig
+from wayloom.geometry.camera import StereoRig
+from wayloom.ground.edges import find_steps
 from wayloom.ground.kernels.samples import gather_heights
 from wayloom.ground.kernels.surface import block_heights, cell_heights, smooth_blocks, smooth_surface
-from wayloom.ground.raster import Raster
+from wayloom.ground.raster import Cells, Raster
 from wayloom.ground.settings import GroundSettings
 from wayloom.ground.sheet import CELL_M
-from wayloom.ground.view import GroundView
+from wayloom.ground.sides import laid
+from wayloom.ground.view import BESIDE, ROAD, GroundView, numbers
 
 FloatArray = NDArray[np.float64]
 SIGMA_PX: Final = 0.3
@@ -26,6 +29,10 @@ FLOOR_M: Final = 0.014
 """Sigma that no number of views takes away: what they have in common."""
 FILLED_M: Final = 0.03
 """Sigma that is added where a cell's height comes from its neighbours alone."""
+BORDER_CELLS: Final = 2
+BORDER_M, AT_STEP_M = 0.04, 0.02
+"""Sigma that is added so near to ground of the other group: where no step was found, since matching smears what there is of
+one, and where one was."""
 STEP_M: Final = 0.03
 """Heights that differ from the plane by more are of another surface."""
 BLOCK_CELLS, BROAD_BLOCKS = 4, 5
@@ -38,10 +45,11 @@ MOST_ABOVE: Final = (0.35, 0.06)
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """height (H, W) m, NaN without surface; sigma (H, W) m."""
+    """height (H, W) m, NaN without surface; sigma (H, W) m; side (H, W) uint8: ROAD or BESIDE around kerbs, else 0."""
 
     height: FloatArray
     sigma: FloatArray
+    side: NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +64,9 @@ class Samples:
 def surface_of(views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: float, settings: GroundSettings) -> Surface:
     """The surface that the views tell of. bias_px : of the disparities."""
     samples = gather(views, raster, rig, bias_px, settings.reach_m)
-    height, information, group = fuse(samples, raster.shape)
-    return smooth(height, information, group, round(settings.smoothing_m / CELL_M))
+    cells = fuse(samples, raster.shape)
+    cells, side = laid(find_steps(views, raster, cells, rig, bias_px), cells, raster)
+    return smooth(cells, side, round(settings.smoothing_m / CELL_M))
 
 
 def gather(views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: float, reach_m: float) -> Samples:
@@ -78,23 +87,32 @@ def gather(views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: flo
     return Samples(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("key", "height", "variance")))
 
 
-def fuse(samples: Samples, shape: tuple[int, int]) -> tuple[FloatArray, FloatArray, NDArray[np.uint8]]:
-    """Height m, information 1/m^2 (0 without samples) and group of each cell, (H, W) each."""
+def fuse(samples: Samples, shape: tuple[int, int]) -> Cells:
+    """What the samples tell of each cell by itself."""
     height, information = np.zeros(shape), np.zeros(shape)
     group = np.zeros(shape, np.uint8)
     order = np.argsort(samples.key, kind="stable")
     flat = (height.reshape(-1), information.reshape(-1), group.reshape(-1))
     cell_heights(samples.key, order, samples.height, samples.variance, *flat)
-    return height, information, group
+    return Cells(height, information, group)
 
 
-def smooth(height: FloatArray, information: FloatArray, group: NDArray[np.uint8], radius: int) -> Surface:
-    """The surface of cells (H, W) as `fuse` gives them; radius in cells."""
+def smooth(cells: Cells, side: NDArray[np.uint8], radius: int) -> Surface:
+    """The surface of cells (H, W), whose side (H, W) is told of with it; radius in cells."""
+    height, information, group = cells.height, cells.information, cells.group
     smoothed, variance, filled = np.zeros(height.shape), np.zeros(height.shape), np.zeros(height.shape, bool)
     broad, bend2 = broad_surface(height, information, group), BEND_M**2 / CORRELATED
     smooth_surface(height, information, group, *broad, BLOCK_CELLS, bend2, radius, STEP_M, smoothed, variance, filled)
-    sigma = np.sqrt(CORRELATED * variance + FLOOR_M**2 + np.where(filled, FILLED_M**2, 0.0))
-    return Surface(np.where(variance > 0.0, smoothed, np.nan), sigma)
+    sigma = np.sqrt(CORRELATED * variance + FLOOR_M**2 + np.where(filled, FILLED_M**2, 0.0) + _border_variance(group, side))
+    return Surface(np.where(variance > 0.0, smoothed, np.nan), sigma, side)
+
+
+def _border_variance(group: NDArray[np.uint8], side: NDArray[np.uint8]) -> FloatArray:
+    """(H, W) m^2 that the border of road and what is beside it adds."""
+    square = np.ones((2 * BORDER_CELLS + 1, 2 * BORDER_CELLS + 1), np.uint8)
+    near_road, near_beside = (cv2.dilate((group == of).astype(np.uint8), square) > 0 for of in (ROAD, BESIDE))
+    at_border = np.where(side > 0, AT_STEP_M**2, BORDER_M**2)
+    return np.where(near_road & near_beside, at_border, 0.0)
 
 
 def broad_surface(height: FloatArray, information: FloatArray, group: NDArray[np.uint8]) -> tuple[FloatArray, FloatArray]:
@@ -104,8 +122,3 @@ def broad_surface(height: FloatArray, information: FloatArray, group: NDArray[np
     block_heights(height, information, group, BLOCK_CELLS, BEND_M, blocks, weights)
     smooth_blocks(blocks, weights, BROAD_BLOCKS, BEND_M, broad, variance)
     return broad, variance
-
-
-def numbers(camera: PinholeCamera) -> FloatArray:
-    """(4,) fx, fy, cx, cy."""
-    return np.array([camera.fx, camera.fy, camera.cx, camera.cy])

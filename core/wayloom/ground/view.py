@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT, CLASS_ID, MOVING_CLASSES
+from wayloom.geometry.camera import PinholeCamera
 from wayloom.ground.plane import GroundPlane, above_plane, find_plane
 from wayloom.ground.settings import GroundSettings
 from wayloom.ground.sheet import GROUND_CLASSES
@@ -34,7 +35,8 @@ HORIZON_SHARE: Final = 1.3
 
 @dataclass(frozen=True, slots=True)
 class GroundView:
-    """T_sheet_cam (4, 4); plane of disparities; rows from first_row on: above (h', w) px over the plane, image (h', w, C) uint8.
+    """T_sheet_cam (4, 4); plane of disparities; rows from first_row on: above (h', w) px over the plane, image (h', w, C) uint8 of
+    the left camera, right (h', w) uint8 of the right one, rows aligned.
 
     label   (h, w) uint8 train ids of the whole image
     shown   (h, w) float32 0 to 1: how far inside of what may be shown; 0 where a person, a vehicle or no ground is near
@@ -46,6 +48,7 @@ class GroundView:
     first_row: int
     above: NDArray[np.float32]
     image: Image
+    right: Image
     label: Image
     shown: NDArray[np.float32]
     gain: float
@@ -88,7 +91,12 @@ def see_ground(
     search = SEARCH_STEP * max(1, round(settings.search_share * width / SEARCH_STEP))
     above = above_plane(left, right, plane, first_row, search)
     image = np.ascontiguousarray(pair.left[first_row:]).reshape(height - first_row, width, -1)
-    return GroundView(T_sheet_cam, plane, first_row, above, image, label, shown, *exposure)
+    return GroundView(T_sheet_cam, plane, first_row, above, image, right[first_row:].copy(), label, shown, *exposure)
+
+
+def numbers(camera: PinholeCamera) -> FloatArray:
+    """(4,) fx, fy, cx, cy, as kernels take them."""
+    return np.array([camera.fx, camera.fy, camera.cx, camera.cy])
 
 
 def may_be_shown(label: Image, margin_share: float) -> NDArray[np.float32]:

@@ -23,7 +23,7 @@ from wayloom.odometry.frame_source import first_matches, one_opencv_thread
 from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.drive_quality import QUALITY_FILE, read_quality
-from wayloom.pipeline.exports import GroundFound, write_exports
+from wayloom.pipeline.exports import DENSE_FILE, GroundFound, write_dense, write_exports
 from wayloom.pipeline.folders import discard, new_folders, put_in_place, sole_writer, sweep, whole_folder, writing_to
 from wayloom.pipeline.log_parts import read_log_file
 from wayloom.pipeline.log_source import LogSource
@@ -105,6 +105,9 @@ def process_drive(
         with whole_folder(stages_dir / "exports") as folder:
             ground = GroundFound(stages_dir / "ground", settings.markings, settings.kerbs, result.objects)
             write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder, geoid, ground)
+            if settings.dense:
+                about = (result.log, result.odometry, result.images, result.submaps)
+                write_dense(*about, folder / DENSE_FILE, result.geo.frame, geoid, settings.looks)
             progress("exports")(0.6, "writing the report")
             write_more(result, folder)
         _publish(stages_dir / "exports", out_dir)

@@ -7,16 +7,19 @@ from typing import Any, Final
 
 import numpy as np
 
+from wayloom.dense.points import DensePoints, dense_points
+from wayloom.dense.settings import LookSettings
 from wayloom.exports.drive_origin import drive_origin
 from wayloom.exports.las import projection_at
 from wayloom.exports.laz import write_laz
 from wayloom.exports.ply import write_ply
-from wayloom.exports.points import batch_of_submap
+from wayloom.exports.points import ALL_VOTES, PointBatch, batch_of_submap
 from wayloom.exports.provenance import provenance_of
 from wayloom.exports.track import export_geojson_track
 from wayloom.files.trajectory_files import write_kitti, write_tum
 from wayloom.geodesy.geoid import GeoidGrid
 from wayloom.geodesy.map_frame import MapFrame
+from wayloom.geometry import se3
 from wayloom.georeference.types import GeoReference
 from wayloom.ground.exports import export_ground
 from wayloom.ground.markings.exports import MARKINGS_FILE, export_markings
@@ -26,11 +29,13 @@ from wayloom.objects.exports import OBJECTS_FILE, export_objects
 from wayloom.objects.types import MapObject
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.drive_map import cloud, drive_map, write_image
+from wayloom.places.stereo_pair import LeftLabels
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.segmentation.overlay import overlay
 from wayloom.submaps.submap import PlacedSubmap
 
 MAP_FILE: Final = "map.png"
+DENSE_FILE: Final = "dense.laz"
 OVERLAYS_DIR: Final = "overlays"
 OVERLAYS: Final = 6
 
@@ -85,6 +90,32 @@ def _write_clouds(
     write_ply(folder / "cloud.ply", map(batch_of_submap, submaps), place, frame)
     provenance = provenance_of("one drive's points", [origin], frame, {}, "")
     write_laz(folder / "cloud.laz", map(batch_of_submap, submaps), projection_at(place, frame, geoid), provenance)
+
+
+def write_dense(
+    log: DriveLog,
+    odometry: OdometryResult,
+    images: LeftLabels,
+    submaps: list[PlacedSubmap],
+    file: Path,
+    frame: MapFrame | None,
+    geoid: GeoidGrid | None,
+    settings: LookSettings,
+) -> None:
+    """The dense points of all submaps, each at its place, as `cloud.laz` has the sparse ones: without grey values and sigmas."""
+    found = dense_points(log, odometry, images, [placed.submap for placed in submaps], settings)
+    place = submaps[0].T_enu_submap[:3, 3] if submaps else np.zeros(3)
+    provenance = provenance_of("one drive's dense points", [], frame, {}, "")
+    batches = (_dense_batch(placed, one) for placed, one in zip(submaps, found, strict=True))
+    write_laz(file, batches, projection_at(place, frame, geoid), provenance)
+
+
+def _dense_batch(placed: PlacedSubmap, found: DensePoints) -> PointBatch:
+    count, t_ns = len(found.xyz), placed.submap.keyframe_t_ns
+    return PointBatch(
+        se3.transform(placed.T_enu_submap, found.xyz), found.label, np.zeros(count, np.uint8), np.full(count, np.nan, np.float32),
+        np.full(count, ALL_VOTES, np.uint8), np.ones(count, np.uint16), np.full(count, t_ns[0]), np.full(count, t_ns[-1]),
+    )  # fmt: skip
 
 
 def write_overlays(log: DriveLog, odometry: OdometryResult, images: KeyframeLabels, folder: Path, count: int = OVERLAYS) -> None:

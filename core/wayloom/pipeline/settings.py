@@ -48,6 +48,7 @@ class ProcessSettings(Settings):
     geoid: Path | None = Field(
         None, description="geoid grid of PROJ, .gtx or .tif: exported clouds state heights above it; default ellipsoidal heights"
     )
+    dense: bool = Field(False, description="`wayloom process` also writes dense.laz, dense points of what stands beside the road")
     odometry: OdometrySettings = OdometrySettings()
     segmentation: SegmentationSettings = SegmentationSettings()
     labelling: LabellingSettings = LabellingSettings()
