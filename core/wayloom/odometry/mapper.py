@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.odometry.backend import ablation, adjustment, marginalisation, steps, window
+from wayloom.odometry.backend.inertial import is_inertial
 from wayloom.odometry.backend.stereo_scale import StereoScale
 from wayloom.odometry.backend.visual_inertial import VisualInertial
 from wayloom.odometry.kernels.arrays import Robust
@@ -155,7 +156,9 @@ class Mapper:
             self.builder.observations.append(immature.trace(self.window, self.rig, self.robust))
 
     def _judge_scale(self) -> None:
-        """Doubt the steps of the window where static stereo denies its motion."""
+        """Doubt the steps of the window where static stereo denies its motion; an IMU knows better whether the car did that."""
+        if is_inertial(self.window.inertial):
+            return
         span = self.stereo_scale.measure(self.window, self.rig, self.robust)
         if span is not None and span.is_off:
             self.builder.doubt_steps(span.first, span.last, span.step_variance)
