@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,7 @@ from wayloom.simulation.recording.presets import CITY_ORIGIN
 from wayloom.stitching.grid import pack
 from wayloom.stitching.layer_names import STATIC
 from wayloom.stitching.merge import merge
-from wayloom.stitching.points import PERSONS, Box, canonical, map_points
+from wayloom.stitching.points import PERSONS, Box, MapPoints, canonical, map_points
 from wayloom.stitching.regions import STATIC_CLASSES, fuse_region, fused_points, regions_of
 from wayloom.stitching.settings import MergeSettings
 from wayloom.submaps.split import make_submaps
@@ -61,6 +62,8 @@ SEEN_M = 0.3
 """A drive saw a place where a sample of what its camera saw lies so near."""
 NEAR_M = 1.0
 """A drive measured a place where it has a point so near whose sigma makes planes."""
+WALL_M, FEWEST = 2.0, 8
+"""A piece of wall, and the points that a drive must have there."""
 MANY = 8
 """Drives, from which on not every number of them is merged."""
 STREET_M, POINTS = 300.0, 12_000
@@ -307,8 +310,32 @@ def judged(members: Sequence[Member], facades: TrueSurfaces, name: str) -> dict[
         "facade voxels: the same": stated(errors),
         "% > 15 cm by 1, 2, 3+ drives": ", ".join(f"{100 * (e > 0.15).mean():.1f}" if len(e) else "–" for e in several),
         "% voxels by 2+ drives; where 2+ saw; where 2+ saw and measured": "; ".join(percent(v) for v in votes) if many else "–",
+        "apart on the same wall: median, p95 cm": apart_on_walls(points, before) if many else "–",
         "labels of equal points: own → map, %": f"{100 * (own == true).mean():.2f} → {100 * (new == true).mean():.2f}",
     }  # fmt: skip
+
+
+def apart_on_walls(points: MapPoints, wall: Any) -> str:
+    """How far apart two drives have the same piece of wall: of cubes of WALL_M in which both have FEWEST sure points, the distance
+    of the means along the normal of the first one's plane."""
+    sure = np.flatnonzero(wall & (points.sigma2 <= SETTINGS.surface_sigma_m**2))
+    cell = pack(np.floor(points.xyz[sure] / WALL_M).astype(np.int64))
+    order = np.lexsort((points.drive[sure], cell))
+    group = np.flatnonzero(np.diff(cell[order], prepend=-1) | np.diff(points.drive[sure][order], prepend=-1))
+    pieces = [sure[rows] for rows in np.split(order, group[1:])]
+    of_cell: dict[int, list[Any]] = {}
+    for rows in pieces:
+        if len(rows) >= FEWEST:
+            of_cell.setdefault(int(pack(np.floor(points.xyz[rows[:1]] / WALL_M).astype(np.int64))[0]), []).append(points.xyz[rows])
+    found = [off for same in of_cell.values() for a, b in combinations(same, 2) if (off := wall_distance(a, b)) is not None]
+    return "–" if not found else "{:.1f}, {:.0f}".format(*(100 * np.percentile(found, (50, 95))))
+
+
+def wall_distance(a: Any, b: Any) -> float | None:
+    """m between the means of points a and b (n, 3) along the normal of the plane of a; None where that is no plane."""
+    _, spread, axes = np.linalg.svd(a - a.mean(axis=0))
+    flat = spread[2] < 0.2 * np.sqrt(len(a)) and spread[2] < 0.5 * spread[1]
+    return float(abs(axes[2] @ (b.mean(axis=0) - a.mean(axis=0)))) if flat else None
 
 
 def percent(hits: Any) -> str:
