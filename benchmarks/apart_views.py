@@ -1,6 +1,6 @@
 """Views of different cities, each falsely put where the other is: how many registrations are taken; all would be false.
 
-    python benchmarks/apart_views.py CITY=OUT [CITY=OUT ...] [--pairs N] [--spacing M] [--write]
+    python benchmarks/apart_views.py CITY=OUT [CITY=OUT ...] [--pairs N] [--spacing M] [--write NAME]
 
 OUT is what `wayloom process` left of a drive, CITY a name that drives of one city share. Views so far apart along the road are
 compared with those of drives of other cities, one pair of drives after the other, until there are so many pairs. A pair's prior
@@ -58,14 +58,14 @@ def main() -> None:
     parser.add_argument("drives", nargs="+", metavar="CITY=OUT")
     parser.add_argument("--pairs", type=int, default=10_000)
     parser.add_argument("--spacing", type=float, default=24.0)
-    parser.add_argument("--write", action="store_true")
+    parser.add_argument("--write", metavar="NAME", help="put the table between the marks of this name on the page")
     options = parser.parse_args()
     named = [one.partition("=")[::2] for one in options.drives]
     tallies = compared([(city, Path(out)) for city, out in named], options.pairs, options.spacing)
     text = "\n".join([HEAD, *(row(cities, tally) for cities, tally in sorted(tallies.items())), row(("all", ""), total(tallies))])
     print(text)
     if options.write:
-        put_between_marks(PAGE, "apart views", text)
+        put_between_marks(PAGE, options.write, text)
 
 
 def compared(drives: list[tuple[str, Path]], wanted: int, spacing_m: float) -> dict[tuple[str, str], Tally]:

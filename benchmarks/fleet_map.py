@@ -1,11 +1,11 @@
 """A simulated fleet through the stitch of the service, with truth; tables as docs/benchmarks/fleet_map.md has them.
 
-    python benchmarks/fleet_map.py OUT LOG [OUT LOG ...] [--write NAME]
+    python benchmarks/fleet_map.py OUT LOG [OUT LOG ...] [--write NAME] [--places FILE]
 
 OUT is what `wayloom process LOG --gnss LOG/gnss.csv`, or without GNSS, left of a drive, LOG the drive as simulated with truth; all
 of one city. Every drive goes through the gate of the service; those that it merges, and those that are held for their place, are
 registered with each other, placed, merged and cut into tiles, as the service does. Places are judged at the submaps' anchors
-against the truth.
+against the truth. `--places` keeps them, for `stitching.py accuracy --poses joined --places FILE`.
 """
 
 import argparse
@@ -62,6 +62,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="+", type=Path, metavar="OUT LOG")
     parser.add_argument("--write", metavar="NAME", help="put the tables between the marks of this name on the page")
+    parser.add_argument("--places", type=Path, metavar="FILE", help="npz of the submaps' places in the map, by drive")
     options = parser.parse_args()
     if len(options.folders) % 2:
         parser.error("give an OUT and a LOG for each drive")
@@ -69,13 +70,16 @@ def main() -> None:
     outs = {name_of(out, log): out for out, log in both}
     truth = {name_of(out, log): true_anchors(out, log) for out, log in both}
     with tempfile.TemporaryDirectory() as folder:
-        text = measured(Path(folder), outs, truth)
+        text, in_map = measured(Path(folder), outs, truth)
     print(text)
     if options.write:
         put_between_marks(PAGE, options.write, text)
+    if options.places:
+        kept = {log.name: in_map[name_of(out, log)] for out, log in both}
+        np.savez(options.places, **{f"{name}.{what}": a for name, p in kept.items() if p for what, a in zip("TC", p, strict=True)})
 
 
-def measured(folder: Path, outs: dict[str, Path], truth: dict[str, np.ndarray]) -> str:
+def measured(folder: Path, outs: dict[str, Path], truth: dict[str, np.ndarray]) -> tuple[str, dict[str, Places]]:
     context = make_context(WayloomSettings(data_dir=folder / "data"))
     upgrade(context.database)
     ids = {name: add(context, name, out) for name, out in outs.items()}
@@ -90,7 +94,7 @@ def measured(folder: Path, outs: dict[str, Path], truth: dict[str, np.ndarray]) 
     pairs = [pair_row((a, b), own, now, truth) for a, b in combinations(sorted(ids), 2)]
     refused = sum(facts["aligned"]["refused"].values())
     said = f"{facts['aligned']['meetings']} meetings, {refused} refused by the graph; {seconds:.0f} CPU s in all."
-    return "\n".join([said, "", HEAD, *rows, "", PAIR_HEAD, *(pair for pair in pairs if pair)])
+    return "\n".join([said, "", HEAD, *rows, "", PAIR_HEAD, *(pair for pair in pairs if pair)]), now
 
 
 def name_of(out: Path, log: Path) -> str:

@@ -4,8 +4,9 @@ python benchmarks/stitching.py speed [--drives 7,14,28,56]       made drives: wh
 python benchmarks/stitching.py accuracy OUT LOG [OUT LOG ...]    OUT of `wayloom process`, LOG simulated with --truth
 
 --poses true|own|joined: the true ones, those of each drive's own GNSS, or those after registration between the drives, by the city
-graph; --name NAME of the drives in the table's mark. Further: --json FILE, --write (the table of `accuracy` or `speed` into
-docs/benchmarks/stitching.md).
+graph, or, with --places FILE, those that `fleet_map.py --places FILE` left, where the gate of the service admits the drives; all of
+them where more are named. Drives without such a place are left out. --name NAME of the drives in the table's mark. Further:
+--json FILE, --write (the table of `accuracy` or `speed` into docs/benchmarks/stitching.md).
 """
 
 import argparse
@@ -14,6 +15,8 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +39,9 @@ from wayloom.georeference.types import GeoReference
 from wayloom.georeference.uncertainty import moved_covariance, moved_cross
 from wayloom.labelling.files import load_labels
 from wayloom.logs.registry import open_log
-from wayloom.logs.simulated_truth import FIRST_MOVER, open_truth
+from wayloom.logs.simulated_truth import FIRST_MOVER, has_truth, open_truth
 from wayloom.odometry.result.odometry_file import load_odometry
+from wayloom.pipeline.drive_quality import QUALITY_FILE, read_quality
 from wayloom.simulation.city.city import build_city
 from wayloom.simulation.city.city_settings import CitySettings
 from wayloom.simulation.models.catalogue import Models
@@ -45,7 +49,7 @@ from wayloom.simulation.recording.presets import CITY_ORIGIN
 from wayloom.stitching.grid import pack
 from wayloom.stitching.layer_names import STATIC
 from wayloom.stitching.merge import merge
-from wayloom.stitching.points import PERSONS, Box, canonical, map_points
+from wayloom.stitching.points import PERSONS, Box, MapPoints, canonical, map_points
 from wayloom.stitching.regions import STATIC_CLASSES, fuse_region, fused_points, regions_of
 from wayloom.stitching.settings import MergeSettings
 from wayloom.submaps.split import make_submaps
@@ -58,6 +62,10 @@ SEEN_M = 0.3
 """A drive saw a place where a sample of what its camera saw lies so near."""
 NEAR_M = 1.0
 """A drive measured a place where it has a point so near whose sigma makes planes."""
+WALL_M, FEWEST = 2.0, 8
+"""A piece of wall, and the points that a drive must have there."""
+MANY = 8
+"""Drives, from which on not every number of them is merged."""
 STREET_M, POINTS = 300.0, 12_000
 """Of a made drive; each street is driven by two."""
 
@@ -68,14 +76,23 @@ def main() -> None:
     parser.add_argument("what", nargs="?", default="speed", choices=("speed", "accuracy"))
     parser.add_argument("paths", nargs="*", type=Path)
     parser.add_argument("--drives", default="7,14,28,56")
-    parser.add_argument("--poses", choices=("true", "own", "joined"), default="true")
+    parser.add_argument("--poses", default="true", help="true, own or joined, or several of them with commas between")
+    parser.add_argument("--places", type=Path, help="of fleet_map.py, for the joined ones")
     parser.add_argument("--name", default="", help="of the drives in the table's mark")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
-    rows = speed([int(n) for n in options.drives.split(",")]) if options.what == "speed" else accuracy(options.paths, options.poses)
-    name = " ".join(filter(None, (options.what, "" if options.what == "speed" else options.poses, options.name)))
-    print(table(rows))
+    if options.what == "speed":
+        show("speed", speed([int(n) for n in options.drives.split(",")]), options)
+        return
+    for poses in options.poses.split(","):
+        rows = accuracy(options.paths, poses, options.places)
+        show(" ".join(filter(None, ("accuracy", poses, options.name))), rows, options)
+
+
+def show(name: str, rows: list[dict[str, Any]], options: argparse.Namespace) -> None:
+    """Print a table, and write it where asked."""
+    print(table(rows), flush=True)
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1) + "\n")
     if options.write:
@@ -171,21 +188,20 @@ def seconds(work: Callable[[], object]) -> float:
 
 @dataclass(frozen=True)
 class Member:
-    """A drive: its submaps, the true class and instance of each of their points by digest, what its camera saw, where it has points
-    sure enough for a plane, and its track."""
+    """A drive: its submaps, the true class and instance of each of their points by digest, what its camera saw, and where it has
+    points sure enough for a plane."""
 
     placed: list[PlacedSubmap]
     truth: dict[str, tuple[Any, Any]]
     seen: cKDTree
     points: cKDTree
-    track: Any
 
 
 def member_of(out: Path, log_path: Path, poses: str) -> Member:
     """Read a processed drive and its truth, in the city's frame."""
     log, truth, stages = open_log(log_path), open_truth(log_path), out / "stages"
     odometry = load_odometry(stages / "odometry" / "odometry.npz")
-    if poses == "true":
+    if poses != "own":  # those of the map come later
         sure = np.tile(np.eye(6) * 1e-6, (len(truth), 1, 1))
         geo = GeoReference(CITY_ORIGIN, truth.T_enu_cam.copy(), sure)
     else:
@@ -205,7 +221,7 @@ def member_of(out: Path, log_path: Path, poses: str) -> Member:
             classes[rows], instances[rows] = truth.class_id(frame)[v, u], truth.instance(frame)[v, u]
         points[submap.digest] = classes, instances
     seen = cKDTree(truth.surface().points_enu)
-    return Member(placed, points, seen, cKDTree(sure_points(placed)), truth.T_enu_cam[::5, :3, 3])
+    return Member(placed, points, seen, cKDTree(sure_points(placed)))
 
 
 def sure_points(placed: Sequence[PlacedSubmap]) -> Any:
@@ -213,19 +229,51 @@ def sure_points(placed: Sequence[PlacedSubmap]) -> Any:
     return np.concatenate([item.points_enu()[item.submap.variance <= SETTINGS.surface_sigma_m**2] for item in placed])
 
 
-def accuracy(paths: Sequence[Path], poses: str) -> list[dict[str, Any]]:
-    """Each drive alone, and the first two, three, … together."""
-    members = [member_of(out, log, poses) for out, log in zip(paths[::2], paths[1::2], strict=True)]
-    if poses == "joined":
-        placed = joined(paths[::2], [member.placed for member in members])
-        members = [
-            replace(member, placed=items, points=cKDTree(sure_points(items))) for member, items in zip(members, placed, strict=True)
-        ]
-    city = json.loads((paths[1].parent / "simulation.json").read_text())["preset"]["city"]
-    track = np.concatenate([member.track for member in members])
-    facades = true_surfaces(build_city(CitySettings(**city), Models()), track, 70.0, (BUILDING,))
-    alone = [judged([member], facades, member.placed[0].drive_id) for member in members]
-    return alone + [judged(members[:n], facades, f"the first {n}") for n in range(2, len(members) + 1)]
+def accuracy(paths: Sequence[Path], poses: str, places: Path | None) -> list[dict[str, Any]]:
+    """Each drive alone, and the first two, three, … together; of many the first 2, 4, 8, … and all."""
+    both = list(zip(paths[::2], paths[1::2], strict=True))
+    if poses == "own":
+        both = [(out, log) for out, log in both if has_place(out)]
+    members = [member_of(out, log, "own" if poses == "joined" and places is None else poses) for out, log in both]
+    if poses == "joined" and places is None:
+        found = joined([out for out, _ in both], [member.placed for member in members])
+        members = [moved(member, items) for member, items in zip(members, found, strict=True)]
+    elif poses == "joined":
+        members = in_the_map(members, places)
+    count = len(members)
+    alone = [judged([member], facades_of(paths[1].parent), member.placed[0].drive_id) for member in members]
+    several = range(2, count + 1) if count <= MANY else sorted({2**k for k in range(1, count.bit_length())} | {count})
+    return alone + [judged(members[:n], facades_of(paths[1].parent), f"the first {n}") for n in several]
+
+
+def has_place(out: Path) -> bool:
+    """Whether a drive's own GNSS places it."""
+    return bool(read_quality(out / "stages" / "georeference" / QUALITY_FILE)["placed"])
+
+
+def moved(member: Member, placed: list[PlacedSubmap]) -> Member:
+    """The drive with its submaps elsewhere."""
+    return replace(member, placed=placed, points=cKDTree(sure_points(placed)))
+
+
+def in_the_map(members: Sequence[Member], places: Path) -> list[Member]:
+    """Those of the drives that are in the map, where it has them."""
+    out = []
+    with np.load(places) as archive:
+        for member in members:
+            name = member.placed[0].drive_id
+            if f"{name}.T" in archive:
+                at = zip(member.placed, archive[f"{name}.T"], archive[f"{name}.C"], strict=True)
+                out.append(moved(member, [replace(item, T_enu_submap=T, covariance=C) for item, T, C in at]))
+    return out
+
+
+@cache
+def facades_of(city: Path) -> TrueSurfaces:
+    """The true facades along all drives of a simulated city."""
+    settings = json.loads((city / "simulation.json").read_text())["preset"]["city"]
+    track = np.concatenate([open_truth(log).T_enu_cam[::5, :3, 3] for log in sorted(city.iterdir()) if has_truth(log)])
+    return true_surfaces(build_city(CitySettings(**settings), Models()), track, 70.0, (BUILDING,))
 
 
 def judged(members: Sequence[Member], facades: TrueSurfaces, name: str) -> dict[str, Any]:
@@ -262,8 +310,32 @@ def judged(members: Sequence[Member], facades: TrueSurfaces, name: str) -> dict[
         "facade voxels: the same": stated(errors),
         "% > 15 cm by 1, 2, 3+ drives": ", ".join(f"{100 * (e > 0.15).mean():.1f}" if len(e) else "–" for e in several),
         "% voxels by 2+ drives; where 2+ saw; where 2+ saw and measured": "; ".join(percent(v) for v in votes) if many else "–",
+        "apart on the same wall: median, p95 cm": apart_on_walls(points, before) if many else "–",
         "labels of equal points: own → map, %": f"{100 * (own == true).mean():.2f} → {100 * (new == true).mean():.2f}",
     }  # fmt: skip
+
+
+def apart_on_walls(points: MapPoints, wall: Any) -> str:
+    """How far apart two drives have the same piece of wall: of cubes of WALL_M in which both have FEWEST sure points, the distance
+    of the means along the normal of the first one's plane."""
+    sure = np.flatnonzero(wall & (points.sigma2 <= SETTINGS.surface_sigma_m**2))
+    cell = pack(np.floor(points.xyz[sure] / WALL_M).astype(np.int64))
+    order = np.lexsort((points.drive[sure], cell))
+    group = np.flatnonzero(np.diff(cell[order], prepend=-1) | np.diff(points.drive[sure][order], prepend=-1))
+    pieces = [sure[rows] for rows in np.split(order, group[1:])]
+    of_cell: dict[int, list[Any]] = {}
+    for rows in pieces:
+        if len(rows) >= FEWEST:
+            of_cell.setdefault(int(pack(np.floor(points.xyz[rows[:1]] / WALL_M).astype(np.int64))[0]), []).append(points.xyz[rows])
+    found = [off for same in of_cell.values() for a, b in combinations(same, 2) if (off := wall_distance(a, b)) is not None]
+    return "–" if not found else "{:.1f}, {:.0f}".format(*(100 * np.percentile(found, (50, 95))))
+
+
+def wall_distance(a: Any, b: Any) -> float | None:
+    """m between the means of points a and b (n, 3) along the normal of the plane of a; None where that is no plane."""
+    _, spread, axes = np.linalg.svd(a - a.mean(axis=0))
+    flat = spread[2] < 0.2 * np.sqrt(len(a)) and spread[2] < 0.5 * spread[1]
+    return float(abs(axes[2] @ (b.mean(axis=0) - a.mean(axis=0)))) if flat else None
 
 
 def percent(hits: Any) -> str:

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from wayloom.geometry import se3
 from wayloom.logs.types import ImuTrack, StereoFrame
+from wayloom.odometry.backend.stereo_scale import SpanScale, StereoScale
+from wayloom.odometry.backend.window import Window
 from wayloom.odometry.odometry import track
 from wayloom.odometry.settings import ImuSettings, OdometrySettings
 from wayloom.odometry.types import OdometryResult
@@ -133,3 +135,15 @@ def test_a_clock_that_is_off_is_put_right_by_the_setting(log: ImuLog, result: Od
     assert right["started_s"] == result.report["imu"]["started_s"]
     np.testing.assert_allclose(right["gravity_world_m_s2"], result.report["imu"]["gravity_world_m_s2"], atol=0.005)
     assert not wrong["started_s"] or wrong["started_s"][0] > 2 * right["started_s"][0]  # what it feels does not fit what is seen
+
+
+def test_static_stereo_is_asked_only_until_the_imu_is_in_use(log: ImuLog, monkeypatch: pytest.MonkeyPatch) -> None:
+    def off(_self: StereoScale, window: Window, *_: object) -> SpanScale:
+        return SpanScale(int(window.keyframe[-2]), int(window.keyframe[-1]), way_m=1.0, log_scale=0.3, sigma=0.01, votes=50)
+
+    monkeypatch.setattr(StereoScale, "measure", off)
+    drive = track(ImuLog(log.truth[:60], imu=log.imu))
+    frames = drive.keyframes.frame
+    until = (frames > 0) & (0.1 * frames <= drive.report["imu"]["started_s"][0] + 1e-6)
+    assert 0 < until.sum() < len(frames) - 1
+    assert drive.report["doubted_steps"] == until.sum()

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.odometry.backend import ablation, adjustment, marginalisation, steps, window
+from wayloom.odometry.backend.inertial import is_inertial
+from wayloom.odometry.backend.stereo_scale import StereoScale
 from wayloom.odometry.backend.visual_inertial import VisualInertial
 from wayloom.odometry.kernels.arrays import Robust
 from wayloom.odometry.kernels.linear import orthonormalise
@@ -52,6 +54,7 @@ class Mapper:
         self.robust = Robust(settings.huber, settings.max_energy, settings.static_weight, settings.observer_right_weight)
         self.cell = selection.first_cell((rig.camera.height, rig.camera.width), settings.candidates)
         self.window = self._empty_window(0.0, settings.bias_prior)
+        self.stereo_scale = StereoScale()
 
     @property
     def disparity_bias(self) -> float:
@@ -130,6 +133,7 @@ class Mapper:
             self.window, pair, self.rig, self.robust, self.cell, self.builder.next_point, self.settings, self.stopwatch
         )  # fmt: skip
         self.builder.next_point, self.cell = activated.next_id, activated.cell
+        self.stereo_scale.add(int(self.window.keyframe[-1]), activated.witnesses)
         with self.stopwatch("rows"):
             self.right_rectifier.follow(pair.left, pair.right, activated.pixels, activated.disparity)
 
@@ -146,8 +150,18 @@ class Mapper:
             adjustment.cull(self.window)
             if self.window.hold_disparity_bias and adjustment.bias_is_significant(self.window, s.grey_sigma, s.bias_gate):
                 self.window.hold_disparity_bias = False
+        with self.stopwatch("scale"):
+            self._judge_scale()
         with self.stopwatch("trace"):
             self.builder.observations.append(immature.trace(self.window, self.rig, self.robust))
+
+    def _judge_scale(self) -> None:
+        """Doubt the steps of the window where static stereo denies its motion; an IMU knows better whether the car did that."""
+        if is_inertial(self.window.inertial):
+            return
+        span = self.stereo_scale.measure(self.window, self.rig, self.robust)
+        if span is not None and span.is_off:
+            self.builder.doubt_steps(span.first, span.last, span.step_variance)
 
     def _marginalise_one(self) -> None:
         """One keyframe leaves the window, with its points and those out of sight."""

@@ -157,6 +157,7 @@ class Odometry:
             "activated_points": self.builder.next_point,
             "segments": [{"first_frame": a, "last_frame": b - 1} for a, b in zip(starts, ends, strict=False)],
             "losses": self.losses,
+            "doubted_steps": sum(row.along_variance > 0.0 for row in self.builder.keyframes),
             "disparity_bias_px": disparity_bias,
             "row_coefficients_px": [float(c) for c in right_rectifier.coefficients],
             "rows_off_px": right_rectifier.worst_px(),

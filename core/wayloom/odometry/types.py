@@ -41,7 +41,9 @@ class Keyframes:
     segment      (K,) int32
     step_covariance  (K, 6, 6) float32 of the step T_before_cam from the keyframe before: of xi = (v, omega), m and rad, of
                  exp(xi) T_before_cam, in the axes of the camera before, as the window knew it when the keyframe came in
-                 (`wayloom.odometry.backend.steps`). NaN where it is not known: at the first of a segment; everywhere by default
+                 (`wayloom.odometry.backend.steps`), wider along its way where static stereo denies the window's motion
+                 (`wayloom.odometry.backend.stereo_scale`). NaN where it is not known: at the first of a segment; everywhere by
+                 default
     """
 
     frame: NDArray[np.int32]

@@ -49,7 +49,8 @@ def made_part(truth: F64, part: DrivePart, every: int, seed: int = 0) -> Odometr
         rng.random(n) < 0.5,
     )  # fmt: skip
     report = {
-        "frames": len(part), "tracked": len(part), "activated_points": 2 * n, "losses": [], "imu": None, "disparity_bias_px": 0.1,
+        "frames": len(part), "tracked": len(part), "activated_points": 2 * n, "losses": [], "doubted_steps": 0, "imu": None,
+        "disparity_bias_px": 0.1,
         "seconds": {"track": 1.0},
     }  # fmt: skip
     t_ns, no_segment = (part.first + np.arange(len(part))) * 100_000_000, np.zeros(len(part), np.int32)

@@ -171,6 +171,7 @@ def _joined_report(
         "activated_points": sum(report["activated_points"] for report in reports),
         "segments": [{"first_frame": a, "last_frame": b - 1} for a, b in pairwise(starts)],
         "losses": _losses(placed, reports, cuts),
+        "doubted_steps": sum(report["doubted_steps"] for report in reports),
         "imu": _joined_imu(placed, heads),
         "parts": [
             {"first_frame": p.part.first, "last_frame": p.part.stop - 1, "disparity_bias_px": report["disparity_bias_px"]}

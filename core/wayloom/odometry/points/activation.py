@@ -17,6 +17,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Image = NDArray[np.uint8]
+WITNESSES = 160
+"""Points of a keyframe, at most, whose depths by static stereo judge the window's motion later on (`backend.stereo_scale`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +52,14 @@ class RectifiedPair:
 
 @dataclass(frozen=True, slots=True)
 class ActivationResult:
-    """What activating points ends in: the next free number, the cell size px for the next keyframe, and the static matches, pixels
-    (n, 2) and disparities (n,) px."""
+    """What activating points ends in: the next free number, the cell size px for the next keyframe, the static matches, pixels
+    (n, 2) and disparities (n,) px, and at most WITNESSES of them, as points of the newest keyframe."""
 
     next_id: int
     cell: float
     pixels: IntArray
     disparity: FloatArray
+    witnesses: PointColumns
 
 
 def stereo_candidates(
@@ -99,6 +102,8 @@ def activate_points(
     ripe = waiting[(now.immature.traced[waiting] > 0) & free(pair.left.shape, uv_live, uv_waiting)]
     ripe = ripe[selection.spread_sample(now.immature.points.uv[ripe].astype(np.int64), int(s.traced_share * room), s.seed)]
     known = np.flatnonzero(immature.known(fresh))
+    witnesses = known[selection.spread_sample(fresh.points.uv[known].astype(np.int64), WITNESSES, s.seed)]
+    by_stereo = window.chosen(fresh.points, witnesses)
     live = known[selection.spread_sample(fresh.points.uv[known].astype(np.int64), room - len(ripe), s.seed)]
     window.add_points(
         now, window.joined(window.chosen(now.immature.points, ripe), window.chosen(fresh.points, live)),
@@ -107,7 +112,8 @@ def activate_points(
     immature.keep(now, np.isin(np.arange(len(now.immature.id)), ripe, invert=True))
     immature.add(now, immature.part(fresh, np.setdiff1d(np.arange(len(fresh.id)), live)))
     wanted = max(room, s.matched_points)
-    return ActivationResult(next_id + len(rows), selection.next_cell(cell, len(known), wanted), pixels[matched], disparity[matched])
+    next_cell = selection.next_cell(cell, len(known), wanted)
+    return ActivationResult(next_id + len(rows), next_cell, pixels[matched], disparity[matched], by_stereo)
 
 
 def seen(now: Window, points: PointColumns, rig: Rig, border: float) -> tuple[FloatArray, IntArray]:

@@ -24,13 +24,15 @@ CENTRE = 4
 
 @dataclass(slots=True)
 class KeyframeRow:
-    """A keyframe as last estimated; affine (4,) a_left, b_left, a_right, b_right; step_covariance (6, 6), NaN while unknown."""
+    """A keyframe as last estimated; affine (4,) a_left, b_left, a_right, b_right; step_covariance (6, 6), NaN while unknown, and
+    beside it along_variance, m^2, of the step along its own direction."""
 
     frame: int
     segment: int
     T_cam_world: FloatArray
     affine: FloatArray
     step_covariance: FloatArray = field(default_factory=lambda: np.full((6, 6), np.nan))
+    along_variance: float = 0.0
 
 
 @dataclass(slots=True)
@@ -106,6 +108,11 @@ class ResultBuilder:
         """Note the covariance (6, 6) of the step to the newest keyframe."""
         self.keyframes[-1].step_covariance = covariance
 
+    def doubt_steps(self, first: int, last: int, along_variance: float) -> None:
+        """The steps from keyframe `first` to keyframe `last` may err along their way by this variance (m^2) each, at least."""
+        for row in self.keyframes[first + 1 : last + 1]:
+            row.along_variance = max(row.along_variance, along_variance)
+
     def add_observations(self, window: Window, mask: BoolArray, rig: Rig, robust: Robust, targets: list[int]) -> None:
         """Note in which frames `targets` of the window the points in mask (N,) are inliers, and by which images."""
         out = np.empty((len(mask) * len(targets), 3), np.int64)
@@ -145,13 +152,22 @@ class ResultBuilder:
     def final_keyframes(self) -> Keyframes:
         """Every keyframe's final estimate."""
         rows = self.keyframes
+        T_world_cam = se3.inverse(np.array([row.T_cam_world for row in rows]).reshape(-1, 4, 4))
         return Keyframes(
             np.array([row.frame for row in rows], np.int32),
-            se3.inverse(np.array([row.T_cam_world for row in rows]).reshape(-1, 4, 4)),
+            T_world_cam,
             np.array([row.affine for row in rows]).reshape(-1, 4),
             np.array([row.segment for row in rows], np.int32),
-            np.array([row.step_covariance for row in rows], np.float32).reshape(-1, 6, 6),
+            self._step_covariances(T_world_cam),
         )
+
+    def _step_covariances(self, T_world_cam: FloatArray) -> NDArray[np.float32]:
+        """(K, 6, 6) of `Keyframes.step_covariance`, what is doubted of steps between the poses T_world_cam (K, 4, 4) in it."""
+        out = np.array([row.step_covariance for row in self.keyframes]).reshape(-1, 6, 6)
+        for k in [k for k, row in enumerate(self.keyframes) if k and row.along_variance > 0.0]:
+            t = (se3.inverse(T_world_cam[k - 1]) @ T_world_cam[k])[:3, 3]
+            out[k, :3, :3] += self.keyframes[k].along_variance * np.outer(t, t) / max(float(t @ t), 1e-12)
+        return out.astype(np.float32)
 
     def decide_points(self, point_filter: PointFilter, alive: NDArray[np.int64], segment: int | None) -> None:
         """Decide which of the points that left are kept, and forget what was known of them.
