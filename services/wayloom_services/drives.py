@@ -201,7 +201,7 @@ def _missing(service: Service, session: Session, drive_id: str) -> list[MissingF
     """The missing files, each with the unfinished upload that is furthest."""
     furthest: dict[str, tuple[int, str]] = {}
     for upload in uploads.unfinished(session, drive_id):
-        size = uploads.part(service.folders, upload.id).size()
+        size = uploads.stored_bytes(service.folders, upload)
         furthest[upload.path] = max(furthest.get(upload.path, (0, "")), (size, f"/v1/uploads/{upload.id}"))
     files = drives.missing_files(session, drive_id)
     return [

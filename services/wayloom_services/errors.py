@@ -28,6 +28,7 @@ STATUS_OF: Final[dict[type[errors.WayloomError], int]] = {
     errors.WithdrawnError: 410,
     errors.OffsetConflictError: 409,
     errors.ConflictError: 409,
+    errors.ChecksumMismatchError: 460,
     errors.LeaseLostError: 409,
     errors.ConfigError: 500,
     errors.InputError: 400,
