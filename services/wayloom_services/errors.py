@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from wayloom import errors
+from wayloom.store.manifest_text import ManifestTextError, TooManyFilesError
 
 log = structlog.get_logger()
 MEDIA_TYPE: Final = "application/problem+json"
@@ -30,6 +31,7 @@ STATUS_OF: Final[dict[type[errors.WayloomError], int]] = {
     errors.ConflictError: 409,
     errors.ChecksumMismatchError: 460,
     errors.LeaseLostError: 409,
+    TooManyFilesError: 413,
     errors.ConfigError: 500,
     errors.InputError: 400,
     errors.StageError: 500,
@@ -76,6 +78,7 @@ def install(app: FastAPI) -> None:
     """Make every error of the application a problem."""
     app.add_exception_handler(ProtocolError, _protocol)
     app.add_exception_handler(errors.WayloomError, _wayloom)
+    app.add_exception_handler(ManifestTextError, _no_manifest)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(RequestValidationError, _malformed)
     app.add_exception_handler(Exception, _unforeseen)
@@ -90,6 +93,11 @@ async def _wayloom(_request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, errors.WayloomError)
     status = next(STATUS_OF[kind] for kind in type(error).__mro__ if kind in STATUS_OF)
     return problem(status, error.code, str(error))
+
+
+async def _no_manifest(_request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, ManifestTextError)
+    return problem(422, error.code, str(error), errors=error.found)
 
 
 async def _http(_request: Request, error: Exception) -> JSONResponse:

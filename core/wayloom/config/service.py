@@ -42,6 +42,11 @@ class ServiceSettings(Settings):
     sweep_s: float = Field(2.0, gt=0.05, description="seconds between two looks of the sweeper")
     resend_s: float = Field(10.0, gt=0.1, description="seconds after which a queued job that nobody has taken is sent again")
     max_attempts: int = Field(3, ge=1, le=20, description="attempts of one stage before the drive fails")
+    max_losses: int = Field(
+        20, ge=1, le=1000, description="workers that may be lost over one stage, whatever the reason, before it is quarantined"
+    )
+    retry_first_s: float = Field(5.0, gt=0, description="seconds before a failed stage is tried again; twice as long each time")
+    retry_longest_s: float = Field(600.0, gt=0, description="longest pause before a failed stage is tried again, seconds")
 
     max_file_bytes: int = Field(64 * 2**30, gt=0, description="largest file of a drive, bytes")
     max_drive_files: int = Field(200_000, gt=0, description="most files of a drive")
