@@ -32,7 +32,7 @@ from wayloom_services.schemas import (
 )  # fmt: skip
 from wayloom_services.views import drives_out, run_detail
 
-PROBLEMS: dict[int | str, dict[str, Any]] = {404: {"model": Problem}, 409: {"model": Problem}, 401: {"model": Problem}}
+PROBLEMS: dict[int | str, dict[str, Any]] = {status: {"model": Problem} for status in (400, 401, 404, 408, 409, 422)}
 NOTHING_ELSE: Final = ReprocessIn()
 GO_ON: Final = RetryIn(stage=None)
 DriveId = Annotated[str, Path(pattern="^[0-9a-f]{64}$")]

@@ -7,9 +7,11 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
+from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 
 from wayloom import errors
+from wayloom.store.blobs import BlobError
 from wayloom.store.manifest_text import ManifestTextError, TooManyFilesError
 
 log = structlog.get_logger()
@@ -44,6 +46,7 @@ CODE_OF_STATUS: Final = {
     400: "bad-request",
     401: "unauthorized",
     404: "not-found",
+    408: "too-slow",
     405: "method-not-allowed",
     413: "too-large",
     422: "malformed-request",
@@ -81,6 +84,8 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(ManifestTextError, _no_manifest)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(RequestValidationError, _malformed)
+    app.add_exception_handler(OperationalError, _away)
+    app.add_exception_handler(BlobError, _away)
     app.add_exception_handler(Exception, _unforeseen)
 
 
@@ -111,6 +116,12 @@ async def _malformed(_request: Request, error: Exception) -> JSONResponse:
     found = [{"where": ".".join(str(part) for part in one["loc"]), "what": str(one["msg"])} for one in error.errors()[:20]]
     first = found[0] if found else {"where": "request", "what": "malformed"}
     return problem(422, "malformed-request", f"{first['where']}: {first['what']}", errors=found)
+
+
+async def _away(request: Request, error: Exception) -> JSONResponse:
+    what = "database" if isinstance(error, OperationalError) else "object store"
+    log.warning("a part of the service is away", what=what, path=request.url.path, error=str(error))
+    return problem(503, "away", f"the {what} does not answer: try again", {"Retry-After": "5"})
 
 
 async def _unforeseen(request: Request, error: Exception) -> JSONResponse:

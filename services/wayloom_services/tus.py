@@ -7,6 +7,7 @@ When a file is whole, its SHA-256 must be the manifest's.
 
 import shutil
 import time
+from typing import Any
 
 from fastapi import APIRouter, Depends, Request, Response
 
@@ -14,7 +15,7 @@ from wayloom.errors import ChecksumMismatchError, OffsetConflictError
 from wayloom.store import uploads
 from wayloom.store.tables import Upload
 from wayloom_services.context import Service, ServiceDep, require_key
-from wayloom_services.errors import ProtocolError
+from wayloom_services.errors import Problem, ProtocolError
 from wayloom_services.tus_body import checks_of, complete, forget, receive
 from wayloom_services.tus_headers import (
     CHECKSUMS,
@@ -28,7 +29,10 @@ from wayloom_services.tus_headers import (
     metadata,
 )
 
-router = APIRouter(prefix="/v1/uploads", tags=["uploads"], dependencies=[Depends(require_key)])
+PROBLEMS: dict[int | str, dict[str, Any]] = {
+    status: {"model": Problem} for status in (400, 401, 404, 408, 409, 410, 412, 413, 415, 423, 460, 507)
+}
+router = APIRouter(prefix="/v1/uploads", tags=["uploads"], dependencies=[Depends(require_key)], responses=PROBLEMS)
 _BODY = {"requestBody": {"content": {CONTENT_TYPE: {"schema": {"type": "string", "format": "binary"}}}, "required": False}}
 
 

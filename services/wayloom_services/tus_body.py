@@ -17,8 +17,6 @@ from wayloom_services.locks import Hold
 from wayloom_services.tus_headers import CHECKSUMS, checksum, pieces
 
 BUFFER: Final = 1 << 20
-PATIENCE_S: Final = 60.0
-"""How long a body may pause."""
 PROLONG_S: Final = 60.0
 """How often the expiry of an upload is put off while its bytes come; a quarter of the expiry where that is less."""
 Checks = Pieces | tuple[str, bytes] | None
@@ -89,7 +87,7 @@ async def _pour(request: Request, service: Service, upload: Upload, arrival: Arr
         await service.in_thread(lambda: arrival.take(content))
 
     try:
-        async for chunk in hold.chunks(request.stream(), PATIENCE_S):
+        async for chunk in hold.chunks(request.stream(), service.settings.body_pause_s):
             come += len(chunk)
             if come > room:
                 raise ProtocolError(413, "too-large", f"the chunk has more than the {room} bytes that the file lacks")

@@ -1,7 +1,7 @@
 """Real but small stages for the tests of the service: they take a moment, leave files, and write down that they ran.
 
 The drive says what shall happen: its `log/play.json` names for each stage its `seconds`, `fail` (how many attempts), `full` (how
-often the disk is), `crash`, or `bad`; for the drive its `grade` (A), or
+often the disk is), `crash`, `hang`, `hoard` (bytes), or `bad`; for the drive its `grade` (A), or
 `placed` false. A map job waits as long as there is a file `stitch-waits` in the data folder.
 """
 
@@ -52,6 +52,10 @@ def run(attempt: StageAttempt) -> None:
         raise LogError(
             "is damaged", file=attempt.context.folders.root / "drives" / "left.png", record="line 1", remedy="record it again"
         )
+    if play.get("hang"):
+        time.sleep(1000)
+    if play.get("hoard"):
+        bytearray(play["hoard"])
     if play.get("crash"):
         os.abort()
     if begun(attempt) <= play.get("full", 0):

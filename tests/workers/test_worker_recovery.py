@@ -207,15 +207,31 @@ def test_a_full_disk_and_killed_workers_use_up_no_attempt(up: Up, tmp_path: Path
     api = up.api()
     play = {"odometry": {"full": 4}, "labelling": {"seconds": 1.0}}
     drive_id = upload(api, packed_drive(tmp_path / "a", "full", play))["id"]
+    killed: set[str] = set()
+
+    def at_work() -> set[str]:
+        return {run[3] for run in up.runs() if run[:2] == ["start", "labelling"] and run[4] == drive_id} - killed
+
     for lost in range(4):
-        until(lambda: stage(api, drive_id, "labelling")["state"] == "running")
-        ours = [run[3] for run in up.runs() if run[:2] == ["start", "labelling"] and run[4] == drive_id]
-        Up.kill_process(int(ours[-1]))
+        (pid,) = until(at_work)
+        killed.add(pid)
+        Up.kill_process(int(pid))
         until(lambda lost=lost: len(stage(api, drive_id, "labelling")["losses"]) == lost + 1)
     drive = wait_for_drive(api, drive_id)
     assert drive["state"] == "done"
     assert {one["attempt"] for one in drive["stages"]} == {1}
     assert starts(up, drive_id)["odometry"] == 5
+
+
+def test_a_stage_that_takes_too_long_or_too_much_memory_fails_and_says_so(tmp_path: Path) -> None:
+    limits = {"WAYLOOM_STAGE_LIMIT_S": "2", "WAYLOOM_STAGE_MEMORY_BYTES": str(4 << 30), "WAYLOOM_MAX_ATTEMPTS": "1"}
+    with service(tmp_path / "data", **limits) as up:
+        api = up.api()
+        hangs = wait_for_drive(api, upload(api, packed_drive(tmp_path / "a", "hangs", {"odometry": {"hang": True}}))["id"])
+        assert (hangs["state"], "longer than 2 s" in hangs["error"]) == ("failed", True)
+        hoards = wait_for_drive(api, upload(api, packed_drive(tmp_path / "b", "hoards", {"odometry": {"hoard": 8 << 30}}))["id"])
+        assert (hoards["state"], "MemoryError" in hoards["error"]) == ("failed", True)
+        assert wait_for_drive(api, upload(api, packed_drive(tmp_path / "c", "good"))["id"])["state"] == "done"
 
 
 def test_a_drive_is_cancelled_and_begun_again_at_a_stage_that_was_done(up: Up, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import errno
 import faulthandler
 import os
+import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,6 +29,8 @@ MACHINE_ERRORS: Final = {
 }
 OWN_SHARE: Final = 0.25
 """Share of the machine's memory from which on a stage that gets no more is itself to blame."""
+CROWDED_SHARE: Final = 0.1
+"""Share of the machine's memory below which what is free is too little for anybody."""
 
 
 def of_the_machine(error: BaseException) -> str | None:
@@ -38,7 +41,7 @@ def of_the_machine(error: BaseException) -> str | None:
             return "the database does not answer"
         if isinstance(seen, BlobError):
             return "the object store does not answer"
-        if isinstance(seen, MemoryError) and _memory_share() < OWN_SHARE:
+        if isinstance(seen, MemoryError) and _others_hold_the_memory():
             return MACHINE_ERRORS[errno.ENOMEM]
         if isinstance(seen, OSError) and (words := MACHINE_ERRORS.get(seen.errno or 0)) is not None:
             return words
@@ -46,13 +49,23 @@ def of_the_machine(error: BaseException) -> str | None:
     return None
 
 
-def _memory_share() -> float:
-    """Of the machine's memory, the share that this process holds; 1 where the system does not say."""
+def _others_hold_the_memory() -> bool:
+    """Whether the machine has hardly any memory left, and this process holds little of it; False where the system does not say."""
     try:
-        resident = int(Path("/proc/self/statm").read_text().split()[1])
-        return resident / os.sysconf("SC_PHYS_PAGES")
-    except (OSError, ValueError):
-        return 1.0
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        found = {name: int(value.split()[0]) << 10 for name, _, value in (line.partition(":") for line in lines)}
+        own = int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        return found["MemAvailable"] < CROWDED_SHARE * found["MemTotal"] and own < OWN_SHARE * found["MemTotal"]
+    except (OSError, ValueError, KeyError):
+        return False
+
+
+def limit_memory(most: int) -> None:
+    """Let this process hold no more than so many bytes of its own; a stage that wants more gets MemoryError, and nobody else's
+    process is killed for it. 0: as much as there is."""
+    if most:
+        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+        resource.setrlimit(resource.RLIMIT_DATA, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 
 
 def attempt_folder(folders: Folders, held: Claim) -> Path:

@@ -1,5 +1,6 @@
 """Heartbeat of a running job: a thread that prolongs its lease and reports its progress."""
 
+import os
 import threading
 import time
 from types import TracebackType
@@ -9,10 +10,12 @@ import structlog
 
 from wayloom.errors import LeaseLostError, WayloomError
 from wayloom.store.database import DatabaseError
-from wayloom.store.jobs import Claim, heartbeat
+from wayloom.store.jobs import Claim, fail, heartbeat
 from wayloom.store.sweep import STOPPING
 from wayloom_workers.stage_hooks import WorkerContext
 
+TOO_LONG: Final = 75
+"""Exit status of a worker whose stage took too long."""
 STOP_LOOK_S: Final = 0.1
 log = structlog.get_logger()
 stop_requested = threading.Event()
@@ -65,10 +68,25 @@ class Heartbeat:
                 return True
         return self._over.is_set()
 
+    def _end_process(self, limit_s: float, max_attempts: int) -> None:
+        """The stage takes too long. Compiled code cannot be interrupted, so the process ends, and another takes its place."""
+        error = f"took longer than {limit_s:g} s, the limit of a stage, at {self._share:.0%} {self._what}".strip()
+        try:
+            with self._context.database.write() as session:
+                fail(session, self._held, error, final=self._held.attempt >= max_attempts)
+        except (LeaseLostError, DatabaseError) as lost:
+            log.warning("the stage is ended without a word", error=str(lost))
+        log.error("stage ended", error=error)
+        os._exit(TOO_LONG)
+
     def _beat(self) -> None:
         settings = self._context.settings
-        good_until = time.monotonic() + settings.lease_s
+        started = time.monotonic()
+        good_until = started + settings.lease_s
         while not self._pause(settings.heartbeat_s):
+            if time.monotonic() - started > settings.stage_limit_s:
+                self._end_process(settings.stage_limit_s, settings.max_attempts)
+                return
             try:
                 self._stop_is_told = stop_requested.is_set()
                 what = STOPPING if self._stop_is_told else self._what

@@ -9,6 +9,7 @@ from pathlib import Path, PurePosixPath
 
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
+from wayloom.files.regular import open_regular
 from wayloom.logs.registry import open_log
 from wayloom.logs.types import DriveLog
 from wayloom.store.manifest import Manifest, ManifestFile
@@ -92,7 +93,7 @@ def _hashed(sources: dict[str, Path], progress: Progress) -> tuple[ManifestFile,
 def hash_file(path: Path) -> tuple[int, str]:
     """Bytes and SHA-256 of a file. Raises LogError."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return os.fstat(file.fileno()).st_size, hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise LogError(f"cannot be read ({error.strerror})", file=path, remedy="check the file") from None
