@@ -7,11 +7,11 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
-from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 
 from wayloom import errors
 from wayloom.store.blobs import BlobError
+from wayloom.store.database import DatabaseAwayError
 from wayloom.store.manifest_text import ManifestTextError, TooManyFilesError
 
 log = structlog.get_logger()
@@ -84,7 +84,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(ManifestTextError, _no_manifest)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(RequestValidationError, _malformed)
-    app.add_exception_handler(OperationalError, _away)
+    app.add_exception_handler(DatabaseAwayError, _away)
     app.add_exception_handler(BlobError, _away)
     app.add_exception_handler(Exception, _unforeseen)
 
@@ -119,7 +119,7 @@ async def _malformed(_request: Request, error: Exception) -> JSONResponse:
 
 
 async def _away(request: Request, error: Exception) -> JSONResponse:
-    what = "database" if isinstance(error, OperationalError) else "object store"
+    what = "database" if isinstance(error, DatabaseAwayError) else "object store"
     log.warning("a part of the service is away", what=what, path=request.url.path, error=str(error))
     return problem(503, "away", f"the {what} does not answer: try again", {"Retry-After": "5"})
 

@@ -52,8 +52,10 @@ def test_the_second_half_request_on_a_connection_is_dropped_too(impatient: ApiAl
     with connect(impatient, WHOLE) as link:
         assert link.recv(10_000).startswith(b"HTTP/1.1 200")
         link.sendall(b"GET /hea")
+        rest = b""
         with contextlib.suppress(ConnectionResetError):
-            assert link.recv(1000) == b""
+            rest = b"".join(iter(lambda: link.recv(10_000), b""))  # the rest of the first answer, and the end
+        assert b"HTTP/1.1" not in rest
 
 
 def test_a_body_that_stops_coming_is_given_up_and_what_came_of_an_upload_is_kept(impatient: ApiAlone, own: httpx2.Client) -> None:

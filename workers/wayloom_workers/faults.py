@@ -9,9 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from sqlalchemy.exc import OperationalError
-
 from wayloom.store.blobs import BlobError
+from wayloom.store.database import DatabaseAwayError
 from wayloom.store.folders import Folders
 from wayloom.store.jobs import Claim
 
@@ -37,7 +36,7 @@ def of_the_machine(error: BaseException) -> str | None:
     """Why the error, or what it came from, says nothing of the stage and would have met any other; None where it is the stage's."""
     seen: BaseException | None = error
     while seen is not None:
-        if isinstance(seen, OperationalError):
+        if isinstance(seen, DatabaseAwayError):
             return "the database does not answer"
         if isinstance(seen, BlobError):
             return "the object store does not answer"

@@ -2,8 +2,9 @@
 
 import os
 import stat
+from io import BufferedReader, FileIO
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final
 
 MOST_BYTES: Final = 512 << 20
 """Of a file that is read as a whole: an hour of 1 kHz IMU samples as text, or an image a hundred times larger than any camera's."""
@@ -17,13 +18,13 @@ class LargeFileError(OSError):
     """A file that is too large to be read as a whole."""
 
 
-def open_regular(file: Path) -> BinaryIO:
+def open_regular(file: Path) -> BufferedReader:
     """The file, opened for reading without waiting. Raises OSError; IrregularFileError where it is no regular file."""
     fd = os.open(file, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
     try:
         if not stat.S_ISREG(os.fstat(fd).st_mode):
             raise IrregularFileError(None, "it is no regular file")
-        return os.fdopen(fd, "rb")
+        return BufferedReader(FileIO(fd))
     except BaseException:
         os.close(fd)
         raise
