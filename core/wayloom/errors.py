@@ -13,6 +13,7 @@ WayloomError                    anything that wayloom itself reports            
 │   └── WithdrawnError          a map version that held a drive which was removed
 ├── ConflictError               the state of the thing forbids the request
 │   └── OffsetConflictError     an upload continues at another byte than it ended
+├── ChecksumMismatchError       bytes that came are not those that were announced
 ├── LeaseLostError              another worker has taken over the job
 └── ServiceError                a server answered with an error or not at all
 """
@@ -104,6 +105,12 @@ class OffsetConflictError(ConflictError):
     """An upload was continued at another byte than the one at which its stored bytes end."""
 
     code = "offset-conflict"
+
+
+class ChecksumMismatchError(WayloomError):
+    """Bytes that came are not those that were announced: they are to be sent again."""
+
+    code = "checksum-mismatch"
 
 
 class LeaseLostError(WayloomError):

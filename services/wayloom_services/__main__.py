@@ -11,6 +11,7 @@ from wayloom.errors import WayloomError
 from wayloom.pipeline.settings import load_settings
 from wayloom.pipeline.usable import check_usable
 from wayloom_services.app import create_app
+from wayloom_services.connections import patient_protocol
 
 GRACE_S = 3
 
@@ -36,6 +37,7 @@ def main() -> int:
         log_level="warning",
         timeout_graceful_shutdown=GRACE_S,
         server_header=False,
+        http=patient_protocol(settings.request_head_s),
     )
     sockets = None if arguments.fd is None else [socket.socket(fileno=arguments.fd)]
     uvicorn.Server(config).run(sockets)

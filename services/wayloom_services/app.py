@@ -34,8 +34,10 @@ from wayloom_services.context import make_service
 from wayloom_services.drives import DriveId
 from wayloom_services.events import Feed
 from wayloom_services.heads import HeadAsGet
+from wayloom_services.hosts import CheckHead
 from wayloom_services.limits import LimitBodies
 from wayloom_services.metrics import CountRequests
+from wayloom_services.openapi import describe
 from wayloom_services.tile_answers import ShortWay
 from wayloom_services.tus_headers import MethodOverride
 
@@ -82,9 +84,11 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     async def page_of_drive(drive_id: DriveId) -> FileResponse:
         return FileResponse(STATIC / "drive.html")
 
+    describe(app)
     app.add_middleware(ShortWay, service=service)
     app.add_middleware(HeadAsGet)
     app.add_middleware(LimitBodies, settings=settings)
+    app.add_middleware(CheckHead, settings=settings)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(MethodOverride)
     if settings.cors_origins:

@@ -13,6 +13,7 @@ from kombu.exceptions import OperationalError
 from starlette.datastructures import Headers
 
 from wayloom.config.service import ServiceSettings
+from wayloom.store.arrivals import RunningDigests
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database, Session
 from wayloom.store.folders import Folders
@@ -31,7 +32,7 @@ FILE_THREADS = 16
 @dataclass(frozen=True, slots=True)
 class Service:
     """Shared resources of the endpoints: settings, database, blobs, notifier of the workers, metrics, look-ups of tiles, blobs held
-    in memory, locks, threads."""
+    in memory; of uploads the running digests, locks, threads."""
 
     settings: ServiceSettings
     database: Database
@@ -41,6 +42,7 @@ class Service:
     metrics: Metrics
     tiles: TileReads
     held: HeldBlobs
+    digests: RunningDigests = field(default_factory=RunningDigests)
     locks: UploadLocks = field(default_factory=UploadLocks)
     threads: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(FILE_THREADS))
 

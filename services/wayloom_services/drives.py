@@ -1,9 +1,11 @@
 """Drive endpoints: registration, listing, state, track, preview, retry, removal."""
 
 import json
+from collections.abc import Iterator
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Depends, Path, Query, Response
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from fastapi.responses import StreamingResponse
 
 from wayloom.errors import ConflictError
 from wayloom.geodesy.antimeridian import line_geometry
@@ -11,6 +13,7 @@ from wayloom.store import drives, gate, jobs, reprocessing, rigs, runs, uploads
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.manifest import Manifest
+from wayloom.store.manifest_text import parse_manifest
 from wayloom.store.tables import Drive
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem, ProtocolError
@@ -23,32 +26,43 @@ from wayloom_services.schemas import (
     Registration,
     ReleaseIn,
     ReprocessIn,
+    RetryIn,
     RunList,
+    inlined_schema,
 )  # fmt: skip
 from wayloom_services.views import drives_out, run_detail
 
-PROBLEMS: dict[int | str, dict[str, Any]] = {404: {"model": Problem}, 409: {"model": Problem}, 401: {"model": Problem}}
+PROBLEMS: dict[int | str, dict[str, Any]] = {status: {"model": Problem} for status in (400, 401, 404, 408, 409, 422)}
 NOTHING_ELSE: Final = ReprocessIn()
+GO_ON: Final = RetryIn(stage=None)
 DriveId = Annotated[str, Path(pattern="^[0-9a-f]{64}$")]
 router = APIRouter(prefix="/v1/drives", tags=["drives"], dependencies=[Depends(require_key)], responses=PROBLEMS)
 
 
-@router.post("", status_code=201, responses={200: {"model": Registration}, 413: {"model": Problem}})
-async def register(manifest: Manifest, response: Response, service: ServiceDep) -> Registration:
+@router.post(
+    "",
+    status_code=201,
+    response_model=Registration,
+    responses={200: {"model": Registration}, 413: {"model": Problem}},
+    openapi_extra={"requestBody": {"required": True, "content": {"application/json": {"schema": inlined_schema(Manifest)}}}},
+)
+async def register(request: Request, service: ServiceDep) -> Response:
     """Announce a drive. The same manifest again is the same drive: 200, with the files that are still missing."""
+    content = await request.body()
+    manifest = await service.in_thread(lambda: parse_manifest(content, service.settings.max_drive_files))
     _check_size(service, manifest)
 
     def change(session: Session) -> tuple[Registration, JobMessage | None]:
         drive, created = drives.register(session, manifest, service.settings.map_id)
         first_job = drives.queue_if_complete(session, drive)
         (view,) = drives_out(session, [drive])
-        return Registration(id=drive.id, created=created, drive=view, missing=_missing(service, session, drive.id)), first_job
+        return Registration(id=drive.id, created=created, drive=view, missing=[]), first_job
 
     answer, first_job = await service.write(change)
     await service.notify(first_job)
-    response.status_code = 201 if answer.created else 200
-    response.headers["Location"] = f"/v1/drives/{answer.id}"
-    return answer
+    headers = {"Location": f"/v1/drives/{answer.id}"}
+    body = _registration(service, answer)
+    return StreamingResponse(body, 201 if answer.created else 200, headers, media_type="application/json")
 
 
 @router.get("")
@@ -121,14 +135,28 @@ async def revoke(drive_id: DriveId, service: ServiceDep) -> DriveOut:
 
 
 @router.post("/{drive_id}/retry")
-async def retry(drive_id: DriveId, service: ServiceDep) -> DriveOut:
-    """Try the failed stage again, with a fresh set of attempts; finished stages are kept."""
+async def retry(drive_id: DriveId, service: ServiceDep, wanted: RetryIn = GO_ON) -> DriveOut:
+    """Try the failed stage again, with a fresh set of attempts. Finished stages are kept; where `stage` is given, it and those
+    after it are made anew."""
 
     def change(session: Session) -> list[JobMessage]:
         drives.get(session, drive_id)
-        return jobs.retry(session, drive_id)
+        return jobs.retry(session, drive_id, wanted.stage)
 
     await service.notify(*await service.write(change))
+    return await one(drive_id, service)
+
+
+@router.post("/{drive_id}/cancel")
+async def cancel(drive_id: DriveId, service: ServiceDep) -> DriveOut:
+    """Stop the drive's stages: it fails with the error `cancelled`, and `retry` goes on with it. Of a drive that is processed anew
+    the result before stays. 409 where no stage is on its way."""
+
+    def change(session: Session) -> None:
+        drives.get(session, drive_id)
+        jobs.cancel(session, drive_id)
+
+    await service.write(change)
     return await one(drive_id, service)
 
 
@@ -197,15 +225,31 @@ def _check_size(service: Service, manifest: Manifest) -> None:
         raise ProtocolError(413, "too-large", f"{largest.path} has {largest.size} bytes, {limits.max_file_bytes} are allowed")
 
 
-def _missing(service: Service, session: Session, drive_id: str) -> list[MissingFile]:
-    """The missing files, each with the unfinished upload that is furthest."""
+def _registration(service: Service, answer: Registration) -> Iterator[bytes]:
+    """The answer as JSON, its missing files page by page: a drive may have 200,000."""
+    yield answer.model_dump_json(exclude={"missing"}).encode()[:-1] + b',"missing":['
+    furthest = _furthest(service, answer.id)
+    after, comma = "", ""
+    while True:
+        with service.database.read() as session:
+            files = drives.missing_files(session, answer.id, after)
+        if not files:
+            break
+        yield (comma + ",".join(_missing(*file, *furthest.get(file[0], (0, None))) for file in files)).encode()
+        after, comma = files[-1][0], ","
+    yield b"]}"
+
+
+def _missing(path: str, size: int, sha256: str, offset: int, upload: str | None) -> str:
+    return MissingFile(path=path, size=size, sha256=sha256, offset=offset, upload=upload).model_dump_json()
+
+
+def _furthest(service: Service, drive_id: str) -> dict[str, tuple[int, str]]:
+    """For each file that is on its way the unfinished upload that is furthest: how far, and its address."""
     furthest: dict[str, tuple[int, str]] = {}
-    for upload in uploads.unfinished(session, drive_id):
-        size = uploads.part(service.folders, upload.id).size()
+    with service.database.read() as session:
+        open_ones = uploads.unfinished(session, drive_id)
+    for upload in open_ones:
+        size = uploads.stored_bytes(service.folders, upload)
         furthest[upload.path] = max(furthest.get(upload.path, (0, "")), (size, f"/v1/uploads/{upload.id}"))
-    files = drives.missing_files(session, drive_id)
-    return [
-        MissingFile(path=file.path, size=file.size, sha256=file.sha256, offset=offset, upload=address or None)
-        for file in files
-        for offset, address in [furthest.get(file.path, (0, ""))]
-    ]
+    return furthest

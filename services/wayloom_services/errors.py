@@ -10,6 +10,9 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from wayloom import errors
+from wayloom.store.blobs import BlobError
+from wayloom.store.database import DatabaseAwayError
+from wayloom.store.manifest_text import ManifestTextError, TooManyFilesError
 
 log = structlog.get_logger()
 MEDIA_TYPE: Final = "application/problem+json"
@@ -28,7 +31,9 @@ STATUS_OF: Final[dict[type[errors.WayloomError], int]] = {
     errors.WithdrawnError: 410,
     errors.OffsetConflictError: 409,
     errors.ConflictError: 409,
+    errors.ChecksumMismatchError: 460,
     errors.LeaseLostError: 409,
+    TooManyFilesError: 413,
     errors.ConfigError: 500,
     errors.InputError: 400,
     errors.StageError: 500,
@@ -41,6 +46,7 @@ CODE_OF_STATUS: Final = {
     400: "bad-request",
     401: "unauthorized",
     404: "not-found",
+    408: "too-slow",
     405: "method-not-allowed",
     413: "too-large",
     422: "malformed-request",
@@ -74,8 +80,11 @@ def problem(status: int, code: str, detail: str, headers: dict[str, str] | None 
 def install(app: FastAPI) -> None:
     """Make every error of the application a problem."""
     app.add_exception_handler(errors.WayloomError, _wayloom)
+    app.add_exception_handler(ManifestTextError, _no_manifest)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(RequestValidationError, _malformed)
+    app.add_exception_handler(DatabaseAwayError, _away)
+    app.add_exception_handler(BlobError, _away)
     app.add_exception_handler(Exception, _unforeseen)
 
 
@@ -97,6 +106,11 @@ def answer_to(error: errors.WayloomError) -> JSONResponse:
     return problem(status, error.code, str(error))
 
 
+async def _no_manifest(_request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, ManifestTextError)
+    return problem(422, error.code, str(error), errors=error.found)
+
+
 async def _http(_request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
     code = CODE_OF_STATUS.get(error.status_code, "error")
@@ -108,6 +122,12 @@ async def _malformed(_request: Request, error: Exception) -> JSONResponse:
     found = [{"where": ".".join(str(part) for part in one["loc"]), "what": str(one["msg"])} for one in error.errors()[:20]]
     first = found[0] if found else {"where": "request", "what": "malformed"}
     return problem(422, "malformed-request", f"{first['where']}: {first['what']}", errors=found)
+
+
+async def _away(request: Request, error: Exception) -> JSONResponse:
+    what = "database" if isinstance(error, DatabaseAwayError) else "object store"
+    log.warning("a part of the service is away", what=what, path=request.url.path, error=str(error))
+    return problem(503, "away", f"the {what} does not answer: try again", {"Retry-After": "5"})
 
 
 async def _unforeseen(request: Request, error: Exception) -> JSONResponse:

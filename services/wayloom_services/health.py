@@ -11,6 +11,7 @@ from wayloom.config.classes import CLASS_NAMES, MOVING_CLASSES, PALETTE, SKY
 from wayloom.config.stages import drive_stages, map_stages
 from wayloom.stitching.layer_names import OVERLAYS
 from wayloom.store import counts, migrate
+from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseError, Session
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.schemas import ClassOut, Health, Info
@@ -26,12 +27,14 @@ async def alive() -> Health:
 
 @router.get("/readyz", responses={503: {"model": Health}})
 async def ready(response: Response, service: ServiceDep) -> Health:
-    """Readiness: the database is there and up to date. Without a broker drives still arrive and wait: `degraded`, but 200."""
+    """Readiness: the object store is there, the database too and up to date. Without a broker drives
+    still arrive and wait: `degraded`, but 200."""
     checks = {
         "database": await service.in_thread(lambda: _database(service)),
+        "objects": await service.in_thread(lambda: _objects(service)),
         "broker": await service.in_thread(lambda: _broker(service)),
     }
-    response.status_code = 200 if checks["database"] == "ok" else 503
+    response.status_code = 200 if checks["database"] == checks["objects"] == "ok" else 503
     return Health(status="ok" if set(checks.values()) == {"ok"} else "degraded", version=__version__, checks=checks)
 
 
@@ -69,6 +72,14 @@ def _database(service: Service) -> str:
         )
     except DatabaseError as error:
         return type(error).__name__
+
+
+def _objects(service: Service) -> str:
+    try:
+        service.blobs.has("0" * 64)
+    except BlobError as error:
+        return type(error).__name__
+    return "ok"
 
 
 def _broker(service: Service) -> str:

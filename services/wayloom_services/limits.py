@@ -1,5 +1,6 @@
 """Request size limits outside of uploads."""
 
+import asyncio
 from typing import Final
 
 from starlette.datastructures import Headers
@@ -16,7 +17,7 @@ STRANGERS_BYTES: Final = 4096
 
 
 class LimitBodies:
-    """ASGI middleware: 413 for a body that is too long, announced or counted, outside of the uploads."""
+    """ASGI middleware, outside of the uploads: 413 for a body that is too long, announced or counted; 408 for one that stops."""
 
     def __init__(self, app: ASGIApp, settings: ServiceSettings) -> None:
         self._app, self._settings = app, settings
@@ -33,11 +34,16 @@ class LimitBodies:
         if announced.isdigit() and int(announced) > most:
             await problem(413, "too-large", too_large)(scope, receive, send)
             return
-        come = 0
+        come, is_coming = 0, True
 
         async def counted() -> Message:
-            nonlocal come
-            message = await receive()
+            nonlocal come, is_coming
+            try:
+                async with asyncio.timeout(self._settings.body_pause_s if is_coming else None):
+                    message = await receive()
+            except TimeoutError:
+                raise HTTPException(408, "the body did not come in time", {"Connection": "close"}) from None
+            is_coming = bool(message.get("more_body"))
             come += len(message.get("body", b""))
             if come > most:
                 raise HTTPException(413, too_large)

@@ -12,6 +12,37 @@ DriveState = Literal["uploading", "queued", "running", "stitching", "done", "hel
 StageState = Literal["waiting", "queued", "running", "done", "failed"]
 
 
+def inlined_schema(model: type[BaseModel]) -> dict[str, Any]:
+    """JSON schema of a body that the endpoint parses itself, without references."""
+    schema = model.model_json_schema()
+    named = {f"#/$defs/{name}": definition for name, definition in schema.pop("$defs", {}).items()}
+
+    def inline(part: Any) -> Any:
+        if isinstance(part, dict):
+            return inline(named[part["$ref"]]) if "$ref" in part else {key: inline(value) for key, value in part.items()}
+        return [inline(one) for one in part] if isinstance(part, list) else part
+
+    found: dict[str, Any] = inline(schema)
+    return found
+
+
+class RetryIn(BaseModel):
+    """Where to begin."""
+
+    model_config = ConfigDict(extra="forbid")
+    stage: str | None = Field(None, max_length=32, description="first stage to be made anew; else the one that failed")
+
+
+class LossOut(BaseModel):
+    """A worker that died or fell silent while it ran a stage, through no fault of the stage that is known."""
+
+    at: float
+    worker: str
+    progress: float
+    message: str
+    why: str
+
+
 class StageOut(BaseModel):
     """One stage of a drive."""
 
@@ -24,6 +55,7 @@ class StageOut(BaseModel):
     started_at: float | None
     finished_at: float | None
     seconds: float | None = Field(description="how long it took, or has run so far")
+    losses: list[LossOut] = Field([], description="workers that were lost over it; they use up no attempt")
 
 
 class ReleaseOut(BaseModel):

@@ -1,33 +1,38 @@
 """Resumable upload endpoints (tus 1.0.0): creation, creation-with-upload, checksum, expiration, termination.
 
 The offset is the size of the stored file, whatever happened before. A chunk with a checksum waits beside the file until it is whole
-and right; a chunk without is kept as far as it came. When a file is whole, its SHA-256 must be the manifest's.
+and right; one with the sums of its pieces is kept up to the last whole piece that is right; one without is kept as far as it came.
+When a file is whole, its SHA-256 must be the manifest's.
 """
 
 import shutil
 import time
+from typing import Any
 
 from fastapi import APIRouter, Depends, Request, Response
 
-from wayloom.errors import OffsetConflictError
+from wayloom.errors import ChecksumMismatchError, OffsetConflictError
 from wayloom.store import uploads
 from wayloom.store.tables import Upload
 from wayloom_services.context import Service, ServiceDep, require_key
-from wayloom_services.errors import ProtocolError
-from wayloom_services.tus_body import complete, forget, receive
+from wayloom_services.errors import Problem, ProtocolError
+from wayloom_services.tus_body import checks_of, complete, forget, receive
 from wayloom_services.tus_headers import (
     CHECKSUMS,
     CONTENT_TYPE,
     EXTENSIONS,
+    PIECES,
     VERSION,
     check_version,
-    checksum,
     date,
     integer,
     metadata,
 )
 
-router = APIRouter(prefix="/v1/uploads", tags=["uploads"], dependencies=[Depends(require_key)])
+PROBLEMS: dict[int | str, dict[str, Any]] = {
+    status: {"model": Problem} for status in (400, 401, 404, 408, 409, 410, 412, 413, 415, 423, 460, 507)
+}
+router = APIRouter(prefix="/v1/uploads", tags=["uploads"], dependencies=[Depends(require_key)], responses=PROBLEMS)
 _BODY = {"requestBody": {"content": {CONTENT_TYPE: {"schema": {"type": "string", "format": "binary"}}}, "required": False}}
 
 
@@ -40,6 +45,7 @@ async def capabilities(service: ServiceDep) -> Response:
         "Tus-Extension": EXTENSIONS,
         "Tus-Max-Size": str(service.settings.max_file_bytes),
         "Tus-Checksum-Algorithm": ",".join(CHECKSUMS),
+        "Upload-Pieces": PIECES,
     }
     return _answer(204, headers)
 
@@ -58,14 +64,14 @@ async def create(request: Request, service: ServiceDep) -> Response:
     given = metadata(header)
     drive, path = given.get("drive", ""), given.get("path", "")
     with_body = request.headers.get("content-type") == CONTENT_TYPE
-    expected = checksum(request) if with_body else None
+    checks = checks_of(request) if with_body else None
     expiry_s = service.settings.upload_expiry_s
     upload = await service.write(lambda session: uploads.create(session, drive, path, length, header, expiry_s))
     offset = 0
-    async with service.locks.hold(upload.id) as asked:
+    async with service.locks.hold(upload.id) as hold:
         try:
-            offset = await receive(request, service, upload, 0, expected, asked) if with_body else 0
-        except ProtocolError:  # the client does not know the upload's address yet
+            offset = await receive(request, service, upload, 0, checks, hold) if with_body else 0
+        except (ProtocolError, ChecksumMismatchError):  # the client does not know the upload's address yet
             await forget(service, upload)
             raise
         if offset == length:
@@ -76,15 +82,14 @@ async def create(request: Request, service: ServiceDep) -> Response:
 
 @router.head("/{upload_id}", summary="How far the upload is")
 async def offset(upload_id: str, request: Request, service: ServiceDep) -> Response:
-    """Upload-Offset, Upload-Length, Upload-Metadata, Upload-Expires. A file that was whole when the server died is finished now."""
+    """Upload-Offset, Upload-Length, Upload-Metadata, Upload-Expires. A request that is still being received ends, so that the
+    offset is the last word; a file that was whole when the server died is finished now."""
     check_version(request)
-    upload = await _find(service, upload_id)
-    stored = await service.in_thread(lambda: _offset(service, upload))
-    if stored == upload.length and not upload.complete:
-        async with service.locks.hold(upload_id):
-            upload = await _find(service, upload_id)
-            if not upload.complete:
-                await complete(service, upload)
+    async with service.locks.hold(upload_id):
+        upload = await _find(service, upload_id)
+        stored = await service.in_thread(lambda: uploads.stored_bytes(service.folders, upload))
+        if stored == upload.length and not upload.complete:
+            await complete(service, upload)
     headers = {
         "Upload-Offset": str(stored),
         "Upload-Length": str(upload.length),
@@ -96,19 +101,20 @@ async def offset(upload_id: str, request: Request, service: ServiceDep) -> Respo
 
 @router.patch("/{upload_id}", status_code=204, summary="Continue the upload", openapi_extra=_BODY)
 async def append(upload_id: str, request: Request, service: ServiceDep) -> Response:
-    """Headers: Upload-Offset, which must be where the stored bytes end; Upload-Checksum if the chunk is to be verified."""
+    """Headers: Upload-Offset, which must be where the stored bytes end; Upload-Checksum or Upload-Pieces if the chunk is to be
+    verified."""
     check_version(request)
     if request.headers.get("content-type") != CONTENT_TYPE:
         raise ProtocolError(415, "wrong-content-type", f"a chunk is sent as {CONTENT_TYPE}")
-    start, expected = integer(request, "upload-offset"), checksum(request)
-    async with service.locks.hold(upload_id) as asked:
+    start, checks = integer(request, "upload-offset"), checks_of(request)
+    async with service.locks.hold(upload_id) as hold:
         upload = await _find(service, upload_id)
-        stored = await service.in_thread(lambda: _offset(service, upload))
+        stored = await service.in_thread(lambda: uploads.stored_bytes(service.folders, upload))
         if start != stored:
             raise OffsetConflictError(f"{stored} bytes are stored, the chunk starts at {start}: ask with HEAD and continue there")
         if start < upload.length or request.headers.get("content-length", "0") != "0":
             await _check_space(service, upload.length - start)
-            stored = await receive(request, service, upload, start, expected, asked)
+            stored = await receive(request, service, upload, start, checks, hold)
         if stored == upload.length and not upload.complete:
             await complete(service, upload)
         until = await service.write(lambda session: uploads.prolong(session, upload_id, service.settings.upload_expiry_s))
@@ -139,10 +145,6 @@ async def _check_space(service: Service, wanted: int) -> None:
     free = await service.in_thread(lambda: shutil.disk_usage(service.settings.data_dir).free)
     if free - wanted < service.settings.min_free_bytes:
         raise ProtocolError(507, "no-space", f"{free} bytes are free, {wanted} more are wanted and a reserve is kept")
-
-
-def _offset(service: Service, upload: Upload) -> int:
-    return upload.length if upload.complete else uploads.part(service.folders, upload.id).size()
 
 
 def _answer(status: int, headers: dict[str, str]) -> Response:

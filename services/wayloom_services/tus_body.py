@@ -1,109 +1,137 @@
 """Upload bodies: receiving, storing, verifying, and moving a whole file into its drive."""
 
-import hashlib
-import os
-from asyncio import Event
-from typing import Final, Protocol
+import asyncio
+from typing import Final
 
 from fastapi import Request
 from starlette.requests import ClientDisconnect
 
 from wayloom.store import drives, uploads
+from wayloom.store.arrivals import Arrival, PieceArrival, Pieces, StagedArrival
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.tables import Upload
-from wayloom.store.uploads import Part, write_at
 from wayloom_services.context import Service
 from wayloom_services.errors import ProtocolError
-from wayloom_services.locks import until_asked
-from wayloom_services.tus_headers import CHECKSUMS
+from wayloom_services.locks import Hold
+from wayloom_services.tus_headers import CHECKSUMS, checksum, pieces
 
 BUFFER: Final = 1 << 20
+PROLONG_S: Final = 60.0
+"""How often the expiry of an upload is put off while its bytes come; a quarter of the expiry where that is less."""
+Checks = Pieces | tuple[str, bytes] | None
 
 
-class Digest(Protocol):
-    """A running hash."""
+def checks_of(request: Request) -> Checks:
+    """What the request says of its body's bytes, to verify them by."""
+    whole, parts = checksum(request), pieces(request)
+    if whole is not None and parts is not None:
+        raise ProtocolError(400, "bad-header", "Upload-Checksum and Upload-Pieces exclude each other")
+    return whole or parts
 
-    def update(self, content: bytes, /) -> None: ...
-    def digest(self) -> bytes: ...
 
-
-async def receive(
-    request: Request, service: Service, upload: Upload, start: int, checksum: tuple[str, bytes] | None, asked: Event
-) -> int:
+async def receive(request: Request, service: Service, upload: Upload, start: int, checks: Checks, hold: Hold) -> int:
     """Store the request's body from `start` on. Returns the offset afterwards."""
     room = upload.length - start
     announced = request.headers.get("content-length", "")
     if announced.isdigit() and int(announced) > room:
         raise ProtocolError(413, "too-large", f"the chunk has {announced} bytes, the file only {room} more")
-    target = uploads.part(service.folders, upload.id)
-    staged = uploads.staged_part(service.folders, upload.id)
     try:
-        if checksum is None:
-            await _store(request, service, target, start, room, None, asked)
-            return await service.in_thread(target.size)
-        digest = CHECKSUMS[checksum[0]]()
-        await service.in_thread(staged.drop)
-        await _store(request, service, staged, 0, room, digest, asked)
-        if digest.digest() != checksum[1]:
-            raise ProtocolError(460, "checksum-mismatch", "the chunk's bytes do not have the checksum that was sent: send it again")
-        await service.in_thread(lambda: target.append(staged))
+        arrival = await service.in_thread(lambda: _arrival(service, upload, start, checks))
+    except BlockingIOError:
+        raise ProtocolError(423, "taken-over", "another process of this service writes to this upload") from None
     except OSError as error:
-        raise ProtocolError(507, "no-space", f"the bytes could not be stored: {error.strerror}") from error
+        raise _no_space(error) from error
+    try:
+        whole = await _pour(request, service, upload, arrival, room, hold)
+        if whole:
+            await service.in_thread(arrival.end)
+    except OSError as error:
+        raise _no_space(error) from error
     finally:
-        if checksum is not None:
-            await service.in_thread(staged.drop)
-    return await service.in_thread(target.size)
+        await service.in_thread(lambda: _put_down(service, upload, arrival))
+    return arrival.offset
 
 
-async def _store(
-    request: Request, service: Service, target: Part, start: int, room: int, digest: Digest | None, asked: Event
-) -> None:
-    """Write the body at `start`, at most `room` bytes, a buffer at a time. What has come before a broken link is written."""
-    fd = await service.in_thread(target.open)
-    position, buffer = start, bytearray()
+def _arrival(service: Service, upload: Upload, start: int, checks: Checks) -> Arrival:
+    target = uploads.part(service.folders, upload.id)
+    sha = service.digests.take(upload.id, target, start)
+    if isinstance(checks, Pieces):
+        return PieceArrival(target, start, sha, checks)
+    if checks is None:
+        return Arrival(target, start, sha)
+    return StagedArrival(target, start, sha, uploads.staged_part(service.folders, upload.id), CHECKSUMS[checks[0]](), checks[1])
 
-    def flush(content: bytes, at: int) -> None:
-        write_at(fd, content, at)
-        if digest is not None:
-            digest.update(content)
+
+def _put_down(service: Service, upload: Upload, arrival: Arrival) -> None:
+    arrival.close()
+    service.digests.keep(upload.id, uploads.part(service.folders, upload.id), arrival.offset, arrival.sha)
+
+
+def _no_space(error: OSError) -> ProtocolError:
+    return ProtocolError(507, "no-space", f"the bytes could not be stored: {error.strerror}")
+
+
+async def _pour(request: Request, service: Service, upload: Upload, arrival: Arrival, room: int, hold: Hold) -> bool:
+    """Hand on the body, at most `room` bytes, a buffer at a time. What has come before a broken link is handed on too. Returns
+    whether the body came to its end."""
+    buffer, come = bytearray(), 0
+    clock = asyncio.get_running_loop().time
+    every = min(PROLONG_S, service.settings.upload_expiry_s / 4)
+    prolonged = clock()
+
+    async def flush() -> None:
+        nonlocal buffer
+        content, buffer = bytes(buffer), bytearray()
+        service.metrics.upload_bytes.inc(len(content))
+        await service.in_thread(lambda: arrival.take(content))
 
     try:
-        try:
-            async for chunk in until_asked(request.stream(), asked):
-                if position + len(buffer) + len(chunk) > start + room:
-                    raise ProtocolError(413, "too-large", f"the chunk has more than the {room} bytes that the file lacks")
-                buffer += chunk
-                if len(buffer) >= BUFFER:
-                    content, at = bytes(buffer), position
-                    await service.in_thread(lambda content=content, at=at: flush(content, at))  # type: ignore[misc]
-                    position, buffer = position + len(content), bytearray()
-        except ClientDisconnect:
-            if digest is not None:
-                raise ProtocolError(400, "disconnected", "the link broke before the chunk was whole") from None
-        await service.in_thread(lambda: flush(bytes(buffer), position))
-    finally:
-        await service.in_thread(lambda: os.close(fd))
-    service.metrics.upload_bytes.inc(position + len(buffer) - start)
+        async for chunk in hold.chunks(request.stream(), service.settings.body_pause_s):
+            come += len(chunk)
+            if come > room:
+                raise ProtocolError(413, "too-large", f"the chunk has more than the {room} bytes that the file lacks")
+            buffer += chunk
+            if len(buffer) >= BUFFER:
+                await flush()
+            if clock() - prolonged > every:
+                await service.write(lambda session: uploads.prolong(session, upload.id, service.settings.upload_expiry_s))
+                prolonged = clock()
+    except ClientDisconnect:
+        await flush()
+        return False
+    except ProtocolError as error:
+        if error.status in (408, 423):
+            await flush()
+        raise
+    await flush()
+    return True
 
 
 async def complete(service: Service, upload: Upload) -> None:
-    """The file is whole: verify it, move it into its drive, and start the drive's jobs when it was the last one."""
-    stored = uploads.part(service.folders, upload.id)
-    expected = await service.read(lambda session: uploads.expected_digest(session, upload))
-    found = await service.in_thread(lambda: stored.digest() if upload.length else hashlib.sha256().hexdigest())
-    if found != expected:
-        await forget(service, upload)
-        raise ProtocolError(
-            460, "checksum-mismatch", f"{upload.path} has SHA-256 {found}, its manifest says {expected}: send it again"
-        )
-    await service.in_thread(lambda: stored.install(service.folders.drive(upload.drive_id) / upload.path))
+    """The file is whole: verify it, move it into its drive, and start the drive's jobs when it was the last one.
+
+    To be called again after whatever ended it: what is done is found done.
+    """
+    file = await service.read(lambda session: uploads.promised(session, upload))
+    if not file.complete:
+        found = await service.in_thread(lambda: _settle(service, upload, file.sha256))
+        if found != file.sha256:
+            await forget(service, upload)
+            raise ProtocolError(
+                460, "file-mismatch", f"{upload.path} has SHA-256 {found}, its manifest says {file.sha256}: send it again"
+            )
 
     def finish(session: Session) -> JobMessage | None:
         uploads.mark_complete(session, upload.id)
         return drives.mark_complete(session, upload.drive_id, upload.path)
 
     await service.notify(await service.write(finish))
+
+
+def _settle(service: Service, upload: Upload, expected: str) -> str:
+    running = service.digests.take(upload.id, uploads.part(service.folders, upload.id), upload.length)
+    return uploads.settle(service.folders, upload, expected, None if running is None else running.hexdigest())
 
 
 async def forget(service: Service, upload: Upload) -> None:

@@ -1,20 +1,28 @@
-"""Headers of the tus protocol: parsing and formatting."""
+"""Headers of the tus protocol, and of the pieces that wayloom adds to it: parsing and formatting."""
 
 import base64
 import binascii
 import hashlib
+import struct
 from email.utils import formatdate
 from typing import Final
 
 from fastapi import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from wayloom.store.arrivals import Pieces
 from wayloom_services.errors import ProtocolError
 
 VERSION: Final = "1.0.0"
 EXTENSIONS: Final = "creation,creation-with-upload,checksum,expiration,termination"
 CONTENT_TYPE: Final = "application/offset+octet-stream"
 CHECKSUMS: Final = {"sha1": hashlib.sha1, "sha256": hashlib.sha256}
+
+PIECES: Final = "crc32"
+"""What `Upload-Pieces` gives of each piece."""
+LEAST_PIECE: Final = 4096
+LARGEST_PIECE: Final = 4 << 20
+"""A piece waits in memory until it is whole."""
 
 
 def check_version(request: Request) -> None:
@@ -55,6 +63,25 @@ def checksum(request: Request) -> tuple[str, bytes] | None:
         return algorithm, base64.b64decode(digest, validate=True)
     except binascii.Error:
         raise ProtocolError(400, "bad-header", "Upload-Checksum: the digest is not base64") from None
+
+
+def pieces(request: Request) -> Pieces | None:
+    """Upload-Pieces: `crc32`, the size of a piece, and the big-endian CRC-32 of each piece of the body, together in base64."""
+    header = request.headers.get("upload-pieces")
+    if header is None:
+        return None
+    kind, size, sums = (*header.split(" "), "", "")[:3]
+    if kind != PIECES or not (size.isascii() and size.isdigit() and len(size) <= 8):
+        raise ProtocolError(400, "unknown-checksum", f"Upload-Pieces: write {PIECES}, a piece's bytes, their sums in base64")
+    if not LEAST_PIECE <= int(size) <= LARGEST_PIECE:
+        raise ProtocolError(400, "bad-header", f"Upload-Pieces: a piece has {LEAST_PIECE} to {LARGEST_PIECE} bytes")
+    try:
+        content = base64.b64decode(sums, validate=True)
+    except binascii.Error:
+        raise ProtocolError(400, "bad-header", "Upload-Pieces: the sums are not base64") from None
+    if len(content) % 4:
+        raise ProtocolError(400, "bad-header", "Upload-Pieces: a sum has 4 bytes")
+    return Pieces(int(size), struct.unpack(f">{len(content) // 4}I", content))
 
 
 def date(seconds: float) -> str:

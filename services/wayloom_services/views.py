@@ -14,6 +14,7 @@ from wayloom.store.gate import STATE_OUTSIDE, passes
 from wayloom.store.tables import Drive, DriveRun, Job, MapVersion, SubmapRow
 from wayloom_services.schemas import (
     DriveOut,
+    LossOut,
     MadeBy,
     MapVerdictOut,
     NetworkOut,
@@ -153,6 +154,7 @@ def _stage(job: Job, parts: Sequence[Job], now: float) -> StageOut:
     return StageOut(
         stage=job.stage, state=job.state, progress=job.progress, message=job.message, attempt=job.attempt, error=job.error,
         started_at=job.started_at, finished_at=job.finished_at, seconds=seconds if job.state != "queued" else None,
+        losses=[LossOut.model_validate(one) for one in job.losses],
     )  # fmt: skip
 
 

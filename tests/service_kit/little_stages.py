@@ -1,9 +1,11 @@
 """Real but small stages for the tests of the service: they take a moment, leave files, and write down that they ran.
 
-The drive says what shall happen: its `log/play.json` names for each stage its `seconds`, `fail` (how many attempts), or `bad`;
-for the drive its `grade` (A), or `placed` false. A map job waits as long as there is a file `stitch-waits` in the data folder.
+The drive says what shall happen: its `log/play.json` names for each stage its `seconds`, `fail` (how many attempts), `full` (how
+often the disk is), `crash`, `hang`, `hoard` (bytes), or `bad`; for the drive its `grade` (A), or
+`placed` false. A map job waits as long as there is a file `stitch-waits` in the data folder.
 """
 
+import errno
 import json
 import os
 import time
@@ -50,6 +52,14 @@ def run(attempt: StageAttempt) -> None:
         raise LogError(
             "is damaged", file=attempt.context.folders.root / "drives" / "left.png", record="line 1", remedy="record it again"
         )
+    if play.get("hang"):
+        time.sleep(1000)
+    if play.get("hoard"):
+        bytearray(play["hoard"])
+    if play.get("crash"):
+        os.abort()
+    if begun(attempt) <= play.get("full", 0):
+        raise OSError(errno.ENOSPC, "No space left on device")
     steps = max(1, round(play.get("seconds", 0.0) / 0.05))
     for step in range(steps):
         attempt.progress(step / steps, f"step {step + 1} of {steps}")
@@ -59,6 +69,12 @@ def run(attempt: StageAttempt) -> None:
     earlier = sorted(folder.name for folder in attempt.inputs_dir.iterdir())
     (attempt.out_dir / "result.json").write_text(json.dumps({"stage": attempt.claim.stage, "after": earlier}))
     note(attempt, "end")
+
+
+def begun(attempt: StageAttempt) -> int:
+    """How often the drive's stage was begun."""
+    lines = (attempt.context.folders.root / RUNS).read_text().splitlines()
+    return sum(line.split()[:2] == ["start", attempt.claim.stage] and line.endswith(str(attempt.claim.drive_id)) for line in lines)
 
 
 def judge(session: Session, attempt: StageAttempt) -> list[JobMessage]:

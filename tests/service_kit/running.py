@@ -23,6 +23,7 @@ QUICK = {
     "WAYLOOM_LEASE_S": "4",
     "WAYLOOM_SWEEP_S": "0.2",
     "WAYLOOM_RESEND_S": "1",
+    "WAYLOOM_RETRY_FIRST_S": "0.2",
     "WAYLOOM_MIN_FREE_BYTES": "0",
 }
 

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import zlib
 from typing import Any
 
 import httpx2
@@ -50,3 +51,8 @@ def offset(http: httpx2.Client, address: str) -> int:
 
 def checksum(content: bytes, algorithm: str = "sha256") -> dict[str, str]:
     return {"Upload-Checksum": f"{algorithm} {b64(hashlib.new(algorithm, content).digest())}"}
+
+
+def pieces(content: bytes, size: int) -> dict[str, str]:
+    sums = b"".join(zlib.crc32(content[start : start + size]).to_bytes(4) for start in range(0, len(content), size))
+    return {"Upload-Pieces": f"crc32 {size} {b64(sums)}"}

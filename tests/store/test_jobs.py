@@ -148,20 +148,104 @@ def test_many_sweepers_at_once_count_a_lost_job_once(database: Database) -> None
     time.sleep(0.05)
     at_once(lambda: sweep.requeue_lost(database, 3), 4)
     row = job(database, job_id)
-    assert (row.state, row.attempt) == ("queued", 1)
+    assert (row.state, row.attempt, len(row.losses)) == ("queued", 0, 1)
 
 
-def test_after_the_last_attempt_the_drive_fails_and_says_why(database: Database) -> None:
+def lose_worker(database: Database, job_id: int, crash: str = "", max_losses: int = 20) -> None:
+    """One more worker of the job falls silent."""
+    jobs.claim(database, job_id, "elsewhere/boot|1|1", 0.01)
+    time.sleep(0.03)
+    assert sweep.requeue_lost(database, 3, max_losses, crash_of=lambda _: crash) == 1
+
+
+def test_workers_that_are_lost_through_no_fault_of_the_stage_use_up_no_attempt(database: Database) -> None:
+    _, job_id = new_drive(database)
+    for _ in range(5):
+        lose_worker(database, job_id)
+    row = job(database, job_id)
+    assert (row.state, row.attempt, len(row.losses)) == ("queued", 0, 5)
+    assert row.losses[-1]["worker"] == "elsewhere pid 1"
+    assert "no sign of life" in row.losses[-1]["why"]
+
+
+def test_a_job_that_loses_worker_after_worker_is_quarantined_with_its_evidence(database: Database) -> None:
+    drive_id, job_id = new_drive(database)
+    for _ in range(4):
+        lose_worker(database, job_id, max_losses=4)
+    row = drive(database, drive_id)
+    assert (row.state, job(database, job_id).state) == ("failed", "failed")
+    assert "quarantined: 4 workers were lost over it" in str(row.error)
+    with database.write() as session:
+        jobs.retry(session, drive_id)
+    assert job(database, job_id).losses == []
+
+
+def test_a_worker_that_was_told_to_stop_and_was_killed_before_it_could_is_no_loss(database: Database) -> None:
+    _, job_id = new_drive(database)
+    held = jobs.claim(database, job_id, "elsewhere|1|1", 0.05)
+    assert held is not None
+    jobs.heartbeat(database, held, 0.01, 0.5, sweep.STOPPING)
+    time.sleep(0.03)
+    assert sweep.requeue_lost(database, 3) == 1
+    row = job(database, job_id)
+    assert (row.state, row.attempt, row.losses) == ("queued", 0, [])
+
+
+def test_a_failed_job_waits_before_it_is_tried_again(database: Database) -> None:
+    _, job_id = new_drive(database)
+    held = take(database, job_id)
+    with database.write() as session:
+        jobs.fail(session, held, "bad luck", final=False, pause_s=0.3)
+    assert jobs.claim(database, job_id, "w", LEASE_S) is None
+    assert sweep.unsent(database, 10.0) == []
+    time.sleep(0.35)
+    assert [message.job_id for message in sweep.unsent(database, 10.0)] == [job_id]
+    assert take(database, job_id).attempt == 2
+
+
+def test_a_cancelled_drive_fails_at_once_and_its_worker_loses_the_job(database: Database) -> None:
+    drive_id, job_id = new_drive(database)
+    held = take(database, job_id)
+    with database.write() as session:
+        jobs.cancel(session, drive_id)
+    row = drive(database, drive_id)
+    assert (row.state, row.error) == ("failed", "ingest: cancelled")
+    with pytest.raises(LeaseLostError):
+        done(database, held)
+    with pytest.raises(ConflictError), database.write() as session:
+        jobs.cancel(session, drive_id)
+    with database.write() as session:
+        assert [message.job_id for message in jobs.retry(session, drive_id)] == [job_id]
+    assert take(database, job_id).token > held.token
+
+
+def test_a_retry_can_begin_with_a_stage_that_was_done(database: Database) -> None:
+    drive_id, job_id = new_drive(database)
+    following = done(database, take(database, job_id))
+    assert following is not None
+    held = take(database, following.job_id)
+    with database.write() as session:
+        jobs.fail(session, held, "bad luck", final=True)
+    for wrong in ("labelling", "stitch", "nothing"):
+        with pytest.raises(ConflictError), database.write() as session:
+            jobs.retry(session, drive_id, wrong)
+    with database.write() as session:
+        assert [message.job_id for message in jobs.retry(session, drive_id, "ingest")] == [job_id]
+    assert [job(database, one).state for one in (job_id, following.job_id)] == ["queued", "waiting"]
+    assert take(database, job_id).payload == {jobs.ANEW: True}
+
+
+def test_after_the_last_crash_the_drive_fails_and_says_why(database: Database) -> None:
     drive_id, job_id = new_drive(database)
     for _ in range(3):
-        jobs.claim(database, job_id, "elsewhere|1|1", 0.01)
-        time.sleep(0.03)
-        sweep.requeue_lost(database, 3)
+        lose_worker(database, job_id, crash="Fatal Python error: Segmentation fault")
     assert job(database, job_id).state == "failed"
     row = drive(database, drive_id)
     assert row.state == "failed"
     assert "ingest" in str(row.error)
     assert "attempt 3 of 3" in str(row.error)
+    assert "quarantined" in str(row.error)
+    assert "Segmentation fault" in str(row.error)
 
 
 def test_a_job_given_back_has_lost_no_attempt(database: Database) -> None:

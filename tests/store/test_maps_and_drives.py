@@ -54,7 +54,7 @@ def test_the_drive_is_queued_when_its_last_file_has_arrived_and_only_then(databa
     with database.write() as session:
         assert drives.mark_complete(session, drive_id, "log/0") is None
         assert drives.mark_complete(session, drive_id, "log/1") is None
-        assert [file.path for file in drives.missing_files(session, drive_id)] == ["log/2"]
+        assert [path for path, _, _ in drives.missing_files(session, drive_id)] == ["log/2"]
         assert drives.received(session, [drives.get(session, drive_id)]) == {drive_id: drives.Received(2, 1)}
         assert drives.mark_complete(session, drive_id, "log/2") is not None
         assert drives.mark_complete(session, drive_id, "log/2") is None

@@ -15,7 +15,7 @@ from redis import Redis
 
 from service_kit.packed_drives import packed_drive
 from service_kit.running import Up, environment, service, until
-from wayloom.client.api import Api
+from wayloom.client.api import AnswerError, Api
 from wayloom.client.upload import upload
 from wayloom.client.watch import wait_for_drive
 from wayloom.config.service import ServiceSettings
@@ -82,7 +82,7 @@ def test_a_worker_killed_in_the_middle_of_a_stage_loses_that_stage_only(tmp_path
         assert drive["state"] == "done"
         assert time.monotonic() - started < 25
         assert starts(up, drive_id) == {**dict.fromkeys(drive_stages(), 1), "labelling": 2}
-        assert stage(api, drive_id, "labelling")["attempt"] == 2
+        assert (stage(api, drive_id, "labelling")["attempt"], len(stage(api, drive_id, "labelling")["losses"])) == (1, 1)
         assert set(before) == {"ingest", "odometry", "segmentation"}
         assert {name: when for name, when in outputs(up, drive_id).items() if name in before} == before
         assert str(killed) not in {run[3] for run in up.runs() if run[0] == "end" and run[1] == "labelling"}
@@ -191,6 +191,64 @@ def test_a_stage_that_fails_is_tried_again_and_then_given_up_with_its_reason(up:
     api.once("POST", f"/v1/drives/{bad['id']}/retry")
     assert wait_for_drive(api, bad["id"])["state"] == "done"
     assert starts(up, bad["id"]) == {**dict.fromkeys(drive_stages(), 1), "segmentation": 2}
+
+
+def test_a_stage_that_kills_its_worker_each_time_is_quarantined_with_its_traceback(up: Up, tmp_path: Path) -> None:
+    api = up.api()
+    drive = wait_for_drive(api, upload(api, packed_drive(tmp_path / "a", "crash", {"odometry": {"crash": True}}))["id"])
+    assert drive["state"] == "failed"
+    assert "quarantined" in drive["error"]
+    assert "Fatal Python error: Aborted" in drive["error"]
+    assert "little_stages.py" in drive["error"]
+    assert starts(up, drive["id"])["odometry"] == 3
+
+
+def test_a_full_disk_and_killed_workers_use_up_no_attempt(up: Up, tmp_path: Path) -> None:
+    api = up.api()
+    play = {"odometry": {"full": 4}, "labelling": {"seconds": 1.0}}
+    drive_id = upload(api, packed_drive(tmp_path / "a", "full", play))["id"]
+    killed: set[str] = set()
+
+    def at_work() -> set[str]:
+        return {run[3] for run in up.runs() if run[:2] == ["start", "labelling"] and run[4] == drive_id} - killed
+
+    for lost in range(4):
+        (pid,) = until(at_work)
+        killed.add(pid)
+        Up.kill_process(int(pid))
+        until(lambda lost=lost: len(stage(api, drive_id, "labelling")["losses"]) == lost + 1)
+    drive = wait_for_drive(api, drive_id)
+    assert drive["state"] == "done"
+    assert {one["attempt"] for one in drive["stages"]} == {1}
+    assert starts(up, drive_id)["odometry"] == 5
+
+
+def test_a_stage_that_takes_too_long_or_too_much_memory_fails_and_says_so(tmp_path: Path) -> None:
+    limits = {"WAYLOOM_STAGE_LIMIT_S": "2", "WAYLOOM_STAGE_MEMORY_BYTES": str(4 << 30), "WAYLOOM_MAX_ATTEMPTS": "1"}
+    with service(tmp_path / "data", **limits) as up:
+        api = up.api()
+        hangs = wait_for_drive(api, upload(api, packed_drive(tmp_path / "a", "hangs", {"odometry": {"hang": True}}))["id"])
+        assert (hangs["state"], "longer than 2 s" in hangs["error"]) == ("failed", True)
+        hoards = wait_for_drive(api, upload(api, packed_drive(tmp_path / "b", "hoards", {"odometry": {"hoard": 8 << 30}}))["id"])
+        assert (hoards["state"], "MemoryError" in hoards["error"]) == ("failed", True)
+        assert wait_for_drive(api, upload(api, packed_drive(tmp_path / "c", "good"))["id"])["state"] == "done"
+
+
+def test_a_drive_is_cancelled_and_begun_again_at_a_stage_that_was_done(up: Up, tmp_path: Path) -> None:
+    api = up.api()
+    drive_id = upload(api, packed_drive(tmp_path / "a", "cancelled", {"labelling": {"seconds": 2.0}}))["id"]
+    until(lambda: stage(api, drive_id, "labelling")["progress"] > 0.1)
+    assert api.once("POST", f"/v1/drives/{drive_id}/cancel").json()["error"] == "labelling: cancelled"
+    time.sleep(1.0)
+    assert api.drive(drive_id)["state"] == "failed"
+    with pytest.raises(AnswerError, match="no stage to cancel"):
+        api.once("POST", f"/v1/drives/{drive_id}/cancel")
+    output = next((up.data / "drives" / drive_id / "stages" / "odometry").glob("*/result.json"))
+    output.write_text("damaged")
+    api.once("POST", f"/v1/drives/{drive_id}/retry", json={"stage": "odometry"})
+    assert wait_for_drive(api, drive_id)["state"] == "done"
+    assert output.read_text() != "damaged"
+    assert starts(up, drive_id) == {**dict.fromkeys(drive_stages(), 1), "odometry": 2, "segmentation": 2, "labelling": 2}
 
 
 def test_a_drive_without_a_place_on_earth_ends_outside_of_the_map_and_says_so(up: Up, tmp_path: Path) -> None:

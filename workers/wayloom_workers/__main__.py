@@ -16,6 +16,7 @@ from wayloom.store.database import Database
 from wayloom.store.folders import Folders
 from wayloom.store.queues import TASK_NAME
 from wayloom_workers.broker import make_app, make_notifier
+from wayloom_workers.faults import limit_memory
 from wayloom_workers.heartbeat import stop_requested
 from wayloom_workers.runner import run_job
 from wayloom_workers.stage_hooks import WorkerContext, load_hooks
@@ -57,6 +58,7 @@ def _sweep(context: WorkerContext) -> None:
 
 def _work(context: WorkerContext, queues: str) -> None:
     """A Celery worker of one process: the stages' own threads are all the concurrency it has, and killing it kills the stage."""
+    limit_memory(context.settings.stage_memory_bytes)
     hooks = load_hooks(context.settings.stage_hooks)
     app = make_app(context.settings)
     notify = make_notifier(app, context.database)

@@ -1,17 +1,22 @@
 """Heartbeat of a running job: a thread that prolongs its lease and reports its progress."""
 
+import os
 import threading
 import time
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
 
 import structlog
 
 from wayloom.errors import LeaseLostError, WayloomError
 from wayloom.store.database import DatabaseError
-from wayloom.store.jobs import Claim, heartbeat
+from wayloom.store.jobs import Claim, fail, heartbeat
+from wayloom.store.sweep import STOPPING
 from wayloom_workers.stage_hooks import WorkerContext
 
+TOO_LONG: Final = 75
+"""Exit status of a worker whose stage took too long."""
+STOP_LOOK_S: Final = 0.1
 log = structlog.get_logger()
 stop_requested = threading.Event()
 """Set when this process is told to stop; a running stage ends at its next sign of progress."""
@@ -28,7 +33,7 @@ class Heartbeat:
 
     def __init__(self, context: WorkerContext, held: Claim) -> None:
         self._context, self._held = context, held
-        self._share, self._what = 0.0, ""
+        self._share, self._what, self._stop_is_told = 0.0, "", False
         self._over, self._lost = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._beat, name=f"heartbeat-{held.job_id}", daemon=True)
 
@@ -54,12 +59,38 @@ class Heartbeat:
         self._over.set()
         self._thread.join()
 
+    def _pause(self, seconds: float) -> bool:
+        """Wait for the next beat, and not so long where the worker has just been told to stop: it may have a second to live.
+        Returns whether the job is over."""
+        until = time.monotonic() + seconds
+        while (left := until - time.monotonic()) > 0 and (self._stop_is_told or not stop_requested.is_set()):
+            if self._over.wait(min(left, STOP_LOOK_S)):
+                return True
+        return self._over.is_set()
+
+    def _end_process(self, limit_s: float, max_attempts: int) -> None:
+        """The stage takes too long. Compiled code cannot be interrupted, so the process ends, and another takes its place."""
+        error = f"took longer than {limit_s:g} s, the limit of a stage, at {self._share:.0%} {self._what}".strip()
+        try:
+            with self._context.database.write() as session:
+                fail(session, self._held, error, final=self._held.attempt >= max_attempts)
+        except (LeaseLostError, DatabaseError) as lost:
+            log.warning("the stage is ended without a word", error=str(lost))
+        log.error("stage ended", error=error)
+        os._exit(TOO_LONG)
+
     def _beat(self) -> None:
         settings = self._context.settings
-        good_until = time.monotonic() + settings.lease_s
-        while not self._over.wait(settings.heartbeat_s):
+        started = time.monotonic()
+        good_until = started + settings.lease_s
+        while not self._pause(settings.heartbeat_s):
+            if time.monotonic() - started > settings.stage_limit_s:
+                self._end_process(settings.stage_limit_s, settings.max_attempts)
+                return
             try:
-                heartbeat(self._context.database, self._held, settings.lease_s, self._share, self._what)
+                self._stop_is_told = stop_requested.is_set()
+                what = STOPPING if self._stop_is_told else self._what
+                heartbeat(self._context.database, self._held, settings.lease_s, self._share, what)
                 good_until = time.monotonic() + settings.lease_s
             except LeaseLostError:
                 self._lost.set()

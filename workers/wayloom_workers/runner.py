@@ -6,18 +6,24 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import structlog
 
+from wayloom.config.backoff import Backoff
 from wayloom.config.stages import REMOVAL
 from wayloom.errors import ConflictError, InputError, LeaseLostError, StageError, WayloomError
 from wayloom.store import drives, jobs, part_jobs
-from wayloom.store.jobs import Claim, JobMessage
+from wayloom.store.database import DatabaseError, Session
+from wayloom.store.jobs import ANEW, Claim, JobMessage
 from wayloom.store.processes import identity
 from wayloom_workers.completion import complete_drive
+from wayloom_workers.faults import attempt_folder, crash_report, of_the_machine
 from wayloom_workers.heartbeat import Heartbeat, StopRequestedError
 from wayloom_workers.stage_hooks import HookTable, PreparedStage, RepeatStageError, StageAttempt, StageHooks, WorkerContext
 
+MACHINE_PAUSES: Final = 4
+"""A job that waits for disk or database waits so many times the first pause."""
 log = structlog.get_logger()
 
 
@@ -47,36 +53,43 @@ def run_job(context: WorkerContext, hooks: HookTable, notify: Callable[[Iterable
 
 def _run(context: WorkerContext, hooks: StageHooks, held: Claim) -> list[JobMessage]:
     """Make the output, or find it made, and commit. Returns the messages of the jobs that follow."""
+    folder = attempt_folder(context.folders, held)
     with Heartbeat(context, held) as beat:
-        folder = _home(context, held) / "attempts" / f"{held.stage}-{held.job_id}-{held.token}"
         try:
             attempt = _attempt(context, held, folder, beat)
-            prepared = hooks.prepare(attempt)
-            if held.part:
-                return _run_part(context, held, attempt, prepared)
-            output = _output(context, held, held.stage, prepared.key)
-            if output.is_dir():
-                log.info("output is there already", key=prepared.key[:12])
-            elif missing := prepared.parts.missing() if prepared.parts else []:
-                log.info("waiting for parts", parts=len(missing))
-                with context.database.write() as session:
-                    return part_jobs.await_parts(session, held, missing, prepared.key, context.settings.max_attempts)
-            else:
-                prepared.run()
-                beat.check()
-                _keep(attempt.out_dir, output)
-            done = replace(attempt, out_dir=output)
-            hooks.share(done)
-            with context.database.write() as session:
-                following = jobs.finish(session, held, prepared.key)
-                messages = [*hooks.record(session, done), *([following] if following else [])]
-                if held.drive_id is not None and following is None and held.stage != REMOVAL.name:
-                    messages += complete_drive(session, held.drive_id)
-            if prepared.parts:
-                shutil.rmtree(prepared.parts.folder, ignore_errors=True)
-            return messages
+            with crash_report(folder):
+                return _make_and_commit(context, hooks, held, attempt, beat)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _make_and_commit(
+    context: WorkerContext, hooks: StageHooks, held: Claim, attempt: StageAttempt, beat: Heartbeat
+) -> list[JobMessage]:
+    prepared = hooks.prepare(attempt)
+    if held.part:
+        return _run_part(context, held, attempt, prepared)
+    output = _output(context, held, held.stage, prepared.key)
+    if output.is_dir() and ANEW not in held.payload:
+        log.info("output is there already", key=prepared.key[:12])
+    elif missing := prepared.parts.missing() if prepared.parts else []:
+        log.info("waiting for parts", parts=len(missing))
+        with context.database.write() as session:
+            return part_jobs.await_parts(session, held, missing, prepared.key, context.settings.max_attempts)
+    else:
+        prepared.run()
+        beat.check()
+        _keep(attempt.out_dir, output, anew=ANEW in held.payload)
+    done = replace(attempt, out_dir=output)
+    hooks.share(done)
+    with context.database.write() as session:
+        following = jobs.finish(session, held, prepared.key)
+        messages = [*hooks.record(session, done), *([following] if following else [])]
+        if held.drive_id is not None and following is None and held.stage != REMOVAL.name:
+            messages += complete_drive(session, held.drive_id)
+    if prepared.parts:
+        shutil.rmtree(prepared.parts.folder, ignore_errors=True)
+    return messages
 
 
 def _run_part(context: WorkerContext, held: Claim, attempt: StageAttempt, prepared: PreparedStage) -> list[JobMessage]:
@@ -137,9 +150,12 @@ def _drive_paths(context: WorkerContext, held: Claim) -> tuple[Path | None, Path
     return folder / manifest["log"], folder / manifest["gnss"] if manifest.get("gnss") else None
 
 
-def _keep(out_dir: Path, output: Path) -> None:
-    """Turn the attempt into the output by one rename. If another attempt was faster, its output (the same bytes) stays."""
+def _keep(out_dir: Path, output: Path, *, anew: bool = False) -> None:
+    """Turn the attempt into the output by one rename. If another attempt was faster, its output (the same bytes) stays; but not
+    where the stage is to be made anew."""
     output.parent.mkdir(parents=True, exist_ok=True)
+    if anew and output.is_dir():
+        os.rename(output, out_dir.with_name("before"))
     try:
         os.rename(out_dir, output)
     except OSError:
@@ -148,23 +164,33 @@ def _keep(out_dir: Path, output: Path) -> None:
 
 
 def _give_back(context: WorkerContext, held: Claim) -> None:
+    _put_back(lambda session: jobs.release(session, held), context)
+    log.info("job given back")
+
+
+def _put_back(change: Callable[[Session], None], context: WorkerContext) -> None:
+    """Let go of the job. What cannot be written the sweeper finds when the lease has run out."""
     try:
         with context.database.write() as session:
-            jobs.release(session, held)
-        log.info("job given back")
+            change(session)
     except LeaseLostError as error:
         log.warning("lease lost", error=str(error))
+    except DatabaseError as error:
+        log.warning("the job could not be let go of", error=str(error))
 
 
 def _write_failure(context: WorkerContext, held: Claim, error: Exception) -> None:
-    """Bad input fails at once, anything else after the last attempt. A job to repeat waits for the sweeper: a short pause."""
+    """Bad input fails at once; what is the machine's fault waits and counts not; anything else fails after the last attempt, with
+    growing pauses before."""
+    backoff = Backoff(context.settings.retry_first_s, context.settings.retry_longest_s)
+    if (why := of_the_machine(error)) is not None:
+        log.warning("job is put back", why=why)
+        _put_back(lambda session: jobs.pause(session, held, f"waits: {why}", MACHINE_PAUSES * backoff.first_s), context)
+        return
     final = isinstance(error, InputError | StageError) or held.attempt >= context.settings.max_attempts
     text = str(error) if isinstance(error, WayloomError) else f"{type(error).__name__}: {error}"
-    try:
-        with context.database.write() as session:
-            jobs.fail(session, held, _without_folders(context, text), final=final)
-    except LeaseLostError as lost:
-        log.warning("lease lost", error=str(lost))
+    text, pause_s = _without_folders(context, text), backoff.pause_s(held.attempt)
+    _put_back(lambda session: jobs.fail(session, held, text, final=final, pause_s=pause_s), context)
 
 
 def _without_folders(context: WorkerContext, text: str) -> str:

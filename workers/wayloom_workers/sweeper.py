@@ -5,10 +5,12 @@ from celery import Celery
 from kombu.exceptions import OperationalError
 from redis.exceptions import RedisError
 
+from wayloom.config.backoff import Backoff
 from wayloom.store import garbage, sweep, uploads
 from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseError
 from wayloom_workers.broker import make_app, make_notifier, waiting_messages
+from wayloom_workers.faults import crash_of
 from wayloom_workers.heartbeat import stop_requested
 from wayloom_workers.publishing import listed_tiles
 from wayloom_workers.stage_hooks import WorkerContext
@@ -18,7 +20,11 @@ log = structlog.get_logger()
 
 def sweep_once(context: WorkerContext, app: Celery) -> None:
     """One look."""
-    lost = sweep.requeue_lost(context.database, context.settings.max_attempts)
+    settings = context.settings
+    backoff = Backoff(settings.retry_first_s, settings.retry_longest_s)
+    lost = sweep.requeue_lost(
+        context.database, settings.max_attempts, settings.max_losses, backoff, lambda held: crash_of(context.folders, held)
+    )
     if lost:
         log.warning("jobs lost their worker", count=lost)
     unsent = sweep.unsent(context.database, context.settings.resend_s)

@@ -9,6 +9,7 @@ from pathlib import Path, PurePosixPath
 
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
+from wayloom.files.regular import open_regular
 from wayloom.logs.registry import open_log
 from wayloom.logs.types import DriveLog
 from wayloom.store.manifest import Manifest, ManifestFile
@@ -82,16 +83,17 @@ def _hashed(sources: dict[str, Path], progress: Progress) -> tuple[ManifestFile,
     total, done = sum(path.stat().st_size for path in sources.values()), 0
     files = []
     with ThreadPoolExecutor(HASH_THREADS) as pool:
-        for name, (size, digest) in zip(sources, pool.map(_hash, sources.values()), strict=True):
+        for name, (size, digest) in zip(sources, pool.map(hash_file, sources.values()), strict=True):
             files.append(ManifestFile(path=name, size=size, sha256=digest))
             done += size
             progress(done / total if total else 1.0, f"{done / 1e6:.1f} of {total / 1e6:.1f} MB read")
     return tuple(files)
 
 
-def _hash(path: Path) -> tuple[int, str]:
+def hash_file(path: Path) -> tuple[int, str]:
+    """Bytes and SHA-256 of a file. Raises LogError."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return os.fstat(file.fileno()).st_size, hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise LogError(f"cannot be read ({error.strerror})", file=path, remedy="check the file") from None

@@ -31,6 +31,11 @@ class ServiceSettings(Settings):
     host: str = Field("127.0.0.1", description="address to listen on")
     port: int = Field(8088, ge=0, le=65535, description="port to listen on")
     api_key: str | None = Field(None, min_length=16, repr=False, description="required as a Bearer token under /v1 where set")
+    allowed_hosts: str = Field(
+        "", description="names that the service answers to, comma-separated; without a key always those of this machine alone"
+    )
+    request_head_s: float = Field(20.0, gt=0, description="seconds after which a request whose head has not come is dropped")
+    body_pause_s: float = Field(60.0, gt=0, description="seconds without a byte after which a request's body is given up")
     map_id: str = Field("city", pattern=r"^[a-z0-9][a-z0-9-]{0,62}$", description="the map that drives go into")
     cors_origins: tuple[str, ...] = Field(
         (), description="origins whose pages may read the API, `https://maps.example`, or `*` for all; none by default"
@@ -49,6 +54,13 @@ class ServiceSettings(Settings):
     sweep_s: float = Field(2.0, gt=0.05, description="seconds between two looks of the sweeper")
     resend_s: float = Field(10.0, gt=0.1, description="seconds after which a queued job that nobody has taken is sent again")
     max_attempts: int = Field(3, ge=1, le=20, description="attempts of one stage before the drive fails")
+    max_losses: int = Field(
+        20, ge=1, le=1000, description="workers that may be lost over one stage, whatever the reason, before it is quarantined"
+    )
+    stage_memory_bytes: int = Field(0, ge=0, description="most bytes that a worker may hold; 0: as much as there is")
+    stage_limit_s: float = Field(7 * 86400.0, gt=0, description="seconds after which a stage that is not done has failed")
+    retry_first_s: float = Field(5.0, gt=0, description="seconds before a failed stage is tried again; twice as long each time")
+    retry_longest_s: float = Field(600.0, gt=0, description="longest pause before a failed stage is tried again, seconds")
 
     max_file_bytes: int = Field(64 * 2**30, gt=0, description="largest file of a drive, bytes")
     max_drive_files: int = Field(200_000, gt=0, description="most files of a drive")

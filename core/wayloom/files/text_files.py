@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import InputError, LogError
+from wayloom.files.regular import read_regular
 
 FloatArray = NDArray[np.float64]
 QUOTE_CHARACTERS = 40
@@ -26,7 +27,7 @@ def utf8_text(of_path: str) -> str:
 def read_bytes(file: Path, *, remedy: str, error: type[InputError] = LogError) -> bytes:
     """The bytes of a file. Raises `error`, with the remedy, where it is missing, and says why where it cannot be read."""
     try:
-        return file.read_bytes()
+        return read_regular(file)
     except FileNotFoundError:
         raise error("no such file", file=file, remedy=remedy) from None
     except OSError as problem:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 import obstore
 from obstore.exceptions import BaseError
@@ -13,8 +14,14 @@ from obstore.store import LocalStore, from_url
 
 from wayloom.errors import NotFoundError
 
+if TYPE_CHECKING:  # names of its stubs only
+    from obstore.store import ClientConfig, RetryConfig
+
 BlobError = BaseError
 """Whatever goes wrong between wayloom and its object store."""
+CLIENT: Final["ClientConfig"] = {"connect_timeout": "5s", "timeout": "60s"}
+RETRIES: Final["RetryConfig"] = {"max_retries": 2, "retry_timeout": timedelta(seconds=20)}
+"""Short, so that whoever asks hears that it is away: a job waits and is tried again, a client is told to."""
 DIGEST = re.compile("[0-9a-f]{64}")
 
 
@@ -24,7 +31,7 @@ class BlobStore:
     def __init__(self, folder: Path, url: str | None = None) -> None:
         if url is None:
             folder.mkdir(parents=True, exist_ok=True)
-        self._store = LocalStore(folder) if url is None else from_url(url)
+        self._store = LocalStore(folder) if url is None else from_url(url, client_options=CLIENT, retry_config=RETRIES)
 
     def put(self, content: bytes) -> str:
         """Store the bytes and return their SHA-256 in hexadecimal. Storing them again changes nothing."""

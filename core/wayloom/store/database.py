@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event, func, make_url, select
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.exc import OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
 from sqlalchemy.pool import ConnectionPoolEntry
 
-__all__ = ["Database", "DatabaseError", "Session", "now_s"]
+__all__ = ["Database", "DatabaseAwayError", "DatabaseError", "Session", "now_s"]
 DatabaseError = SQLAlchemyError
 """Whatever goes wrong between wayloom and its database."""
+DatabaseAwayError = OperationalError
+"""The database cannot be reached, is locked for too long, or its disk is full."""
 BUSY_TIMEOUT_MS = 30_000
 
 

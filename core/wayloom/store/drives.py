@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
+from typing import Final
 
 from sqlalchemy import delete, func, insert, select, update
 from sqlalchemy.orm import Session
@@ -13,6 +15,9 @@ from wayloom.store.manifest import Manifest
 from wayloom.store.maps import ensure_map, mark_changed
 from wayloom.store.tables import Drive, DriveFile, Job, Vehicle
 from wayloom.store.withdrawal import forget_drive
+
+ROWS_AT_ONCE: Final = 2000
+"""Files that are written or read together: a drive may have 200,000."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +47,10 @@ def register(session: Session, manifest: Manifest, map_id: str) -> tuple[Drive, 
     )  # fmt: skip
     session.add(drive)
     session.flush()
-    session.execute(insert(DriveFile), [{"drive_id": drive_id, "complete": False, **file.model_dump()} for file in manifest.files])
+    files = iter(manifest.files)
+    while some := [*islice(files, ROWS_AT_ONCE)]:
+        rows = [{"drive_id": drive_id, "complete": False, "path": one.path, "size": one.size, "sha256": one.sha256} for one in some]
+        session.execute(insert(DriveFile), rows)
     return drive, True
 
 
@@ -74,10 +82,11 @@ def newest(session: Session, limit: int, before: float | None = None, state: str
     return session.scalars(query).all()
 
 
-def missing_files(session: Session, drive_id: str) -> Sequence[DriveFile]:
-    """The files that have not arrived yet, by path."""
-    query = select(DriveFile).where(DriveFile.drive_id == drive_id, DriveFile.complete.is_(False))
-    return session.scalars(query.order_by(DriveFile.path)).all()
+def missing_files(session: Session, drive_id: str, after: str = "", limit: int = ROWS_AT_ONCE) -> Sequence[tuple[str, int, str]]:
+    """Path, size and SHA-256 of the next files that have not arrived yet, by path from behind `after` on."""
+    query = select(DriveFile.path, DriveFile.size, DriveFile.sha256).where(DriveFile.drive_id == drive_id)
+    open_ones = query.where(DriveFile.complete.is_(False), DriveFile.path > after)
+    return [(path, size, digest) for path, size, digest in session.execute(open_ones.order_by(DriveFile.path).limit(limit))]
 
 
 def received(session: Session, drives: Sequence[Drive]) -> dict[str, Received]:

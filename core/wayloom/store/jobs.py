@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import CursorResult, select, update
+from sqlalchemy import CursorResult, delete, select, update
 from sqlalchemy.orm import Session
 
 from wayloom.config.stages import REMOVAL, drive_stages, find_stage, map_stages
@@ -19,6 +19,9 @@ from wayloom.store.database import Database, now_s
 from wayloom.store.tables import Drive, DriveRun, Job, Map
 
 ERROR_LENGTH = 4000
+CANCELLED = "cancelled"
+ANEW = "anew"
+"""Of a job's payload: its output is made even where there is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +84,12 @@ def create_removal_job(session: Session, drive_id: str) -> JobMessage:
 
 
 def claim(database: Database, job_id: int, worker: str, lease_s: float) -> Claim | None:
-    """Take a queued job, or None where it is not to be had: taken, finished, gone, or its map is being worked on."""
+    """Take a queued job, or None where it is not to be had: taken, finished, gone, to be tried later, or its map is worked on."""
     with database.write() as session:
         job = session.get(Job, job_id)
-        if job is None or job.state != "queued" or _map_is_busy(session, job):
-            return None
         now = now_s(session)
+        if job is None or job.state != "queued" or (job.not_before or now) > now or _map_is_busy(session, job):
+            return None
         taken = _update(
             session,
             update(Job).where(Job.id == job_id, Job.state == "queued", Job.token == job.token),
@@ -113,7 +116,8 @@ def finish(session: Session, held: Claim, key: str) -> JobMessage | None:
     """Mark the job done, its output being `key`, and queue the drive's next stage, which is returned; after a part of a stage
     nothing (`part_jobs.after_part`). Raises LeaseLostError."""
     values: dict[str, Any] = {"state": "done", "finished_at": now_s(session), "progress": 1.0, "message": "", "error": None}
-    values |= {"worker": None, "lease_until": None, "payload": {**held.payload, "key": key}}
+    values |= {"worker": None, "lease_until": None, "payload": {**held.payload, "key": key}, "not_before": None}
+    values["payload"].pop(ANEW, None)
     if not _update(session, _held(held), **values):
         raise LeaseLostError(f"job {held.job_id} ({held.stage}): finished too late, another worker has taken it over")
     if held.drive_id is None or held.part:
@@ -126,10 +130,14 @@ def finish(session: Session, held: Claim, key: str) -> JobMessage | None:
     return JobMessage(job.id, job.queue)
 
 
-def fail(session: Session, held: Claim, error: str, *, final: bool) -> None:
-    """Write the error down; queue the job once more, or, when `final`, fail it and what depends on it. Raises LeaseLostError."""
+def fail(session: Session, held: Claim, error: str, *, final: bool, pause_s: float = 0.0) -> None:
+    """Write the error down; queue the job once more, to be tried after a pause, or, when `final`, fail it and what depends on it.
+
+    Raises LeaseLostError.
+    """
     values: dict[str, Any] = {"worker": None, "lease_until": None, "error": _text(error), "sent_at": None}
-    values |= {"state": "failed", "finished_at": now_s(session)} if final else {"state": "queued"}
+    now = now_s(session)
+    values |= {"state": "failed", "finished_at": now} if final else {"state": "queued", "not_before": now + pause_s}
     if not _update(session, _held(held), **values):
         raise LeaseLostError(f"job {held.job_id} ({held.stage}): failed too late, another worker has taken it over")
     if final:
@@ -139,6 +147,36 @@ def fail(session: Session, held: Claim, error: str, *, final: bool) -> None:
 def release(session: Session, held: Claim) -> None:
     """Put the job back untouched because the worker is told to stop; the attempt does not count. Raises LeaseLostError."""
     put_back(session, held, "queued", held.attempt - 1)
+
+
+def pause(session: Session, held: Claim, why: str, pause_s: float) -> None:
+    """Put the job back for a while, for a reason that is not the stage's; the attempt does not count. Raises LeaseLostError."""
+    put_back(session, held, "queued", held.attempt - 1)
+    job = session.get_one(Job, held.job_id)
+    job.error, job.message, job.not_before = _text(why), _text(why), now_s(session) + pause_s
+
+
+def lose(session: Session, held: Claim, evidence: dict[str, Any], pause_s: float) -> None:
+    """The job's worker is gone through no known fault: the attempt does not count, the loss is kept. Raises LeaseLostError."""
+    losses = [*session.get_one(Job, held.job_id).losses, evidence]
+    pause(session, held, str(evidence["why"]), pause_s)
+    session.get_one(Job, held.job_id).losses = losses
+
+
+def cancel(session: Session, drive_id: str) -> None:
+    """Stop the drive's stages: the one that is queued or runs fails, its worker loses the lease. `retry` goes on with it.
+
+    Of a drive that is processed anew the result before stays. Raises ConflictError where no stage is on its way.
+    """
+    drive = session.get_one(Drive, drive_id, with_for_update=True)
+    found = session.scalars(select(Job).where(Job.drive_id == drive_id, Job.state.in_(("queued", "running")))).all()
+    stages = [job for job in found if job.stage in drive_stages()]
+    if not stages:
+        raise ConflictError(f"drive {drive_id[:12]} has no stage to cancel: it is {drive.state}")
+    now = now_s(session)
+    values = {"state": "failed", "error": CANCELLED, "worker": None, "lease_until": None, "finished_at": now, "message": ""}
+    _update(session, update(Job).where(Job.id.in_([job.id for job in stages]), Job.state.in_(("queued", "running"))), **values)
+    coming.fail(drive, f"{stages[0].stage}: {CANCELLED}", now)
 
 
 def put_back(session: Session, held: Claim, state: str, attempt: int) -> None:
@@ -175,21 +213,49 @@ def keys_of_jobs(session: Session, drive_id: str, stages: Sequence[str]) -> dict
     return {job.stage: str(job.payload["key"]) for job in rows}
 
 
-def retry(session: Session, drive_id: str) -> list[JobMessage]:
-    """Fresh attempts for the failed stages of a drive, or the map job that it waits for. Raises ConflictError where none failed."""
+def retry(session: Session, drive_id: str, stage: str | None = None) -> list[JobMessage]:
+    """Fresh attempts for the failed stages of a drive, or the map job that it waits for.
+
+    stage : begin with this one, which is made anew, as are those after it, whatever they left
+    Raises ConflictError where none failed, or none of the drive's own that comes after `stage`.
+    """
     drive = session.get_one(Drive, drive_id)
     of_drive = (Job.drive_id == drive_id) | (Job.id == (drive.stitch_job_id or 0)) | (Job.parent_id == (drive.stitch_job_id or 0))
     jobs = session.scalars(select(Job).where(of_drive, Job.state == "failed")).all()
     if not jobs:
         raise ConflictError(f"drive {drive_id[:12]} has no failed stage")
+    if stage is not None:
+        return [_begin_with(session, drive, stage, jobs)]
     for job in jobs:
-        job.state, job.attempt, job.error, job.sent_at, job.finished_at = "queued", 0, None, None, None
+        _refresh(job, "queued")
         if job.map_id is not None:
             waiting = update(Drive).where(Drive.stitch_job_id == (job.parent_id or job.id), Drive.state == "failed")
             _update(session, waiting, state="stitching", error=None, finished_at=None)
         else:
             coming.resume(drive)
     return [JobMessage(job.id, job.queue) for job in jobs]
+
+
+def _begin_with(session: Session, drive: Drive, stage: str, failed: Sequence[Job]) -> JobMessage:
+    position = drive_stages().index(stage) if stage in drive_stages() else -1
+    if position < 0 or any(job.map_id is not None for job in failed) or position > min(job.position for job in failed):
+        names = ", ".join(drive_stages())
+        raise ConflictError(f"{stage!r} is no stage of the drive up to the one that failed ({failed[0].stage}); stages are {names}")
+    later = Job.drive_id == drive.id, Job.position >= position
+    session.execute(delete(Job).where(*later, Job.part > 0))
+    rows = session.scalars(select(Job).where(*later, Job.stage.in_(drive_stages())).order_by(Job.position)).all()
+    for job in rows:
+        _refresh(job, "waiting")
+        job.payload, job.progress = {ANEW: True}, 0.0
+    rows[0].state = "queued"
+    coming.resume(drive)
+    return JobMessage(rows[0].id, rows[0].queue)
+
+
+def _refresh(job: Job, state: str) -> None:
+    """As a new row."""
+    job.state, job.attempt, job.losses, job.error, job.message = state, 0, [], None, ""
+    job.sent_at, job.finished_at, job.not_before = None, None, None
 
 
 def mark_sent(database: Database, messages: Iterable[JobMessage]) -> None:

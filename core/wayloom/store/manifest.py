@@ -1,13 +1,17 @@
 """The manifest of a drive: what a vehicle says it is about to send. Its hash is the drive's id."""
 
 import hashlib
+import json
+import re
 import unicodedata
-from pathlib import PurePosixPath
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Self
 
 import rfc8785
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, field_validator, model_validator
 
+PLAIN = re.compile(r"[ -~]*")
+INVISIBLE = ("Cc", "Cf", "Cs", "Zl", "Zp")
 MAX_PATH = 1024
 MAX_NAME_BYTES = 255
 FOLDERS = ("log", "gnss")
@@ -16,12 +20,20 @@ FOLDERS = ("log", "gnss")
 Digest = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 
 
+class PathError(ValueError):
+    """A path that cannot be taken. `code` is stable: unsafe-path, path-too-long, duplicate-path."""
+
+    def __init__(self, code: str, what: str) -> None:
+        super().__init__(what)
+        self.code = code
+
+
 class ManifestFile(BaseModel):
     """One file: its path in the drive (forward slashes), bytes, SHA-256."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     path: str = Field(max_length=MAX_PATH)
-    size: int = Field(ge=0, lt=2**53)
+    size: int = Field(ge=0, lt=2**53, strict=True)
     sha256: Digest
 
     @field_validator("path")
@@ -61,7 +73,7 @@ class Manifest(BaseModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        _check_collisions([file.path for file in self.files])
+        _check_collisions(file.path for file in self.files)
         _check_inside("log", self.log, self.files)
         if self.gnss is not None:
             _check_inside("gnss", self.gnss, self.files)
@@ -70,7 +82,10 @@ class Manifest(BaseModel):
     @property
     def drive_id(self) -> str:
         """SHA-256 of the manifest as canonical JSON (RFC 8785), files sorted by path, absent fields left out."""
-        return hashlib.sha256(self.canonical()).hexdigest()
+        digest = hashlib.sha256()
+        for part in self._canonical_parts():
+            digest.update(part)
+        return digest.hexdigest()
 
     @property
     def byte_count(self) -> int:
@@ -79,41 +94,51 @@ class Manifest(BaseModel):
 
     def canonical(self) -> bytes:
         """The bytes that the drive's id is the hash of."""
-        content = self.model_dump(exclude_none=True)
-        content["files"] = sorted(content["files"], key=lambda file: file["path"])
-        return rfc8785.dumps(content)
+        return b"".join(self._canonical_parts())
+
+    def _canonical_parts(self) -> Iterator[bytes]:
+        """A file at a time: a drive may have 200,000. `files` comes first of the names in use."""
+        about = rfc8785.dumps(self.model_dump(exclude_none=True, exclude={"files"}))
+        yield b'{"files":['
+        for number, file in enumerate(sorted(self.files, key=lambda file: file.path)):
+            path = json.dumps(file.path, ensure_ascii=False)
+            yield f'{"," if number else ""}{{"path":{path},"sha256":"{file.sha256}","size":{file.size}}}'.encode()
+        yield b"]," + about[1:]
 
 
 def check_path(path: str, *, may_be_root: bool = False) -> str:
-    """The path if it can safely be a file in a drive's folder. Raises ValueError that says what is wrong."""
+    """The path if it can safely be a file in a drive's folder. Raises PathError that says what is wrong."""
     parts = path.split("/")
-    if any(unicodedata.category(letter) in ("Cc", "Cf", "Cs", "Zl", "Zp") for letter in path) or "\\" in path:
-        raise ValueError(f"{path!r}: control characters and backslashes are not allowed in a path")
+    if "\\" in path or (not PLAIN.fullmatch(path) and any(unicodedata.category(letter) in INVISIBLE for letter in path)):
+        raise PathError("unsafe-path", f"{path!r}: control characters and backslashes are not allowed in a path")
     if any(part in ("", ".", "..") for part in parts):
-        raise ValueError(f"{path!r}: a path is relative, without empty, '.' or '..' parts")
-    if any(len(part.encode()) > MAX_NAME_BYTES or part != part.strip() or part.endswith(".") or ":" in part for part in parts):
-        raise ValueError(f"{path!r}: a part of the path is too long, has a colon, or starts or ends with a space or dot")
+        raise PathError("unsafe-path", f"{path!r}: a path is relative, without empty, '.' or '..' parts")
+    if any(len(part.encode()) > MAX_NAME_BYTES for part in parts):
+        raise PathError("path-too-long", f"{path[:80]!r}…: a part of the path has more than {MAX_NAME_BYTES} bytes")
+    if any(part != part.strip() or part.endswith(".") or ":" in part for part in parts):
+        raise PathError("unsafe-path", f"{path!r}: a part of the path has a colon, or starts or ends with a space or dot")
     if parts[0] not in FOLDERS or (len(parts) == 1 and not may_be_root):
-        raise ValueError(f"{path!r}: a path starts with {' or '.join(folder + '/' for folder in FOLDERS)}")
+        raise PathError("unsafe-path", f"{path!r}: a path starts with {' or '.join(folder + '/' for folder in FOLDERS)}")
     return path
 
 
-def _check_collisions(paths: list[str]) -> None:
+def _check_collisions(paths: Iterable[str]) -> None:
     """Refuse two files that one file system would take for one, and a file that is another's folder."""
     seen: dict[str, str] = {}
     for path in paths:
         folded = _folded(path)
         if folded in seen:
-            raise ValueError(f"{path!r} and {seen[folded]!r} are the same file on some file systems")
+            raise PathError("duplicate-path", f"{path!r} and {seen[folded]!r} are the same file on some file systems")
         seen[folded] = path
-    for path in paths:
-        for parent in list(PurePosixPath(path).parents)[:-1]:
-            if _folded(str(parent)) in seen:
-                raise ValueError(f"{seen[_folded(str(parent))]!r} is both a file and the folder of {path!r}")
+    for folder in {folded.rpartition("/")[0] for folded in seen}:
+        while folder:
+            if folder in seen:
+                raise PathError("duplicate-path", f"{seen[folder]!r} is both a file and the folder of another")
+            folder = folder.rpartition("/")[0]
 
 
 def _folded(path: str) -> str:
-    return unicodedata.normalize("NFKC", path).casefold()
+    return path.lower() if path.isascii() else unicodedata.normalize("NFKC", path).casefold()
 
 
 def _check_inside(folder: str, path: str, files: tuple[ManifestFile, ...]) -> None:

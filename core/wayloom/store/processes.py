@@ -25,6 +25,12 @@ def is_dead(worker: str) -> bool:
     return now == GONE or (now != "" and now != started)
 
 
+def name_of(worker: str) -> str:
+    """Host and process id, for people."""
+    machine, _, process = worker.partition("|")
+    return f"{machine.partition('/')[0]} pid {process.partition('|')[0]}"
+
+
 @cache
 def _machine() -> str:
     try:

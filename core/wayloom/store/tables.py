@@ -131,6 +131,9 @@ class Job(Base):
     token   fencing token: grows with every claim; whoever holds an older one may not commit
     part    0: the whole stage; a stage that is made in parts has a row for each, from 1 on, and its own waits for them
     worker  who runs it: host, boot, process id and start time
+    attempt     how often it was begun, less those that ended through no fault of the stage
+    losses      workers that died or fell silent while they ran it, without a crash of its own: evidence, one entry each
+    not_before  when it may be tried again (None: at once)
     """
 
     __tablename__ = "jobs"
@@ -144,6 +147,8 @@ class Job(Base):
     queue: Mapped[str] = mapped_column(String(32))
     state: Mapped[str] = mapped_column(String(16))
     attempt: Mapped[int] = mapped_column(default=0)
+    losses: Mapped[list[Any]] = mapped_column(default=list, server_default="[]")
+    not_before: Mapped[float | None]
     token: Mapped[int] = mapped_column(default=0)
     worker: Mapped[str | None] = mapped_column(String(256))
     lease_until: Mapped[float | None]

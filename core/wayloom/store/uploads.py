@@ -39,6 +39,8 @@ class Part:
 
     def digest(self) -> str:
         """SHA-256 of the stored bytes."""
+        if self.size() == 0:
+            return hashlib.sha256().hexdigest()
         with self.path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -60,13 +62,23 @@ class Part:
             os.close(fd)
         target.parent.mkdir(parents=True, exist_ok=True)
         os.replace(self.path, target)
+        sync_folder(target.parent)
 
     def drop(self) -> None:
         """Forget the bytes."""
         self.path.unlink(missing_ok=True)
 
 
-def write_at(fd: int, data: bytes, offset: int) -> None:
+def sync_folder(folder: Path) -> None:
+    """Make the folder's names durable, so that no row says that a file is there which a power cut takes away."""
+    fd = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
+
+
+def write_at(fd: int, data: bytes | memoryview, offset: int) -> None:
     """Write all of `data` at `offset`."""
     view = memoryview(data)
     while view:
@@ -82,6 +94,36 @@ def part(folders: Folders, upload_id: str) -> Part:
 def staged_part(folders: Folders, upload_id: str) -> Part:
     """Where a chunk waits for its checksum."""
     return Part(folders.uploads / f"{upload_id}.chunk")
+
+
+def place_of(folders: Folders, upload: Upload) -> Part:
+    """Where the upload's file belongs."""
+    return Part(folders.drive(upload.drive_id) / upload.path)
+
+
+def stored_bytes(folders: Folders, upload: Upload) -> int:
+    """The offset. A file that lies whole in its place, but whose row did not come to be committed, has arrived all the same."""
+    if upload.complete:
+        return upload.length
+    come = part(folders, upload.id).size()
+    return upload.length if come < upload.length == place_of(folders, upload).size() else come
+
+
+def settle(folders: Folders, upload: Upload, expected: str, running: str | None) -> str:
+    """Bring a whole file to its place and return its SHA-256; one that is not as expected stays nowhere.
+
+    The row is committed after it. Whatever happens between the two, the file is found again: in its part, or in its place.
+
+    running : the digest that was taken while the bytes came, where there is one: they are not read again
+    """
+    come, place = part(folders, upload.id), place_of(folders, upload)
+    lies_there = come.size() < upload.length
+    found = place.digest() if lies_there else running or come.digest()
+    if found != expected:
+        (place if lies_there else come).drop()
+    elif not lies_there:
+        come.install(place.path)
+    return found
 
 
 def create(session: Session, drive_id: str, path: str, length: int, metadata: str, expiry_s: float) -> Upload:
@@ -109,9 +151,9 @@ def find(session: Session, upload_id: str) -> Upload:
     return upload
 
 
-def expected_digest(session: Session, upload: Upload) -> str:
-    """The SHA-256 that the manifest promises for the upload's file."""
-    return session.get_one(DriveFile, (upload.drive_id, upload.path)).sha256
+def promised(session: Session, upload: Upload) -> DriveFile:
+    """What the manifest promises for the upload's file, and whether it has arrived."""
+    return session.get_one(DriveFile, (upload.drive_id, upload.path))
 
 
 def prolong(session: Session, upload_id: str, expiry_s: float) -> float:

@@ -3,6 +3,8 @@
 OpenCV decodes a truncated PNG or JPEG into a picture that is grey from some row on and says nothing, so wholeness is checked here.
 """
 
+import contextlib
+import io
 import struct
 import zlib
 from dataclasses import dataclass
@@ -14,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import LogError
+from wayloom.files.regular import open_regular
 from wayloom.files.text_files import read_bytes
 
 Image = NDArray[np.uint8]
@@ -22,10 +25,16 @@ PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_END = b"IEND\xaeB`\x82"
 JPEG_START, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 TAIL_BYTES = 1024
+MOST_PIXELS = 1 << 27
+"""Of one image: 134 million, ten times as many as a large camera takes."""
 _CHUNK_NUMBER = struct.Struct(">I").unpack_from
 # What cannot be decoded is told here, in one line; OpenCV's own lines would stand before it.
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 COPY_AGAIN = "copy the file again from the vehicle, or leave the frame out"
+
+
+class _CutHeaderError(LogError):
+    """A JPEG whose header does not say its size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,23 +104,36 @@ def read_header(file: Path) -> ImageHeader:
     Raises LogError for an empty, truncated or foreign file.
     """
     try:
-        with file.open("rb") as stream:
+        with open_regular(file) as stream:
             start = stream.read(33)
             size = stream.seek(0, 2)
             stream.seek(max(0, size - TAIL_BYTES))
             tail = stream.read(TAIL_BYTES)
             if start.startswith(JPEG_START):
                 _check_end(tail, JPEG_END, file, size)
-                return _jpeg_header(stream, file)
+                return _not_too_large(_jpeg_header(stream, file), file)
     except OSError as problem:
         raise LogError(f"cannot be read ({problem.strerror})", file=file, remedy="check the file and its permissions") from None
     if size == 0:
         raise LogError("the image is empty (0 bytes)", file=file, remedy=COPY_AGAIN)
     if start.startswith(PNG_SIGNATURE):
         _check_end(tail if len(start) == 33 else b"", PNG_END, file, size)
-        return ImageHeader(int.from_bytes(start[16:20], "big"), int.from_bytes(start[20:24], "big"), bool(start[25] & 2))
-    picture = _decoded(file.read_bytes(), cv2.IMREAD_ANYCOLOR, file)
+        return _not_too_large(_png_header(start), file)
+    picture = _decoded(read_bytes(file, remedy=COPY_AGAIN), cv2.IMREAD_ANYCOLOR, file)
     return ImageHeader(picture.shape[1], picture.shape[0], picture.ndim == 3)
+
+
+def _png_header(start: bytes) -> ImageHeader:
+    """Of the first 33 bytes."""
+    return ImageHeader(int.from_bytes(start[16:20], "big"), int.from_bytes(start[20:24], "big"), bool(start[25] & 2))
+
+
+def _not_too_large(header: ImageHeader, file: Path, record: str | None = None) -> ImageHeader:
+    """The header. Raises LogError where the picture would not fit into memory: a small file may unpack to a thousand times more."""
+    if header.width * header.height > MOST_PIXELS:
+        what = f"the image has {header.width} × {header.height} pixels, {MOST_PIXELS} in all are allowed"
+        raise LogError(what, file=file, record=record, remedy="leave the frame out")
+    return header
 
 
 def _check_end(tail: bytes, end: bytes, file: Path, size: int, record: str | None = None) -> None:
@@ -126,11 +148,11 @@ def _jpeg_header(stream: BinaryIO, file: Path) -> ImageHeader:
     while True:
         marker = stream.read(4)
         if len(marker) < 4 or marker[0] != 0xFF:
-            raise LogError("the JPEG has no frame header", file=file, remedy=COPY_AGAIN)
+            raise _CutHeaderError("the JPEG has no frame header", file=file, remedy=COPY_AGAIN)
         if 0xC0 <= marker[1] <= 0xCF and marker[1] not in (0xC4, 0xC8, 0xCC):
             frame = stream.read(6)
             if len(frame) < 6:
-                raise LogError("the JPEG's frame header is cut", file=file, remedy=COPY_AGAIN)
+                raise _CutHeaderError("the JPEG's frame header is cut", file=file, remedy=COPY_AGAIN)
             return ImageHeader(int.from_bytes(frame[3:5], "big"), int.from_bytes(frame[1:3], "big"), frame[5] >= 3)
         stream.seek(max(0, int.from_bytes(marker[2:4], "big") - 2), 1)
 
@@ -162,6 +184,7 @@ def read_grey(file: Path) -> Image:
     """As read_image without colour, by compiled code where that is faster; for readers of many images."""
     data = read_bytes(file, remedy=COPY_AGAIN)
     if data.startswith(PNG_SIGNATURE):
+        _check_size(data, file)
         from wayloom.logs.images import grey_png  # numba takes half a second to import, which most readers do without
 
         chunks = check_png(data, file)
@@ -178,6 +201,7 @@ def decode_image(data: bytes, file: Path, *, colour: bool | None, record: str | 
     """
     if not data:
         raise LogError("the image is empty (0 bytes)", file=file, record=record, remedy=COPY_AGAIN)
+    _check_size(data, file, record)
     if data.startswith(PNG_SIGNATURE):
         check_png(data, file, record)
     elif data.startswith(JPEG_START):
@@ -185,6 +209,15 @@ def decode_image(data: bytes, file: Path, *, colour: bool | None, record: str | 
     flags = {None: cv2.IMREAD_ANYCOLOR, True: cv2.IMREAD_COLOR, False: cv2.IMREAD_GRAYSCALE}[colour]
     picture = _decoded(data, flags, file, record)
     return np.ascontiguousarray(picture[..., ::-1]) if picture.ndim == 3 else picture
+
+
+def _check_size(data: bytes, file: Path, record: str | None = None) -> None:
+    """By the header alone, before anything is unpacked. What has no whole header is refused later, with what is wrong with it."""
+    if data.startswith(PNG_SIGNATURE) and len(data) >= 33:
+        _not_too_large(_png_header(data[:33]), file, record)
+    elif data.startswith(JPEG_START):
+        with contextlib.suppress(_CutHeaderError):
+            _not_too_large(_jpeg_header(io.BytesIO(data), file), file, record)
 
 
 def _decoded(data: bytes, flags: int, file: Path, record: str | None = None) -> Image:

@@ -1,0 +1,74 @@
+"""A bad link: a TCP relay before a server that breaks connections after so many bytes, or flips one."""
+
+import contextlib
+import socket
+import threading
+from urllib.parse import urlsplit
+
+BLOCK = 16 << 10
+
+
+class BadLink:
+    """Relays to `url`.
+
+    break_after  every connection is cut after so many bytes from the client
+    flip_at      the byte that is flipped, counted over all bytes from the client
+    sent         bytes that the client has sent in all
+    """
+
+    def __init__(self, url: str, break_after: int | None = None, flip_at: int | None = None) -> None:
+        self._to = (str(urlsplit(url).hostname), int(urlsplit(url).port or 80))
+        self._break_after, self._flip_at = break_after, flip_at
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._lock = threading.Lock()
+        self.sent, self.broken = 0, 0
+        self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def close(self) -> None:
+        """Take no more connections."""
+        self._listener.close()
+
+    def _serve(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                client, _ = self._listener.accept()
+                threading.Thread(target=self._relay, args=(client,), daemon=True).start()
+
+    def _relay(self, client: socket.socket) -> None:
+        """Both ways, until one end closes or the link breaks; what the client has sent by then and nobody has read is lost."""
+        with client, socket.create_connection(self._to) as server:
+            back = threading.Thread(target=self._down, args=(client, server), daemon=True)
+            back.start()
+            self._up(client, server)
+            back.join()
+
+    def _up(self, client: socket.socket, server: socket.socket) -> None:
+        left = self._break_after
+        with contextlib.suppress(OSError):
+            while content := client.recv(BLOCK if left is None else min(BLOCK, left)):
+                server.sendall(self._count(content))
+                if left is not None and (left := left - len(content)) == 0:
+                    self.broken += 1
+                    break
+        _shut(client, server)
+
+    def _count(self, content: bytes) -> bytes:
+        with self._lock:
+            at, self.sent = self.sent, self.sent + len(content)
+        if self._flip_at is not None and at <= self._flip_at < at + len(content):
+            i = self._flip_at - at
+            return content[:i] + bytes([content[i] ^ 1]) + content[i + 1 :]
+        return content
+
+    def _down(self, client: socket.socket, server: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            while content := server.recv(BLOCK):
+                client.sendall(content)
+        _shut(client, server)
+
+
+def _shut(*ends: socket.socket) -> None:
+    for end in ends:
+        with contextlib.suppress(OSError):
+            end.shutdown(socket.SHUT_RDWR)
