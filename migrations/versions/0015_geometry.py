@@ -10,7 +10,7 @@ from sqlalchemy.exc import DBAPIError
 
 from wayloom.errors import InputError
 
-revision = "0016"
+revision = "0015"
 down_revision = "0014"
 branch_labels = None
 depends_on = None
