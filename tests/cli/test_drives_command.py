@@ -67,6 +67,17 @@ def test_a_drive_that_failed_is_watched_to_its_end_and_tried_again(up: Up, tmp_p
     assert wait_for_drive(up.api(), sent)["state"] == "failed"
 
 
+def test_a_drive_is_cancelled_and_goes_on_from_the_stage_that_is_asked_for(up: Up, tmp_path: Path) -> None:
+    sent = str(upload(up.api(), packed_drive(tmp_path, "slow", {"odometry": {"seconds": 30.0}}))["id"])
+    until(lambda: any(one["stage"] == "odometry" and one["state"] == "running" for one in up.api().drive(sent)["stages"]))
+    assert drives(up, "cancel", "slow").exit_code == 0
+    assert (up.api().drive(sent)["state"], up.api().drive(sent)["error"]) == ("failed", "odometry: cancelled")
+    again = drives(up, "retry", "slow", "--stage", "ingest")
+    assert again.exit_code == 0, again.exception
+    assert up.api().drive(sent)["state"] in ("queued", "running")
+    assert drives(up, "cancel", "slow").exit_code == 0
+
+
 def test_the_report_is_one_page_with_grade_reasons_and_pictures(up: Up, held: str, tmp_path: Path) -> None:
     page, numbers = tmp_path / "report.html", tmp_path / "report.json"
     assert drives(up, "report", "held", "--out", page).exit_code == 0

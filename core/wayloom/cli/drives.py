@@ -13,7 +13,7 @@ from wayloom.errors import ConfigError, NotFoundError
 if TYPE_CHECKING:
     from wayloom.client.api import Api
 
-group = typer.Typer(help="The drives of a service: list, show, watch, retry, delete, report.", no_args_is_help=True)
+group = typer.Typer(help="The drives of a service: list, show, watch, retry, cancel, delete, report.", no_args_is_help=True)
 ToOption = Annotated[str, typer.Option("--to", metavar="URL", help="Address of the service, e.g. http://127.0.0.1:8088")]
 DriveArgument = Annotated[str, typer.Argument(metavar="DRIVE", help="The drive's id, or its beginning; or its name.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print what the service says, as JSON.")]
@@ -68,10 +68,23 @@ def watch_command(drive: DriveArgument, to: ToOption, config: ConfigOption = Non
 
 
 @group.command("retry")
-def retry_command(drive: DriveArgument, to: ToOption, config: ConfigOption = None) -> None:
-    """Try the failed stage of a drive again, with a fresh set of attempts; finished stages are kept."""
+def retry_command(
+    drive: DriveArgument,
+    to: ToOption,
+    stage: Annotated[str | None, typer.Option(help="Make this stage and those after it anew; else the one that failed.")] = None,
+    config: ConfigOption = None,
+) -> None:
+    """Try the failed stage of a drive again, with a fresh set of attempts, or begin at a stage; those before it are kept."""
+    wanted = {} if stage is None else {"json": {"stage": stage}}
     with service(to, config) as api:
-        typer.echo(line(api.json("POST", f"/v1/drives/{find(api, drive)['id']}/retry")))
+        typer.echo(line(api.json("POST", f"/v1/drives/{find(api, drive)['id']}/retry", **wanted)))
+
+
+@group.command("cancel")
+def cancel_command(drive: DriveArgument, to: ToOption, config: ConfigOption = None) -> None:
+    """Stop the stages of a drive: it fails as cancelled, and `retry` goes on with it."""
+    with service(to, config) as api:
+        typer.echo(line(api.json("POST", f"/v1/drives/{find(api, drive)['id']}/cancel")))
 
 
 @group.command("delete")
