@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from pages import DOCS, put_between_marks
 from wayloom.evaluation.made_ground import Wear, made_sheet
 from wayloom.evaluation.markings import Scores, score_kerbs, score_markings
+from wayloom.exports.drive_outputs import MergedSheets
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geometry import se3
@@ -45,7 +46,6 @@ from wayloom.simulation.city.objects import Area
 from wayloom.simulation.models.catalogue import Models
 from wayloom.simulation.recording.worlds import build_world
 from wayloom.simulation.rendering.light import LightSettings
-from wayloom.stitching.drive_markings import MergedGround
 from wayloom.stitching.marking_files import lines_of, read_features
 from wayloom.stitching.region_markings import region_markings
 from wayloom.submaps.files import load_submaps
@@ -156,7 +156,7 @@ def of_map(outs: Sequence[Path], folders: Sequence[Path]) -> str:
         frame = _one_frame(frame, submaps[0].frame, out)
         columns[f"drive {number}"] = geojson(*found, frame, submaps)["features"]
     assert frame is not None
-    ground, found_of_map, seconds = MergedGround(placed), [], []
+    ground, found_of_map, seconds = MergedSheets(placed), [], []
     for key in ground.keys:
         start = time.process_time()
         data = region_markings(key, ground, frame, MarkingSettings(), KerbSettings())

@@ -14,7 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from wayloom import __version__
 from wayloom.config.service import ServiceSettings
-from wayloom_services import drives, errors, events, health, lineage, maps, markings, rigs, tile_sets, tilesets, tus
+from wayloom_services import drives, errors, events, health, lineage, maps, markings, ogc, regions, rigs, tile_sets, tilesets, tus
 from wayloom_services.context import make_service
 from wayloom_services.drives import DriveId
 from wayloom_services.events import Feed
@@ -55,7 +55,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     )  # fmt: skip
     app.state.service, app.state.feed = service, Feed(service)
     errors.install(app)
-    for room in (drives, tus, maps, markings, tile_sets, tilesets, lineage, rigs, events, health):
+    for room in (drives, tus, maps, markings, ogc, regions, tile_sets, tilesets, lineage, rigs, events, health):
         app.include_router(room.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 

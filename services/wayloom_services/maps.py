@@ -76,7 +76,11 @@ async def version(map_id: MapId, number: Number, service: ServiceDep) -> Version
 
 @router.get("/maps/{map_id}/changes")
 async def changed_things(
-    map_id: MapId, service: ServiceDep, bbox: BBox = None, since: Annotated[AwareDatetime | None, Query(description=SINCE)] = None
+    map_id: MapId,
+    service: ServiceDep,
+    bbox: BBox = None,
+    since: Annotated[AwareDatetime | None, Query(description=SINCE)] = None,
+    until: Annotated[AwareDatetime | None, Query(description="likewise; then or earlier")] = None,
 ) -> FeatureCollection:
     """The things that have gone and those that are new in the newest version, with the drives that are the evidence."""
     box = None if bbox is None else box_of_query(bbox)
@@ -86,7 +90,7 @@ async def changed_things(
         return map_versions.changed_things(session, map_id)
 
     found = [Feature(**feature) for feature in await service.read(read)]
-    return FeatureCollection(features=[one for one in found if _lies_in(one, box) and _is_since(one, since)])
+    return FeatureCollection(features=[one for one in found if _lies_in(one, box) and _is_within(one, since, until)])
 
 
 @router.get("/maps/{map_id}/versions/{number}/changes")
@@ -215,8 +219,9 @@ def _lies_in(feature: Feature, box: maps.Box | None) -> bool:
     return bool(south <= lat <= north and (west <= lon <= east or west <= lon + 360.0 <= east))
 
 
-def _is_since(feature: Feature, since: AwareDatetime | None) -> bool:
-    return since is None or datetime.fromisoformat(feature.properties["noticed"]) >= since
+def _is_within(feature: Feature, since: AwareDatetime | None, until: AwareDatetime | None) -> bool:
+    noticed = datetime.fromisoformat(feature.properties["noticed"])
+    return (since is None or noticed >= since) and (until is None or noticed <= until)
 
 
 def _square(z: int, x: int, y: int) -> dict[str, object]:

@@ -295,6 +295,27 @@ class RunList(BaseModel):
     runs: list[RunDetail]
 
 
+class RegionParts(BaseModel):
+    """A region of a version: its place in the grid, and the digests of its files; empty: it has none."""
+
+    east: int
+    north: int
+    bytes: int = Field(description="of its voxels")
+    voxels: str
+    ground: str
+    markings: str
+    areas: str
+    objects: str
+
+
+class RegionPartsList(BaseModel):
+    """Regions of a version, by column and row."""
+
+    frame: list[float] = Field(description="longitude, latitude, height of the origin of the map's frame")
+    built_with: str = Field(description="digest of settings, code and frame")
+    regions: list[RegionParts]
+
+
 class DriveLineage(BaseModel):
     """A drive whose submaps bear on a place of the map."""
 

@@ -34,7 +34,8 @@ def test_an_entry_names_a_room_parts_of_the_log_and_settings_that_there_are(stag
 def test_every_setting_is_in_the_key_of_a_stage_or_changes_no_result():
     """The network and the rig file are in keys by content (`key_parts`); threads change nothing; the rest is for exports."""
     named = {path.split(".")[0] for stage in STAGES for path in stage.settings}
-    assert set(ProcessSettings.model_fields) - named == {"segmentation", "rig", "threads", "geoid", "markings", "kerbs"}
+    of_exports = {"geoid", "markings", "kerbs", "object_fusion"}
+    assert set(ProcessSettings.model_fields) - named == {"segmentation", "rig", "threads", *of_exports}
 
 
 def test_an_unknown_stage_is_refused_with_the_known_ones():

@@ -107,7 +107,7 @@ def test_an_added_stage_runs_in_the_services_workers(room, tmp_path):
         done = wait_for_drive(api, sent["id"])
         assert (done["state"], done["error"]) == ("done", None)
         names = [stage["stage"] for stage in done["stages"]]
-        assert (names[1:4], names[-4:]) == (["odometry", "count", "segmentation"], ["ground", "recount", "stitch", "publish"])
+        assert (names[1:4], names[-4:]) == (["odometry", "count", "segmentation"], ["objects", "recount", "stitch", "publish"])
         assert {stage["state"] for stage in done["stages"]} == {"done"}
         assert "count" in api.json("GET", "/v1/info")["stages"]
         (output,) = (up.data / "drives" / sent["id"] / "stages" / "count").iterdir()

@@ -15,7 +15,7 @@ from wayloom.pipeline.code_version import PACKAGE, code_version, library_version
 READERS = {name: f"wayloom.logs.{name}" for name in ("kitti.kitti_odometry", "kitti.kitti_raw", "kitti.kitti_360", "ros2.mcap_log")}
 ROOTS = {stage.name: str(stage.room) for stage in STAGES} | READERS
 BEHIND = {"georeference", "submaps"}
-TRACKED = {"odometry", "segmentation", "labelling", "places", "looks", "ground", *BEHIND}
+TRACKED = {"odometry", "segmentation", "labelling", "places", "looks", "ground", "objects", *BEHIND}
 ALL_READERS = set(READERS)
 READER_ROOMS = ("wayloom.logs.kitti", "wayloom.logs.ros2")
 
@@ -56,7 +56,7 @@ def digests(package: Path) -> dict[str, str]:
     ("file", "expected"),
     [
         ("errors.py", {*ROOTS}),
-        ("config/classes.py", {"segmentation", "labelling", "places", "looks", "loops", "ground", *BEHIND}),
+        ("config/classes.py", {"segmentation", "labelling", "places", "looks", "loops", "ground", "objects", *BEHIND}),
         (
             "config/settings.py",
             {
@@ -69,12 +69,13 @@ def digests(package: Path) -> dict[str, str]:
                 "georeference",
                 "submaps",
                 "ground",
+                "objects",
                 *ALL_READERS,
             },
         ),
         ("config/stages.py", set()),
         ("config/service.py", set()),
-        ("geometry/se3.py", {"ingest", "odometry", "labelling", "places", "loops", "ground", *BEHIND, *ALL_READERS}),
+        ("geometry/se3.py", {"ingest", "odometry", "labelling", "places", "loops", "ground", "objects", *BEHIND, *ALL_READERS}),
         ("geodesy/wgs84.py", {"ingest", *BEHIND, *ALL_READERS}),
         ("files/ply.py", {"kitti.kitti_360"}),
         ("logs/inspection.py", {"ingest"}),
@@ -88,13 +89,13 @@ def digests(package: Path) -> dict[str, str]:
         ("odometry/kernels/tracking.py", {"odometry"}),
         ("odometry/result/odometry_file.py", TRACKED),
         ("calibration/learn.py", {"odometry"}),
-        ("segmentation/scores.py", {"segmentation", "labelling", "places", "looks", "ground"}),
+        ("segmentation/scores.py", {"segmentation", "labelling", "places", "looks", "ground", "objects"}),
         ("segmentation/network.py", {"segmentation"}),
         ("segmentation/download.py", set()),
         ("labelling/kernels/voting.py", {"labelling", "loops"}),
         ("labelling/files.py", {"labelling", "places", *BEHIND}),
         ("places/features.py", {"places"}),
-        ("places/stereo_pair.py", {"places", "looks", "ground"}),
+        ("places/stereo_pair.py", {"places", "looks", "ground", "objects"}),
         ("dense/disparity.py", {"looks", "ground"}),
         ("ground/kernels/surface.py", {"ground"}),
         ("ground/exports.py", set()),
@@ -104,7 +105,9 @@ def digests(package: Path) -> dict[str, str]:
         ("mapping/drive_graph.py", {"georeference"}),
         ("georeference/rigid.py", {"georeference", "submaps"}),
         ("georeference/alignment.py", {"georeference"}),
-        ("files/blob.py", {"places", "looks", "loops", "georeference", "submaps", "ground"}),
+        ("files/blob.py", {"places", "looks", "loops", "georeference", "submaps", "ground", "objects"}),
+        ("objects/kernels/matching.py", {"objects"}),
+        ("objects/fusion.py", set()),
         ("tiles/preview.py", {"submaps"}),
         ("tiles/pyramid.py", set()),
         ("stitching/merge.py", set()),

@@ -10,9 +10,10 @@ from evo.tools import file_interface
 
 from reports.made_result import CAMERA, made_result
 from wayloom.config.classes import PALETTE_WITH_VOID
+from wayloom.files.gps_time import adjusted_gps_s
 from wayloom.files.ply import read_ply
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.geodesy.wgs84 import enu_from_lonlatheight
+from wayloom.geodesy.wgs84 import T_enu_enu, enu_from_lonlatheight
 from wayloom.geometry import se3
 from wayloom.pipeline.drive_map import cloud
 from wayloom.pipeline.exports import write_exports
@@ -54,7 +55,10 @@ def test_the_geojson_track_lies_where_the_fixes_are(folder, result):
 def test_the_cloud_has_all_points_of_all_submaps_with_their_colours(folder, result):
     ply = read_ply(folder / "cloud.ply")
     points, labels = cloud(result.submaps)
-    np.testing.assert_array_equal(ply.points, points)
+    origin = (folder / "cloud.ply").read_bytes()[:300].split(b"ENU at ")[1].split(b" (")[0].split()
+    T_local_enu = T_enu_enu(MapFrame(*map(float, origin)), result.geo.frame)
+    np.testing.assert_allclose(ply.points, se3.transform(T_local_enu, points), atol=1e-9)
+    assert np.linalg.norm(ply.points, axis=1).max() < 200.0  # near its origin, though the map's is 56 km away
     np.testing.assert_array_equal(ply.labels, labels)
     np.testing.assert_array_equal(ply.colours, PALETTE_WITH_VOID[labels])
 
@@ -65,6 +69,12 @@ def test_the_laz_has_the_same_points_in_utm(folder, result):
     np.testing.assert_array_equal(np.asarray(laz.label), labels)
     assert laz.header.parse_crs().to_epsg() == 32632
     assert 450_000 < np.asarray(laz.x).mean() < 460_000
+    grey = np.concatenate([item.submap.grey for item in result.submaps])
+    sigma = np.sqrt(np.concatenate([item.submap.variance for item in result.submaps]))
+    np.testing.assert_array_equal(np.asarray(laz.intensity), grey.astype(int) * 257)
+    np.testing.assert_allclose(np.asarray(laz.sigma), sigma, atol=0.0005)
+    seen_ns = np.concatenate([item.submap.seen_ns for item in result.submaps])
+    np.testing.assert_array_equal(np.asarray(laz.gps_time), adjusted_gps_s(seen_ns))
 
 
 def test_overlays_are_spread_over_the_drive_and_of_the_cameras_size(folder):

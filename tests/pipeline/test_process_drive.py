@@ -126,6 +126,7 @@ def test_without_gnss_the_map_is_in_its_own_frame(done, log_path, settings, clip
     assert reused(own) == [name for name in BEFORE_GNSS if name != "ingest"]
     assert not (out / "trajectory.geojson").exists()
     assert not (out / "markings.geojson").exists()
+    assert not (out / "objects.geojson").exists()
 
 
 def test_two_runs_give_the_same_bytes(done, log_path, settings, clip_a_gnss, tmp_path):

@@ -49,6 +49,8 @@ def test_a_box_and_a_time_choose_among_them(http: httpx2.Client) -> None:
     assert listed(http, bbox="179.0,48.9,8.6,49.1") == [YOUNG]
     assert listed(http, since="2026-06-02T10:00:00.250+02:00") == [YOUNG]
     assert listed(http, since="2026-06-02T08:00:00.251Z") == []
+    assert listed(http, until="2026-06-02T08:00:00.250Z") == [YOUNG]
+    assert listed(http, since="2026-06-01T00:00:00Z", until="2026-06-02T08:00:00.249Z") == []
 
 
 def test_a_version_says_what_it_lists_otherwise_than_the_one_before(http: httpx2.Client) -> None:

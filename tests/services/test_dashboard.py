@@ -1,5 +1,6 @@
 """The dashboard in a real browser: it shows map, drives and errors, follows what changes, and says nothing on the console."""
 
+import os
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -10,7 +11,6 @@ import numpy as np
 import pytest
 
 from service_kit import little_stages
-from service_kit.browsers import chromium
 from service_kit.packed_drives import packed_drive
 from service_kit.running import ApiAlone, service, until
 from wayloom.client.upload import upload
@@ -24,13 +24,26 @@ from wayloom.tiles.formats import TILE_FORMATS
 from wayloom.tiles.png import png_bytes
 from wayloom.tiles.rasters import RASTER_LAYERS
 
+CHROMIUM = Path("/usr/bin/chromium")
+ARGUMENTS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+)  # fmt: skip
 SHOWN = "!!globalThis.wayloomMap?.getLayer('semantic') && wayloomMap.loaded() && !wayloomMap.isMoving()"
 
 
 @pytest.fixture
 def browser() -> Iterator[Any]:
-    with chromium() as launched:
+    if not CHROMIUM.exists():
+        if os.environ.get("CI"):
+            pytest.fail(f"no {CHROMIUM}: install Debian's chromium")
+        pytest.skip(f"no {CHROMIUM}")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(ARGUMENTS))
         yield launched
+        launched.close()
 
 
 @pytest.mark.browser
@@ -209,5 +222,45 @@ def test_the_dashboard_draws_markings_and_kerbs_near_the_ground(browser: Any, tm
         page.evaluate("wayloomMap.jumpTo({zoom: 17.5})")
         until(lambda: page.evaluate(SHOWN))
         assert page.evaluate(drawn) == []
+        assert said == []
+        page.close()
+
+
+@pytest.mark.browser
+def test_the_dashboard_draws_objects_that_tell_of_themselves_and_areas_where_asked_for(browser: Any, tmp_path: Path) -> None:
+    with closing(ApiAlone(tmp_path / "data")) as alone:
+        pole = {"id": "0.0.pole-1", "kind": "pole", "height_m": 4.25, "confidence": 0.98, "drive_count": 3}
+        poles = [(protobuf.point(256 + 512 * k, 256 + 512 * row), pole) for k in range(8) for row in range(8)]
+        objects = protobuf.layer("objects", 4096, protobuf.POINT, poles)
+        square = [(400, 400), (3700, 400), (3700, 3700), (400, 3700)]
+        areas = protobuf.layer("areas", 4096, protobuf.POLYGON, [(protobuf.polygon([square]), {"kind": "road"})])
+        of = TILE_FORMATS["mvt"].media_type
+        clear = png_bytes(np.zeros((256, 256, 4), np.uint8))
+        publish_tiles(alone, {"semantic": (clear, "image/png"), "objects": (objects, of), "areas": (areas, of)})
+        page = browser.new_page(viewport={"width": 900, "height": 600})
+        said: list[str] = []
+        page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.goto(alone.url)
+        until(lambda: page.evaluate(SHOWN))
+        drawn = "wayloomMap.queryRenderedFeatures({layers: ['objects', 'areas']}).map((one) => one.properties.kind)"
+        page.evaluate("wayloomMap.jumpTo({zoom: 18.2})")
+        until(lambda: {*page.evaluate(drawn)} == {"pole"})
+        page.click("#show-areas")
+        until(lambda: {*page.evaluate(drawn)} == {"pole", "road"})
+        if folder := os.environ.get("WAYLOOM_SHOTS"):
+            page.screenshot(path=f"{folder}/objects.png")
+        page.evaluate(
+            "wayloomMap.jumpTo({center: wayloomMap.queryRenderedFeatures({layers: ['objects']})[0].geometry.coordinates})"
+        )
+        until(lambda: page.evaluate(SHOWN))
+        box = page.locator(".maplibregl-canvas").bounding_box()
+        page.mouse.click(box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0)
+        until(lambda: page.locator(".about").count() == 1)
+        told = page.inner_text(".about")
+        assert "0.0.pole-1" in told
+        assert "4.25" in told
+        page.click("#show-objects")
+        until(lambda: {*page.evaluate(drawn)} == {"road"})
         assert said == []
         page.close()

@@ -24,8 +24,10 @@ def made_map(voxels: int = 3000, lon: float = 8.39, lat: float = 48.98, extent_m
     start = np.concatenate([[0], np.cumsum(drives)])
     drive = (np.arange(start[-1]) - np.repeat(start[:-1], drives)).astype(np.int32)
     names = tuple(f"drive-{i:03d}" for i in range(400))
-    sigma = np.full(n, 0.05, np.float32)
-    return VoxelMap(frame, 0.1, keys[rows], points[rows], sigma, votes, label, count, start, drive, seen_ns - 10**9, seen_ns, names)
+    sigma, grey = np.full(n, 0.05, np.float32), rng.integers(0, 256, n).astype(np.uint8)
+    return VoxelMap(
+        frame, 0.1, keys[rows], points[rows], grey, sigma, votes, label, count, start, drive, seen_ns - 10**9, seen_ns, names
+    )
 
 
 def made_tracks(voxel_map: VoxelMap) -> list[Track]:

@@ -10,6 +10,12 @@ import pytest
 
 from geodesy.closed_form import FAR, ecef_of, ecef_of_enu, lonlatheight_of
 from wayloom.config.progress import silent
+from wayloom.exports.las import projection_at
+from wayloom.exports.laz import write_laz
+from wayloom.exports.ply import write_ply
+from wayloom.exports.points import batch_of_submap, batch_of_voxels
+from wayloom.exports.track import export_geojson_track
+from wayloom.files.ply import read_ply
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame, map_frame_for
 from wayloom.geometry import se3
@@ -21,7 +27,6 @@ from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.migrate import upgrade
 from wayloom.submaps.files import load_submaps, save_submaps
 from wayloom.submaps.submap import PlacedSubmap, Submap
-from wayloom.tiles.exports import export_geojson_track, export_laz, export_ply
 from wayloom.tiles.points import decode_points
 from wayloom_workers.__main__ import make_context
 from wayloom_workers.publishing import TILES_FILE
@@ -116,7 +121,8 @@ def test_every_export_of_a_far_cloud_gives_the_true_place(name: str, tmp_path: P
     assert np.linalg.norm(T_anchor_submap[:3, 3]) > 180_000.0
     assert apart(ecef_of_enu(voxels.points_enu, *anchor), truth) < MM
 
-    export_laz(tmp_path / "cloud.laz", voxels.points_enu, voxels.label, frame)
+    place = voxels.points_enu[0]
+    write_laz(tmp_path / "cloud.laz", [batch_of_voxels(voxels)], projection_at(place, frame), {})
     cloud = laspy.read(tmp_path / "cloud.laz")
     crs = cloud.header.parse_crs()
     assert cloud.header.system_identifier == "ellipsoidal heights"
@@ -126,8 +132,9 @@ def test_every_export_of_a_far_cloud_gives_the_true_place(name: str, tmp_path: P
     )  # a LAZ is rounded to 1 mm
     assert crs.utm_zone in zones_of(place)
 
-    export_ply(tmp_path / "cloud.ply", voxels.points_enu, voxels.label, frame)
-    assert f"{anchor[0]} {anchor[1]} {anchor[2]}".encode() in (tmp_path / "cloud.ply").read_bytes()[:400]
+    write_ply(tmp_path / "cloud.ply", [batch_of_voxels(voxels)], place, frame)
+    origin = (tmp_path / "cloud.ply").read_bytes()[:400].split(b"ENU at ")[1].split(b" (")[0].split()
+    assert apart(ecef_of_enu(read_ply(tmp_path / "cloud.ply").points, *map(float, origin)), truth) < MM
 
     T = np.tile(np.eye(4), (COUNT, 1, 1))
     T[:, :3, 3] = voxels.points_enu
@@ -146,8 +153,13 @@ def zones_of(place: tuple[float, float, float]) -> set[str]:
     return {f"{int((place[0] + shift + 180.0) // 6) % 60 + 1}{side}" for shift in (-1e-6, 1e-6)}
 
 
-def test_a_cloud_of_two_zones_is_one_file_in_the_zone_of_its_median(tmp_path: Path) -> None:
-    places = np.array([[11.99 + 0.0002 * i, 48.0, 500.0] for i in range(101)])
-    frame = MapFrame(12.5, 48.5, 0.0)
-    export_laz(tmp_path / "cloud.laz", wgs84.enu_from_lonlatheight(places, frame), np.zeros(101, np.uint8), frame)
-    assert laspy.read(tmp_path / "cloud.laz").header.parse_crs().utm_zone == "33N"
+def test_a_cloud_of_two_zones_is_one_file_in_the_zone_of_its_place(tmp_path: Path) -> None:
+    frame, place = MapFrame(12.5, 48.5, 0.0), (12.0, 48.0, 500.0)
+    T = se3.inverse(T_ecef(12.5, 48.5, 0.0)) @ T_ecef(*place)
+    item = PlacedSubmap(made_submap(made_points()), T, np.eye(6), "two zones", frame)
+    lon = wgs84.lonlatheight_from_enu(item.points_enu(), frame)[:, 0]
+    assert lon.min() < 12.0 < lon.max()
+    for east_m, zone in ((-1.0, "32N"), (1.0, "33N")):
+        at = se3.transform(T, np.array([[east_m, 0.0, 0.0]]))[0]
+        write_laz(tmp_path / "cloud.laz", [batch_of_submap(item)], projection_at(at, frame), {})
+        assert laspy.read(tmp_path / "cloud.laz").header.parse_crs().utm_zone == zone

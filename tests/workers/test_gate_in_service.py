@@ -38,7 +38,7 @@ def test_held_and_quarantined_drives_stay_out_until_somebody_releases_them(up: U
     }  # fmt: skip
     assert summary(ends[good]).endswith("in the map, grade B")
     assert summary(ends[held]).endswith("held: grade D: sigma of the position 2.00 m in the median")
-    assert ends[bad]["stages"][-1]["stage"] == "ground"
+    assert ends[bad]["stages"][-1]["stage"] == "objects"
     assert ends[held]["progress"] == 1.0
     assert drives_of_map(up) == {good}
     assert {row["drive_id"] for row in api.json("GET", "/v1/maps/city/submaps")["submaps"]} == {good}

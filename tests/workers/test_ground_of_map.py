@@ -28,6 +28,7 @@ from wayloom.tiles.grid import TileAddress, pixel_from_lonlat
 from wayloom.tiles.rasters import ORTHO, RASTER_LAYERS, decode_picture, heights_of
 from wayloom_workers import region_merging
 from wayloom_workers.drive_sheets import GROUND
+from wayloom_workers.drive_sightings import OBJECTS
 from wayloom_workers.production import SUBMAPS, stage_hooks, submap_row
 from wayloom_workers.publishing import listed_tiles
 from wayloom_workers.stage_hooks import StageAttempt, WorkerContext
@@ -235,18 +236,18 @@ def test_cells_say_who_saw_them_last(context: WorkerContext, tmp_path: Path) -> 
     assert last_seen_ns[1] > last_seen_ns[0]
 
 
-def test_the_submaps_of_a_drive_enter_the_map_with_its_last_stage_the_ground(context: WorkerContext, tmp_path: Path) -> None:
-    """Not before: a stitch in between would take them in without their ground."""
+def test_the_submaps_of_a_drive_enter_the_map_with_its_last_stage_the_objects(context: WorkerContext, tmp_path: Path) -> None:
+    """Not before: a stitch in between would take them in without their ground and objects."""
     with context.database.write() as session:
         manifest = Manifest(name="a", files=(ManifestFile(path="log/a", size=1, sha256="0" * 64),))
         drive_id = drives.register(session, manifest, "city")[0].id
     item = submap_at(cut(STREET, 0.0, 42.0, drive_id), 0)
     save_submaps([item], tmp_path / SUBMAPS)
     (tmp_path / SUBMAPS / PREVIEW_FILE).write_bytes(b"a picture")
-    claim = Claim(1, 1, GROUND, 1, drive_id, None, {})
+    claim = Claim(1, 1, OBJECTS, 1, drive_id, None, {})
     attempt = StageAttempt(context, claim, None, None, tmp_path, {}, tmp_path, silent)
-    assert drive_stages()[-1] == GROUND
-    for stage, count in ((SUBMAPS, 0), (GROUND, 1)):
+    assert drive_stages()[-1] == OBJECTS
+    for stage, count in ((SUBMAPS, 0), (GROUND, 0), (OBJECTS, 1)):
         hooks = stage_hooks(stage)
         hooks.share(attempt)
         with context.database.write() as session:

@@ -14,7 +14,7 @@ from wayloom.geodesy import wgs84
 from wayloom.stitching.marking_files import AROUND_M, lines_of, read_features
 from wayloom.stitching.region_grid import REGION_M, RegionKey
 from wayloom.store import drives, garbage, map_versions, maps
-from wayloom.tiles.formats import KERBS, MARKINGS
+from wayloom.tiles.feature_layers import KERBS, MARKINGS
 from wayloom.tiles.grid import lonlat_from_unit
 from wayloom_workers import region_marking
 from wayloom_workers.publishing import listed_tiles
@@ -32,7 +32,7 @@ MIDDLE_M, KERBS_M = 30.0, (26.0, 34.0)
 
 def markings(context: WorkerContext) -> dict[RegionKey, str]:
     with context.database.read() as session:
-        return dict(map_versions.marked_regions(session, "city", maps.version(session, "city").version))
+        return dict(map_versions.regions_with(session, "city", maps.version(session, "city").version, "markings"))
 
 
 def features(context: WorkerContext) -> dict[RegionKey, list[dict[str, Any]]]:
@@ -191,7 +191,10 @@ def test_the_markings_of_a_list_that_waits_to_be_published_are_kept(context: Wor
     folder.mkdir(parents=True)
     entry = {
         "tiles": [],
-        "regions": [{"digest": "r", "ground": "g", "markings": "m"}, {"digest": "s", "ground": "", "markings": ""}],
+        "regions": [
+            {"digest": "r", "ground": "g", "markings": "m", "areas": "a", "objects": "o"},
+            {"digest": "s", "ground": "", "markings": ""},
+        ],
     }
     (folder / "tiles.json").write_text(json.dumps(entry))
-    assert [*listed_tiles(context.folders)] == ["r", "s", "g", "m"]
+    assert [*listed_tiles(context.folders)] == ["r", "s", "g", "m", "a", "o"]

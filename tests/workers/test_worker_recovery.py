@@ -198,7 +198,7 @@ def test_a_drive_without_a_place_on_earth_ends_outside_of_the_map_and_says_so(up
     drive = wait_for_drive(api, upload(api, packed_drive(tmp_path / "a", play={"placed": False}))["id"])
     assert (drive["state"], drive["placed"], drive["quality"]["gate"]) == ("held", False, "hold")
     assert "not geo-referenced" in drive["note"]
-    assert drive["stages"][-1]["stage"] == "ground"
+    assert drive["stages"][-1]["stage"] == "objects"
 
 
 def test_a_killed_child_is_started_again(tmp_path: Path) -> None:

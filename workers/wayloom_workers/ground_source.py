@@ -22,7 +22,7 @@ HELD_RASTERS: Final = 48
 
 
 class GroundOfMap:
-    """`wayloom.tiles.ground_tiles.GroundSource` and `wayloom.stitching.region_markings.GroundOfRegions` of one stitch.
+    """`wayloom.tiles.ground_tiles.GroundSource` and `wayloom.stitching.ground_mosaic.GroundOfRegions` of one stitch.
 
     made     regions that this stitch has made; dropped: those that are no more
     """

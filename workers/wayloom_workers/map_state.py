@@ -28,7 +28,8 @@ MARGIN_M: Final = 500.0
 """Of the submaps' own size: they are judged by the place of their origin, and reach 100 m of road and 60 m of sight from it."""
 MADE_BY: Final = (
     "wayloom.stitching.regions", "wayloom.stitching.region_files", "wayloom.tiles.updates", "wayloom.ground.merge",
-    "wayloom.tiles.ground_tiles", "wayloom.stitching.region_markings", "wayloom.tiles.marking_tiles",
+    "wayloom.tiles.ground_tiles", "wayloom.stitching.region_markings", "wayloom.stitching.region_areas",
+    "wayloom.stitching.region_objects",     "wayloom.tiles.feature_tiles",
 )  # fmt: skip
 """The modules whose code makes regions and tiles."""
 
@@ -211,6 +212,8 @@ def _built_with(settings: WayloomSettings, frame: MapFrame) -> str:
         "tiles": settings.tiles.model_dump(mode="json"),
         "markings": settings.markings.model_dump(mode="json"),
         "kerbs": settings.kerbs.model_dump(mode="json"),
+        "areas": settings.areas.model_dump(mode="json"),
+        "objects": settings.object_fusion.model_dump(mode="json"),
         "frame": [frame.lon_deg, frame.lat_deg, frame.height_m],
         "code": [code_version(module).text for module in MADE_BY],
     })  # fmt: skip

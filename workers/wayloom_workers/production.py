@@ -24,7 +24,7 @@ from wayloom.store.coming import note, note_place
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.submaps.files import load_submaps
-from wayloom_workers.drive_sheets import GROUND
+from wayloom_workers.drive_sightings import OBJECTS
 from wayloom_workers.finished_stages import finished_stages
 from wayloom_workers.publishing import publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
@@ -165,7 +165,7 @@ _HOOKS: Final = {
     "ingest": StageHooks(_prepare, record=_record_log),
     ODOMETRY: StageHooks(_prepare, share=_remember_rig),
     "georeference": StageHooks(_prepare, share=_share_georeference, record=_record_track),
-    GROUND: StageHooks(_prepare, share=_share_submaps, record=_record_submaps),
+    OBJECTS: StageHooks(_prepare, share=_share_submaps, record=_record_submaps),
     "stitch": StageHooks(prepare_stitch, record=request_publish),
     "publish": StageHooks(keyed_by_inputs(tidy), record=publish),
     REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=_remove, record=remove_rows),

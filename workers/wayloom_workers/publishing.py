@@ -13,7 +13,7 @@ from wayloom.store.database import DatabaseError, Session
 from wayloom.store.folders import Folders
 from wayloom.store.garbage import drop_unused
 from wayloom.store.jobs import JobMessage
-from wayloom.store.map_versions import MovedSubmap, NewVersion, RegionEntry, TileEntry
+from wayloom.store.map_versions import REGION_FEATURES, MovedSubmap, NewVersion, RegionEntry, TileEntry
 from wayloom.store.tables import Job
 from wayloom_workers.stage_hooks import StageAttempt
 
@@ -60,7 +60,7 @@ def listed_tiles(folders: Folders) -> Iterator[str]:
     for path in folders.all_maps.glob(f"*/stages/stitch/*/{TILES_FILE}"):
         listed = json.loads(path.read_text(encoding="utf-8"))
         yield from (entry["digest"] for entry in [*listed["tiles"], *listed["regions"]])
-        yield from (entry[of] for of in ("ground", "markings") for entry in listed["regions"] if entry.get(of))
+        yield from (entry[of] for of in ("ground", *REGION_FEATURES) for entry in listed["regions"] if entry.get(of))
 
 
 def publish(session: Session, attempt: StageAttempt) -> list[JobMessage]:

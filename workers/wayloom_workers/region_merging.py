@@ -19,6 +19,7 @@ from wayloom.pipeline.digests import sha256_of_json
 from wayloom.stitching.admission import Verdict
 from wayloom.stitching.region_files import encode_region
 from wayloom.stitching.region_grid import REGION_M, RegionKey, region_box, region_edges, regions_of_box
+from wayloom.stitching.region_objects import region_objects
 from wayloom.stitching.regions import fuse_region
 from wayloom.stitching.settings import HALO_M, LOOK_HALO_M
 from wayloom.store import map_versions, maps
@@ -27,6 +28,7 @@ from wayloom.submaps.submap import PlacedSubmap, Submap, decode_submap
 from wayloom_workers.change_evidence import DriveLooks, change_features
 from wayloom_workers.city_alignment import Alignment, align
 from wayloom_workers.drive_sheets import DriveSheets
+from wayloom_workers.drive_sightings import DriveSightings
 from wayloom_workers.map_state import MapState, PlacedRow, read_state
 from wayloom_workers.stage_hooks import StageAttempt, StageParts
 
@@ -51,47 +53,55 @@ def changed_regions(state: MapState) -> list[RegionKey]:
 
 
 class Merger:
-    """Merges regions, their voxels and their ground, with what neighbours share decoded once."""
+    """Merges regions, their voxels, ground and objects, with what neighbours share decoded once."""
 
     def __init__(self, attempt: StageAttempt, state: MapState) -> None:
         self._context, self._map_id, self._state = attempt.context, str(attempt.claim.map_id), state
         self._submap, self._looks = lru_cache(HELD_SUBMAPS)(self._decoded), DriveLooks(attempt.context)
-        self._sheets = DriveSheets(attempt.context)
+        self._sheets, self._sightings = DriveSheets(attempt.context), DriveSightings(attempt.context)
         self._T_map_cell = lru_cache(64)(lambda cell: wgs84.T_enu_enu(state.frame, MapFrame(*cell)))
 
     def rows(self, key: RegionKey) -> list[PlacedRow]:
-        """The submaps that may bear on a region, by points, looks or ground: whose boxes touch its own. Sorted."""
+        """The submaps that may bear on a region, by points, looks, ground or sightings: whose boxes touch its own. Sorted."""
         near, far = (region_box(key, self._state.frame, halo_m) for halo_m in (HALO_M, LOOK_HALO_M))
         with self._context.database.read() as session:
             rows = self._state.rows(session, self._map_id, far)
         return [row for row in rows if overlap(row.box, near) or self._bears_far(row)]
 
     def _bears_far(self, row: PlacedRow) -> bool:
-        return self._looks.key(row.drive_id) is not None or self._sheets.digest(row.drive_id, row.digest) is not None
+        far = (self._sheets, self._sightings)
+        return self._looks.key(row.drive_id) is not None or any(one.digest(row.drive_id, row.digest) is not None for one in far)
 
     def inputs(self, rows: Sequence[PlacedRow]) -> str:
         """Digest of all that a region is made from."""
         places = [[row.drive_id, row.digest, row.frame, row.T_enu_submap, row.covariance] for row in rows]
         looks = {row.drive_id: self._looks.key(row.drive_id) for row in rows}
-        sheets = [self._sheets.digest(row.drive_id, row.digest) for row in rows]
-        return sha256_of_json({"with": self._state.built_with, "submaps": places, "looks": looks, "sheets": sheets})
+        found = {
+            name: [one.digest(row.drive_id, row.digest) for row in rows]
+            for name, one in (("sheets", self._sheets), ("sightings", self._sightings))
+        }
+        return sha256_of_json({"with": self._state.built_with, "submaps": places, "looks": looks, **found})
 
     def region(self, key: RegionKey, rows: Sequence[PlacedRow], inputs: str) -> RegionEntry | None:
         """The region, stored; one of a version that is kept, where it was made from the same; None when nothing lies in it."""
         with self._context.database.read() as session:
             again = map_versions.region_made_from(session, self._map_id, key, inputs)
-        if again is not None and all(self._context.blobs.has(digest) for digest in (again.digest, again.ground) if digest):
+        if again is not None and all(map(self._context.blobs.has, filter(None, (again.digest, again.ground, again.objects)))):
             return again
         placed = list(self._placed(rows))
         region = fuse_region(key, placed, self._context.settings.merge, looks=self._looks.placed(placed))
         ground = merge_sheets(self._sheets.placed(placed), region_edges(key)[0], REGION_M)
-        if not any(map(len, region.layers.values())) and not region.changes and ground is None:
+        sighted = self._sightings.placed(placed)
+        objects = region_objects(key, sighted, self._state.frame, self._context.settings.object_fusion) if sighted else None
+        if not any(map(len, region.layers.values())) and not region.changes and ground is None and objects is None:
             return None
         data = encode_region(region, self._state.frame)
         members = sorted([row.drive_id, row.digest] for row in rows)
         changes = change_features(region.changes, self._state.frame)
         of_ground = "" if ground is None else self._context.blobs.put(ground.encoded())
-        return RegionEntry(*key, inputs, self._context.blobs.put(data), members, len(data), changes, of_ground)
+        of_objects = "" if objects is None else self._context.blobs.put(objects)
+        digest = self._context.blobs.put(data)
+        return RegionEntry(*key, inputs, digest, members, len(data), changes, of_ground, objects=of_objects)
 
     def _placed(self, rows: Sequence[PlacedRow]) -> Iterator[PlacedSubmap]:
         """The submaps in the map's frame."""

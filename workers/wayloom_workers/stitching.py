@@ -15,15 +15,15 @@ from wayloom.stitching.layer_names import LAYERS, OVERLAYS, STATIC
 from wayloom.stitching.region_grid import RegionKey, region_box
 from wayloom.store import map_versions, maps
 from wayloom.store.map_versions import RegionEntry, TileEntry, TileKey
+from wayloom.tiles.feature_tiles import feature_tiles, touched_features
 from wayloom.tiles.formats import tile_layer
 from wayloom.tiles.ground_tiles import ground_tiles, touched_rasters
-from wayloom.tiles.marking_tiles import marking_tiles, touched_markings
 from wayloom.tiles.updates import touched_tiles, updated_tiles
 from wayloom_workers.ground_source import GroundOfMap
 from wayloom_workers.map_source import MapSource, blocks_of_box
 from wayloom_workers.map_state import MapState
 from wayloom_workers.publishing import TILES_FILE
-from wayloom_workers.region_marking import Marked, MarkingsOfMap, marked_regions
+from wayloom_workers.region_marking import FeaturesOfMap, Marked, marked_regions
 from wayloom_workers.region_merging import Merger, RegionParts, aligned_state, changed_regions
 from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, key_of_inputs
 
@@ -127,14 +127,14 @@ def _cut_tiles(
         else:
             touched = [scope for of in of_map for scope in touched_tiles(changed, settings, of).items()]
             touched += touched_rasters(merged.ground_changed, state.frame, settings).items()
-            touched += touched_markings(marked.changed, state.frame, settings).items()
+            touched += touched_features(marked.changed, state.frame, settings).items()
             keys = [(layer, *address) for (layer, _), addresses in touched for address in addresses]
             before = map_versions.current_tiles(session, str(attempt.claim.map_id), keys)
     shown: dict[TileKey, TileEntry] = {}
     points = (tile for of in of_map for tile in updated_tiles(changed, sources[of], settings, of))
     pictures = ground_tiles(merged.ground_changed, ground, state.frame, settings)
-    lines = marking_tiles(marked.changed, MarkingsOfMap(attempt, state, marked.regions, merged.dropped), state.frame, settings)
-    for count, tile in enumerate(itertools.chain(points, pictures, lines)):
+    features = feature_tiles(marked.changed, FeaturesOfMap(attempt, state, marked.regions, merged.dropped), state.frame, settings)
+    for count, tile in enumerate(itertools.chain(points, pictures, features)):
         digest = attempt.context.blobs.put(tile.data)
         entry = TileEntry(tile.layer, tile.z, tile.x, tile.y, digest, tile.media_type, len(tile.data))
         shown[entry.key] = entry

@@ -11,15 +11,18 @@ from wayloom import __version__
 from wayloom.cli.interrupts import listen
 from wayloom.errors import InputError, WayloomError
 
-COMMANDS = (
-    "demo", "inspect", "process", "odometry", "calibrate", "rigs", "up", "upload", "export", "simulate", "models", "benchmark",
-    "config", "doctor",
-)  # fmt: skip
+COMMANDS = {
+    "One drive": ("inspect", "process", "odometry", "calibrate", "export"),
+    "A fleet's service": ("demo", "up", "upload", "drives", "rigs"),
+    "Made and measured": ("simulate", "benchmark", "models"),
+    "This installation": ("config", "doctor"),
+}
+"""By what they are for, as the help shows them."""
 STOPPED = 130
 
 app = typer.Typer(
-    add_completion=False,
     no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     help="Weaves the drives of a vehicle fleet into one semantic 3D map of a city.",
 )
@@ -33,12 +36,13 @@ def root(version: bool = typer.Option(False, "--version", help="Print the versio
         raise typer.Exit
 
 
-for _name in COMMANDS:
-    _module = importlib.import_module(f"wayloom.cli.{_name}")
-    if hasattr(_module, "group"):  # a command with commands of its own
-        app.add_typer(_module.group, name=_name)
-    else:
-        app.command(_name)(getattr(_module, f"{_name}_command"))
+for _panel, _names in COMMANDS.items():
+    for _name in _names:
+        _module = importlib.import_module(f"wayloom.cli.{_name}")
+        if hasattr(_module, "group"):  # a command with commands of its own
+            app.add_typer(_module.group, name=_name, rich_help_panel=_panel)
+        else:
+            app.command(_name, rich_help_panel=_panel)(getattr(_module, f"{_name}_command"))
 
 
 def main() -> None:

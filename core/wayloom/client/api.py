@@ -48,9 +48,16 @@ class Api:
 
     def json(self, method: str, path: str, **request: Any) -> Any:
         """The answer's JSON, after as many tries as it takes. Raises AnswerError, ServiceError."""
+        return self._answer(method, path, **request).json()
+
+    def content(self, path: str) -> bytes:
+        """The bytes at a path, likewise."""
+        return bytes(self._answer("GET", path).content)
+
+    def _answer(self, method: str, path: str, **request: Any) -> httpx2.Response:
         for is_last in self._retries.attempts():
             try:
-                return self.once(method, path, **request).json()
+                return self.once(method, path, **request)
             except ServiceError as error:
                 passing = not isinstance(error, AnswerError) or error.status in RETRIED_STATUS
                 if is_last or not passing:

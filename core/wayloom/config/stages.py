@@ -76,6 +76,10 @@ STAGES: tuple[Stage, ...] = (
         "ground", "odometry", inputs=("odometry", "segmentation", "submaps"), log_parts=("images",), settings=("ground",),
         room=f"{_ROOMS}.ground",
     ),
+    Stage(
+        "objects", "odometry", inputs=("odometry", "segmentation", "submaps", "ground"), log_parts=("images",),
+        settings=("objects",), room=f"{_ROOMS}.objects",
+    ),
 )  # fmt: skip
 """The stages of a drive."""
 MAP_STAGES: Final = (Stage("stitch", "stitch"), Stage("publish", "publish", inputs=("stitch",)))

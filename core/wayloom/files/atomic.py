@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -53,6 +54,43 @@ def replacing(file: Path) -> Iterator[IO[bytes]]:
         raise OSError(problem.errno, problem.strerror, str(file)) from problem
 
 
+@contextmanager
+def replacing_by_name(file: Path) -> Iterator[Path]:
+    """As `replacing`, for writers that open their file by its name: the temporary name, of a file that is empty yet."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=UNFINISHED, dir=file.parent)
+        os.close(handle)
+        try:
+            yield Path(name)
+            os.chmod(name, 0o666 & ~UMASK)
+            os.replace(name, file)
+        except BaseException:
+            os.unlink(name)
+            raise
+    except OSError as problem:
+        raise OSError(problem.errno, problem.strerror, str(file)) from problem
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """A folder under a temporary name beside `folder`, which it becomes in one step when the block ends well; else it vanishes.
+
+    Raises OSError that names `folder`, FileExistsError where there is something in it already.
+    """
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise FileExistsError(errno.EEXIST, "is not empty; name a new folder", str(folder))
+        with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=folder.parent, ignore_cleanup_errors=True) as name:
+            whole = Path(name) / folder.name
+            whole.mkdir()
+            yield whole
+            os.replace(whole, folder)
+    except OSError as problem:
+        raise OSError(problem.errno, problem.strerror, str(folder)) from problem
+
+
 def check_writable(file: Path) -> None:
     """Raises OSError that names `file` where it could not be written now; to be told before long work. Leaves nothing."""
     try:
@@ -79,5 +117,8 @@ def link_or_copy(source: Path, target: Path) -> None:
 
 def remove_unfinished(folder: Path) -> None:
     """Remove what writers that were killed left below `folder` under temporary names."""
-    for file in folder.rglob(f"{UNFINISHED}*"):
-        file.unlink()
+    for file in [*folder.rglob(f"{UNFINISHED}*")]:
+        if file.is_dir():
+            shutil.rmtree(file)
+        else:
+            file.unlink(missing_ok=True)

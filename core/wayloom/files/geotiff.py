@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Final
+from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,18 +72,24 @@ class _Spool:
 
 
 def write_cog(
-    path: Path, grid: GeoGrid, tile_at: Callable[[int, int], Tile | None], empty: Tile, halve: Callable[[Tile], Tile]
+    path: Path,
+    grid: GeoGrid,
+    tile_at: Callable[[int, int], Tile | None],
+    empty: Tile,
+    halve: Callable[[Tile], Tile],
+    provenance: str = "",
 ) -> None:
     """Write a raster whose tiles (TILE, TILE[, C]) uint8 or float32 `tile_at(row, column)` gives; None where all is `empty`.
 
     halve : of an array (2 TILE, 2 TILE[, C]) the one of half its size
+    provenance : text that GDAL shows among the metadata
     """
     with tempfile.TemporaryFile() as file:
         spool = _Spool(file)
         _gather(spool, grid, tile_at, empty, halve, grid.levels - 1, 0, 0)
         nothing = zlib.compress(_predicted(empty), LEVEL)
         with replacing(path) as out:
-            _write(out, grid, spool, empty, nothing)
+            _write(out, [_tags(grid, level, empty, provenance) for level in range(grid.levels)], grid, spool, nothing)
 
 
 def _gather(
@@ -115,8 +122,7 @@ def _predicted(tile: Tile) -> bytes:
     return tile.astype("<f4").tobytes()
 
 
-def _write(out: IO[bytes], grid: GeoGrid, spool: _Spool, empty: Tile, nothing: bytes) -> None:
-    tables = [_tags(grid, level, empty) for level in range(grid.levels)]
+def _write(out: IO[bytes], tables: Sequence["Tags"], grid: GeoGrid, spool: _Spool, nothing: bytes) -> None:
     start = 16 + sum(_directory_bytes(table) for table in tables)
     for level in reversed(range(grid.levels)):
         columns, rows = grid.tiles(level)
@@ -149,7 +155,7 @@ def _write(out: IO[bytes], grid: GeoGrid, spool: _Spool, empty: Tile, nothing: b
 Tags = dict[int, tuple[int, Sequence[Any]]]
 
 
-def _tags(grid: GeoGrid, level: int, empty: Tile) -> Tags:
+def _tags(grid: GeoGrid, level: int, empty: Tile, provenance: str) -> Tags:
     """Of one level; the tiles' offsets and lengths still zeros."""
     width, height = grid.size(level)
     count = grid.tiles(level)[0] * grid.tiles(level)[1]
@@ -164,6 +170,9 @@ def _tags(grid: GeoGrid, level: int, empty: Tile) -> Tags:
         tags[338] = (SHORT, [2])
     if not is_colour:
         tags[42113] = (ASCII, b"nan\0")
+    if level == 0 and provenance:
+        item = f'<GDALMetadata><Item name="provenance">{escape(provenance)}</Item></GDALMetadata>'
+        tags[42112] = (ASCII, item.encode() + b"\0")
     if level == 0:
         tags[33550] = (DOUBLE, [grid.pixel_m, grid.pixel_m, 0.0])
         tags[33922] = (DOUBLE, [0.0, 0.0, 0.0, grid.west, grid.north, 0.0])

@@ -1,5 +1,7 @@
 """Point clouds as binary little-endian PLY: x y z (double, metres), red green blue label (uchar), or any other vertices."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import LogError
-from wayloom.files.atomic import write_atomically
+from wayloom.files.atomic import replacing, write_atomically
 from wayloom.files.text_files import quoted, read_bytes
 
 POINT = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("label", "u1")])
@@ -19,6 +21,7 @@ NAMES_OF_TYPES = {
     "f8": "double", "f4": "float", "u1": "uchar", "i1": "char", "u2": "ushort", "i2": "short", "u4": "uint", "i4": "int",
 }  # fmt: skip
 LONGEST_HEADER = 65_536
+MOST_VERTICES = 10**18
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,19 +46,44 @@ def write_ply(
 
 def write_vertices(file: Path, rows: NDArray[np.void], comments: tuple[str, ...] = ()) -> None:
     """Write a structured array (N,) of little-endian numbers as the vertices of a PLY."""
-    assert rows.dtype.names is not None
-    properties = [f"property {NAMES_OF_TYPES[rows.dtype[name].str[1:]]} {name}" for name in rows.dtype.names]
-    comment_lines = [f"comment {' '.join(comment.split())}" for comment in comments]
+    write_atomically(file, (_header(rows.dtype, len(rows), comments), rows.tobytes()))
+
+
+@contextmanager
+def replacing_vertices(
+    file: Path, dtype: np.dtype[np.void], comments: tuple[str, ...] = ()
+) -> Iterator[Callable[[NDArray[np.void]], None]]:
+    """A function that takes structured arrays (N,) of this type, one after another: the vertices of a PLY, in place when the block
+    ends well. The header has room for any number of them, filled up by blanks of a comment."""
+    room, count = len(_header(dtype, MOST_VERTICES, (*comments, ""))), 0
+    with replacing(file) as stream:
+
+        def write(rows: NDArray[np.void]) -> None:
+            nonlocal count
+            count += len(rows)
+            stream.write(rows.tobytes())
+
+        stream.write(bytes(room))
+        yield write
+        stream.seek(0)
+        blank = room - len(_header(dtype, count, (*comments, "")))
+        stream.write(_header(dtype, count, (*comments, " " * blank)))
+
+
+def _header(dtype: np.dtype[np.void], count: int, comments: tuple[str, ...]) -> bytes:
+    assert dtype.names is not None
+    properties = [f"property {NAMES_OF_TYPES[dtype[name].str[1:]]} {name}" for name in dtype.names]
+    comment_lines = [f"comment {' '.join(comment.split()) or comment}" for comment in comments]
     header = [
         "ply",
         "format binary_little_endian 1.0",
         *comment_lines,
-        f"element vertex {len(rows)}",
+        f"element vertex {count}",
         *properties,
         "end_header",
         "",
     ]
-    write_atomically(file, ("\n".join(header).encode("utf-8"), rows.tobytes()))
+    return "\n".join(header).encode("utf-8")
 
 
 def read_ply(file: Path) -> Cloud:

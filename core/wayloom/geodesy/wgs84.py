@@ -91,6 +91,11 @@ def utm_crs(epsg: int) -> CRS:
     return CRS.from_epsg(epsg)
 
 
+def wkt(epsg: int) -> str:
+    """A coordinate system as well-known text of version 1, as GeoPackage wants it."""
+    return str(CRS.from_epsg(epsg).to_wkt("WKT1_GDAL"))
+
+
 def proj_versions() -> dict[str, str]:
     """The versions of what pyproj stands on: the library PROJ and its database of coordinate systems."""
     return {"PROJ": proj_version_str, "EPSG": str(get_database_metadata("EPSG.VERSION"))}

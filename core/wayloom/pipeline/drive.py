@@ -17,6 +17,8 @@ from wayloom.labelling.files import LABELS_FILE, load_labels
 from wayloom.labelling.types import PointLabels
 from wayloom.logs.registry import check_outside
 from wayloom.logs.types import DriveLog
+from wayloom.objects.exports import objects_of_drive
+from wayloom.objects.types import MapObject
 from wayloom.odometry.frame_source import first_matches, one_opencv_thread
 from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
 from wayloom.odometry.types import OdometryResult
@@ -58,6 +60,7 @@ class DriveResult:
     model           content of the segmentation's model.json
     images          the label images of the keyframes
     quality         content of the geo-reference's quality.json
+    objects         poles, signs, lights and trunks that the drive saw, each once, in the frame of `submaps`
     times           for each stage, in order
     """
 
@@ -70,6 +73,7 @@ class DriveResult:
     geo: GeoReference
     submaps: list[PlacedSubmap]
     quality: dict[str, Any]
+    objects: list[MapObject]
     times: dict[str, StageTime]
 
 
@@ -99,7 +103,7 @@ def process_drive(
         result = _load(context, times)
         progress("exports")(0.0, "writing trajectory, cloud and pictures")
         with whole_folder(stages_dir / "exports") as folder:
-            ground = GroundFound(stages_dir / "ground", settings.markings, settings.kerbs)
+            ground = GroundFound(stages_dir / "ground", settings.markings, settings.kerbs, result.objects)
             write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder, geoid, ground)
             progress("exports")(0.6, "writing the report")
             write_more(result, folder)
@@ -168,6 +172,7 @@ def _almost_done(progress: Progress) -> Progress:
 def _load(context: StageContext, times: dict[str, StageTime]) -> DriveResult:
     stages_dir = context.inputs_dir
     odometry = load_odometry(stages_dir / "odometry" / ODOMETRY_FILE)
+    submaps = load_submaps(stages_dir / "submaps")
     return DriveResult(
         log=context.log,
         log_facts=read_log_file(stages_dir / "ingest"),
@@ -176,7 +181,8 @@ def _load(context: StageContext, times: dict[str, StageTime]) -> DriveResult:
         images=KeyframeLabels(stages_dir / "segmentation", odometry.keyframes.frame),
         labels=load_labels(stages_dir / "labelling" / LABELS_FILE),
         geo=load_georeference(stages_dir / "georeference" / GEOREFERENCE_FILE),
-        submaps=load_submaps(stages_dir / "submaps"),
+        submaps=submaps,
         quality=read_quality(stages_dir / "georeference" / QUALITY_FILE),
+        objects=objects_of_drive(stages_dir / "objects", submaps, context.settings.object_fusion),
         times=times,
     )

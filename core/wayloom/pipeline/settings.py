@@ -13,10 +13,12 @@ from wayloom.config.sources import Loaded, Option, load
 from wayloom.dense.settings import LookSettings
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.settings import GeoReferenceSettings
+from wayloom.ground.areas.settings import AreaSettings
 from wayloom.ground.markings.settings import KerbSettings, MarkingSettings
 from wayloom.ground.settings import GroundSettings
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.loops.settings import LoopSettings
+from wayloom.objects.settings import ObjectFusionSettings, ObjectSettings
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.places.settings import PlaceSettings
 from wayloom.segmentation.settings import SegmentationSettings
@@ -29,7 +31,7 @@ Longitude = Annotated[float, Field(ge=-180.0, le=180.0)]
 Latitude = Annotated[float, Field(ge=-90.0, le=90.0)]
 Height = Annotated[float, Field(ge=-1000.0, le=20000.0)]
 TABLES: Final = frozenset(
-    {"odometry", "segmentation", "labelling", "places", "looks", "loops", "georeference", "submaps", "ground"}
+    {"odometry", "segmentation", "labelling", "places", "looks", "loops", "georeference", "submaps", "ground", "objects"}
 )
 """Of `ProcessSettings`: those of single stages."""
 
@@ -57,6 +59,8 @@ class ProcessSettings(Settings):
     ground: GroundSettings = GroundSettings()
     markings: MarkingSettings = MarkingSettings()
     kerbs: KerbSettings = KerbSettings()
+    objects: ObjectSettings = ObjectSettings()
+    object_fusion: ObjectFusionSettings = ObjectFusionSettings()
 
     def map_frame(self) -> MapFrame | None:
         """The map frame that was asked for, None for the place's own."""
@@ -75,6 +79,7 @@ class WayloomSettings(ServiceSettings, ProcessSettings):
     """All settings: those of a drive's stages, of the map's, and of the service."""
 
     gate: GateSettings = GateSettings()
+    areas: AreaSettings = AreaSettings()
     merge: MergeSettings = MergeSettings()
     tiles: TileSettings = TileSettings()
     meetings: MeetingSettings = MeetingSettings()

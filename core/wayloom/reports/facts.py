@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 import wayloom
 from wayloom.config.classes import CLASS_NAMES, VOID
 from wayloom.evaluation.trajectory import evaluate, path_length
+from wayloom.objects.types import KINDS
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.drive import DriveResult
 
@@ -34,6 +35,7 @@ def drive_facts(result: DriveResult) -> dict[str, Any]:
         "quality": quality_facts(result),
         "cloud": cloud_facts(result),
         "classes": class_counts(result),
+        "objects": {kind: sum(one.kind == kind for one in result.objects) for kind in KINDS},
         "stages": {name: {"seconds": time.seconds, "reused": time.reused} for name, time in result.times.items()},
         "warnings": warnings(result),
     }

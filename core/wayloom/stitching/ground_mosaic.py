@@ -1,4 +1,4 @@
-"""Rasters of the ground over the borders of regions."""
+"""Rasters of the ground over the borders of regions, and how sure their places are."""
 
 from collections.abc import Collection
 from typing import Any, Protocol
@@ -6,8 +6,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.ground.ground_map import NO_HEIGHT
-from wayloom.stitching.region_grid import REGION_M, RegionKey
+from wayloom.ground.ground_map import LARGEST_SIGMA_MM, NO_HEIGHT
+from wayloom.ground.sheet import PIXEL_M
+from wayloom.stitching.region_grid import REGION_M, RegionKey, region_edges
+
+FloatArray = NDArray[np.float64]
 
 
 class RasterSource(Protocol):
@@ -15,6 +18,18 @@ class RasterSource(Protocol):
 
     def raster(self, key: RegionKey, name: str) -> NDArray[Any] | None:
         """A raster of `GroundMap`, by its name; None where the region has no ground."""
+
+
+class GroundOfRegions(RasterSource, Protocol):
+    """The ground of regions with the sigmas of its places."""
+
+    def place_sigma_mm(self, key: RegionKey) -> NDArray[np.uint16]:
+        """(S,) of the sheets of a region, as `GroundMap.place_sigma_mm`."""
+
+
+def neighbourhood(key: RegionKey) -> list[RegionKey]:
+    """The regions that bear on a region's markings and areas: itself and those around it, sorted."""
+    return [(key[0] + east, key[1] + north) for east in (-1, 0, 1) for north in (-1, 0, 1)]
 
 
 def mosaic(
@@ -38,3 +53,14 @@ def mosaic(
             out[b:b2, a:a2] = raster[r:r2, c:c2]
     assert out is not None
     return out
+
+
+def place_sigma(line: FloatArray, key: RegionKey, source: GroundOfRegions) -> float | None:
+    """m: the greatest of the sheets that show the line's vertices, or of all of the region's where none does."""
+    sigmas, shown = source.place_sigma_mm(key), source.raster(key, "shown")
+    assert shown is not None
+    at = np.clip(np.floor((line[:, :2] - region_edges(key)[0]) / PIXEL_M).astype(np.int64), 0, len(shown) - 1)
+    numbers = shown[at[:, 1], at[:, 0]]
+    numbers = numbers[numbers > 0]
+    worst = int((sigmas[numbers - 1] if len(numbers) else sigmas).max())
+    return None if worst == LARGEST_SIGMA_MM else worst / 1000.0

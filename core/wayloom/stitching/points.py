@@ -30,7 +30,7 @@ class MapPoints:
     sigma2       (P,) m^2 along its ray; across2 (P,) m^2 across it
     ray          (P, 3) unit, from the host's camera
     common       (P, 3, 3) m^2: what the pose of its submap adds
-    label        (P,) uint8; seen_ns (P,) int64; drive (P,) row of drive_ids
+    label        (P,) uint8; grey (P,) uint8 in the host image; seen_ns (P,) int64; drive (P,) row of drive_ids
     vote_start   (P + 1,) int64; vote_class (V,) uint8; vote_weight (V,) int64 in 1 / VOTE_STEPS per metre, at least one; a point
                  without votes has one step for its label
     drive_ids    sorted
@@ -43,6 +43,7 @@ class MapPoints:
     ray: FloatArray
     common: FloatArray
     label: NDArray[np.uint8]
+    grey: NDArray[np.uint8]
     seen_ns: IntArray
     drive: IntArray
     vote_start: IntArray
@@ -96,18 +97,18 @@ def map_points(placed: Sequence[PlacedSubmap], box: Box, settings: MergeSettings
     parts = [_points_of(item, drive_ids.index(item.drive_id), box, settings, left_out) for item in placed]
     columns: list[Any] = [np.concatenate(column) for column in zip(_none(), *parts, strict=True)]
     *per_point, length, vote_class, vote_weight = columns
-    xyz, sigma2, across2, ray, common, label, seen_ns, drive = per_point
+    xyz, sigma2, across2, ray, common, label, grey, seen_ns, drive = per_point
     start = np.concatenate([[0], np.cumsum(length)])
     counted = {reason: count for reason, count in left_out.items() if count}
     return MapPoints(
-        xyz, sigma2, across2, ray, common, label, seen_ns, drive, start, vote_class, vote_weight, drive_ids, counted
+        xyz, sigma2, across2, ray, common, label, grey, seen_ns, drive, start, vote_class, vote_weight, drive_ids, counted
     )  # fmt: skip
 
 
 def _none() -> tuple[NDArray[np.generic], ...]:
     """The columns of no points."""
     zero, whole, byte = np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.uint8)
-    return np.zeros((0, 3)), zero, zero, np.zeros((0, 3)), np.zeros((0, 3, 3)), byte, whole, whole, whole, byte, whole
+    return np.zeros((0, 3)), zero, zero, np.zeros((0, 3)), np.zeros((0, 3, 3)), byte, byte, whole, whole, whole, byte, whole
 
 
 def _points_of(
@@ -133,6 +134,7 @@ def _points_of(
         (away / np.maximum(range_m, 1e-9)[:, None])[rows],
         point_covariance(xyz, item.covariance)[rows],
         submap.label[rows],
+        submap.grey[rows],
         submap.seen_ns[rows],
         np.full(len(rows), drive),
         *_votes(item, rows),

@@ -15,10 +15,10 @@ from wayloom.stitching.region_grid import RegionMap
 from wayloom.stitching.voxel_map import VoxelMap
 
 MAGIC: Final = b"WLREGION"
-VERSION: Final = 2
+VERSION: Final = 3
 DTYPES_OF_LAYER: Final = {
-    "keys": "<i4", "points_enu": "<f8", "sigma_m": "<f4", "votes": "<f4", "label": "|u1", "count": "<u4", "drive_start": "<i8",
-    "drive": "<i4", "first_seen_ns": "<i8", "last_seen_ns": "<i8",
+    "keys": "<i4", "points_enu": "<f8", "grey": "|u1", "sigma_m": "<f4", "votes": "<f4", "label": "|u1", "count": "<u4",
+    "drive_start": "<i8", "drive": "<i4", "first_seen_ns": "<i8", "last_seen_ns": "<i8",
 }  # fmt: skip
 DTYPES: Final = {f"{layer}.{name}": dtype for layer in LAYERS for name, dtype in DTYPES_OF_LAYER.items()}
 

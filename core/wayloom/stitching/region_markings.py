@@ -3,7 +3,7 @@
 They are a function of the rasters of nine regions, which are functions of the set of sheets: no order of arrival changes a byte.
 """
 
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import VOID
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.ground.ground_map import LARGEST_SIGMA_MM, NO_HEIGHT
+from wayloom.ground.ground_map import NO_HEIGHT
 from wayloom.ground.markings.exports import marking_features
 from wayloom.ground.markings.find import find_markings
 from wayloom.ground.markings.kerbs import find_kerbs
@@ -19,23 +19,11 @@ from wayloom.ground.markings.raster import GroundRaster
 from wayloom.ground.markings.settings import KerbSettings, MarkingSettings
 from wayloom.ground.markings.squares import kerbs_of_square, markings_of_square
 from wayloom.ground.sheet import CELL_M, GROUND_CLASSES, PIXEL_M
-from wayloom.stitching.ground_mosaic import RasterSource, mosaic
+from wayloom.stitching.ground_mosaic import GroundOfRegions, RasterSource, mosaic, neighbourhood, place_sigma
 from wayloom.stitching.marking_files import AROUND_M, encode_features
 from wayloom.stitching.region_grid import REGION_M, RegionKey, region_edges
 
 FloatArray = NDArray[np.float64]
-
-
-class GroundOfRegions(RasterSource, Protocol):
-    """The ground of regions with the sigmas of its places."""
-
-    def place_sigma_mm(self, key: RegionKey) -> NDArray[np.uint16]:
-        """(S,) of the sheets of a region, as `GroundMap.place_sigma_mm`."""
-
-
-def neighbourhood(key: RegionKey) -> list[RegionKey]:
-    """The regions that bear on a region's markings: itself and those around it, sorted."""
-    return [(key[0] + east, key[1] + north) for east in (-1, 0, 1) for north in (-1, 0, 1)]
 
 
 def region_markings(
@@ -49,7 +37,7 @@ def region_markings(
     steps = kerbs_of_square(find_kerbs(raster, kerbs), low, REGION_M, AROUND_M)
     if not found and not steps:
         return None
-    features = marking_features(found, steps, frame, lambda line: _place_sigma(line, key, source))
+    features = marking_features(found, steps, frame, lambda line: place_sigma(line, key, source))
     return encode_features(features)
 
 
@@ -74,14 +62,3 @@ def _raster_around(key: RegionKey, source: RasterSource) -> GroundRaster:
         grey.astype(np.float32),
         raster("sharpness", PIXEL_M),
     )
-
-
-def _place_sigma(line: FloatArray, key: RegionKey, source: GroundOfRegions) -> float | None:
-    """m: the greatest of the sheets that show the line's vertices, or of all of the region's where none does."""
-    sigmas, shown = source.place_sigma_mm(key), source.raster(key, "shown")
-    assert shown is not None
-    at = np.clip(np.floor((line[:, :2] - region_edges(key)[0]) / PIXEL_M).astype(np.int64), 0, len(shown) - 1)
-    numbers = shown[at[:, 1], at[:, 0]]
-    numbers = numbers[numbers > 0]
-    worst = int((sigmas[numbers - 1] if len(numbers) else sigmas).max())
-    return None if worst == LARGEST_SIGMA_MM else worst / 1000.0

@@ -115,6 +115,7 @@ def _voxel_map(
         settings.voxel_m,
         unpack(own.key).astype(np.int32),
         own.xyz,
+        own.grey,
         np.sqrt(own.variance).astype(np.float32),
         (own.votes / VOTE_UNIT).astype(np.float32),
         classes[np.argmax(own.votes[:, classes], axis=1)].astype(np.uint8),

@@ -21,6 +21,7 @@ class VoxelMap:
     voxel_m        edge, m
     keys           (V, 3) int32: floor(enu / voxel_m)
     points_enu     (V, 3) m, mean of the fused points, weighted by inverse variance
+    grey           (V,) uint8: grey value in the images, weighed as the points are
     sigma_m        (V,) float32 m: of the surest of its points, along the surface's normal where there is a surface
     votes          (V, 19) float32, 1/m: votes of all drives for the surface around the voxel
     label          (V,) uint8, the class with the most votes of those that the layer may have, the lower on a tie
@@ -35,6 +36,7 @@ class VoxelMap:
     voxel_m: float
     keys: NDArray[np.int32]
     points_enu: FloatArray
+    grey: NDArray[np.uint8]
     sigma_m: NDArray[np.float32]
     votes: NDArray[np.float32]
     label: NDArray[np.uint8]
@@ -76,6 +78,7 @@ class VoxelMap:
             self.voxel_m,
             self.keys[rows],
             self.points_enu[rows],
+            self.grey[rows],
             self.sigma_m[rows],
             self.votes[rows],
             self.label[rows],
@@ -103,6 +106,7 @@ def joined_maps(maps: Sequence[VoxelMap], frame: MapFrame | None, voxel_m: float
         voxel_m,
         np.concatenate([np.zeros((0, 3), np.int32), *(part.keys for part in maps)]),
         np.concatenate([np.zeros((0, 3)), *(part.points_enu for part in maps)]),
+        np.concatenate([np.zeros(0, np.uint8), *(part.grey for part in maps)]),
         np.concatenate([np.zeros(0, np.float32), *(part.sigma_m for part in maps)]),
         np.concatenate([np.zeros((0, CLASS_COUNT), np.float32), *(part.votes for part in maps)]),
         np.concatenate([np.zeros(0, np.uint8), *(part.label for part in maps)]),

@@ -25,12 +25,14 @@ NEVER_NS, EVER_NS = np.iinfo(np.int64).min, np.iinfo(np.int64).max
 @dataclass(frozen=True, slots=True)
 class Voxels:
     """V voxels of the points of one layer, sorted by key: key (V,) packed, xyz (V, 3) m, variance (V,) m^2, surface (V,) row of its
-    surest point's plane or -1, votes (V, 19) int64, count, first_ns, last_ns (V,), and the ragged drives of its own points."""
+    surest point's plane or -1, grey (V,) uint8, votes (V, 19) int64, count, first_ns, last_ns (V,), and the ragged drives of its
+    own points."""
 
     key: IntArray
     xyz: FloatArray
     variance: FloatArray
     surface: IntArray
+    grey: NDArray[np.uint8]
     votes: IntArray
     count: IntArray
     first_ns: IntArray
@@ -66,6 +68,7 @@ def voxels_of(points: MapPoints, fused: FusedPoints, rows: IntArray, voxel_m: fl
         (unpack(key) + within) * voxel_m,
         fused.variance[rows][surest],
         fused.surface[rows][surest],
+        _mean_grey(points.grey[rows], weight, voxel, weight_sum),
         votes,
         count,
         first_ns,
@@ -73,6 +76,12 @@ def voxels_of(points: MapPoints, fused: FusedPoints, rows: IntArray, voxel_m: fl
         np.searchsorted(pairs[:, 0], np.arange(n + 1)),
         pairs[:, 1],
     )
+
+
+def _mean_grey(grey: NDArray[np.uint8], weight: IntArray, voxel: IntArray, weight_sum: IntArray) -> NDArray[np.uint8]:
+    """(V,) of points (R,) in voxels, weighed as their positions are: float64 holds these sums of whole numbers exactly."""
+    total = np.bincount(voxel, weight * grey.astype(np.int64), len(weight_sum)).astype(np.int64)
+    return np.asarray((2 * total + weight_sum) // (2 * weight_sum), np.uint8)
 
 
 def _ragged(start: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
@@ -114,6 +123,7 @@ def pooled(voxels: Voxels, wanted: IntArray, fused: FusedPoints, drives: int, se
         voxels.xyz[wanted],
         voxels.variance[wanted],
         voxels.surface[wanted],
+        voxels.grey[wanted],
         votes,
         voxels.count[wanted],
         first_ns,

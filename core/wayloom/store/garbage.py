@@ -14,11 +14,11 @@ from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database, Session
 from wayloom.store.tables import Drive, ForgottenBlob, Job, MeetingRow, RegionRow, RigEvidence, RigVersion, SubmapRow, TileRow
 
-STORING: Final = ("odometry", "georeference", "ground", "stitch", "remove")
+STORING: Final = ("odometry", "georeference", "objects", "stitch", "remove")
 """The stages that store blobs."""
 NAMED: Final = (
-    TileRow.digest, RegionRow.digest, RegionRow.ground, RegionRow.markings, MeetingRow.digest, SubmapRow.digest, RigEvidence.digest,
-    RigEvidence.own_digest, RigVersion.digest,
+    TileRow.digest, RegionRow.digest, RegionRow.ground, RegionRow.markings, RegionRow.areas, RegionRow.objects, MeetingRow.digest,
+    SubmapRow.digest, RigEvidence.digest, RigEvidence.own_digest, RigVersion.digest,
     *(facts[name].as_string() for facts in (Drive.facts, Drive.coming["facts"]) for name in ("preview", "quality")),
 )  # fmt: skip
 """Columns that name blobs, and places in columns."""

@@ -27,8 +27,11 @@ class DriveOrigin:
     run: DriveRun | None
 
 
-def regions_of_version(session: Session, version: MapVersion, keys: Iterable[RegionKey]) -> Sequence[RegionRow]:
-    """Those of a version among the regions of a rectangle of keys, by column and row."""
+def regions_of_version(session: Session, version: MapVersion, keys: Iterable[RegionKey] | None) -> Sequence[RegionRow]:
+    """Those of a version among the regions of a rectangle of keys, or all, by column and row."""
+    if keys is None:
+        every = select(RegionRow).where(RegionRow.map_id == version.map_id, of_version(RegionRow, version.version))
+        return session.scalars(every.order_by(RegionRow.east, RegionRow.north)).all()
     wanted = {*keys}
     if not wanted:
         return []

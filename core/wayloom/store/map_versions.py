@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
-from sqlalchemy import ColumnElement, Update, delete, insert, or_, select, tuple_, update
-from sqlalchemy.orm import Session
+from sqlalchemy import ColumnElement, Update, delete, insert, select, tuple_, update
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from wayloom.errors import ConflictError
 from wayloom.store import maps
@@ -27,6 +27,10 @@ TileKey = tuple[str, int, int, int]
 """Layer, zoom, column, row."""
 RegionKey = tuple[int, int]
 """Column from the west, row from the south, of the grid of regions."""
+KeyBox = tuple[RegionKey, RegionKey]
+"""The first column and row, and the last."""
+REGION_FEATURES = ("markings", "areas", "objects")
+"""Columns of regions that name files of their features."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +54,7 @@ class TileEntry:
 @dataclass(frozen=True, slots=True)
 class RegionEntry:
     """One region: where it is, what it was made from (`RegionRow`), which blob it is, what has gone from it and is new, and which
-    blobs its ground and its markings are (empty: it has none).
+    blobs its ground, markings, areas and objects are (empty: it has none).
 
     changes : GeoJSON features, points with the properties of `wayloom.stitching.change.Change`
     """
@@ -64,6 +68,8 @@ class RegionEntry:
     changes: list[dict[str, Any]] = field(default_factory=list)
     ground: str = ""
     markings: str = ""
+    areas: str = ""
+    objects: str = ""
 
     @property
     def key(self) -> RegionKey:
@@ -207,16 +213,22 @@ def region_made_from(session: Session, map_id: str, key: RegionKey, inputs: str)
 
 
 def _region(row: RegionRow) -> RegionEntry:
-    return RegionEntry(row.east, row.north, row.inputs, row.digest, row.members, row.size, row.changes, row.ground, row.markings)
+    about = (row.east, row.north, row.inputs, row.digest, row.members, row.size, row.changes)
+    return RegionEntry(*about, row.ground, row.markings, row.areas, row.objects)
 
 
-def marked_regions(session: Session, map_id: str, number: int) -> list[tuple[RegionKey, str]]:
-    """The regions of a version that have markings or kerbs, with the digests of these, by column and row."""
-    held = or_(RegionRow.until.is_(None), RegionRow.until > number)
-    here = (RegionRow.map_id == map_id, RegionRow.since <= number, held, RegionRow.markings != "")
-    columns = select(RegionRow.east, RegionRow.north, RegionRow.markings)
-    rows = session.execute(columns.where(*here).order_by(RegionRow.east, RegionRow.north))
-    return [((east, north), digest) for east, north, digest in rows]
+def regions_with(session: Session, map_id: str, number: int, of: str, within: KeyBox | None = None) -> list[tuple[RegionKey, str]]:
+    """The regions of a version that have features of a kind of REGION_FEATURES, with the digests of these, by column and row.
+
+    within : the first and the last column and row to look at; None: everywhere
+    """
+    digest: InstrumentedAttribute[str] = getattr(RegionRow, of)
+    here = [RegionRow.map_id == map_id, maps.of_version(RegionRow, number), digest != ""]
+    if within is not None:
+        (west, south), (east, north) = within
+        here += [RegionRow.east.between(west, east), RegionRow.north.between(south, north)]
+    rows = session.execute(select(RegionRow.east, RegionRow.north, digest).where(*here).order_by(RegionRow.east, RegionRow.north))
+    return [((column, row), found) for column, row, found in rows]
 
 
 def changed_things(session: Session, map_id: str) -> list[dict[str, Any]]:
@@ -224,6 +236,14 @@ def changed_things(session: Session, map_id: str) -> list[dict[str, Any]]:
     here = (RegionRow.map_id == map_id, RegionRow.until.is_(None), RegionRow.change_count > 0)
     rows = session.scalars(select(RegionRow).where(*here).order_by(RegionRow.east, RegionRow.north))
     return [feature for row in rows for feature in row.changes]
+
+
+def changes_of_regions(session: Session, map_id: str, number: int) -> list[tuple[RegionKey, list[dict[str, Any]]]]:
+    """What a version lists as gone and new, as features, by column and row of the regions that have any."""
+    here = (RegionRow.map_id == map_id, maps.of_version(RegionRow, number), RegionRow.change_count > 0)
+    columns = select(RegionRow.east, RegionRow.north, RegionRow.changes)
+    rows = session.execute(columns.where(*here).order_by(RegionRow.east, RegionRow.north))
+    return [((east, north), features) for east, north, features in rows]
 
 
 def things_of_version(session: Session, map_id: str, number: int) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

@@ -350,6 +350,8 @@ class RegionRow(Base):
     changes      what has gone from it and is new, as `RegionEntry.changes`; change_count how many
     ground       digest of its ground (docs/formats.md), empty where it has none
     markings     digest of its markings and kerbs (docs/formats.md), empty where it has none: of its ground and that around it
+    areas        digest of its areas, likewise
+    objects      digest of its objects, as features, empty where it has none
     """
 
     __tablename__ = "regions"
@@ -366,6 +368,8 @@ class RegionRow(Base):
     change_count: Mapped[int] = mapped_column(server_default="0")
     ground: Mapped[str] = mapped_column(DIGEST, server_default="")
     markings: Mapped[str] = mapped_column(DIGEST, server_default="")
+    areas: Mapped[str] = mapped_column(DIGEST, server_default="")
+    objects: Mapped[str] = mapped_column(DIGEST, server_default="")
     __table_args__ = (_ended("regions"),)
 
 

@@ -34,8 +34,8 @@ def forget_drive(session: Session, drive_id: str) -> None:
     """Before a drive's rows go: its blobs, and the versions that hold it, but for the newest, which the next one replaces."""
     drive = session.get_one(Drive, drive_id)
     of_drive = select(SubmapRow.digest).where(SubmapRow.drive_id == drive_id)
-    forget_blobs(session, session.scalars(of_drive), "ground")
-    forget_blobs(session, (one["preview"] for one in _facts(drive) if "preview" in one), "ground")
+    forget_blobs(session, session.scalars(of_drive), "objects")
+    forget_blobs(session, (one["preview"] for one in _facts(drive) if "preview" in one), "objects")
     forget_blobs(session, (one["quality"] for one in _facts(drive) if "quality" in one), "georeference")
     for row in session.scalars(select(RigEvidence).where(RigEvidence.drive_id == drive_id)):
         forget_blobs(session, (row.digest, row.own_digest), "odometry")
@@ -79,9 +79,11 @@ def forget_blobs(session: Session, digests: Iterable[str], stage: str) -> None:
 
 def _drop_rows(session: Session, map_id: str) -> None:
     """The rows that belong to no version that is served. Of tiles the addresses stay, for the list of what a version changed."""
+    of_region = (RegionRow.digest, RegionRow.ground, RegionRow.markings, RegionRow.areas, RegionRow.objects)
     named_by: tuple[tuple[type[TileRow | RegionRow], Any], ...] = (
-        (TileRow, TileRow.digest), *((RegionRow, named) for named in (RegionRow.digest, RegionRow.ground, RegionRow.markings)),
-    )  # fmt: skip
+        (TileRow, TileRow.digest),
+        *((RegionRow, named) for named in of_region),
+    )
     for table, named in named_by:
         digests = session.scalars(select(named).where(*_unserved(map_id, table)).distinct())
         forget_blobs(session, (digest for digest in digests if digest != NOTHING), "stitch")

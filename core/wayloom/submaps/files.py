@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +33,40 @@ def save_submaps(placed: Iterable[PlacedSubmap], folder: Path) -> None:
     write_atomically(folder / INDEX, text.encode())
 
 
+@dataclass(frozen=True, slots=True)
+class SubmapEntry:
+    """A submap's line in the index of a folder: what is known of it before its points are read."""
+
+    folder: Path
+    content: Mapping[str, Any]
+
+    @property
+    def digest(self) -> str:
+        """The submap's name."""
+        return str(self.content["digest"])
+
+    @property
+    def drive_id(self) -> str:
+        """The drive that the map names."""
+        return str(self.content["drive_id"])
+
+    @property
+    def frame(self) -> MapFrame | None:
+        """The frame of its place; None: the drive's own."""
+        return None if self.content["frame"] is None else MapFrame(*self.content["frame"])
+
+    def load(self) -> PlacedSubmap:
+        """The submap. Raises InputError that names the file that is missing or damaged."""
+        return _load(self.folder, self.content)
+
+
 def load_submaps(folder: Path) -> list[PlacedSubmap]:
     """The submaps in the order they were saved. Raises InputError that names the file that is missing or damaged."""
+    return [entry.load() for entry in submap_entries(folder)]
+
+
+def submap_entries(folder: Path) -> list[SubmapEntry]:
+    """The submaps of a folder, none of them read yet, in the order they were saved. Raises InputError."""
     path = folder / INDEX
     try:
         index = json.loads(path.read_text(encoding="utf-8"))
@@ -43,7 +76,7 @@ def load_submaps(folder: Path) -> list[PlacedSubmap]:
         ) from error
     if not isinstance(index, dict) or index.get("format") != FORMAT or index.get("version") != VERSION:
         raise InputError(f"is no {FORMAT} of version {VERSION}", file=path, remedy=REMEDY)
-    return [_load(folder, entry) for entry in index["submaps"]]
+    return [SubmapEntry(folder, entry) for entry in index["submaps"]]
 
 
 def _entry(item: PlacedSubmap) -> dict[str, Any]:
@@ -61,7 +94,7 @@ def _entry(item: PlacedSubmap) -> dict[str, Any]:
     }
 
 
-def _load(folder: Path, entry: dict[str, Any]) -> PlacedSubmap:
+def _load(folder: Path, entry: Mapping[str, Any]) -> PlacedSubmap:
     path = folder / f"{entry['digest']}.submap"
     try:
         data = path.read_bytes()

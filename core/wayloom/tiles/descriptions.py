@@ -5,21 +5,21 @@ from typing import Any, Final
 from xml.sax.saxutils import escape, quoteattr
 
 from wayloom.stitching.layer_names import OVERLAYS
-from wayloom.tiles.formats import KERBS, MARKING_PROPERTIES, MARKINGS, OVERLAY_FORMATS, TILE_FORMATS, tile_layer
+from wayloom.tiles.feature_layers import FEATURE_LAYERS
+from wayloom.tiles.formats import OVERLAY_FORMATS, TILE_FORMATS, tile_layer
 from wayloom.tiles.grid import EQUATOR_M, MAX_LATITUDE_DEG, MAX_ZOOM, TILE_PX
 from wayloom.tiles.mvt import CELLS_LAYER, TRACKS_LAYER
 from wayloom.tiles.rasters import HEIGHT, RASTER_LAYERS, RASTER_PX
 
 Box = tuple[float, float, float, float]
 WORLD: Final = (-180.0, -MAX_LATITUDE_DEG, 180.0, MAX_LATITUDE_DEG)
-_FIELDS: Final = {name: "String" if name == "kind" else "Number" for name in MARKING_PROPERTIES}
 WMTS_PIXEL_M: Final = 0.00028
 """Of the standard's scale denominators."""
 SUFFIXES: Final = (
     {form.layer: form.suffix for form in TILE_FORMATS.values() if form.served}
     | {tile_layer(name, of): TILE_FORMATS[name].suffix for of in OVERLAYS for name in OVERLAY_FORMATS}
     | {layer.name: layer.suffix for layer in RASTER_LAYERS.values()}
-    | {MARKINGS: TILE_FORMATS["mvt"].suffix}
+    | dict.fromkeys(FEATURE_LAYERS, TILE_FORMATS["mvt"].suffix)
 )
 """The file ending of each layer."""
 HEAD: Final = (
@@ -61,8 +61,8 @@ def tile_json(name: str, layer: Mapping[str, Any], bounds: Box | None, address: 
         found["encoding"] = "terrarium"
     if name == TILE_FORMATS["mvt"].layer:
         found["vector_layers"] = [{"id": one, "fields": {}} for one in (CELLS_LAYER, TRACKS_LAYER)]
-    if name == MARKINGS:
-        found["vector_layers"] = [{"id": MARKINGS, "fields": _FIELDS}, {"id": KERBS, "fields": _FIELDS}]
+    if name in FEATURE_LAYERS:
+        found["vector_layers"] = FEATURE_LAYERS[name].vector_layers()
     return found
 
 

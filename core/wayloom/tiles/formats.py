@@ -1,13 +1,15 @@
 """Tile formats, the layers in which they are cut, and a tile as bytes with its address.
 
 The static layer of the map is cut in every format. Each overlay (`OVERLAYS`) has pictures, under its own name, and points and
-counts, under names that begin with it: `parked`, `parked-points`, `parked-counts`. The ground has raster layers (`rasters`).
+counts, under names that begin with it: `parked`, `parked-points`, `parked-counts`. The ground has raster layers
+(`rasters`), features have vector tiles (`feature_layers`).
 """
 
 from dataclasses import dataclass
 from typing import Final
 
 from wayloom.stitching.layer_names import LAYERS, OVERLAYS, STATIC
+from wayloom.tiles.feature_layers import FEATURE_LAYERS
 from wayloom.tiles.grid import TileAddress
 from wayloom.tiles.rasters import RASTER_LAYERS
 
@@ -46,21 +48,13 @@ def tile_layer(name: str, of: str = LAYERS[STATIC]) -> str:
     return of if name == "png" else f"{of}-{form.layer}"
 
 
-MARKINGS: Final = "markings"
-"""The layer of vector tiles of markings and kerbs, and the layer of markings in each of its tiles."""
-KERBS: Final = "kerbs"
-"""The layer of kerbs in these tiles."""
-MARKING_PROPERTIES: Final = (
-    "kind", "width_m", "height_m", "length_m", "sigma_m", "sigma_height_m", "sigma_place_m", "confidence",
-)  # fmt: skip
-"""What its features tell."""
 STATIC_TILES: Final = tuple(form.layer for form in TILE_FORMATS.values() if form.served)
 """Layers of tiles that clients get of the static layer of the map, and, in `SERVED_LAYERS`, of all."""
 SERVED_LAYERS: Final = (
     *STATIC_TILES,
     *(tile_layer(name, of) for of in OVERLAYS for name in OVERLAY_FORMATS if TILE_FORMATS[name].served),
     *RASTER_LAYERS,
-    MARKINGS,
+    *FEATURE_LAYERS,
 )
 
 

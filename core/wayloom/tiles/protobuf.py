@@ -1,15 +1,15 @@
-"""Protocol buffer encoder for the subset of Mapbox Vector Tile 2.1 that the map needs: squares and lines with properties.
+"""Protocol buffer encoder for the subset of Mapbox Vector Tile 2.1 that the map needs: points, lines and polygons with properties.
 
 A general encoder builds and checks a geometry object for each cell, which would dominate the time of all tiles.
 Fields: the specification's vector_tile.proto.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from wayloom.files.wire_format import double_field, field, number_field, varint
 
 MVT_VERSION = 2
-LINE, POLYGON = 2, 3
+POINT, LINE, POLYGON = 1, 2, 3
 MOVE_TO, LINE_TO, CLOSE_PATH = 1, 2, 7
 Value = str | int | float
 Point = tuple[int, int]
@@ -38,6 +38,24 @@ def line(points: list[Point]) -> bytes:
     for next_x, next_y in points[1:]:
         out += [zigzag(next_x - x), zigzag(next_y - y)]
         x, y = next_x, next_y
+    return b"".join(out)
+
+
+def point(x: int, y: int) -> bytes:
+    """One point."""
+    return command(MOVE_TO, 1) + zigzag(x) + zigzag(y)
+
+
+def polygon(rings: Sequence[Sequence[Point]]) -> bytes:
+    """Rings of at least three points, none of them given twice: the outer one clockwise on the screen, then holes."""
+    x, y = 0, 0
+    out = []
+    for ring in rings:
+        for k, (next_x, next_y) in enumerate(ring):
+            out.append(command(MOVE_TO, 1) if k == 0 else command(LINE_TO, len(ring) - 1) if k == 1 else b"")
+            out.append(zigzag(next_x - x) + zigzag(next_y - y))
+            x, y = next_x, next_y
+        out.append(command(CLOSE_PATH, 1))
     return b"".join(out)
 
 

@@ -37,6 +37,10 @@ class TileSettings(Settings):
     )
     markings_from_zoom: int = Field(16, ge=12, le=20, description="coarsest zoom of the vector tiles of markings and kerbs")
     markings_zoom: int = Field(20, ge=12, le=20, description="finest zoom of the vector tiles of markings and kerbs")
+    areas_from_zoom: int = Field(14, ge=12, le=20, description="coarsest zoom of the vector tiles of areas")
+    areas_zoom: int = Field(18, ge=12, le=20, description="finest zoom of the vector tiles of areas")
+    objects_from_zoom: int = Field(15, ge=12, le=20, description="coarsest zoom of the vector tiles of objects")
+    objects_zoom: int = Field(18, ge=12, le=20, description="finest zoom of the vector tiles of objects")
     dot_from_zoom: int = Field(19, ge=0, le=21, description="from here a voxel is drawn three pixels wide")
 
     @property
@@ -52,6 +56,8 @@ class TileSettings(Settings):
             )
         if self.dot_from_zoom <= min(self.points_zoom, self.max_zoom):
             raise ValueError(f"points_zoom {self.points_zoom} < dot_from_zoom {self.dot_from_zoom} must hold")
-        if self.markings_from_zoom > self.markings_zoom:
-            raise ValueError(f"markings_from_zoom {self.markings_from_zoom} <= markings_zoom {self.markings_zoom} must hold")
+        for name in ("markings", "areas", "objects"):
+            first, last = getattr(self, f"{name}_from_zoom"), getattr(self, f"{name}_zoom")
+            if first > last:
+                raise ValueError(f"{name}_from_zoom {first} <= {name}_zoom {last} must hold")
         return self

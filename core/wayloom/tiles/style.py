@@ -6,7 +6,8 @@ from typing import Any, Final
 from wayloom.config.classes import CLASS_NAMES, PALETTE
 from wayloom.stitching.layer_names import OVERLAYS
 from wayloom.tiles.descriptions import Box, tile_json
-from wayloom.tiles.formats import KERBS, MARKINGS, TILE_FORMATS
+from wayloom.tiles.feature_layers import AREAS, KERBS, MARKINGS, OBJECTS
+from wayloom.tiles.formats import TILE_FORMATS
 from wayloom.tiles.mvt import CELLS_LAYER, TRACKS_LAYER
 from wayloom.tiles.rasters import HEIGHT, ORTHO, SURFACE
 
@@ -24,13 +25,15 @@ def map_style(name: str, layers: Mapping[str, Mapping[str, Any]], bounds: Box | 
     addresses : of the tiles of all layers, without the ending, with {layer}, {z}, {x} and {y}
     """
     described = {one: tile_json(one, layers[one], bounds, addresses.replace("{layer}", one)) for one in layers}
-    drawn = [{"id": "paper", "type": "background", "paint": {"background-color": PAPER}}]
+    drawn: list[dict[str, Any]] = [{"id": "paper", "type": "background", "paint": {"background-color": PAPER}}]
     drawn += [_picture(one, shown) for one, shown in PICTURES.items() if one in layers]
     drawn += [_relief()] if HEIGHT in layers else []
     drawn += [*_features()] if FEATURES in layers else []
     drawn += (
         [_line(KERBS, MARKINGS, KERBS, KERB, 2.0), _line(MARKINGS, MARKINGS, MARKINGS, MARKING, 2.0)] if MARKINGS in layers else []
     )
+    drawn += [_areas()] if AREAS in layers else []
+    drawn += [_objects()] if OBJECTS in layers else []
     sources = {str(one["source"]): _source(described[str(one["source"])]) for one in drawn if "source" in one}
     found: dict[str, Any] = {"version": 8, "name": name, "sources": sources, "layers": drawn}
     if bounds is not None:
@@ -55,10 +58,28 @@ def _relief() -> dict[str, Any]:
 
 def _features() -> list[dict[str, Any]]:
     """Cells in the colour of their class, hidden below the pictures that show the same, and the tracks of the drives."""
-    colours = [part for name, rgb in zip(CLASS_NAMES, PALETTE, strict=True) for part in (name, f"#{rgb.tobytes().hex()}")]
-    fill = {"fill-color": ["match", ["get", "class"], *colours, "#000000"], "fill-opacity": 0.8}
+    fill = {"fill-color": ["match", ["get", "class"], *_colours(), "#000000"], "fill-opacity": 0.8}
     cells = {"id": "cells", "type": "fill", "source": FEATURES, "source-layer": CELLS_LAYER, "layout": {"visibility": "none"}}
     return [cells | {"paint": fill}, _line("coverage", FEATURES, TRACKS_LAYER, TRACK, 1.5)]
+
+
+def _colours() -> list[str]:
+    """Name and colour of each class, in turn."""
+    return [part for name, rgb in zip(CLASS_NAMES, PALETTE, strict=True) for part in (name, f"#{rgb.tobytes().hex()}")]
+
+
+def _areas() -> dict[str, Any]:
+    """Hidden below the photograph of the same ground."""
+    paint = {"fill-color": ["match", ["get", "kind"], *_colours(), "#000000"], "fill-opacity": 0.5}
+    return {"id": AREAS, "type": "fill", "source": AREAS, "source-layer": AREAS, "layout": {"visibility": "none"}, "paint": paint}
+
+
+def _objects() -> dict[str, Any]:
+    kinds = {"pole": "pole", "traffic_sign": "traffic sign", "traffic_light": "traffic light", "trunk": "vegetation"}
+    colours = dict(zip(_colours()[::2], _colours()[1::2], strict=True))
+    colour = ["match", ["get", "kind"], *(part for kind, name in kinds.items() for part in (kind, colours[name])), "#000000"]
+    paint = {"circle-color": colour, "circle-radius": 3.5, "circle-stroke-color": "#ffffff", "circle-stroke-width": 1}
+    return {"id": OBJECTS, "type": "circle", "source": OBJECTS, "source-layer": OBJECTS, "paint": paint}
 
 
 def _line(name: str, source: str, layer: str, colour: str, width: float) -> dict[str, Any]:

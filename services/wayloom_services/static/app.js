@@ -34,7 +34,7 @@ for (const name of info.overlays) {
   label.append(box, ` ${name[0].toUpperCase()}${name.slice(1)}`);
   at("tools").append(label);
 }
-const TOGGLES = ["ortho", "semantic", "markings", "tracks", "coverage", ...info.overlays];
+const TOGGLES = ["ortho", "semantic", "areas", "markings", "objects", "tracks", "coverage", ...info.overlays];
 for (const name of TOGGLES) {
   at(`show-${name}`).addEventListener("change", (event) => city.visible(name, event.target.checked));
 }
@@ -73,7 +73,7 @@ async function showMap({ id, version }) {
   at("version").textContent = `${id} · version ${version}`;
   const many = (number, word) => `${number.toLocaleString("en")} ${word}${number === 1 ? "" : "s"}`;
   at("facts").textContent = [many(found.drives.length, "drive"), many(found.submaps, "submap"), many(found.tiles, "tile")].join(" · ");
-  for (const name of ["ortho", "markings"]) at(`show-${name}`).parentElement.hidden = !found.layers[name];
+  for (const name of ["ortho", "areas", "markings", "objects"]) at(`show-${name}`).parentElement.hidden = !found.layers[name];
   await city.show(found);
   for (const name of TOGGLES) await city.visible(name, at(`show-${name}`).checked);
 }

@@ -25,12 +25,34 @@ maplibregl.addProtocol("grid", async () => {
   return { data: await (await canvas.convertToBlob({ type: "image/png" })).arrayBuffer() };
 });
 
-// The layers of a tile of markings and how they are drawn, over the photograph and the classes.
-const LINES_FROM_ZOOM = 18;
-const LINES = {
-  kerbs: { "line-color": "#ffd23f", "line-width": 2 },
-  markings: { "line-color": "#1fd1ff", "line-width": ["interpolate", ["linear"], ["zoom"], 18, 1.5, 21, 4] },
+// Vector tiles of features by their names: the layers within a tile, and how they are drawn, over the photograph and the classes.
+const byKind = (colours, otherwise) => ["match", ["get", "kind"], ...Object.entries(colours).flat(), otherwise];
+const FEATURES = {
+  areas: {
+    areas: {
+      type: "fill", minzoom: 15,
+      paint: { "fill-color": byKind({ road: "#804080", sidewalk: "#f423e8" }, "#98fb98"), "fill-opacity": 0.35, "fill-outline-color": "#ffffff" },
+    },
+  },
+  markings: {
+    kerbs: { type: "line", minzoom: 18, layout: { "line-cap": "round" }, paint: { "line-color": "#ffd23f", "line-width": 2 } },
+    markings: {
+      type: "line", minzoom: 18, layout: { "line-cap": "round" },
+      paint: { "line-color": "#1fd1ff", "line-width": ["interpolate", ["linear"], ["zoom"], 18, 1.5, 21, 4] },
+    },
+  },
+  objects: {
+    objects: {
+      type: "circle", minzoom: 16,
+      paint: {
+        "circle-color": byKind({ pole: "#999999", traffic_sign: "#dcdc00", traffic_light: "#faaa1e" }, "#6b8e23"),
+        "circle-radius": ["interpolate", ["linear"], ["zoom"], 16, 2.5, 21, 7],
+        "circle-stroke-color": "#ffffff", "circle-stroke-width": 1.2,
+      },
+    },
+  },
 };
+const HIDDEN = new Set(["areas"]);
 
 // Every place of a track, which the antimeridian may cut in two lines.
 const placesOf = (feature) => {
@@ -83,6 +105,7 @@ export class CityMap {
       id: "tracks", type: "line", source: "tracks", layout: line,
       paint: { "line-color": chosen("#e0662a", colour("--accent")), "line-width": chosen(3.5, 2) },
     });
+    this.#tellObjects();
   }
 
   #recolour() {
@@ -100,7 +123,7 @@ export class CityMap {
     this.#showPictures(version, "ortho", "visible");
     this.#showPictures(version, "semantic", "visible");
     for (const name of this.overlays) this.#showPictures(version, name, "none");
-    this.#showMarkings(version);
+    for (const name of Object.keys(FEATURES)) this.#showFeatures(version, name);
     this.map.getSource("coverage").setData(await ask(`/v1/maps/${version.map_id}/coverage`));
     if (first) this.fit();
   }
@@ -126,22 +149,39 @@ export class CityMap {
     );
   }
 
-  // Lines of paint and kerbs in the place of those of the version before, as visible as they were.
-  #showMarkings(version) {
-    const layer = version.layers.markings;
-    const visibility = this.map.getLayer("markings") ? this.map.getLayoutProperty("markings", "visibility") : "visible";
-    for (const id of Object.keys(LINES)) if (this.map.getLayer(id)) this.map.removeLayer(id);
-    if (this.map.getSource("markings")) this.map.removeSource("markings");
+  // Features in the place of those of the version before, as visible as they were.
+  #showFeatures(version, name) {
+    const layer = version.layers[name];
+    const ids = Object.keys(FEATURES[name]);
+    const before = ids.find((id) => this.map.getLayer(id));
+    const visibility = before ? this.map.getLayoutProperty(before, "visibility") : HIDDEN.has(name) ? "none" : "visible";
+    for (const id of ids) if (this.map.getLayer(id)) this.map.removeLayer(id);
+    if (this.map.getSource(name)) this.map.removeSource(name);
     if (!layer) return;
-    this.map.addSource("markings", {
+    this.map.addSource(name, {
       type: "vector", minzoom: layer.min_zoom, maxzoom: layer.max_zoom,
-      tiles: [`${location.origin}/v1/maps/${version.map_id}/versions/${version.version}/tiles/markings/{z}/{x}/{y}.mvt`],
+      tiles: [`${location.origin}/v1/maps/${version.map_id}/versions/${version.version}/tiles/${name}/{z}/{x}/{y}.mvt`],
       ...(version.bounds[0] <= version.bounds[2] ? { bounds: version.bounds } : {}),
     });
-    for (const [id, paint] of Object.entries(LINES)) {
-      const at = { source: "markings", "source-layer": id, minzoom: LINES_FROM_ZOOM };
-      this.map.addLayer({ id, type: "line", ...at, layout: { visibility, "line-cap": "round" }, paint }, "coverage");
+    for (const [id, drawn] of Object.entries(FEATURES[name])) {
+      this.map.addLayer({ ...drawn, id, source: name, "source-layer": id, layout: { ...drawn.layout, visibility } }, "coverage");
     }
+  }
+
+  // A click on an object tells what is known of it.
+  #tellObjects() {
+    this.map.on("click", "objects", ({ features: [found] }) => {
+      const table = document.createElement("table");
+      for (const [name, value] of Object.entries(found.properties)) {
+        const row = table.insertRow();
+        row.insertCell().textContent = name.replaceAll("_", " ");
+        row.insertCell().textContent = typeof value === "number" ? String(Number(value.toFixed(3))) : value;
+      }
+      new maplibregl.Popup({ className: "about", maxWidth: "22rem" })
+        .setLngLat(found.geometry.coordinates).setDOMContent(table).addTo(this.map);
+    });
+    this.map.on("mouseenter", "objects", () => (this.map.getCanvas().style.cursor = "pointer"));
+    this.map.on("mouseleave", "objects", () => (this.map.getCanvas().style.cursor = ""));
   }
 
   async track(drive) {
@@ -187,7 +227,7 @@ export class CityMap {
 
   async visible(name, on) {
     await this.ready;
-    const layers = { tracks: ["tracks-edge", "tracks"], markings: Object.keys(LINES) }[name] ?? [name];
+    const layers = name === "tracks" ? ["tracks-edge", "tracks"] : name in FEATURES ? Object.keys(FEATURES[name]) : [name];
     for (const id of layers) if (this.map.getLayer(id)) this.map.setLayoutProperty(id, "visibility", on ? "visible" : "none");
   }
 }

@@ -1,0 +1,38 @@
+"""Boxes of degrees that exports are cut to: `W,S,E,N`, across the antimeridian with west over east."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.errors import InputError
+from wayloom.geodesy.antimeridian import Box, box_of, overlap
+
+REMEDY: Final = "give west,south,east,north in degrees, as 8.40,49.00,8.42,49.01"
+
+
+def parse_box(text: str) -> Box:
+    """West, south, east, north; across the antimeridian east is over 180. Raises InputError."""
+    try:
+        west, south, east, north = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"--bbox {text!r} is no box", remedy=REMEDY) from None
+    if not (abs(west) <= 180.0 and abs(east) <= 180.0 and -90.0 <= south < north <= 90.0 and west != east):
+        raise InputError(f"--bbox {text!r} is no box on Earth", remedy=REMEDY)
+    return west, south, east if west < east else east + 360.0, north
+
+
+def inside(lon_lat: NDArray[np.float64], box: Box | None) -> NDArray[np.bool_]:
+    """(N,) which places (N, 2 or more) in degrees lie in the box; all where it is None."""
+    if box is None:
+        return np.ones(len(lon_lat), np.bool_)
+    west, south, east, north = box
+    lon, lat = lon_lat[:, 0], lon_lat[:, 1]
+    turned = west + (lon - west) % 360.0
+    return np.asarray((turned <= east) & (lat >= south) & (lat <= north))
+
+
+def touches(coordinates: Sequence[Sequence[float]], box: Box | None) -> bool:
+    """Whether the box around places (longitude, latitude, …) touches the box."""
+    return box is None or overlap(box_of(np.array([place[:2] for place in coordinates], np.float64)), box)

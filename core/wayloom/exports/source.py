@@ -1,0 +1,48 @@
+"""Map that is exported, as its writers see it: regions, ground, features and tracks, each read when it is asked for."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayloom.geodesy.map_frame import MapFrame
+from wayloom.stitching.ground_mosaic import RasterSource
+from wayloom.stitching.region_grid import RegionKey
+from wayloom.stitching.voxel_map import VoxelMap
+from wayloom.tiles.pyramid import Track
+
+Feature = Mapping[str, Any]
+"""A GeoJSON feature: WGS84, ellipsoidal heights."""
+
+
+class MapSource(RasterSource, Protocol):
+    """A map in one frame. No more than some regions of it are in memory at a time.
+
+    frame    its frame; None: one drive's own, which has no place on Earth
+    voxel_m  edge of its voxels
+    keys     of the regions that have anything, sorted; of those that the wanted box touches alone
+    """
+
+    frame: MapFrame | None
+    voxel_m: float
+    keys: Sequence[RegionKey]
+
+    @property
+    def place(self) -> NDArray[np.float64]:
+        """(3,) m in the frame: a place in the middle of the map, on its road."""
+
+    def voxels(self, key: RegionKey) -> VoxelMap | None:
+        """The static layer of a region; None where it has none."""
+
+    def features(self, name: str, key: RegionKey) -> Sequence[Feature]:
+        """The features of a collection (`features.COLLECTIONS`) that belong to a region."""
+
+    def place_sigma_mm(self, key: RegionKey) -> NDArray[np.uint16]:
+        """Of the sheets of a region's ground, as `GroundMap.place_sigma_mm`."""
+
+    def tracks(self) -> Iterator[Track]:
+        """The drives' tracks, in a fixed order."""
+
+    def provenance(self) -> Mapping[str, Any]:
+        """The map's origin: drives, hashes of what was uploaded, networks, code, parameters."""
