@@ -49,10 +49,10 @@ def test_every_tile_is_the_same_on_both_databases_and_counts_are_conserved_at_ev
     tmp_path: Path, postgres_folder: str
 ) -> None:
     one, other = service(tmp_path / "one"), service(tmp_path / "other", database_url=postgres.new_database(postgres_folder))
-    for name, seed in (("a", 1), ("b", 2), ("c", 3)):
+    for name, seed in (("a", 1), ("b", 2)):
         add(one, name, seed, lat=LAT + 0.0004 * seed)
         in_steps = published(one, tmp_path / f"one {name}")
-    for name, seed in (("c", 3), ("a", 1), ("b", 2)):
+    for name, seed in (("b", 2), ("a", 1)):
         add(other, name, seed, lat=LAT + 0.0004 * seed)
     at_once = published(other, tmp_path / "other all")
     tiles = at_once["tiles"]
