@@ -9,11 +9,13 @@ from typing import Any
 import mapbox_vector_tile
 import numpy as np
 import pytest
+from sqlalchemy import select
 
 from wayloom.geodesy import wgs84
 from wayloom.stitching.marking_files import AROUND_M, lines_of, read_features
 from wayloom.stitching.region_grid import REGION_M, RegionKey
 from wayloom.store import drives, garbage, map_versions, maps
+from wayloom.store.spatial.feature_tables import FEATURE_TABLES
 from wayloom.tiles.feature_layers import KERBS, MARKINGS
 from wayloom.tiles.grid import lonlat_from_unit
 from wayloom_workers import region_marking
@@ -41,6 +43,14 @@ def features(context: WorkerContext) -> dict[RegionKey, list[dict[str, Any]]]:
 
 def of_kind(found: Sequence[dict[str, Any]], kind: str) -> list[dict[str, Any]]:
     return [one for one in found if one["properties"]["kind"] == kind]
+
+
+def in_tables(context: WorkerContext) -> list[tuple[RegionKey, float]]:
+    """Region and length of what the database's tables of markings and kerbs show."""
+    tables = [one.table.c for one in FEATURE_TABLES if one.source == "markings"]
+    with context.database.read() as session:
+        rows = [row for at in tables for row in session.execute(select(at.east, at.north, at.length_m))]
+    return sorted(((east, north), length) for east, north, length in rows)
 
 
 def enu(feature: dict[str, Any]) -> np.ndarray:
@@ -83,6 +93,7 @@ def test_each_dash_and_each_kerb_lies_in_one_region_where_it_is(context: WorkerC
         assert np.abs(np.concatenate([*west, *east])[:, 1] - y).max() < 0.15
     heights = [one["properties"]["height_m"] for one in of_kind(everything, "kerb")]
     np.testing.assert_allclose(heights, 0.12, atol=0.02)
+    assert in_tables(context) == sorted((key, one["properties"]["length_m"]) for key in found for one in found[key])
 
 
 def test_vector_tiles_show_them_whole_at_every_zoom(context: WorkerContext, tmp_path: Path) -> None:
