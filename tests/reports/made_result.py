@@ -135,6 +135,7 @@ def made_result(
         geo=geo,
         submaps=make_submaps(log, odometry, labels, geo),
         quality=quality,
+        objects=[],
         times={stage: StageTime(1.5 * i + 0.1, stage == "ingest") for i, stage in enumerate(drive_stages())},
     )
 
