@@ -22,7 +22,7 @@ def test_sums_of_the_heaviest_points_lose_nothing():
 
 
 def test_a_lone_points_grey_is_its_voxels():
-    item = random_submap(0, 40, "a")
+    item = random_submap(0, 300, "a")
     whole = merge([item], MergeSettings())
     assert len(whole) > 10
     alone = whole.count == 1
