@@ -17,16 +17,19 @@ Feature = Mapping[str, Any]
 
 
 class MapSource(RasterSource, Protocol):
-    """A map in one frame. No more than some regions of it are in memory at a time.
+    """A map in one frame. No more than some regions of it are in memory at a time."""
 
-    frame    its frame; None: one drive's own, which has no place on Earth
-    voxel_m  edge of its voxels
-    keys     of the regions that have anything, sorted; of those that the wanted box touches alone
-    """
+    @property
+    def frame(self) -> MapFrame | None:
+        """Its frame; None: one drive's own, which has no place on Earth."""
 
-    frame: MapFrame | None
-    voxel_m: float
-    keys: Sequence[RegionKey]
+    @property
+    def voxel_m(self) -> float:
+        """Edge of its voxels, m."""
+
+    @property
+    def keys(self) -> Sequence[RegionKey]:
+        """Of the regions that have anything, sorted; of those that the wanted box touches alone."""
 
     @property
     def place(self) -> NDArray[np.float64]:
