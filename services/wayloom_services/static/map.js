@@ -31,7 +31,7 @@ const FEATURES = {
   areas: {
     areas: {
       type: "fill", minzoom: 15,
-      paint: { "fill-color": byKind({ road: "#804080", sidewalk: "#f423e8" }, "#98fb98"), "fill-opacity": 0.35, "fill-outline-color": "#ffffff" },
+      paint: { "fill-color": byKind({ road: "#804080", sidewalk: "#f423e8" }, "#98fb98"), "fill-opacity": 0.35, "fill-antialias": false },
     },
   },
   markings: {
