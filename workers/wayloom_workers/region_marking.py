@@ -1,5 +1,8 @@
-"""Features of a stitch, by regions: markings, kerbs and areas are found anew where the ground of a region, or of one beside it, has
-changed; objects come with the regions that were made."""
+"""Features of a stitch, by regions.
+
+Markings, kerbs and areas are found anew where the ground of a region, or of one beside it, has changed; objects come with the regions
+that were made.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace

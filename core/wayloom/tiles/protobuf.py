@@ -1,4 +1,4 @@
-"""Protocol buffer encoder for the subset of Mapbox Vector Tile 2.1 that the map needs: points, lines and polygons with properties.
+"""Protocol buffer encoder for what the map needs of Mapbox Vector Tile 2.1: points, lines and polygons with properties.
 
 A general encoder builds and checks a geometry object for each cell, which would dominate the time of all tiles.
 Fields: the specification's vector_tile.proto.
