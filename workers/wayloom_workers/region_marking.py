@@ -1,7 +1,7 @@
 """Features of a stitch, by regions.
 
-Markings, kerbs and areas are found anew where the ground of a region, or of one beside it, has changed; objects come with the regions
-that were made.
+Markings, kerbs and areas are found anew where the ground of a region, or of one beside it, has changed; objects come with the
+regions that were made.
 """
 
 from collections.abc import Collection, Mapping, Sequence
