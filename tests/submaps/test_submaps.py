@@ -1,5 +1,6 @@
 import dataclasses
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,6 +47,20 @@ def test_a_loss_of_track_always_ends_a_submap():
     for stretch in stretches:
         assert len(set(odometry.keyframes.segment[stretch.keyframes])) == 1
     assert sorted(np.concatenate([s.keyframes for s in stretches])) == list(range(len(odometry.keyframes)))
+
+
+def test_submaps_end_where_steps_are_broken_and_the_road_within_is_one_of_its_own():
+    whole = made_odometry(road_m=120.0)
+    covariance = np.full((len(whole.keyframes), 6, 6), np.nan, np.float32)
+    covariance[1:] = np.diag([0.01**2] * 3 + [1e-6] * 3)
+    covariance[20:25, 2, 2] = 0.3**2
+    covariance[40, 2, 2] = 0.3**2
+    broken = replace(whole, keyframes=replace(whole.keyframes, step_covariance=covariance))
+    pieces = [stretch.keyframes.tolist() for stretch in split_road(broken, SubmapSettings())]
+    assert pieces == [[*range(20)], [*range(20, 24)], [*range(24, 40)], [*range(40, 61)]]
+    assert [stretch.keyframes.tolist() for stretch in split_road(broken, SubmapSettings(broken_step_m=0.5))] == [
+        stretch.keyframes.tolist() for stretch in split_road(whole, SubmapSettings())
+    ]
 
 
 def test_points_lie_where_odometry_and_place_put_them(odometry, labels, placed):

@@ -66,7 +66,8 @@ STAGES: tuple[Stage, ...] = (
     Stage("loops", "odometry", inputs=("places",), settings=("loops",), room=f"{_ROOMS}.loops"),
     Stage(
         "georeference", "odometry", inputs=("odometry", "labelling", "loops"), log_parts=("gnss", "imu"),
-        settings=("georeference", "map_origin", "submaps.length_m", "submaps.max_length_m"), room=f"{_ROOMS}.georeference",
+        settings=("georeference", "map_origin", "submaps.length_m", "submaps.max_length_m", "submaps.broken_step_m"),
+        room=f"{_ROOMS}.georeference",
     ),
     Stage(
         "submaps", "odometry", inputs=("odometry", "labelling", "georeference"), log_parts=("drive",), settings=("submaps",),

@@ -10,6 +10,9 @@ class SubmapSettings(Settings):
 
     length_m: float = Field(75.0, gt=0.0, description="wanted length of road of a submap, m")
     max_length_m: float = Field(100.0, gt=0.0, description="no submap is longer, m")
+    broken_step_m: float = Field(
+        0.05, gt=0.0, description="where a step between keyframes is less certain (sigma), submaps end: half a voxel of the map, m"
+    )
     max_distance_m: float = Field(60.0, gt=0.0, description="points further from their host camera are left out, m")
     max_depth_sigma_share: float = Field(
         0.05, gt=0.0, description="a point is kept when its depth sigma is under this share of its depth …"

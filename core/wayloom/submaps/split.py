@@ -14,7 +14,7 @@ from wayloom.georeference.rigid import mean_motion
 from wayloom.georeference.types import Anchors, GeoReference
 from wayloom.labelling.types import PointLabels
 from wayloom.logs.types import DriveLog
-from wayloom.odometry.types import OdometryResult
+from wayloom.odometry.types import Keyframes, OdometryResult
 from wayloom.submaps.bend import noticed, stretches2
 from wayloom.submaps.settings import SubmapSettings
 from wayloom.submaps.submap import PlacedSubmap, StepBefore, Submap
@@ -59,11 +59,10 @@ class Stretch:
 
 
 def split_road(odometry: OdometryResult, settings: SubmapSettings) -> list[Stretch]:
-    """Cut every segment of the track into sections of equal length, as near to the wanted length as whole numbers allow."""
+    """Cut every unbroken piece of the track into sections of equal length, as near to the wanted length as whole numbers allow."""
     road = travelled(odometry.trajectory)[odometry.keyframes.frame]
     stretches = []
-    for segment in np.unique(odometry.keyframes.segment):
-        rows = np.flatnonzero(odometry.keyframes.segment == segment)
+    for rows in unbroken_pieces(odometry.keyframes, settings.broken_step_m):
         length = float(road[rows[-1]] - road[rows[0]])
         pieces = max(1, round(length / settings.length_m))
         pieces += length / pieces > settings.max_length_m
@@ -73,6 +72,22 @@ def split_road(odometry: OdometryResult, settings: SubmapSettings) -> list[Stret
             middle = 0.5 * (road[members[0]] + road[members[-1]])
             stretches.append(Stretch(members, int(members[np.argmin(np.abs(road[members] - middle))]), length / pieces))
     return stretches
+
+
+def unbroken_pieces(keyframes: Keyframes, broken_step_m: float) -> list[IntArray]:
+    """Rows of the keyframes, in order, in pieces that end with a segment and where steps are broken.
+
+    A submap is rigid, so what lies on both sides of a step that may be off by more than a voxel's half belongs to two. Of broken
+    steps in a row the keyframes in between are a piece of their own, as doubtful inside as they are; its neighbours are whole.
+
+    broken_step_m : sigma of a step along its worst axis from which it is broken; unknown ones (NaN) are not
+    """
+    spread = np.nan_to_num(keyframes.step_covariance[:, :3, :3].astype(np.float64))
+    broken = np.linalg.eigvalsh(spread)[:, -1] > broken_step_m**2
+    first_of_run = broken & ~np.concatenate([[False], broken[:-1]])
+    last_of_run = broken & ~np.concatenate([broken[1:], [False]])  # what follows it is whole again
+    new_segment = np.diff(keyframes.segment, prepend=keyframes.segment[:1]) != 0
+    return np.split(np.arange(len(broken)), np.flatnonzero(new_segment | first_of_run | last_of_run))
 
 
 def anchor_frames(odometry: OdometryResult, stretches: list[Stretch]) -> IntArray:
