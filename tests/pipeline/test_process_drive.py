@@ -27,7 +27,7 @@ from wayloom.segmentation.settings import SegmentationSettings
 
 PRODUCTS = {
     "trajectory.tum", "trajectory.kitti", "trajectory.geojson", "cloud.ply", "cloud.laz", "map.png", "overlays", "report.json",
-    "report.html", "quality.json", "stages",
+    "report.html", "quality.json", "objects.geojson", "stages",
 }  # fmt: skip
 BEFORE_GNSS = list(drive_stages()[: drive_stages().index("georeference")])
 

@@ -21,7 +21,7 @@ def job(stage: str, state: str, progress: float = 0.0, age_s: float | None = Non
     started = None if age_s is None else time.time() - age_s
     return Job(
         drive_id="d" * 64, stage=stage, position=0, queue="q", state=state, attempt=1, progress=progress, message="", error=None,
-        created_at=1.0, started_at=started, finished_at=time.time() if state == "done" else None,
+        losses=[], created_at=1.0, started_at=started, finished_at=time.time() if state == "done" else None,
     )  # fmt: skip
 
 

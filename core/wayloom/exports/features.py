@@ -80,8 +80,8 @@ _OBJECT_COLUMNS: Final[dict[str, Kind]] = {
 }  # fmt: skip
 _AREA_COLUMNS: Final[dict[str, Kind]] = {"kind": "text", "area_m2": "real", "confidence": "real", "sigma_place_m": "real"}
 COLLECTIONS: Final = {
-    "objects": Collection("poles, signs, lights, trunks", "Point", _OBJECT_COLUMNS, _of_regions("objects")),
     "areas": Collection("road, sidewalk, terrain", "Polygon", _AREA_COLUMNS, _of_regions("areas")),
+    "objects": Collection("poles, signs, lights, trunks", "Point", _OBJECT_COLUMNS, _of_regions("objects")),
     "markings": Collection(
         "lines, crossings, arrows", "Geometry", _MARKING_COLUMNS, _of_regions("markings", lambda one: not _is_kerb(one))
     ),
