@@ -11,6 +11,7 @@ KERNEL_TESTS = -m "kernels and not compiled" $(shell grep -rlE "^(pytestmark = |
 help:
 	@echo "make demo             simulate two drives, upload them, map them, leave the dashboard running (ONCE=1: end)"
 	@echo "make demo LOG=PATH    the same with a drive log of your own (GNSS=PATH: a GNSS log kept beside it; MODEL=NAME: network)"
+	@echo "make demo PORT=8001   the same where the usual port is taken"
 	@echo "make test             lint, type check, import contracts, migration check, tests"
 	@echo "make coverage         the tests once more, and which lines none of them runs"
 	@echo "make lint             the part of it that runs nothing"
@@ -31,7 +32,7 @@ help:
 	@touch $@
 
 demo: .venv/.runtime
-	$(BIN)/wayloom demo $(if $(LOG),--log '$(LOG)') $(if $(GNSS),--gnss '$(GNSS)') $(if $(MODEL),--model '$(MODEL)') $(if $(ONCE),--once)
+	$(BIN)/wayloom demo $(if $(LOG),--log '$(LOG)') $(if $(GNSS),--gnss '$(GNSS)') $(if $(MODEL),--model '$(MODEL)') $(if $(PORT),--port '$(PORT)') $(if $(ONCE),--once)
 
 lint: .venv/.dev
 	$(BIN)/ruff check .
