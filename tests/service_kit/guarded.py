@@ -23,7 +23,7 @@ class Guarded:
     """The service, its database, and a client that says itself who it is."""
 
     def __init__(self, data: Path, **variables: str) -> None:
-        self.api = ApiAlone(data, WAYLOOM_API_KEY=API_KEY, **variables)
+        self.api = ApiAlone(data, **{"WAYLOOM_API_KEY": API_KEY, **variables})
         self.database = Database(f"sqlite:///{data / 'wayloom.db'}")
         self.http = httpx2.Client(base_url=self.api.url, timeout=30.0, trust_env=False)
         self._drives = 0

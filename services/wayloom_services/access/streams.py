@@ -29,13 +29,13 @@ async def stream_for(
         return not service.settings.is_closed or await find_caller(service, request.scope) == caller
 
     seen: dict[str, bool] = {}
-    async with aclosing(_while(messages, is_still, check_s)) as heard:  # type: ignore[type-var]
+    async with aclosing(while_allowed(messages, is_still, check_s)) as heard:  # type: ignore[type-var]
         async for message in heard:
             if caller.owner is None or await _is_of(caller.owner, message, service, seen):
                 yield message
 
 
-async def _while(
+async def while_allowed(
     messages: AsyncIterator[ServerSentEvent], is_still: Callable[[], Awaitable[bool]], check_s: float
 ) -> AsyncIterator[ServerSentEvent]:
     """The messages, until it is not so any more; asked every `check_s`, whether there are messages or not."""
