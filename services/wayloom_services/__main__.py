@@ -37,6 +37,7 @@ def main() -> int:
         log_level="warning",
         timeout_graceful_shutdown=GRACE_S,
         server_header=False,
+        forwarded_allow_ips=settings.access.trusted_proxies,
         http=patient_protocol(settings.request_head_s),
     )
     sockets = None if arguments.fd is None else [socket.socket(fileno=arguments.fd)]

@@ -30,6 +30,8 @@ from wayloom_services import (
     tilesets,
     tus,
 )
+from wayloom_services.access import admin, sessions
+from wayloom_services.access.guard import Guard
 from wayloom_services.context import make_service
 from wayloom_services.drives import DriveId
 from wayloom_services.events import Feed
@@ -64,6 +66,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         settings.data_dir.mkdir(parents=True, exist_ok=True)
         yield
+        await service.trail.close()
         service.database.close()
 
     app = FastAPI(
@@ -72,13 +75,33 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     )  # fmt: skip
     app.state.service, app.state.feed = service, Feed(service)
     errors.install(app)
-    for room in (drives, tus, maps, sync, markings, ogc, regions, tile_sets, tilesets, lineage, rigs, events, health):
+    for room in (
+        drives,
+        tus,
+        maps,
+        sync,
+        markings,
+        ogc,
+        regions,
+        tile_sets,
+        tilesets,
+        lineage,
+        rigs,
+        events,
+        health,
+        sessions,
+        admin,
+    ):
         app.include_router(room.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 
     @app.get("/", include_in_schema=False)
     async def dashboard() -> FileResponse:
         return FileResponse(STATIC / "index.html")
+
+    @app.get("/sign-in", include_in_schema=False)
+    async def page_to_sign_in() -> FileResponse:
+        return FileResponse(STATIC / "sign-in.html")
 
     @app.get("/drives/{drive_id}", include_in_schema=False)
     async def page_of_drive(drive_id: DriveId) -> FileResponse:
@@ -88,6 +111,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     app.add_middleware(ShortWay, service=service)
     app.add_middleware(HeadAsGet)
     app.add_middleware(LimitBodies, settings=settings)
+    app.add_middleware(Guard, service=service)
     app.add_middleware(CheckHead, settings=settings)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(MethodOverride)

@@ -1,6 +1,5 @@
-"""Service context of the endpoints: settings, database, blob storage, broker, metrics, and the API key check."""
+"""Service context of the endpoints: settings, database, blob storage, broker, metrics, access."""
 
-import secrets
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated, TypeVar
@@ -10,7 +9,6 @@ import anyio.to_thread
 from celery import Celery
 from fastapi import Depends, Request
 from kombu.exceptions import OperationalError
-from starlette.datastructures import Headers
 
 from wayloom.config.service import ServiceSettings
 from wayloom.store.arrivals import RunningDigests
@@ -21,18 +19,27 @@ from wayloom.store.jobs import JobMessage
 from wayloom.store.notifier import JobNotifier
 from wayloom.store.queues import celery_settings
 from wayloom.store.tile_reads import HeldBlobs, TileReads
+from wayloom_services.access.buckets import TokenBuckets
+from wayloom_services.access.callers import Callers, caller_of
+from wayloom_services.access.needs import need_of
+from wayloom_services.access.trail import Trail
 from wayloom_services.errors import no_key
 from wayloom_services.locks import UploadLocks
 from wayloom_services.metrics import Metrics
 
 T = TypeVar("T")
 FILE_THREADS = 16
+SIGN_INS = (0.2, 10)
+"""Tries of one address: a second in the long run, and at once before that counts."""
+HASHES_AT_ONCE = 2
+"""Of passwords: each takes 64 MiB and some tens of milliseconds of a core."""
 
 
 @dataclass(frozen=True, slots=True)
 class Service:
     """Shared resources of the endpoints: settings, database, blobs, notifier of the workers, metrics, look-ups of tiles, blobs held
-    in memory; of uploads the running digests, locks, threads."""
+    in memory; of access the callers, the audit log's trail, rates of known callers, of strangers and of sign-ins by address; of
+    uploads the running digests, locks, threads."""
 
     settings: ServiceSettings
     database: Database
@@ -42,6 +49,12 @@ class Service:
     metrics: Metrics
     tiles: TileReads
     held: HeldBlobs
+    callers: Callers
+    trail: Trail
+    rates: TokenBuckets
+    strangers: TokenBuckets
+    sign_ins: TokenBuckets = field(default_factory=lambda: TokenBuckets(*SIGN_INS))
+    hashing: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(HASHES_AT_ONCE))
     digests: RunningDigests = field(default_factory=RunningDigests)
     locks: UploadLocks = field(default_factory=UploadLocks)
     threads: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(FILE_THREADS))
@@ -81,7 +94,12 @@ def make_service(settings: ServiceSettings) -> Service:
     notifier = JobNotifier(database, broker, OperationalError)
     blobs = BlobStore(folders.blobs, settings.blob_url)
     held = HeldBlobs(blobs, settings.held_blobs_bytes)
-    return Service(settings, database, blobs, folders, notifier, Metrics(), TileReads(database), held)
+    access = settings.access
+    return Service(
+        settings, database, blobs, folders, notifier, Metrics(), TileReads(database), held, Callers(database, settings),
+        Trail(database), rates=TokenBuckets(access.requests_a_second, access.requests_at_once),
+        strangers=TokenBuckets(access.strangers_a_second, access.strangers_at_once),
+    )  # fmt: skip
 
 
 def the_service(request: Request) -> Service:
@@ -90,15 +108,11 @@ def the_service(request: Request) -> Service:
     return service
 
 
-def has_key(headers: Headers, key: str | None) -> bool:
-    """Whether the request's headers hold the API key; True where none is set."""
-    scheme, _, given = headers.get("authorization", "").partition(" ")
-    return key is None or (scheme.lower() == "bearer" and secrets.compare_digest(given.strip().encode(), key.encode()))
-
-
 async def require_key(request: Request) -> None:
-    """Dependency that refuses a request without the API key, where one is set."""
-    if not has_key(request.headers, the_service(request).settings.api_key):
+    """Dependency that refuses a request which no guard has let through: by the route that was chosen, and the caller."""
+    need = need_of(request.scope["route"].path, request.method)
+    caller = caller_of(request.scope)
+    if need is None or not caller.may(need):
         raise no_key()
 
 

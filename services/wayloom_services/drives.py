@@ -15,6 +15,7 @@ from wayloom.store.jobs import JobMessage
 from wayloom.store.manifest import Manifest
 from wayloom.store.manifest_text import parse_manifest
 from wayloom.store.tables import Drive
+from wayloom_services.access import own
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem, ProtocolError
 from wayloom_services.schemas import (
@@ -53,7 +54,8 @@ async def register(request: Request, service: ServiceDep) -> Response:
     _check_size(service, manifest)
 
     def change(session: Session) -> tuple[Registration, JobMessage | None]:
-        drive, created = drives.register(session, manifest, service.settings.map_id)
+        own.check_announced(request, session, service.settings.access, manifest)
+        drive, created = drives.register(session, manifest, service.settings.map_id, own.owner_of(request))
         first_job = drives.queue_if_complete(session, drive)
         (view,) = drives_out(session, [drive])
         return Registration(id=drive.id, created=created, drive=view, missing=[]), first_job
@@ -67,13 +69,15 @@ async def register(request: Request, service: ServiceDep) -> Response:
 
 @router.get("")
 async def newest(
+    request: Request,
     service: ServiceDep,
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
     before: Annotated[float | None, Query(description="only drives registered before this time")] = None,
     state: DriveState | None = None,
 ) -> DriveList:
-    """Drives, newest first."""
-    found = await service.read(lambda session: drives_out(session, drives.newest(session, limit, before, state)))
+    """Drives, newest first; of a vehicle its own."""
+    owner = own.owner_name(request)
+    found = await service.read(lambda session: drives_out(session, drives.newest(session, limit, before, state, owner)))
     return DriveList(drives=found, next_before=found[-1].created_at if len(found) == limit else None)
 
 

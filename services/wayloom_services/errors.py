@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from wayloom import errors
+from wayloom.store.access.quotas import QuotaError
 from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseAwayError
 from wayloom.store.manifest_text import ManifestTextError, TooManyFilesError
@@ -34,6 +35,7 @@ STATUS_OF: Final[dict[type[errors.WayloomError], int]] = {
     errors.ChecksumMismatchError: 460,
     errors.LeaseLostError: 409,
     TooManyFilesError: 413,
+    QuotaError: 429,
     errors.ConfigError: 500,
     errors.InputError: 400,
     errors.StageError: 500,
@@ -45,6 +47,7 @@ STATUS_OF: Final[dict[type[errors.WayloomError], int]] = {
 CODE_OF_STATUS: Final = {
     400: "bad-request",
     401: "unauthorized",
+    403: "forbidden",
     404: "not-found",
     408: "too-slow",
     405: "method-not-allowed",
@@ -89,8 +92,9 @@ def install(app: FastAPI) -> None:
 
 
 def no_key() -> ProtocolError:
-    """The error of a request without the key, where one is set."""
-    return ProtocolError(401, "unauthorized", "this server wants its API key as a Bearer token", {"WWW-Authenticate": "Bearer"})
+    """The error of a request whose sender is not known."""
+    said = "this server wants a key as a Bearer token, or a sign-in; none came, or one that is unknown, expired or revoked"
+    return ProtocolError(401, "unauthorized", said, {"WWW-Authenticate": "Bearer"})
 
 
 async def _wayloom(_request: Request, error: Exception) -> JSONResponse:
@@ -103,7 +107,8 @@ def answer_to(error: errors.WayloomError) -> JSONResponse:
     if isinstance(error, ProtocolError):
         return problem(error.status, error.code, str(error), error.headers)
     status = next(STATUS_OF[kind] for kind in type(error).__mro__ if kind in STATUS_OF)
-    return problem(status, error.code, str(error))
+    headers = {"Retry-After": f"{error.after_s:.0f}"} if isinstance(error, QuotaError) else None
+    return problem(status, error.code, str(error), headers)
 
 
 async def _no_manifest(_request: Request, error: Exception) -> JSONResponse:

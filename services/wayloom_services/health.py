@@ -56,7 +56,7 @@ async def info(service: ServiceDep) -> Info:
     return Info(
         version=__version__,
         map_id=settings.map_id,
-        needs_key=settings.api_key is not None,
+        needs_key=settings.is_closed,
         stages=[*drive_stages(), *map_stages()],
         overlays=[*OVERLAYS],
         classes=classes,

@@ -12,15 +12,15 @@ from wayloom_services.errors import problem
 class CheckHead:
     """ASGI middleware.
 
-    Without a key the service trusts whoever reaches it, so a page in a browser must not: under a name of the page's own that
-    resolves to this machine (DNS rebinding) nothing is answered. A request with both Content-Length and Transfer-Encoding is one
-    thing to a proxy and another to the server behind it.
+    Where no key is wanted the service trusts whoever reaches it, so a page in a browser must not: under a name of the page's own
+    that resolves to this machine (DNS rebinding) nothing is answered. A request with both Content-Length and Transfer-Encoding is
+    one thing to a proxy and another to the server behind it.
     """
 
     def __init__(self, app: ASGIApp, settings: ServiceSettings) -> None:
         self._app = app
         self._hosts = {name.strip().lower() for name in settings.allowed_hosts.split(",") if name.strip()}
-        self._checks_hosts = bool(self._hosts) or settings.api_key is None
+        self._checks_hosts = bool(self._hosts) or not settings.is_closed
         self._own = settings.host.lower()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

@@ -8,12 +8,12 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from wayloom.config.service import ServiceSettings
-from wayloom_services.context import has_key
+from wayloom_services.access.callers import caller_of
 from wayloom_services.errors import problem
 
 UPLOADS: Final = "/v1/uploads"
 STRANGERS_BYTES: Final = 4096
-"""Of a request without the key, where one is set: its body is read before the key is asked for."""
+"""Of a request whose sender is not known, as of one to sign in."""
 
 
 class LimitBodies:
@@ -28,7 +28,7 @@ class LimitBodies:
             await self._app(scope, receive, send)
             return
         headers = Headers(scope=scope)
-        most = self._settings.max_manifest_bytes if has_key(headers, self._settings.api_key) else STRANGERS_BYTES
+        most = STRANGERS_BYTES if caller_of(scope).role is None else self._settings.max_manifest_bytes
         too_large = f"a request here has at most {most} bytes"
         announced = headers.get("content-length", "")
         if announced.isdigit() and int(announced) > most:

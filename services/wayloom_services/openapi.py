@@ -4,6 +4,7 @@ from typing import Any, Final
 
 from fastapi import FastAPI
 
+from wayloom_services.access.described import describe_access
 from wayloom_services.errors import MEDIA_TYPE, Problem
 
 PROBLEM: Final = {"schema": {"$ref": "#/components/schemas/Problem"}}
@@ -28,6 +29,7 @@ def _with_problems(document: dict[str, Any]) -> dict[str, Any]:
     for name in FRAMEWORK:
         schemas.pop(name, None)
     schemas["Problem"] = Problem.model_json_schema()
+    describe_access(document)
     for operations in document["paths"].values():
         for operation in operations.values():
             for status, response in operation["responses"].items():

@@ -20,8 +20,8 @@ from wayloom.store.tile_reads import FoundTile
 from wayloom.tiles.descriptions import LARGE_LAYERS
 from wayloom.tiles.formats import SERVED_LAYERS
 from wayloom.tiles.png import joined_png
-from wayloom_services.context import Service, has_key
-from wayloom_services.errors import ProtocolError, answer_to, no_key
+from wayloom_services.context import Service
+from wayloom_services.errors import ProtocolError, answer_to
 
 ASK_AGAIN: Final = "no-cache"
 FINEST_ZOOM: Final = 24
@@ -90,11 +90,11 @@ def is_held(headers: Headers, tag: str) -> bool:
 
 def forever(service: Service) -> str:
     """Cache-Control of what never changes; what only the bearer of a key may have is kept by a browser, not by a proxy for all."""
-    return f"{'public' if service.settings.api_key is None else 'private'}, max-age=31536000, immutable"
+    return f"{'private' if service.settings.is_closed else 'public'}, max-age=31536000, immutable"
 
 
 class ShortWay:
-    """ASGI middleware that answers requests for tiles, and passes on all others."""
+    """ASGI middleware that answers requests for tiles, and passes on all others. The guard before it has let them through."""
 
     def __init__(self, app: ASGIApp, service: Service) -> None:
         self._app, self._service = app, service
@@ -109,8 +109,6 @@ class ShortWay:
         scope["route"] = self._routes[asked.number is not None]
         headers = Headers(scope=scope)
         try:
-            if not has_key(headers, self._service.settings.api_key):
-                raise no_key()
             answer = await tile_answer(self._service, headers, asked)
         except WayloomError as error:
             answer = answer_to(error)

@@ -13,7 +13,9 @@ from fastapi import APIRouter, Depends, Request, Response
 
 from wayloom.errors import ChecksumMismatchError, OffsetConflictError
 from wayloom.store import uploads
+from wayloom.store.database import Session
 from wayloom.store.tables import Upload
+from wayloom_services.access import own
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem, ProtocolError
 from wayloom_services.tus_body import checks_of, complete, forget, receive
@@ -66,7 +68,12 @@ async def create(request: Request, service: ServiceDep) -> Response:
     with_body = request.headers.get("content-type") == CONTENT_TYPE
     checks = checks_of(request) if with_body else None
     expiry_s = service.settings.upload_expiry_s
-    upload = await service.write(lambda session: uploads.create(session, drive, path, length, header, expiry_s))
+
+    def begin(session: Session) -> Upload:
+        own.check_upload(request, session, service.settings.access, drive, length)
+        return uploads.create(session, drive, path, length, header, expiry_s)
+
+    upload = await service.write(begin)
     offset = 0
     async with service.locks.hold(upload.id) as hold:
         try:

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from service_kit import little_stages
+from service_kit.guarded import API_KEY, PASSWORD, Guarded
 from service_kit.packed_drives import packed_drive
 from service_kit.running import ApiAlone, service, until
 from wayloom.client.upload import upload
 from wayloom.client.watch import wait_for_drive
+from wayloom.config.roles import Role
 from wayloom.store import maps
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
@@ -180,15 +182,49 @@ def test_the_page_of_a_held_drive_tells_why_and_an_operator_releases_it_there(br
 
 
 @pytest.mark.browser
-def test_the_dashboard_asks_for_the_key_where_the_server_wants_one(browser: Any, tmp_path: Path) -> None:
-    key = "correct horse battery"
-    with service(tmp_path / "data", WAYLOOM_API_KEY=key) as up:
+def test_the_dashboard_takes_a_key_where_the_server_wants_one(browser: Any, tmp_path: Path) -> None:
+    with service(tmp_path / "data", WAYLOOM_API_KEY=API_KEY) as up:
         page = browser.new_page()
         page.goto(up.url)
-        page.wait_for_selector("#ask-key[open]")
-        page.fill("#key", key)
-        page.click("#ask-key button")
+        page.wait_for_url("**/sign-in?next=%2F")
+        page.click("summary")
+        page.fill("#key", "no such key")
+        page.click("#with-key button")
+        page.wait_for_selector("#problem:not([hidden])")
+        page.fill("#key", API_KEY)
+        page.click("#with-key button")
         until(lambda: page.inner_text("#live") == "live")
+        assert page.inner_text("#who") == "api key"
+        page.close()
+
+
+@pytest.mark.browser
+def test_an_operator_signs_in_sees_tiles_and_events_by_the_cookie_alone_and_signs_out(browser: Any, tmp_path: Path) -> None:
+    guarded = Guarded(tmp_path / "data")
+    guarded.user("anna", Role.OPERATOR)
+    with closing(guarded):
+        publish_tiles(guarded.api, {"semantic": (png_bytes(np.zeros((256, 256, 4), np.uint8)), "image/png")})
+        page = browser.new_page()
+        said: list[str] = []
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.goto(f"{guarded.api.url}/drives/{'0' * 64}")
+        page.wait_for_url("**/sign-in?next=*")
+        for password in ("not the password", PASSWORD):
+            page.fill("#name", "anna")
+            page.fill("#password", password)
+            page.click("#sign-in button")
+            page.wait_for_selector("#problem:not([hidden])" if password != PASSWORD else "#sign-out")
+        assert page.url.endswith("/drives/" + "0" * 64)  # back where it came from
+        page.goto(guarded.api.url)
+        until(lambda: page.inner_text("#live") == "live" and page.evaluate(SHOWN))
+        assert page.inner_text("#who") == "anna"
+        assert page.evaluate("document.cookie") == ""
+        assert page.evaluate("sessionStorage.length") == 0
+        assert page.evaluate("fetch('/v1/maps/city/tiles/semantic/0/0/0.png').then((answer) => answer.status)") in (200, 204)
+        page.click("#sign-out")
+        page.wait_for_url("**/sign-in")
+        assert page.evaluate("fetch('/v1/maps').then((answer) => answer.status)") == 401
+        assert said == []
         page.close()
 
 

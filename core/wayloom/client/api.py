@@ -10,16 +10,23 @@ from wayloom.config.backoff import Backoff
 from wayloom.errors import NotFoundError, ServiceError
 
 RETRIED_STATUS = frozenset({423, 429, 500, 502, 503, 504})
+LONGEST_WAIT_S = 30.0
+"""What takes longer by the server's word is not waited for."""
 RETRIES = Backoff(first_s=0.25, longest_s=16.0, tries=8)
 TIMEOUT = httpx2.Timeout(connect=10.0, read=120.0, write=120.0, pool=None)
 
 
 class AnswerError(ServiceError):
-    """The server refused. `status` and `code` are those of its problem document."""
+    """The server refused. `status` and `code` are those of its problem document, `after_s` the seconds of its Retry-After."""
 
-    def __init__(self, status: int, code: str, detail: str) -> None:
+    def __init__(self, status: int, code: str, detail: str, after_s: float = 0.0) -> None:
         super().__init__(f"the server answered {status}: {detail}")
-        self.status, self.code = status, code
+        self.status, self.code, self.after_s = status, code, after_s
+
+    @property
+    def is_passing(self) -> bool:
+        """Whether it may be answered otherwise when it is asked again soon. A quota that is used up is not."""
+        return self.status in RETRIED_STATUS and self.after_s <= LONGEST_WAIT_S
 
 
 class Api:
@@ -59,7 +66,7 @@ class Api:
             try:
                 return self.once(method, path, **request)
             except ServiceError as error:
-                passing = not isinstance(error, AnswerError) or error.status in RETRIED_STATUS
+                passing = not isinstance(error, AnswerError) or error.is_passing
                 if is_last or not passing:
                     raise
         raise AssertionError("the last try either returns or raises")
@@ -86,9 +93,10 @@ class Api:
 
 
 def _refusal(response: httpx2.Response) -> AnswerError:
+    wait = response.headers.get("retry-after", "")
     try:
         body = response.json()
-        return AnswerError(response.status_code, str(body["code"]), str(body["detail"]))
+        return AnswerError(response.status_code, str(body["code"]), str(body["detail"]), float(wait) if wait.isdigit() else 0.0)
     except (ValueError, KeyError, TypeError):
         return AnswerError(
             response.status_code, "error", f"{response.reason_phrase or 'no reason given'} (is it a wayloom server?)"

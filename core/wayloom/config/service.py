@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pydantic import Field, field_validator
 
+from wayloom.config.access import AccessSettings
 from wayloom.config.settings import Settings
 from wayloom.errors import ConfigError
 
@@ -34,6 +35,7 @@ class ServiceSettings(Settings):
     allowed_hosts: str = Field(
         "", description="names that the service answers to, comma-separated; without a key always those of this machine alone"
     )
+    access: AccessSettings = Field(AccessSettings(), description="keys, sign-ins, quotas, rates")
     request_head_s: float = Field(20.0, gt=0, description="seconds after which a request whose head has not come is dropped")
     body_pause_s: float = Field(60.0, gt=0, description="seconds without a byte after which a request's body is given up")
     map_id: str = Field("city", pattern=r"^[a-z0-9][a-z0-9-]{0,62}$", description="the map that drives go into")
@@ -117,10 +119,15 @@ class ServiceSettings(Settings):
         except ValueError:
             return True
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether requests want a key or a sign-in."""
+        return self.api_key is not None or self.access.required
+
     def check_exposure(self) -> None:
         """Raise ConfigError when the API would be open to other machines without a key."""
-        if self.public and self.api_key is None:
+        if self.public and not self.is_closed:
             raise ConfigError(
                 f"{self.host} can be reached by other machines and no API key is set",
-                remedy="set WAYLOOM_API_KEY (16 characters or more) or listen on 127.0.0.1",
+                remedy="set WAYLOOM_API_KEY (16 characters or more), or WAYLOOM_ACCESS__REQUIRED, or listen on 127.0.0.1",
             )

@@ -9,6 +9,7 @@ from sqlalchemy import delete, func, insert, select, update
 from sqlalchemy.orm import Session
 
 from wayloom.errors import ConflictError, NotFoundError
+from wayloom.store.access.owners import Owner
 from wayloom.store.database import now_s
 from wayloom.store.jobs import JobMessage, create_drive_jobs, create_removal_job
 from wayloom.store.manifest import Manifest
@@ -28,22 +29,28 @@ class Received:
     bytes: int
 
 
-def register(session: Session, manifest: Manifest, map_id: str) -> tuple[Drive, bool]:
-    """The manifest's drive, and whether it is new."""
+def register(session: Session, manifest: Manifest, map_id: str, owner: Owner | None = None) -> tuple[Drive, bool]:
+    """The manifest's drive, and whether it is new. owner: the vehicle that announces it, where that is one.
+
+    Raises ConflictError where it is another's: who holds a manifest of so many hashes learns nothing by that.
+    """
     drive_id = manifest.drive_id
     if (known := session.get(Drive, drive_id)) is not None:
+        if owner is not None and known.owner != owner.name:
+            raise ConflictError(f"drive {drive_id[:12]} was announced by another key")
         if known.state == "removing":
             raise ConflictError(f"drive {drive_id[:12]} is being removed: send it again in a minute")
         return known, False
     now = now_s(session)
     ensure_map(session, map_id)
-    if manifest.vehicle_id is not None and session.get(Vehicle, manifest.vehicle_id) is None:
-        session.add(Vehicle(id=manifest.vehicle_id, created_at=now))
+    vehicle_id = manifest.vehicle_id or (None if owner is None else owner.vehicle_id)
+    if vehicle_id is not None and session.get(Vehicle, vehicle_id) is None:
+        session.add(Vehicle(id=vehicle_id, created_at=now))
         session.flush()
     about = manifest.model_dump(mode="json", exclude={"files"})
     drive = Drive(
-        id=drive_id, name=manifest.name, vehicle_id=manifest.vehicle_id, map_id=map_id, manifest=about, state="uploading", facts={},
-        file_count=len(manifest.files), byte_count=manifest.byte_count, created_at=now,
+        id=drive_id, name=manifest.name, vehicle_id=vehicle_id, owner=None if owner is None else owner.name, map_id=map_id,
+        manifest=about, state="uploading", facts={}, file_count=len(manifest.files), byte_count=manifest.byte_count, created_at=now,
     )  # fmt: skip
     session.add(drive)
     session.flush()
@@ -72,9 +79,13 @@ def all_ids(session: Session) -> set[str]:
     return set(session.scalars(select(Drive.id)))
 
 
-def newest(session: Session, limit: int, before: float | None = None, state: str | None = None) -> Sequence[Drive]:
-    """Drives by the time of their registration, newest first."""
+def newest(
+    session: Session, limit: int, before: float | None = None, state: str | None = None, owner: str | None = None
+) -> Sequence[Drive]:
+    """Drives by the time of their registration, newest first; of one owner, where that is asked for."""
     query = select(Drive).order_by(Drive.created_at.desc(), Drive.id).limit(limit)
+    if owner is not None:
+        query = query.where(Drive.owner == owner)
     if before is not None:
         query = query.where(Drive.created_at < before)
     if state is not None:

@@ -60,6 +60,7 @@ class Drive(Base):
     """One drive of one vehicle: its manifest, and how far it is.
 
     state    uploading, queued, running, stitching, done, held, quarantined, failed, removing
+    owner    the vehicle or key that announced it (`wayloom.store.access.owners`), None of admins and operators
     placed   whether it has a place on Earth (None until the geo-reference is done)
     grade    A to E by the geo-reference (None: without a place, or not judged yet), and its reasons in words
     gate     merge, hold or quarantine (None until the drive is judged), by that grade
@@ -75,6 +76,7 @@ class Drive(Base):
     id: Mapped[str] = mapped_column(DIGEST, primary_key=True)
     name: Mapped[str] = mapped_column(String(256))
     vehicle_id: Mapped[str | None] = mapped_column(ForeignKey("vehicles.id"), index=True)
+    owner: Mapped[str | None] = mapped_column(String(160), index=True)
     map_id: Mapped[str] = mapped_column(ForeignKey("maps.id"), index=True)
     manifest: Mapped[dict[str, Any]]
     file_count: Mapped[int]

@@ -4,10 +4,11 @@ const KEY = "wayloom-key";
 
 export const headers = () => {
   const key = sessionStorage.getItem(KEY);
-  return key ? { Authorization: `Bearer ${key}` } : {};
+  // What a page of another origin cannot send: with a cookie, the server wants it of every change.
+  return { "X-Requested-With": "wayloom", ...(key ? { Authorization: `Bearer ${key}` } : {}) };
 };
 
-export const keepKey = (key) => sessionStorage.setItem(KEY, key);
+export const keepKey = (key) => (key === null ? sessionStorage.removeItem(KEY) : sessionStorage.setItem(KEY, key));
 
 export class Refused extends Error {
   constructor(status, detail) {

@@ -1,8 +1,9 @@
 // The dashboard: what the service knows of drives and map, kept current by its events.
 
-import { ask, keepKey, listen } from "/static/api.js";
+import { ask, listen } from "/static/api.js";
 import { fillCard } from "/static/drives.js";
 import { CityMap } from "/static/map.js";
+import { showCaller, whoever } from "/static/session.js";
 
 const at = (id) => document.getElementById(id);
 const cards = new Map();
@@ -10,7 +11,9 @@ const drives = new Map();
 let chosen = null;
 let shownVersion = 0;
 
-const info = await ask("/v1/info");
+const [info, caller] = await Promise.all([ask("/v1/info"), whoever()]);
+const mayOperate = caller.rights.includes("operate");
+showCaller(caller, document.querySelector("header"));
 const city = new CityMap(at("map"), info.overlays);
 globalThis.wayloomMap = city.map;
 
@@ -81,7 +84,7 @@ async function showMap({ id, version }) {
 function hear(event, data) {
   if (event === "drive") {
     drives.set(data.id, data);
-    fillCard(card(data.id), data, () => ask(`/v1/drives/${data.id}/retry`, { method: "POST" }));
+    fillCard(card(data.id), data, mayOperate ? () => ask(`/v1/drives/${data.id}/retry`, { method: "POST" }) : null);
     city.track(data);
   } else if (event === "removed") {
     drives.delete(data.id);
@@ -99,15 +102,5 @@ function live(state) {
   at("live").className = `pill ${state === "live" ? "good" : state === "polling" ? "" : "bad"}`;
 }
 
-async function withKey() {
-  if (!info.needs_key) return;
-  while (!(await ask("/v1/maps").then(() => true, (error) => error.status !== 401))) {
-    at("ask-key").showModal();
-    await new Promise((resolve) => at("ask-key").addEventListener("close", resolve, { once: true }));
-    keepKey(at("key").value);
-  }
-}
-
-await withKey();
 count();
 listen(hear, live);

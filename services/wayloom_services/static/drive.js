@@ -1,7 +1,8 @@
 // The page of one drive: its grade with reasons, what was found of its GNSS, drift and loops, and its release by an operator.
 
-import { ask, headers, Refused } from "/static/api.js";
+import { ask, headers } from "/static/api.js";
 import { element, gradeBadge } from "/static/drives.js";
+import { showCaller, whoever } from "/static/session.js";
 
 const at = (id) => document.getElementById(id);
 const id = location.pathname.split("/").pop();
@@ -12,6 +13,10 @@ const TITLES = {
   sigma: "Uncertainty along the road",
   track: "The track",
 };
+
+const caller = await whoever();
+const mayOperate = caller.rights.includes("operate");
+showCaller(caller, document.querySelector("header"));
 
 const metres = (values) => `${values.map((value) => value.toFixed(2)).join(", ")} m`;
 
@@ -45,16 +50,17 @@ function showVerdict(drive) {
   at("by-map").hidden = !byMap;
   if (byMap) at("by-map").textContent = `The map says: ${byMap.reason}.`;
   at("reasons").replaceChildren(...reasons.map((reason) => element("li", "", reason)));
-  at("release").hidden = at("revoke").hidden = !release;
+  at("release").hidden = !release;
+  at("revoke").hidden = !release || !mayOperate;
   if (release) at("release").textContent = `Released by ${release.by} on ${new Date(1000 * release.at).toLocaleString()}: ${release.why}`;
-  at("ask-release").hidden = release !== null || gate === "merge" || drive.placed === false;
+  at("ask-release").hidden = !mayOperate || release !== null || gate === "merge" || drive.placed === false;
 }
 
 const RUNS = { running: "Being processed anew", publishing: "Processed anew, joining the map", failed: "Processing anew failed" };
 
 // What is said of a new run; the rest of the page is of the result before.
 function showRun({ state, stage, reprocess }) {
-  at("reprocess").hidden = !["done", "held", "quarantined", "failed"].includes(state) || ["running", "publishing"].includes(reprocess?.state);
+  at("reprocess").hidden = !mayOperate || !["done", "held", "quarantined", "failed"].includes(state) || ["running", "publishing"].includes(reprocess?.state);
   at("anew").hidden = !reprocess;
   if (!reprocess) return;
   const more = reprocess.error ?? (reprocess.state === "running" && stage ? stage : "");
@@ -82,7 +88,7 @@ async function change(options) {
 
 function tell(error) {
   at("problem").hidden = false;
-  at("problem").textContent = error instanceof Refused && error.status === 401 ? "This server wants its key: give it on the first page." : error.message;
+  at("problem").textContent = error.message;
 }
 
 at("ask-release").addEventListener("submit", (event) => {

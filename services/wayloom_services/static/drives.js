@@ -59,7 +59,7 @@ function report(drive) {
   return link;
 }
 
-// The content of a drive's card. retry() is called when the drive shall be tried again.
+// The content of a drive's card. retry() is called when the drive shall be tried again; null for those who may not.
 export function fillCard(card, drive, retry) {
   const top = element("div", "top");
   const name = element("span", "name", drive.name);
@@ -73,6 +73,8 @@ export function fillCard(card, drive, retry) {
   card.dataset.state = drive.state;
   if (drive.quality) card.append(report(drive));
   if (drive.state === "failed" || drive.reprocess?.state === "failed") {
+    card.append(element("div", "error", drive.error ?? drive.reprocess?.error ?? "failed"));
+    if (!retry) return;
     const button = element("button", "", "Try again");
     button.type = "button";
     button.addEventListener("click", (event) => {
@@ -80,6 +82,6 @@ export function fillCard(card, drive, retry) {
       button.disabled = true;
       retry();
     });
-    card.append(element("div", "error", drive.error ?? drive.reprocess?.error ?? "failed"), button);
+    card.append(button);
   }
 }

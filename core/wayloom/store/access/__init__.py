@@ -1,0 +1,1 @@
+"""Access control in the database: keys, users, sessions, owners of drives, quotas, and the audit log."""

@@ -1,0 +1,29 @@
+"""Passwords: argon2id by RFC 9106's second recommended option (64 MiB of memory, 3 passes)."""
+
+from typing import Final
+
+from argon2 import PasswordHasher
+from argon2.exceptions import InvalidHashError, VerificationError
+
+from wayloom.errors import ConfigError
+
+LEAST_LETTERS: Final = 12
+MOST_LETTERS: Final = 256
+_HASHER: Final = PasswordHasher(time_cost=3, memory_cost=64 * 1024, parallelism=1)
+_OF_NOBODY: Final = _HASHER.hash("nobody's")
+"""What is verified where there is no user of a name, so that the time does not tell."""
+
+
+def password_hash(password: str) -> str:
+    """The hash that is kept. Raises ConfigError for a password that is too short or too long."""
+    if not LEAST_LETTERS <= len(password) <= MOST_LETTERS:
+        raise ConfigError(f"a password has {LEAST_LETTERS} to {MOST_LETTERS} letters", remedy="choose a few words")
+    return _HASHER.hash(password)
+
+
+def is_right(password: str, kept: str | None) -> bool:
+    """Whether the password is that of the hash; of None never, after as much work."""
+    try:
+        return _HASHER.verify(kept or _OF_NOBODY, password) and kept is not None
+    except (VerificationError, InvalidHashError, UnicodeEncodeError):
+        return False

@@ -1,0 +1,33 @@
+// Who looks at this page: asked of the server, which sends those whom it does not know to the sign-in.
+
+import { ask, keepKey, Refused } from "/static/api.js";
+
+// The caller, or never where the server wants a sign-in: the page goes there.
+export async function whoever() {
+  try {
+    return await ask("/v1/session");
+  } catch (error) {
+    if (!(error instanceof Refused) || error.status !== 401) throw error;
+    location.replace(`/sign-in?next=${encodeURIComponent(location.pathname)}`);
+    return new Promise(() => {});
+  }
+}
+
+// Shows who has signed in, and a button that ends it; nothing on a server that asks nobody.
+export function showCaller({ name }, into) {
+  if (name === "this machine") return;
+  const who = document.createElement("span");
+  who.className = "quiet";
+  who.id = "who";
+  who.textContent = name.replace(/^user /, "");
+  const button = document.createElement("button");
+  button.type = "button";
+  button.id = "sign-out";
+  button.textContent = "Sign out";
+  button.addEventListener("click", async () => {
+    await ask("/v1/session", { method: "DELETE" }).catch(() => null);
+    keepKey(null);
+    location.replace("/sign-in");
+  });
+  into.append(who, button);
+}
