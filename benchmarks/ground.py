@@ -149,7 +149,9 @@ def drive_in_picture(out: Path, log_path: Path) -> dict[str, str]:
             views = []
             for frame, view in seen:
                 kept = view if which == "as labelled" else without_standing(view, raster, height, odometry.rig, bias_px, settings)
-                views.append(replace(kept, image=movers_image(truth.class_id(frame)[view.first_row :]), gain=1.0, offset=0.0))
+                views.append(
+                    replace(kept, image=movers_image(truth.class_id(frame)[view.first_row :]), gain=1.0, offset=0.0, fall_off=0.0)
+                )
             picture = picture_of(views, raster, height, odometry.rig, bias_px, settings)
             there = picture.sharpness > 0.0
             share = picture.colour[there] / 255.0
@@ -313,34 +315,38 @@ def seams(out: Path, log_path: Path) -> str:
 
 
 def vignette(pairs: list[tuple[Path, Path]]) -> str:
-    """Markdown table: the exponent p of (1 + r^2)^-p, r = tan of the angle from the axis, that the views of each stretch of
-    VIGNETTE_VIEWS tell, with a power of the depth beside it, for near and far views of ground differ by themselves."""
+    """Markdown table: the exponent p of (1 + r^2)^-p, r = tan of the angle from the axis, that is taken out of a drive, and what
+    the views of each stretch of VIGNETTE_VIEWS tell of it on the sheets' own surface, with a power of the depth beside it, for
+    near and far views of ground differ by themselves: as the images are, and as sheets show them."""
     lines = [
-        "| drive | stretches | exponent: median, lowest, highest | brightness at r = 0.86 |"
-        " views of a place differ by (%): as they are, with the fit |",
-        "| --- | --- | --- | --- | --- |",
+        "| drive | taken out | | stretches | exponent: median, lowest, highest | brightness at r = 0.86 |"
+        " views of a place differ by (%) |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     for out, log_path in pairs:
         log, odometry = open_log(log_path), load_odometry(out / "stages" / "odometry" / "odometry.npz")
         labels, settings = KeyframeLabels(out / "stages" / "segmentation", odometry.keyframes.frame), GroundSettings()
         exposure, chosen = drive_exposure(log, odometry, labels), chosen_keyframes(odometry, settings)
-        fits = []
+        fits: dict[str, list[tuple[float, float]]] = {"as it is": [], "undone": []}
         for placed in load_submaps(out / "stages" / "submaps"):
             views = [view for _, view in views_of(log, odometry, labels, placed, chosen, exposure, settings)]
             for first in range(0, len(views) - VIGNETTE_VIEWS + 1, VIGNETTE_VIEWS):
-                fits.append(light_fall(views[first : first + VIGNETTE_VIEWS], odometry, settings))
-        power, before, after = np.array(fits).T
-        middle, name = float(np.median(power)), f"{log_path.parent.name}/{log_path.name}"
-        lines.append(
-            f"| {name} | {len(power)} | {middle:.2f}, {power.min():.2f}, {power.max():.2f} | {(1 + 0.86**2) ** -middle:.2f} |"
-            f" {100 * np.median(before):.1f}, {100 * np.median(after):.1f} |"
-        )
+                stretch = views[first : first + VIGNETTE_VIEWS]
+                fits["as it is"].append(light_fall([replace(view, fall_off=0.0) for view in stretch], odometry, settings))
+                fits["undone"].append(light_fall(stretch, odometry, settings))
+        for which, found in fits.items():
+            power, apart = np.array(found).T
+            middle, name = float(np.median(power)), f"{log_path.parent.name}/{log_path.name}"
+            lines.append(
+                f"| {name} | {exposure.fall_off:.2f} | {which} | {len(power)} |"
+                f" {middle:.2f}, {power.min():.2f}, {power.max():.2f} |"
+                f" {(1 + 0.86**2) ** -middle:.2f} | {100 * np.median(apart):.1f} |"
+            )
     return "\n".join(lines) + "\n"
 
 
-def light_fall(views: list[GroundView], odometry: OdometryResult, settings: GroundSettings) -> tuple[float, float, float]:
-    """The exponent that the views of one stretch tell, and by how much (median, log) those of a place differ from their mean
-    before and after."""
+def light_fall(views: list[GroundView], odometry: OdometryResult, settings: GroundSettings) -> tuple[float, float]:
+    """The exponent that the views of one stretch tell, and by how much (median, log) those of a place differ from their mean."""
     raster, about = raster_around(views, settings.reach_m), (odometry.rig, odometry.disparity_bias_px, settings)
     height = surface_of(views, raster, *about).height
     place, fall, depth, level = [], [], [], []
@@ -364,7 +370,7 @@ def light_fall(views: list[GroundView], odometry: OdometryResult, settings: Grou
         W = A * weight[:, None]
         x = np.linalg.solve(W.T @ A, W.T @ y[:, 0])
         weight = 1.0 / (1.0 + ((y[:, 0] - A @ x) / 0.05) ** 2)
-    return float(x[0]), float(np.median(np.abs(y))), float(np.median(np.abs(y[:, 0] - A @ x)))
+    return float(x[0]), float(np.median(np.abs(y)))
 
 
 def twin() -> str:

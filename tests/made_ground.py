@@ -9,6 +9,7 @@ import numpy as np
 from wayloom.config.classes import CLASS_ID
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
+from wayloom.ground.exposure import unfallen
 from wayloom.logs.types import StereoFrame
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
 from wayloom.submaps.submap import PlacedSubmap, Submap
@@ -63,13 +64,17 @@ class Walker:
 
 @dataclass
 class MadeStreet:
-    """A log of `count` frames; `person` (frame, u0, v0, u1, v1) draws a white person there, in the left image."""
+    """A log of `count` frames; `person` (frame, u0, v0, u1, v1) draws a white person there, in the left image.
+
+    fall_off : brightness falls as (1 + r^2)^-fall_off towards the border of the images
+    """
 
     count: int = 12
     step_m: float = 0.8
     gains: Any = None
     person: Any = None
     walker: Walker | None = None
+    fall_off: float = 0.0
 
     def __post_init__(self) -> None:
         self.rig, self.t_ns = RIG, np.arange(self.count, dtype=np.int64) * 100_000_000
@@ -122,7 +127,7 @@ class MadeStreet:
         (left_walker, rise), (right_walker, _) = self.walker_at(index, T), self.walker_at(index, T_right)
         left = np.where(np.isnan(left_walker), left, left_walker)
         right = np.where(np.isnan(right_walker), right, right_walker)
-        gain = 1.0 if self.gains is None else self.gains[index]
+        gain = (1.0 if self.gains is None else self.gains[index]) / unfallen(CAMERA, self.fall_off)
         pair = [np.rint(np.clip(gain * image, 0, 255)).astype(np.uint8) for image in (left, right)]
         if self.walker is not None and index not in self.walker.missed:
             label[rise > (0.8 if index in self.walker.legless else 0.0)] = CLASS_ID["person"]

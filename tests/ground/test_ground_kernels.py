@@ -248,8 +248,8 @@ def test_a_pixel_that_may_not_be_shown_gives_no_colour_and_others_their_own(rng,
     colour, weight, sharp = np.zeros((*fine, 3), np.float32), np.zeros(fine, np.float32), np.zeros(fine, np.float32)
     window = np.array([0, SHAPE[0], 0, SHAPE[1]])
     add_colours(
-        height, LOW, CELL, window, image, FIRST_ROW, 1.5, 10.0, shown, above, FIRST_ROW, PLANE, CAMERA, BF, BIAS, T_cam_sheet,
-        REACH, 100.0, 2.0, colour, weight, sharp,
+        height, LOW, CELL, window, image, FIRST_ROW, 1.5, 10.0, 0.4, shown, above, FIRST_ROW, PLANE, CAMERA, BF, BIAS,
+        T_cam_sheet, REACH, 100.0, 2.0, colour, weight, sharp,
     )  # fmt: skip
     count = 0
     for row in range(fine[0]):
@@ -265,7 +265,9 @@ def test_a_pixel_that_may_not_be_shown_gives_no_colour_and_others_their_own(rng,
             fv, fu = v - FIRST_ROW - i, u - j
             patch = image[i : i + 2, j : j + 2].astype(float)
             value = (1 - fv) * ((1 - fu) * patch[0, 0] + fu * patch[0, 1]) + fv * ((1 - fu) * patch[1, 0] + fu * patch[1, 1])
-            np.testing.assert_allclose(colour[row, column] / weight[row, column], 1.5 * value + 10.0, rtol=1e-3)
+            r = np.array([(u - CAMERA[2]) / CAMERA[0], (v - CAMERA[3]) / CAMERA[1]])
+            lit = (1.5 * value + 10.0) * (1.0 + r @ r) ** 0.4
+            np.testing.assert_allclose(colour[row, column] / weight[row, column], lit, rtol=1e-3)
             steps = [np.array(seen(T_cam_sheet, point + d)[:2]) for d in (np.array([1e-5, 0, 0]), np.array([0, 1e-5, 0]))]
             J = np.column_stack([(s - [u, v]) / 1e-5 for s in steps])
             smallest = np.linalg.svd(J, compute_uv=False)[1]

@@ -76,7 +76,8 @@ def views_of(
     with one_opencv_thread():
         for count, (row, T_submap_cam) in enumerate(zip(rows.tolist(), placed.submap.T_submap_cam, strict=True)):
             if chosen[row]:
-                frame, balance = int(odometry.keyframes.frame[row]), (float(exposure.gain[row]), float(exposure.offset[row]))
+                frame = int(odometry.keyframes.frame[row])
+                balance = (float(exposure.gain[row]), float(exposure.offset[row]), exposure.fall_off)
                 view = see_ground(log, frame, labels.left(row), rectifier, T_sheet_submap @ T_submap_cam, balance, settings)
                 views += [] if view is None else [(frame, view)]
             tell(count / len(rows))

@@ -52,8 +52,8 @@ def picture_of(
         sight = (view.above, view.first_row, view.plane_row, camera, rig.bf, bias_px, T_cam_sheet, settings.reach_m, SLACK)
         add_votes(height, raster.low, CELL_M, window, view.label, KIND_OF, *sight, votes)
         add_colours(
-            height, raster.low, CELL_M, window, view.image, view.first_row, view.gain, view.offset, view.shown, *sight, POWER,
-            colour, weight, sharp,
+            height, raster.low, CELL_M, window, view.image, view.first_row, view.gain, view.offset, view.fall_off, view.shown,
+            *sight, POWER, colour, weight, sharp,
         )  # fmt: skip
     weight[weight == 0.0] = 1.0
     colour /= weight[..., None]

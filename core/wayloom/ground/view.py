@@ -40,7 +40,7 @@ class GroundView:
 
     label   (h, w) uint8 train ids of the whole image
     shown   (h, w) float32 0 to 1: how far inside of what may be shown; 0 where a person, a vehicle or no ground is near
-    gain, offset   take the image's values to the drive's exposure
+    gain, offset, fall_off   take the image's values to the drive's exposure (`exposure.DriveExposure`)
     """
 
     T_sheet_cam: FloatArray
@@ -53,6 +53,7 @@ class GroundView:
     shown: NDArray[np.float32]
     gain: float
     offset: float
+    fall_off: float = 0.0
 
     @property
     def group(self) -> Image:
@@ -72,7 +73,7 @@ def see_ground(
     label: Image,
     rectifier: RightRectifier,
     T_sheet_cam: FloatArray,
-    exposure: tuple[float, float],
+    exposure: tuple[float, float, float],
     settings: GroundSettings,
 ) -> GroundView | None:
     """The view of one frame; None where it shows too little ground. Raises LogError where an image cannot be read."""

@@ -75,6 +75,7 @@ def add_colours(  # type: ignore[no-untyped-def]
     image_row,
     gain,
     offset,
+    fall_off,
     shown,
     above,
     first_row,
@@ -92,7 +93,8 @@ def add_colours(  # type: ignore[no-untyped-def]
 ):
     """Add what one view shows of the pixels (2 x 2 a cell) of the cells of window (4,), by sharpness^power.
 
-    image   (h, w, C) uint8 from row `image_row` of the view on; its value in the drive's exposure is gain * value + offset
+    image   (h, w, C) uint8 from row `image_row` of the view on; its value in the drive's exposure is (gain * value + offset)
+            (1 + r^2)^fall_off, r the tangent of the angle from the axis
     shown   (h, w) float32 0 to 1 of the whole view: how far inside of ground that may be shown; 0 shows nothing
     colour  (2 rows, 2 columns, C), weight, sharp (2 rows, 2 columns) float32: sums
     """
@@ -124,6 +126,8 @@ def add_colours(  # type: ignore[no-untyped-def]
                 sharpness = _sharpness(u, v, depth, camera, T_cam_sheet)
                 border = min(min(u, edge_u - u), edge_v - v) / (0.05 * image.shape[1])
                 w = inside * min(1.0, 0.02 + border) * sharpness**power
+                across, down = (u - camera[2]) / camera[0], (v - camera[3]) / camera[1]
+                lift = (1.0 + across * across + down * down) ** fall_off
                 i, j = int(np.floor(v - image_row)), int(np.floor(u))
                 fv, fu = v - image_row - i, u - j
                 row, column = 2 * r + k // 2, 2 * c + k % 2
@@ -131,6 +135,6 @@ def add_colours(  # type: ignore[no-untyped-def]
                     value = (1.0 - fv) * ((1.0 - fu) * image[i, j, n] + fu * image[i, j + 1, n]) + fv * (
                         (1.0 - fu) * image[i + 1, j, n] + fu * image[i + 1, j + 1, n]
                     )
-                    colour[row, column, n] += w * (gain * value + offset)
+                    colour[row, column, n] += w * lift * (gain * value + offset)
                 weight[row, column] += w
                 sharp[row, column] += w * sharpness
