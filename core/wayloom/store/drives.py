@@ -10,9 +10,11 @@ from sqlalchemy.orm import Session
 
 from wayloom.errors import ConflictError, NotFoundError
 from wayloom.store.database import now_s
+from wayloom.store.images import RETURNING
 from wayloom.store.jobs import JobMessage, create_drive_jobs, create_removal_job
 from wayloom.store.manifest import Manifest
 from wayloom.store.maps import ensure_map, mark_changed
+from wayloom.store.returning import ask_again, returned
 from wayloom.store.tables import Drive, DriveFile, Job, Vehicle
 from wayloom.store.withdrawal import forget_drive
 
@@ -28,12 +30,17 @@ class Received:
     bytes: int
 
 
-def register(session: Session, manifest: Manifest, map_id: str) -> tuple[Drive, bool]:
-    """The manifest's drive, and whether it is new."""
+def register(session: Session, manifest: Manifest, map_id: str, again: bool = False) -> tuple[Drive, bool]:
+    """The manifest's drive, and whether it is new.
+
+    again : where its images were deleted they are wanted once more
+    """
     drive_id = manifest.drive_id
     if (known := session.get(Drive, drive_id)) is not None:
         if known.state == "removing":
             raise ConflictError(f"drive {drive_id[:12]} is being removed: send it again in a minute")
+        if again:
+            ask_again(session, known)
         return known, False
     now = now_s(session)
     ensure_map(session, map_id)
@@ -91,7 +98,7 @@ def missing_files(session: Session, drive_id: str, after: str = "", limit: int =
 
 def received(session: Session, drives: Sequence[Drive]) -> dict[str, Received]:
     """For each drive, what has arrived. Files are counted only for those that may lack some: a drive has thousands."""
-    open_ids = [drive.id for drive in drives if drive.uploaded_at is None]
+    open_ids = [drive.id for drive in drives if drive.uploaded_at is None or drive.images == RETURNING]
     query = select(DriveFile.drive_id, func.count(), func.sum(DriveFile.size)).where(
         DriveFile.drive_id.in_(open_ids), DriveFile.complete.is_(True)
     )
@@ -111,6 +118,8 @@ def mark_complete(session: Session, drive_id: str, path: str) -> JobMessage | No
 
 def queue_if_complete(session: Session, drive: Drive) -> JobMessage | None:
     """Start the drive's jobs when all of its files are there and they have not been started."""
+    if drive.images == RETURNING and not missing_any(session, drive.id):
+        return returned(session, drive)
     if drive.state != "uploading" or missing_any(session, drive.id):
         return None
     drive.state, drive.uploaded_at = "queued", now_s(session)
