@@ -15,10 +15,12 @@ def upgrade() -> None:
         drives.add_column(sa.Column("images", sa.String(16), nullable=False, server_default="kept"))
         drives.add_column(sa.Column("images_since", sa.Float(53), nullable=True))
         drives.create_index("ix_drives_images", ["images"])
+    op.create_index("ix_submaps_digest", "submaps", ["digest"])
 
 
 def downgrade() -> None:
     """Back."""
+    op.drop_index("ix_submaps_digest", "submaps")
     with op.batch_alter_table("drives") as drives:
         drives.drop_index("ix_drives_images")
         drives.drop_column("images_since")

@@ -209,7 +209,7 @@ class SubmapRow(Base):
     drive_id: Mapped[str] = mapped_column(ForeignKey("drives.id", ondelete="CASCADE"), primary_key=True)
     position: Mapped[int] = mapped_column(primary_key=True)
     map_id: Mapped[str] = mapped_column(ForeignKey("maps.id"), index=True)
-    digest: Mapped[str] = mapped_column(DIGEST)
+    digest: Mapped[str] = mapped_column(DIGEST, index=True)
     point_count: Mapped[int]
     located: Mapped[bool] = mapped_column(default=True, server_default=true())
     frame: Mapped[list[Any] | None] = mapped_column(JSON(none_as_null=True))
