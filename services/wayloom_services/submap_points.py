@@ -16,8 +16,8 @@ class WithheldError(ConflictError):
 
 
 async def submap_bytes(service: Service, digest: str) -> bytes:
-    """The bytes of a submap. Raises NotFoundError where no drive has it, WithheldError where it holds points of persons, as do those
-    that were cut by releases which kept them in a drive's own cloud."""
+    """The bytes of a submap. Raises NotFoundError where no drive has it, WithheldError where it holds points of persons, as do
+    those of releases that kept them in a drive's own cloud."""
     if not await service.read(lambda session: maps.is_submap(session, digest)):
         raise NotFoundError(f"no drive has a submap {digest[:12]}")
     return await service.in_thread(lambda: _checked(service.blobs.get(digest), digest))

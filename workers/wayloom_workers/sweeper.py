@@ -38,6 +38,7 @@ def sweep_once(context: WorkerContext, app: Celery) -> None:
     forgotten = garbage.drop_forgotten(context.database, context.blobs, lambda: listed_tiles(context.folders))
     if forgotten:
         log.info("blobs of removed drives dropped", count=forgotten)
+    context.database.settle()
 
 
 def sweep_until_stopped(context: WorkerContext) -> None:

@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 
 from wayloom.errors import ConflictError, NotFoundError
 from wayloom.store.database import now_s
+from wayloom.store.erasure import forget_names, forget_rig
 from wayloom.store.images import RETURNING
 from wayloom.store.jobs import JobMessage, create_drive_jobs, create_removal_job
 from wayloom.store.manifest import Manifest
@@ -144,11 +145,15 @@ def request_removal(session: Session, drive_id: str) -> JobMessage:
 
 
 def delete_rows(session: Session, drive_id: str) -> None:
-    """Forget the drive, its files, uploads, jobs, runs and submaps; the map has changed where these were. Its blobs are to go, and
-    so are the versions of the map that hold it, but for the newest, which the next one replaces."""
+    """Forget the drive, its files, uploads, jobs, runs and submaps, and what names it elsewhere; the map has changed where these
+    were. Its blobs are to go, and so are the versions of the map that hold it, but for the newest, which the next one replaces."""
+    drive = get(session, drive_id)
+    map_id, vehicle_id = drive.map_id, drive.vehicle_id
     mark_changed(session, drive_id)
+    forget_rig(session, drive_id)
     forget_drive(session, drive_id)
     session.execute(delete(Drive).where(Drive.id == drive_id))
+    forget_names(session, drive_id, map_id, vehicle_id)
 
 
 def jobs_of(session: Session, drives: Sequence[Drive]) -> dict[str, list[Job]]:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import CursorResult, delete, select, update
+from sqlalchemy import CursorResult, delete, func, select, update
 from sqlalchemy.orm import Session
 
 from wayloom.config.stages import REMOVAL, drive_stages, find_stage, map_stages
@@ -301,6 +301,13 @@ def _map_is_busy(session: Session, job: Job) -> bool:
     busy = others.where((Job.state == "running") | ((Job.state == "waiting") & (Job.part == 0)))
     unpublished = others.where(Job.stage == "publish", Job.state == "queued")
     return bool(session.scalars(busy).first()) or (job.stage == "stitch" and bool(session.scalars(unpublished).first()))
+
+
+def is_map_at_work(session: Session, map_id: str) -> bool:
+    """Whether a job of the map is to run, or the last one has failed and may be tried again."""
+    states = session.execute(select(Job.id, Job.state).where(Job.map_id == map_id, Job.state != "done").order_by(Job.id)).all()
+    last = session.scalar(select(func.max(Job.id)).where(Job.map_id == map_id))
+    return any(state != "failed" or job_id == last for job_id, state in states)
 
 
 def _fail_dependants(session: Session, job: Job, error: str) -> None:
