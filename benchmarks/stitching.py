@@ -30,7 +30,7 @@ from made_walls import street_submap
 
 from joined_drives import joined
 from pages import DOCS, put_between_marks
-from wayloom.config.classes import CLASS_ID, MOVING_CLASSES, SKY, VOID
+from wayloom.config.classes import CLASS_ID, MOVING_CLASSES, PERSONS, SKY, VOID
 from wayloom.evaluation.true_surfaces import TrueSurfaces, true_surfaces
 from wayloom.geodesy import wgs84
 from wayloom.geometry import se3
@@ -49,7 +49,7 @@ from wayloom.simulation.recording.presets import CITY_ORIGIN
 from wayloom.stitching.grid import pack
 from wayloom.stitching.layer_names import STATIC
 from wayloom.stitching.merge import merge
-from wayloom.stitching.points import PERSONS, Box, MapPoints, canonical, map_points
+from wayloom.stitching.points import Box, MapPoints, canonical, map_points
 from wayloom.stitching.regions import STATIC_CLASSES, fuse_region, fused_points, regions_of
 from wayloom.stitching.settings import MergeSettings
 from wayloom.submaps.split import make_submaps

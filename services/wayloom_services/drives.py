@@ -47,15 +47,20 @@ router = APIRouter(prefix="/v1/drives", tags=["drives"], dependencies=[Depends(r
     responses={200: {"model": Registration}, 413: {"model": Problem}},
     openapi_extra={"requestBody": {"required": True, "content": {"application/json": {"schema": inlined_schema(Manifest)}}}},
 )
-async def register(request: Request, service: ServiceDep) -> Response:
-    """Announce a drive. The same manifest again is the same drive: 200, with the files that are still missing."""
+async def register(
+    request: Request,
+    service: ServiceDep,
+    again: Annotated[bool, Query(description="where the images of the drive were deleted, have them sent once more")] = False,
+) -> Response:
+    """Announce a drive. The same manifest again is the same drive: 200, with the files that are still missing. Of a drive whose
+    images were deleted none is missing, unless `again` asks for them."""
     content = await request.body()
     manifest = await service.in_thread(lambda: parse_manifest(content, service.settings.max_drive_files))
     _check_size(service, manifest)
 
     def change(session: Session) -> tuple[Registration, JobMessage | None]:
         own.check_announced(request, session, service.settings.access, manifest)
-        drive, created = drives.register(session, manifest, service.settings.map_id, own.owner_of(request))
+        drive, created = drives.register(session, manifest, service.settings.map_id, own.owner_of(request), again)
         first_job = drives.queue_if_complete(session, drive)
         (view,) = drives_out(session, [drive])
         return Registration(id=drive.id, created=created, drive=view, missing=[]), first_job

@@ -28,6 +28,7 @@ from wayloom_services.schemas import (
     VersionList,
     VersionOut,
 )  # fmt: skip
+from wayloom_services.submap_points import submap_bytes
 from wayloom_services.tile_answers import TileAsked, forever, tile_answer
 from wayloom_services.views import submap_out, version_out
 
@@ -139,7 +140,7 @@ async def submaps(
 @router.get("/submaps/{digest}", response_class=Response, responses={200: {"content": {"application/octet-stream": {}}}})
 async def submap(digest: Annotated[str, Path(pattern="^[0-9a-f]{64}$")], service: ServiceDep) -> Response:
     """A submap's points, in its own frame; the format is in docs/formats.md."""
-    content = await service.in_thread(lambda: service.blobs.get(digest))
+    content = await submap_bytes(service, digest)
     headers = {"ETag": f'"{digest}"', "Cache-Control": forever(service)}
     return Response(content, headers=headers, media_type="application/octet-stream")
 

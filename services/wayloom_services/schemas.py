@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from wayloom.config.gate import Gate, Grade
 from wayloom.pipeline.settings import ProcessSettings, with_asked
 from wayloom.segmentation.catalogue import MODELS
+from wayloom_services.privacy_schemas import ImagesOut
 
 DriveState = Literal["uploading", "queued", "running", "stitching", "done", "held", "quarantined", "failed", "removing"]
 StageState = Literal["waiting", "queued", "running", "done", "failed"]
@@ -150,14 +151,13 @@ class DriveOut(BaseModel):
     error: str | None
     stage: str | None = Field(description="the stage that is running or comes next")
     progress: float = Field(ge=0, le=1, description="share of all stages that is done")
-    eta_s: float | None = Field(
-        description="seconds to the end as guessed from this and earlier drives; None where nothing is known"
-    )
+    eta_s: float | None = Field(description="seconds to the end as guessed from this and earlier drives; None: nothing is known")
     stages: list[StageOut]
     files: int
     bytes: int
     received_files: int
     received_bytes: int
+    images: ImagesOut
     placed: bool | None
     quality: QualityOut | None = Field(description="None until the geo-reference is done")
     facts: dict[str, Any]

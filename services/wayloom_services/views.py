@@ -12,6 +12,7 @@ from wayloom.store.database import Session
 from wayloom.store.drives import Received
 from wayloom.store.gate import STATE_OUTSIDE, passes
 from wayloom.store.tables import Drive, DriveRun, Job, MapVersion, SubmapRow
+from wayloom_services.privacy_schemas import ImagesOut
 from wayloom_services.schemas import (
     DriveOut,
     LossOut,
@@ -51,6 +52,7 @@ def drive_out(drive: Drive, jobs: Sequence[Job], received: Received, usual: Mapp
         stage=None if current is None or is_over or drive.state in ("uploading", "removing") else current.stage,
         progress=_share_done(drive, stages, received), eta_s=_eta(drive, stages, usual), stages=stages, files=drive.file_count,
         bytes=drive.byte_count, received_files=received.files, received_bytes=received.bytes, placed=drive.placed,
+        images=ImagesOut.model_validate({"state": drive.images, "since": drive.images_since}),
         facts=drive.facts, created_at=drive.created_at, uploaded_at=drive.uploaded_at, finished_at=drive.finished_at,
     )  # fmt: skip
 

@@ -183,7 +183,7 @@ def changed(model: type[BaseModel]) -> dict[tuple[str, ...], Any]:
         ("rig",): "/rigs", ("geoid",): "/geoid.gtx", ("map_origin",): (8.0, 49.0, 1e-7), ("api_key",): "k" * 16,
         ("segmentation", "device"): "cpu", ("labelling", "votes"): "hard", ("tiles", "min_zoom"): 11, ("steps",): "a:B",
         ("map_id",): "town", ("data_dir",): "/data", ("merge", "voxel_m"): 0.11, ("merge", "reach_m"): 1.9,
-        ("merge", "surface_cell_m"): 0.7,
+        ("merge", "surface_cell_m"): 0.7, ("uploads", "retention"): 14.0,
     }  # fmt: skip
     return {key: own.get(key, other(info)) for key, info in leaves(model).items()}
 

@@ -25,6 +25,7 @@ QUICK = {
     "WAYLOOM_RESEND_S": "1",
     "WAYLOOM_RETRY_FIRST_S": "0.2",
     "WAYLOOM_MIN_FREE_BYTES": "0",
+    "WAYLOOM_UPLOADS__RETENTION": "keep",
 }
 
 

@@ -22,6 +22,7 @@ from wayloom.store.map_versions import NewVersion, TileEntry, publish
 from wayloom.store.migrate import upgrade
 from wayloom.store.tables import SubmapRow
 from wayloom_services import events
+from workers.test_stitching import placed
 
 DIGEST = hashlib.sha256(b"").hexdigest()
 FILE = {"path": "log/a", "size": 3, "sha256": "0" * 64}
@@ -242,7 +243,7 @@ def test_versions_and_coverage_are_told(http: httpx2.Client) -> None:
 
 def test_submaps_of_a_box_and_their_bytes(http: httpx2.Client, api_process: ApiAlone) -> None:
     drive = register(http, "with submap", a=b"1")
-    digest = BlobStore(api_process.data / "blobs").put(b"points")
+    digest = BlobStore(api_process.data / "blobs").put(placed("a", 1).submap.encoded)
     database = Database(f"sqlite:///{api_process.data / 'wayloom.db'}")
     with database.write() as session:
         row = SubmapRow(
@@ -256,7 +257,7 @@ def test_submaps_of_a_box_and_their_bytes(http: httpx2.Client, api_process: ApiA
     (found,) = http.get("/v1/maps/city/submaps?bbox=8.05,49.05,9,50").json()["submaps"]
     assert (found["digest"], found["points"]) == (digest, 6)
     assert http.get("/v1/maps/city/submaps?bbox=8.2,49.05,9,50").json()["submaps"] == []
-    assert http.get(f"/v1/submaps/{digest}").content == b"points"
+    assert http.get(f"/v1/submaps/{digest}").content == placed("a", 1).submap.encoded
     line = {"type": "LineString", "coordinates": [[8.0, 49.0, 1.0], [8.1, 49.1, 1.0]]}
     assert http.get(f"/v1/drives/{drive}/track").json()["geometry"] == line
 

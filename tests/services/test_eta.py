@@ -14,6 +14,7 @@ def drive(state: str = "running", placed: bool | None = None) -> Drive:
     return Drive(
         id="d" * 64, name="street", vehicle_id=None, map_id="city", manifest={}, file_count=1, byte_count=10, state=state,
         error=None, placed=placed, facts={}, track=None, stitch_job_id=None, created_at=1.0, uploaded_at=2.0, finished_at=None,
+        images="kept",
     )  # fmt: skip
 
 

@@ -89,7 +89,7 @@ def test_a_drive_gets_the_newest_version_of_the_epoch_in_which_it_was_recorded(d
         assert [found.version if found else None for found in chosen] == [3, 3, 3, 2, 2]
 
 
-def test_evidence_goes_with_its_drive_and_versions_stay(database: Database) -> None:
+def test_evidence_goes_with_its_drive_and_so_do_the_versions_that_were_learnt_from_it(database: Database) -> None:
     key, one, two = the_rig(database), drive(database, "one"), drive(database, "two")
     with database.write() as session:
         epochs = {one: epoch(10), two: epoch(10)}
@@ -102,4 +102,4 @@ def test_evidence_goes_with_its_drive_and_versions_stay(database: Database) -> N
         drives.delete_rows(session, one)
     with database.read() as session:
         assert rigs.evidence_of_drive(session, one) is None
-        assert rigs.version(session, key).drives == [one, two]
+        assert rigs.versions(session, key) == []

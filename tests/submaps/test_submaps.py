@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from submaps.made_submaps import FRAME, NamedLog, made_geo, made_labels, made_odometry, random_submap
-from wayloom.config.classes import SKY
+from wayloom.config.classes import CLASS_ID, PERSONS, SKY
 from wayloom.errors import InputError, StageError
 from wayloom.geometry import se3
 from wayloom.georeference.types import Anchors
@@ -103,8 +103,28 @@ def test_votes_stay_with_their_points(odometry, labels, placed):
         a, b = item.vote_start[row], item.vote_start[row + 1]
         c, d = labels.vote_start[old], labels.vote_start[old + 1]
         assert item.label[row] == labels.stereo[old]
-        assert item.vote_class[a:b].tolist() == labels.vote_class[c:d].tolist()
-        assert item.vote_weight[a:b].tolist() == labels.vote_weight[c:d].tolist()
+        kept = ~np.isin(labels.vote_class[c:d], PERSONS)
+        assert item.vote_class[a:b].tolist() == labels.vote_class[c:d][kept].tolist()
+        assert item.vote_weight[a:b].tolist() == labels.vote_weight[c:d][kept].tolist()
+
+
+def test_no_point_and_no_vote_of_a_person_is_in_a_submap_unless_they_are_asked_for(odometry, labels):
+    labels.stereo[::7] = CLASS_ID["person"]
+    labels.stereo[3::7] = CLASS_ID["rider"]
+    geo = made_geo(odometry)
+    placed = make_submaps(NamedLog(), odometry, labels, geo)
+    for item in placed:
+        assert not np.isin(item.submap.label, PERSONS).any()
+        assert not np.isin(item.submap.vote_class, PERSONS).any()
+        assert item.submap.vote_start[-1] == len(item.submap.vote_class) == len(item.submap.vote_weight)
+    all_points = sum(len(item.submap) + sum(item.submap.points_left_out.values()) for item in placed)
+    assert all_points == len(odometry.points)
+    left_out = sum(item.submap.points_left_out["persons"] for item in placed)
+    assert left_out == np.isin(labels.stereo, PERSONS).sum()
+    kept = make_submaps(NamedLog(), odometry, labels, geo, SubmapSettings(keep_persons=True))
+    assert sum(np.isin(item.submap.label, PERSONS).sum() for item in kept) > 0.5 * left_out
+    assert any(np.isin(item.submap.vote_class, PERSONS).any() for item in kept)
+    assert all("persons" not in item.submap.points_left_out for item in kept)
 
 
 def test_moving_the_drive_moves_the_place_and_not_the_content(odometry, labels, placed):

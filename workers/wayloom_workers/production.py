@@ -40,10 +40,11 @@ SUBMAPS: Final = "submaps"
 
 
 def _settings(attempt: StageAttempt) -> ProcessSettings:
-    """Those of the service that a drive's stages are told, and above them those that were asked for when it is processed anew."""
+    """Those of the service that a drive's stages are told, and above them those that were asked for when it is processed anew.
+    Persons are never kept."""
     with attempt.context.database.read() as session:
         asked = (drives.get(session, str(attempt.claim.drive_id)).coming or {}).get("asked", {})
-    return with_asked(attempt.context.settings.of_drives(), asked)
+    return with_asked(attempt.context.settings.of_drives(), {**asked, "submaps": {"keep_persons": False}})
 
 
 def _prepare(attempt: StageAttempt) -> PreparedStage:

@@ -14,8 +14,17 @@ def nothing(_attempt: StageAttempt) -> None:
 
 
 def remove_files(attempt: StageAttempt) -> None:
-    """The drive's folder. What has arrived of unfinished uploads the sweeper drops, when their rows are gone."""
-    shutil.rmtree(attempt.context.folders.drive(str(attempt.claim.drive_id)), ignore_errors=True)
+    """The drive's folder, and what was stitched with it and is published. What has arrived of unfinished uploads the sweeper drops,
+    when their rows are gone."""
+    drive_id, context = str(attempt.claim.drive_id), attempt.context
+    shutil.rmtree(context.folders.drive(drive_id), ignore_errors=True)
+    with context.database.read() as session:
+        map_id = drives.get(session, drive_id).map_id
+        if jobs.is_map_at_work(session, map_id):
+            return  # the next version tidies up
+    for output in (context.folders.map(map_id) / "stages").glob("*/*"):
+        if any(drive_id in file.read_text(encoding="utf-8") for file in output.glob("*.json")):
+            shutil.rmtree(output, ignore_errors=True)
 
 
 def remove_rows(session: Session, attempt: StageAttempt) -> list[JobMessage]:

@@ -190,13 +190,14 @@ def _recorded_ns(attempt: StageAttempt, drive_log: DriveLog) -> int:
 
 
 def _pinned(attempt: StageAttempt, drive_log: DriveLog) -> dict[str, Any] | None:
-    """Which version the drive is tracked with: what was said first, so that a killed attempt goes on with the same one."""
+    """Which version the drive is tracked with: what was said first, so that a killed attempt goes on with the same one, unless it
+    was learnt from a drive that was removed since."""
     key, drive_id, t_ns = _ensure(attempt, drive_log), str(attempt.claim.drive_id), _recorded_ns(attempt, drive_log)
     if key is None:
         return None
     with attempt.context.database.write() as session:
         said: dict[str, Any] | None = facts_of(drives.get(session, drive_id)).get("rig")
-        if said is None or said["rig"] != key:
+        if said is None or said["rig"] != key or (said["sha256"] and not rigs.has_file(session, key, said["sha256"])):
             said = _about(key, rigs.version_for(session, key, t_ns))
             rigs.use(session, drive_id, said)
         return said

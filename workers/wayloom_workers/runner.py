@@ -14,9 +14,11 @@ from wayloom.config.backoff import Backoff
 from wayloom.config.stages import REMOVAL
 from wayloom.errors import ConflictError, InputError, LeaseLostError, StageError, WayloomError
 from wayloom.store import drives, jobs, part_jobs
+from wayloom.store.blobs import NotedBlobs
 from wayloom.store.database import DatabaseError, Session
 from wayloom.store.jobs import ANEW, Claim, JobMessage
 from wayloom.store.processes import identity
+from wayloom.store.withdrawal import forget_blobs
 from wayloom_workers.completion import complete_drive
 from wayloom_workers.faults import attempt_folder, crash_report, of_the_machine
 from wayloom_workers.heartbeat import Heartbeat, StopRequestedError
@@ -34,12 +36,13 @@ def run_job(context: WorkerContext, hooks: HookTable, notify: Callable[[Iterable
         log.info("nothing to do", job_id=job_id)
         return False
     with structlog.contextvars.bound_contextvars(job_id=job_id, drive_id=held.drive_id, stage=held.stage, attempt=held.attempt):
-        started = time.monotonic()
+        started, noted = time.monotonic(), NotedBlobs(context.blobs)
         try:
-            notify(_run(context, hooks(held.stage), held))
+            notify(_run(replace(context, blobs=noted), hooks(held.stage), held))
             log.info("stage done", seconds=round(time.monotonic() - started, 3))
         except LeaseLostError as error:
             log.warning("lease lost", error=str(error))
+            _put_back(lambda session: forget_blobs(session, noted.digests, held.stage), context)  # its drive may be gone
         except RepeatStageError as error:
             log.warning("stage is repeated", why=str(error))
             _give_back(context, held)

@@ -6,7 +6,7 @@ from kombu.exceptions import OperationalError
 from redis.exceptions import RedisError
 
 from wayloom.config.backoff import Backoff
-from wayloom.store import garbage, sweep, uploads
+from wayloom.store import garbage, retention, sweep, uploads
 from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseError
 from wayloom_workers.broker import make_app, make_notifier, waiting_messages
@@ -33,9 +33,12 @@ def sweep_once(context: WorkerContext, app: Celery) -> None:
         make_notifier(app, context.database)(message for message in unsent if waiting[message.queue] == 0)
     with context.database.write() as session:
         uploads.drop_expired(session, context.folders)
+    if (count := retention.delete_due(context.database, context.folders, settings.uploads)) > 0:
+        log.info("images deleted", drives=count)
     forgotten = garbage.drop_forgotten(context.database, context.blobs, lambda: listed_tiles(context.folders))
     if forgotten:
         log.info("blobs of removed drives dropped", count=forgotten)
+    context.database.settle()
 
 
 def sweep_until_stopped(context: WorkerContext) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -175,6 +176,9 @@ def lines(drive: dict[str, Any]) -> list[str]:
     """A drive in full."""
     out = [line(drive), f"  id {drive['id']}", f"  vehicle {drive['vehicle_id'] or '-'}, map {drive['map_id']}"]
     out.append(f"  {drive['received_files']} of {drive['files']} files, {drive['received_bytes']} of {drive['bytes']} bytes")
+    if drive["images"]["state"] != "kept":
+        since = datetime.fromtimestamp(drive["images"]["since"] or 0.0).astimezone()
+        out.append(f"  images {drive['images']['state']} since {since:%Y-%m-%d %H:%M}")
     for stage in drive["stages"]:
         seconds = "" if stage["seconds"] is None else f" {stage['seconds']:.1f} s"
         words = stage["error"] or (stage["message"] if stage["state"] == "running" else "")

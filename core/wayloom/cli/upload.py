@@ -24,6 +24,7 @@ def upload_command(
     vehicle: Annotated[str | None, typer.Option(help="Id of the vehicle that drove.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write what the service says of each drive there.")] = None,
     connections: Annotated[int, typer.Option(min=1, max=32, help="Files sent at once.")] = 4,
+    again: Annotated[bool, typer.Option("--again", help="Send also what the service had and deleted after processing.")] = False,
     config: ConfigOption = None,
 ) -> None:
     """Send drive logs to a service. Run it again after any interruption: it continues where the service has it."""
@@ -38,7 +39,7 @@ def upload_command(
     with Api(to, key, connections) as api, ProgressBars(sys.stdout) as bars:
         packed_drives = [pack(path, gnss, vehicle, bars(f"{path.name}, reading")) for path in logs]
         before = [finished_stages(api, packed_drive.manifest.drive_id) for packed_drive in packed_drives]
-        sent = [send(api, packed_drive, bars, connections) for packed_drive in packed_drives]
+        sent = [send(api, packed_drive, bars, connections, again) for packed_drive in packed_drives]
         drives = [
             follow(api, drive_id, bars, done) if wait else api.drive(drive_id) for drive_id, done in zip(sent, before, strict=True)
         ]
@@ -50,11 +51,11 @@ def upload_command(
         raise typer.Exit(1)
 
 
-def send(api: "Api", packed_drive: "PackedDrive", bars: ProgressBars, connections: int) -> str:
+def send(api: "Api", packed_drive: "PackedDrive", bars: ProgressBars, connections: int, again: bool = False) -> str:
     """Upload one drive under a bar. Returns its id."""
     from wayloom.client.upload import upload
 
-    return str(upload(api, packed_drive, bars(f"{packed_drive.manifest.name}, sending"), connections)["id"])
+    return str(upload(api, packed_drive, bars(f"{packed_drive.manifest.name}, sending"), connections, again=again)["id"])
 
 
 def finished_stages(api: "Api", drive_id: str) -> set[str]:

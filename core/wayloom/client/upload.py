@@ -31,19 +31,26 @@ class UploadStopped(Exception):  # noqa: N818 - no error: another file's upload 
 
 
 def upload(
-    api: Api, packed_drive: PackedDrive, progress: Progress = silent, connections: int = CONNECTIONS, chunk: int = LARGEST
+    api: Api,
+    packed_drive: PackedDrive,
+    progress: Progress = silent,
+    connections: int = CONNECTIONS,
+    chunk: int = LARGEST,
+    again: bool = False,
 ) -> dict[str, Any]:
     """Send what the server lacks of the drive and return its registration.
 
     Running it again after any interruption continues; running it for a drive that is complete sends nothing.
     chunk : most bytes of one request
+    again : send also what the server had and has deleted
     Raises LogError when a file changed on the way, ServiceError when the server stays away or refuses.
     """
     manifest = packed_drive.manifest.model_dump(mode="json", exclude_none=True)
     total = packed_drive.manifest.byte_count
     counter = _Counter(total, progress)
+    address = "/v1/drives?again=true" if again else "/v1/drives"
     for _ in range(ROUNDS):
-        registration: dict[str, Any] = api.json("POST", "/v1/drives", json=manifest)
+        registration: dict[str, Any] = api.json("POST", address, json=manifest)
         missing = registration["missing"]
         counter.set(total - sum(file["size"] - file["offset"] for file in missing))
         if not missing:

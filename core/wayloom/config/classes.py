@@ -12,7 +12,9 @@ CLASS_COUNT: Final = len(CLASS_NAMES)
 VOID: Final = 255
 CLASS_ID: Final = {name: i for i, name in enumerate(CLASS_NAMES)}
 MOVING_CLASSES: Final = tuple(CLASS_ID[name] for name in CLASS_NAMES[11:])
-"""Persons, riders and vehicles: kept in a drive's own cloud, kept out of the static layer of the map."""
+"""Persons, riders and vehicles: kept out of the static layer of the map."""
+PERSONS: Final = (CLASS_ID["person"], CLASS_ID["rider"])
+"""Kept in no submap, cloud or layer."""
 SKY: Final = CLASS_ID["sky"]
 
 # Cityscapes' own colours, so that the pictures read like those of the field. (19, 3) RGB.

@@ -31,7 +31,7 @@ from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.drive_map import cloud, drive_map, write_image
 from wayloom.places.stereo_pair import LeftLabels
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
-from wayloom.segmentation.overlay import overlay
+from wayloom.segmentation.overlay import overlay, without_persons
 from wayloom.submaps.submap import PlacedSubmap
 
 MAP_FILE: Final = "map.png"
@@ -85,7 +85,7 @@ def write_exports(
 def _write_clouds(
     submaps: list[PlacedSubmap], folder: Path, frame: MapFrame | None, geoid: GeoidGrid | None, origin: dict[str, Any]
 ) -> None:
-    """All points of all submaps, moving things included; the PLY near the drive's start, up as up."""
+    """All points of all submaps, vehicles included; the PLY near the drive's start, up as up."""
     place = submaps[0].T_enu_submap[:3, 3] if submaps else np.zeros(3)
     write_ply(folder / "cloud.ply", map(batch_of_submap, submaps), place, frame)
     provenance = provenance_of("one drive's points", [origin], frame, {}, "")
@@ -119,10 +119,11 @@ def _dense_batch(placed: PlacedSubmap, found: DensePoints) -> PointBatch:
 
 
 def write_overlays(log: DriveLog, odometry: OdometryResult, images: KeyframeLabels, folder: Path, count: int = OVERLAYS) -> None:
-    """`%010d_left.jpg` and `%010d_right.jpg`, named by frame, of keyframes spread evenly over the drive."""
+    """`%010d_left.jpg` and `%010d_right.jpg`, named by frame, of keyframes spread evenly; persons are painted over."""
     folder.mkdir()
     rows = np.unique(np.linspace(0, len(odometry.keyframes) - 1, count).round().astype(np.int64))
     for row in rows.tolist():
         frame = log.frame(int(odometry.keyframes.frame[row]))
-        write_image(folder / f"{frame.index:010d}_left.jpg", overlay(frame.left, images.left(row)))
-        write_image(folder / f"{frame.index:010d}_right.jpg", overlay(frame.right, images.right(row)))
+        for side, image, labels in (("left", frame.left, images.left(row)), ("right", frame.right, images.right(row))):
+            picture = overlay(without_persons(image, labels), labels)
+            write_image(folder / f"{frame.index:010d}_{side}.jpg", picture)

@@ -1,9 +1,15 @@
 """Overlay of labels on their image in the Cityscapes colours."""
 
+from typing import Final
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.config.classes import PALETTE_WITH_VOID, VOID
+from wayloom.config.classes import PALETTE_WITH_VOID, PERSONS, VOID
+
+HIDDEN_MARGIN_SHARE: Final = 0.008
+"""Of the image's width, around persons: labels are rarely exact at their borders."""
 
 
 def overlay(image: NDArray[np.uint8], labels: NDArray[np.uint8], alpha: float = 0.5) -> NDArray[np.uint8]:
@@ -18,3 +24,18 @@ def overlay(image: NDArray[np.uint8], labels: NDArray[np.uint8], alpha: float = 
     share = np.where(labels == VOID, 0.0, alpha).astype(np.float32)[:, :, None]
     blend = rgb + share * (PALETTE_WITH_VOID[labels].astype(np.float32) - rgb)
     return np.rint(blend).astype(np.uint8)
+
+
+def without_persons(image: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The image with persons and riders, and a margin around them, painted over in the colour of their class.
+
+    image    (h, w) grey or (h, w, 3) RGB uint8
+    labels   (h, w) uint8 train ids
+    returns  (h, w, 3) RGB uint8
+    """
+    rgb = np.repeat(image[:, :, None], 3, axis=2) if image.ndim == 2 else image.copy()
+    reach = round(HIDDEN_MARGIN_SHARE * image.shape[1])
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    hidden = cv2.dilate(np.isin(labels, PERSONS).astype(np.uint8), disc) > 0
+    rgb[hidden] = PALETTE_WITH_VOID[PERSONS[0]]
+    return rgb

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.config.classes import CLASS_ID, MOVING_CLASSES, SKY, VOID
+from wayloom.config.classes import MOVING_CLASSES, PERSONS, SKY, VOID
 from wayloom.errors import StageError
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geometry import se3
@@ -17,7 +17,6 @@ from wayloom.submaps.submap import PlacedSubmap
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-PERSONS: Final = (CLASS_ID["person"], CLASS_ID["rider"])
 VEHICLES: Final = tuple(c for c in MOVING_CLASSES if c not in PERSONS)
 VOTE_STEPS: Final = 65_536.0
 
@@ -174,4 +173,5 @@ def _votes(item: PlacedSubmap, rows: IntArray) -> tuple[IntArray, NDArray[np.uin
     place = (np.repeat(old[rows] - start[:-1], length) + np.arange(start[-1]))[has_votes]
     vote_class[has_votes] = submap.vote_class[place]
     vote_weight[has_votes] = np.maximum(np.rint(submap.vote_weight[place].astype(np.float64) * VOTE_STEPS), 1).astype(np.int64)
+    vote_weight[np.isin(vote_class, PERSONS)] = 0  # of submaps that were cut when they still had any
     return length, vote_class, vote_weight

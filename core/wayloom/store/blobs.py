@@ -70,5 +70,18 @@ class BlobStore:
             obstore.delete(self._store, _name(digest))
 
 
+class NotedBlobs(BlobStore):
+    """A blob store that notes what is put there, `digests`."""
+
+    def __init__(self, blobs: BlobStore) -> None:
+        self._store = blobs._store
+        self.digests: set[str] = set()
+
+    def put(self, content: bytes) -> str:
+        digest = super().put(content)
+        self.digests.add(digest)
+        return digest
+
+
 def _name(digest: str) -> str:
     return f"{digest[:2]}/{digest}"

@@ -18,6 +18,8 @@ DatabaseError = SQLAlchemyError
 DatabaseAwayError = OperationalError
 """The database cannot be reached, is locked for too long, or its disk is full."""
 BUSY_TIMEOUT_MS = 30_000
+PRAGMAS = ("journal_mode=WAL", "synchronous=NORMAL", "foreign_keys=ON", "secure_delete=ON")
+"""Of SQLite; what is deleted is overwritten: a row that is gone shall not be read from the file."""
 
 
 class Database:
@@ -48,6 +50,14 @@ class Database:
         if self.dialect == "sqlite":
             return _sqlite_engine(self.url, begins=False)
         return create_engine(self.url, isolation_level="AUTOCOMMIT", pool_reset_on_return=None)
+
+    def settle(self) -> None:
+        """Have SQLite write its log into its file and cut it off, if nobody reads just now: what was deleted is in neither then."""
+        if self.dialect == "sqlite":
+            with self.lookups.connect() as connection:
+                connection.exec_driver_sql("PRAGMA busy_timeout=0")
+                connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)")
+                connection.exec_driver_sql(f"PRAGMA busy_timeout={BUSY_TIMEOUT_MS}")
 
     def forget(self) -> None:
         """Drop every connection without closing it: to be called in the child after a fork."""
@@ -80,7 +90,7 @@ def _sqlite_engine(url: str, begins: bool = True) -> Engine:
     @event.listens_for(engine, "connect")
     def _prepare(connection: Any, _entry: ConnectionPoolEntry) -> None:
         connection.isolation_level = None  # the driver's own BEGIN would come too late and be deferred
-        for pragma in ("journal_mode=WAL", "synchronous=NORMAL", "foreign_keys=ON", f"busy_timeout={BUSY_TIMEOUT_MS}"):
+        for pragma in (*PRAGMAS, f"busy_timeout={BUSY_TIMEOUT_MS}"):
             connection.execute(f"PRAGMA {pragma}")
 
     @event.listens_for(engine, "begin")

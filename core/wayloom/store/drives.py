@@ -11,9 +11,12 @@ from sqlalchemy.orm import Session
 from wayloom.errors import ConflictError, NotFoundError
 from wayloom.store.access.owners import Owner
 from wayloom.store.database import now_s
+from wayloom.store.erasure import forget_names, forget_rig
+from wayloom.store.images import RETURNING
 from wayloom.store.jobs import JobMessage, create_drive_jobs, create_removal_job
 from wayloom.store.manifest import Manifest
 from wayloom.store.maps import ensure_map, mark_changed
+from wayloom.store.returning import ask_again, returned
 from wayloom.store.tables import Drive, DriveFile, Job, Vehicle
 from wayloom.store.withdrawal import forget_drive
 
@@ -29,8 +32,11 @@ class Received:
     bytes: int
 
 
-def register(session: Session, manifest: Manifest, map_id: str, owner: Owner | None = None) -> tuple[Drive, bool]:
-    """The manifest's drive, and whether it is new. owner: the vehicle that announces it, where that is one.
+def register(session: Session, manifest: Manifest, map_id: str, owner: Owner | None = None, again: bool = False) -> tuple[Drive, bool]:
+    """The manifest's drive, and whether it is new.
+
+    owner : the vehicle that announces it, where that is one
+    again : where its images were deleted they are wanted once more
 
     Raises ConflictError where it is another's: who holds a manifest of so many hashes learns nothing by that.
     """
@@ -40,6 +46,8 @@ def register(session: Session, manifest: Manifest, map_id: str, owner: Owner | N
             raise ConflictError(f"drive {drive_id[:12]} was announced by another key")
         if known.state == "removing":
             raise ConflictError(f"drive {drive_id[:12]} is being removed: send it again in a minute")
+        if again:
+            ask_again(session, known)
         return known, False
     now = now_s(session)
     ensure_map(session, map_id)
@@ -102,7 +110,7 @@ def missing_files(session: Session, drive_id: str, after: str = "", limit: int =
 
 def received(session: Session, drives: Sequence[Drive]) -> dict[str, Received]:
     """For each drive, what has arrived. Files are counted only for those that may lack some: a drive has thousands."""
-    open_ids = [drive.id for drive in drives if drive.uploaded_at is None]
+    open_ids = [drive.id for drive in drives if drive.uploaded_at is None or drive.images == RETURNING]
     query = select(DriveFile.drive_id, func.count(), func.sum(DriveFile.size)).where(
         DriveFile.drive_id.in_(open_ids), DriveFile.complete.is_(True)
     )
@@ -122,6 +130,8 @@ def mark_complete(session: Session, drive_id: str, path: str) -> JobMessage | No
 
 def queue_if_complete(session: Session, drive: Drive) -> JobMessage | None:
     """Start the drive's jobs when all of its files are there and they have not been started."""
+    if drive.images == RETURNING and not missing_any(session, drive.id):
+        return returned(session, drive)
     if drive.state != "uploading" or missing_any(session, drive.id):
         return None
     drive.state, drive.uploaded_at = "queued", now_s(session)
@@ -146,11 +156,15 @@ def request_removal(session: Session, drive_id: str) -> JobMessage:
 
 
 def delete_rows(session: Session, drive_id: str) -> None:
-    """Forget the drive, its files, uploads, jobs, runs and submaps; the map has changed where these were. Its blobs are to go, and
-    so are the versions of the map that hold it, but for the newest, which the next one replaces."""
+    """Forget the drive, its files, uploads, jobs, runs and submaps, and what names it elsewhere; the map has changed where these
+    were. Its blobs are to go, and so are the versions of the map that hold it, but for the newest, which the next one replaces."""
+    drive = get(session, drive_id)
+    map_id, vehicle_id = drive.map_id, drive.vehicle_id
     mark_changed(session, drive_id)
+    forget_rig(session, drive_id)
     forget_drive(session, drive_id)
     session.execute(delete(Drive).where(Drive.id == drive_id))
+    forget_names(session, drive_id, map_id, vehicle_id)
 
 
 def jobs_of(session: Session, drives: Sequence[Drive]) -> dict[str, list[Job]]:

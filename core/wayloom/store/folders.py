@@ -14,6 +14,7 @@ class Folders:
     drives/ID/parts/STAGE/KEY        finished parts of a stage that is not yet finished
     drives/ID/attempts/STAGE-…       a stage that is running, or was when its worker died
     maps/ID/stages, parts, attempts  the same for a map's jobs
+    trash/                           folders that are being deleted
     blobs/                           submaps and tiles by digest
     """
 
@@ -28,6 +29,11 @@ class Folders:
     def blobs(self) -> Path:
         """Folder of the local blob store."""
         return self.root / "blobs"
+
+    @property
+    def trash(self) -> Path:
+        """Folder of folders that are being deleted."""
+        return self.root / "trash"
 
     def drive(self, drive_id: str) -> Path:
         """Folder of one drive."""

@@ -9,13 +9,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import CursorResult, delete, select, update
+from sqlalchemy import CursorResult, delete, func, select, update
 from sqlalchemy.orm import Session
 
 from wayloom.config.stages import REMOVAL, drive_stages, find_stage, map_stages
 from wayloom.errors import ConflictError, LeaseLostError
 from wayloom.store import coming
 from wayloom.store.database import Database, now_s
+from wayloom.store.images import check_kept
 from wayloom.store.tables import Drive, DriveRun, Job, Map
 
 ERROR_LENGTH = 4000
@@ -217,13 +218,15 @@ def retry(session: Session, drive_id: str, stage: str | None = None) -> list[Job
     """Fresh attempts for the failed stages of a drive, or the map job that it waits for.
 
     stage : begin with this one, which is made anew, as are those after it, whatever they left
-    Raises ConflictError where none failed, or none of the drive's own that comes after `stage`.
+    Raises ConflictError where none failed, none of the drive's own that comes after `stage`, or the images that it needs are gone.
     """
     drive = session.get_one(Drive, drive_id)
     of_drive = (Job.drive_id == drive_id) | (Job.id == (drive.stitch_job_id or 0)) | (Job.parent_id == (drive.stitch_job_id or 0))
     jobs = session.scalars(select(Job).where(of_drive, Job.state == "failed")).all()
     if not jobs:
         raise ConflictError(f"drive {drive_id[:12]} has no failed stage")
+    if any(job.drive_id is not None for job in jobs):
+        check_kept(drive)
     if stage is not None:
         return [_begin_with(session, drive, stage, jobs)]
     for job in jobs:
@@ -298,6 +301,13 @@ def _map_is_busy(session: Session, job: Job) -> bool:
     busy = others.where((Job.state == "running") | ((Job.state == "waiting") & (Job.part == 0)))
     unpublished = others.where(Job.stage == "publish", Job.state == "queued")
     return bool(session.scalars(busy).first()) or (job.stage == "stitch" and bool(session.scalars(unpublished).first()))
+
+
+def is_map_at_work(session: Session, map_id: str) -> bool:
+    """Whether a job of the map is to run, or the last one has failed and may be tried again."""
+    states = session.execute(select(Job.id, Job.state).where(Job.map_id == map_id, Job.state != "done").order_by(Job.id)).all()
+    last = session.scalar(select(func.max(Job.id)).where(Job.map_id == map_id))
+    return any(state != "failed" or job_id == last for job_id, state in states)
 
 
 def _fail_dependants(session: Session, job: Job, error: str) -> None:

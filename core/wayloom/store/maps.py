@@ -219,6 +219,13 @@ def submaps(session: Session, map_id: str, box: Box | None = None, with_guests: 
     return session.scalars(query.order_by(SubmapRow.digest, SubmapRow.drive_id, SubmapRow.position)).all()
 
 
+def is_submap(session: Session, digest: str) -> bool:
+    """Whether a drive has a submap of this name; one that is being removed has none any more."""
+    found = select(SubmapRow.digest).join(Drive, Drive.id == SubmapRow.drive_id)
+    named = found.where(SubmapRow.digest == digest, Drive.state != "removing").limit(1)
+    return session.scalars(named).first() is not None
+
+
 def places(session: Session, map_id: str) -> list[SubmapPlace]:
     """Where all submaps lie that a stitch looks at, by drive and position."""
     row = SubmapRow

@@ -11,6 +11,7 @@ from wayloom.errors import ConflictError
 from wayloom.store import gate, maps
 from wayloom.store.coming import VERDICT
 from wayloom.store.database import now_s
+from wayloom.store.images import check_kept
 from wayloom.store.jobs import JobMessage, create_drive_jobs
 from wayloom.store.tables import Drive, Job, SubmapRow
 
@@ -80,6 +81,7 @@ def _check_can_begin(drive: Drive) -> None:
         raise ConflictError(f"{name} is being removed")
     if drive.uploaded_at is None:
         raise ConflictError(f"{name} has not arrived yet: send its files first")
+    check_kept(drive)
     if drive.coming is not None and "error" not in drive.coming and drive.state != "failed":
         raise ConflictError(f"{name} is being processed anew already: wait until that is published")
     if drive.state in ("queued", "running", "stitching"):

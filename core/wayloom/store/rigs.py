@@ -157,13 +157,25 @@ def write(
         said = (by_gnss or {}).get(row.drive_id, ByGnss())
         row.scale = dict(said.scale or row.scale or {}) or None
         row.receiver = dict(said.receiver or row.receiver or {}) or None
-    number, now = session.scalar(select(func.max(RigVersion.version)).where(RigVersion.rig == key)) or 0, now_s(session)
+    number, now = _newest_number(session, key), now_s(session)
     for count, made in enumerate(new, start=1):
         session.add(RigVersion(
             rig=key, version=number + count, from_ns=made.from_ns, evidence=made.evidence, digest=made.digest,
             drives=list(made.drives), reason=made.reason, facts=dict(made.facts), created_at=now,
         ))  # fmt: skip
     return True
+
+
+def has_file(session: Session, key: str, digest: str) -> bool:
+    """Whether a version of the rig's file has these bytes; those that were learnt from a removed drive are gone."""
+    return session.scalars(select(RigVersion.digest).where(RigVersion.rig == key, RigVersion.digest == digest)).first() is not None
+
+
+def _newest_number(session: Session, key: str) -> int:
+    """The greatest number of a version so far: of those that are gone, as far as a drive was tracked with them."""
+    used = Drive.facts["rig"]["version"].as_integer()
+    by_drives = session.scalar(select(func.max(used)).where(Drive.facts["rig"]["rig"].as_string() == key))
+    return max(session.scalar(select(func.max(RigVersion.version)).where(RigVersion.rig == key)) or 0, by_drives or 0)
 
 
 def use(session: Session, drive_id: str, about: Mapping[str, Any] | None) -> None:

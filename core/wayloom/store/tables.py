@@ -69,6 +69,7 @@ class Drive(Base):
     admitted, map_verdict  of a guest: whether the newest version has it, and `wayloom.stitching.admission.Verdict` as JSON
              In the map are drives of the gate `merge`, released and admitted ones.
     released_at, released_by, released_why  an operator's word that a held or quarantined drive is merged all the same
+    images   kept, deleting, deleted, returning (`wayloom.store.images`); images_since when that began, where it is told
     coming   while it is processed anew: what was asked for and what the new run has found (`wayloom.store.reprocessing`)
     """
 
@@ -97,6 +98,8 @@ class Drive(Base):
     track: Mapped[list[Any] | None]
     stitch_job_id: Mapped[int | None]
     coming: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
+    images: Mapped[str] = mapped_column(String(16), default="kept", server_default="kept", index=True)
+    images_since: Mapped[float | None]
     created_at: Mapped[float] = mapped_column(index=True)
     uploaded_at: Mapped[float | None]
     finished_at: Mapped[float | None]
@@ -208,7 +211,7 @@ class SubmapRow(Base):
     drive_id: Mapped[str] = mapped_column(ForeignKey("drives.id", ondelete="CASCADE"), primary_key=True)
     position: Mapped[int] = mapped_column(primary_key=True)
     map_id: Mapped[str] = mapped_column(ForeignKey("maps.id"), index=True)
-    digest: Mapped[str] = mapped_column(DIGEST)
+    digest: Mapped[str] = mapped_column(DIGEST, index=True)
     point_count: Mapped[int]
     located: Mapped[bool] = mapped_column(default=True, server_default=true())
     frame: Mapped[list[Any] | None] = mapped_column(JSON(none_as_null=True))

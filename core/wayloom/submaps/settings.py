@@ -8,6 +8,9 @@ from wayloom.config.settings import Settings
 class SubmapSettings(Settings):
     """Length of the submaps, and the limits of depth and uncertainty of their points."""
 
+    keep_persons: bool = Field(
+        False, description="keep points of persons and riders in the submaps and clouds of `wayloom process`; a service never does"
+    )
     length_m: float = Field(75.0, gt=0.0, description="wanted length of road of a submap, m")
     max_length_m: float = Field(100.0, gt=0.0, description="no submap is longer, m")
     broken_step_m: float = Field(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.config.classes import SKY
+from wayloom.config.classes import PERSONS, SKY
 from wayloom.errors import StageError
 from wayloom.geometry import se3
 from wayloom.georeference.nodes import travelled
@@ -95,8 +95,8 @@ def anchor_frames(odometry: OdometryResult, stretches: list[Stretch]) -> IntArra
     return np.asarray(odometry.keyframes.frame[[stretch.anchor for stretch in stretches]], np.int64)
 
 
-NAMES = ("kept", "without depth", "too far", "depth too uncertain", "sky")
-KEPT, NO_DEPTH, TOO_FAR, UNCERTAIN, IS_SKY = range(5)
+NAMES = ("kept", "without depth", "too far", "depth too uncertain", "sky", "persons")
+KEPT, NO_DEPTH, TOO_FAR, UNCERTAIN, IS_SKY, IS_PERSON = range(6)
 
 
 def _judge_points(odometry: OdometryResult, labels: PointLabels, settings: SubmapSettings) -> NDArray[np.int8]:
@@ -112,6 +112,8 @@ def _judge_points(odometry: OdometryResult, labels: PointLabels, settings: Subma
     verdict[uncertain] = UNCERTAIN
     verdict[d < 1.0 / settings.max_distance_m] = TOO_FAR
     verdict[~has_depth] = NO_DEPTH
+    if not settings.keep_persons:
+        verdict[np.isin(labels.stereo, PERSONS)] = IS_PERSON
     return verdict
 
 
@@ -128,6 +130,8 @@ def _submap(
     host = local_row[points.host[rows]]
     xyz, variance = _positions(odometry, rows, T_submap_cam[host], settings)
     start, taken = _take_ragged(labels.vote_start, rows)
+    if not settings.keep_persons:
+        start, taken = _without(start, taken, np.isin(labels.vote_class[taken], PERSONS))
     t_ns = odometry.trajectory.t_ns[keyframes.frame[stretch.keyframes]]
     counts = Counter(verdict[here].tolist())
     return Submap(
@@ -144,7 +148,7 @@ def _submap(
         keyframe_t_ns=t_ns,
         T_submap_cam=T_submap_cam,
         length_m=round(stretch.length_m, 3),
-        points_left_out={NAMES[code]: counts[code] for code in (NO_DEPTH, TOO_FAR, UNCERTAIN, IS_SKY) if counts[code]},
+        points_left_out={NAMES[code]: counts[code] for code in range(NO_DEPTH, len(NAMES)) if counts[code]},
     )
 
 
@@ -169,6 +173,12 @@ def _take_ragged(start: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
     length = start[rows + 1] - start[rows]
     new = np.concatenate([[0], np.cumsum(length)])
     return new, np.repeat(start[rows] - new[:-1], length) + np.arange(new[-1])
+
+
+def _without(start: IntArray, places: IntArray, dropped: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
+    """A ragged table, start (P + 1,) of places (V,), without the entries that are dropped (V,)."""
+    kept = np.concatenate([[0], np.cumsum(~dropped)])
+    return kept[start], places[~dropped]
 
 
 def _steps(told: Anchors, anchors: IntArray) -> list[StepBefore | None]:

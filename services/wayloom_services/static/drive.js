@@ -59,8 +59,9 @@ function showVerdict(drive) {
 const RUNS = { running: "Being processed anew", publishing: "Processed anew, joining the map", failed: "Processing anew failed" };
 
 // What is said of a new run; the rest of the page is of the result before.
-function showRun({ state, stage, reprocess }) {
-  at("reprocess").hidden = !mayOperate || !["done", "held", "quarantined", "failed"].includes(state) || ["running", "publishing"].includes(reprocess?.state);
+function showRun({ state, stage, reprocess, images }) {
+  const isOver = ["done", "held", "quarantined", "failed"].includes(state);
+  at("reprocess").hidden = !mayOperate || !isOver || ["running", "publishing"].includes(reprocess?.state) || images.state !== "kept";
   at("anew").hidden = !reprocess;
   if (!reprocess) return;
   const more = reprocess.error ?? (reprocess.state === "running" && stage ? stage : "");

@@ -1,0 +1,30 @@
+"""Points of a submap as they are handed out: those of drives that are there, without persons."""
+
+import numpy as np
+
+from wayloom.config.classes import PERSONS
+from wayloom.errors import ConflictError, NotFoundError
+from wayloom.store import maps
+from wayloom.submaps.submap import decode_submap
+from wayloom_services.context import Service
+
+
+class WithheldError(ConflictError):
+    """What is asked for shows persons."""
+
+    code = "withheld"
+
+
+async def submap_bytes(service: Service, digest: str) -> bytes:
+    """The bytes of a submap. Raises NotFoundError where no drive has it, WithheldError where it holds points of persons, as do
+    those of releases that kept them in a drive's own cloud."""
+    if not await service.read(lambda session: maps.is_submap(session, digest)):
+        raise NotFoundError(f"no drive has a submap {digest[:12]}")
+    return await service.in_thread(lambda: _checked(service.blobs.get(digest), digest))
+
+
+def _checked(content: bytes, digest: str) -> bytes:
+    submap = decode_submap(content, digest)
+    if np.isin(submap.label, PERSONS).any() or np.isin(submap.vote_class, PERSONS).any():
+        raise WithheldError(f"submap {digest[:12]} holds points of persons: process its drive anew")
+    return content
