@@ -23,6 +23,7 @@ from wayloom_services import (
     maps,
     markings,
     ogc,
+    packs,
     regions,
     rigs,
     sync,
@@ -72,7 +73,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     )  # fmt: skip
     app.state.service, app.state.feed = service, Feed(service)
     errors.install(app)
-    for room in (drives, tus, maps, sync, markings, ogc, regions, tile_sets, tilesets, lineage, rigs, events, health):
+    for room in (drives, packs, tus, maps, sync, markings, ogc, regions, tile_sets, tilesets, lineage, rigs, events, health):
         app.include_router(room.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 
