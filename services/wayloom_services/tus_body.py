@@ -27,7 +27,7 @@ PROLONG_S: Final = 60.0
 class Sink(Protocol):
     """Where a body's bytes go."""
 
-    def take(self, content: bytes | bytearray) -> None:
+    def take(self, content: memoryview) -> None:
         """The next bytes. Blocking."""
 
 
@@ -96,11 +96,15 @@ async def _pour(request: Request, service: Service, upload: Upload, arrival: Sin
 
 
 class _Pipe:
-    """A buffer that fills while the one before is stored by a thread. At the end of the block everything is stored."""
+    """A buffer that fills while the one before is stored by a thread. At the end of the block everything is stored.
+
+    Whole buffers are handed on, and pieces are parts of them: no byte waits for the other half of its piece.
+    """
 
     def __init__(self, service: Service, arrival: Sink) -> None:
         self._service, self._arrival = service, arrival
-        self._buffer = bytearray()
+        self._filling, self._other = memoryview(bytearray(BUFFER)), memoryview(bytearray(BUFFER))
+        self._filled = 0
         self._storing: asyncio.Future[None] | None = None
 
     async def __aenter__(self) -> Self:
@@ -115,17 +119,23 @@ class _Pipe:
 
     async def put(self, chunk: bytes) -> None:
         """The next bytes of the body. Raises what storing those before has raised."""
-        self._buffer += chunk
-        if len(self._buffer) >= BUFFER:
-            await self._flush()
+        left = memoryview(chunk)
+        while left:
+            some = left[: BUFFER - self._filled]
+            self._filling[self._filled : self._filled + len(some)] = some
+            self._filled += len(some)
+            left = left[len(some) :]
+            if self._filled == BUFFER:
+                await self._flush()
 
     def drop(self) -> None:
         """Forget what is not being stored yet."""
-        self._buffer.clear()
+        self._filled = 0
 
     async def _flush(self) -> None:
         await self._stored()
-        content, self._buffer = self._buffer, bytearray()
+        content = self._filling[: self._filled]
+        self._filling, self._other, self._filled = self._other, self._filling, 0
         self._service.metrics.upload_bytes.inc(len(content))
         self._storing = asyncio.ensure_future(self._service.in_thread(lambda: self._arrival.take(content)))
 

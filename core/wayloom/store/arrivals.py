@@ -26,7 +26,7 @@ RUNNING_DIGESTS: Final = 1024
 class Digest(Protocol):
     """A running hash."""
 
-    def update(self, content: bytes | bytearray | memoryview, /) -> None: ...
+    def update(self, content: bytes | memoryview, /) -> None: ...
     def digest(self) -> bytes: ...
     def hexdigest(self) -> str: ...
     def copy(self) -> "Digest": ...
@@ -94,7 +94,7 @@ class Arrival:
             os.close(self._fd)
             raise
 
-    def take(self, content: bytes | bytearray) -> None:
+    def take(self, content: memoryview) -> None:
         """The next bytes. Raises ChecksumMismatchError, OSError."""
         self._keep(content)
 
@@ -105,7 +105,7 @@ class Arrival:
         """Let go of the file."""
         os.close(self._fd)
 
-    def _keep(self, content: bytes | bytearray | memoryview) -> None:
+    def _keep(self, content: memoryview) -> None:
         write_at(self._fd, content, self.offset)
         self.offset += len(content)
         if self.sha is not None:
@@ -121,11 +121,11 @@ class PieceCheck:
     def __init__(self, pieces: Pieces, keep: Callable[[memoryview], None]) -> None:
         self._pieces, self._keep, self._next, self._rest = pieces, keep, 0, b""
 
-    def take(self, content: bytes | bytearray) -> None:
+    def take(self, content: memoryview) -> None:
         """The next bytes. Raises ChecksumMismatchError."""
-        content = self._rest + content if self._rest else content
+        content = memoryview(self._rest + content) if self._rest else content
         whole = len(content) - len(content) % self._pieces.size
-        self._verify(memoryview(content)[:whole])
+        self._verify(content[:whole])
         self._rest = bytes(content[whole:])
 
     def end(self, offset: int) -> None:
@@ -156,7 +156,7 @@ class PieceArrival(Arrival):
         super().__init__(part, start, sha)
         self._check = PieceCheck(pieces, self._keep)
 
-    def take(self, content: bytes | bytearray) -> None:
+    def take(self, content: memoryview) -> None:
         self._check.take(content)
 
     def end(self) -> None:
@@ -173,7 +173,7 @@ class StagedArrival(Arrival):
         staged.drop()
         self._staged_fd, self._come = staged.open(), 0
 
-    def take(self, content: bytes | bytearray) -> None:
+    def take(self, content: memoryview) -> None:
         write_at(self._staged_fd, content, self._come)
         self._come += len(content)
         self._digest.update(content)

@@ -25,8 +25,8 @@ class FileMismatchError(ChecksumMismatchError):
 
 
 class PackArrival:
-    """As `wayloom.store.arrivals.Arrival`, of many files. Whole files are put into their places by a thread of its own, while the next
-    ones come; `close` waits for it, whatever ended the request.
+    """As `wayloom.store.arrivals.Arrival`, of many files. Whole files are put into their places by a thread of its own, while the
+    next ones come; `close` waits for it, whatever ended the request.
 
     commit : called with how many of the pack's files lie in their places, after each batch
     """
@@ -55,10 +55,10 @@ class PackArrival:
         self._whole = list(range(files_done, self._number))
         self._open_next()
 
-    def take(self, content: bytes | bytearray) -> None:
+    def take(self, content: memoryview) -> None:
         """The next bytes. Raises ChecksumMismatchError, OSError."""
         if self._check is None:
-            self._keep(memoryview(content))
+            self._keep(content)
         else:
             self._check.take(content)
 

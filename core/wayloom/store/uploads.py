@@ -78,7 +78,7 @@ def sync_folder(folder: Path) -> None:
         os.close(fd)
 
 
-def write_at(fd: int, data: bytes | bytearray | memoryview, offset: int) -> None:
+def write_at(fd: int, data: bytes | memoryview, offset: int) -> None:
     """Write all of `data` at `offset`."""
     view = memoryview(data)
     while view:
