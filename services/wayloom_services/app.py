@@ -23,6 +23,7 @@ from wayloom_services import (
     maps,
     markings,
     ogc,
+    packs,
     regions,
     rigs,
     sync,
@@ -77,6 +78,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     errors.install(app)
     for room in (
         drives,
+        packs,
         tus,
         maps,
         sync,

@@ -9,7 +9,7 @@ from fastapi.responses import StreamingResponse
 
 from wayloom.errors import ConflictError
 from wayloom.geodesy.antimeridian import line_geometry
-from wayloom.store import drives, gate, jobs, reprocessing, rigs, runs, uploads
+from wayloom.store import drives, gate, jobs, packs, reprocessing, rigs, runs, uploads
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.manifest import Manifest
@@ -24,6 +24,7 @@ from wayloom_services.schemas import (
     DriveState,
     Feature,
     MissingFile,
+    OpenPack,
     Registration,
     ReleaseIn,
     ReprocessIn,
@@ -63,7 +64,8 @@ async def register(
         drive, created = drives.register(session, manifest, service.settings.map_id, own.owner_of(request), again)
         first_job = drives.queue_if_complete(session, drive)
         (view,) = drives_out(session, [drive])
-        return Registration(id=drive.id, created=created, drive=view, missing=[]), first_job
+        open_ones = [OpenPack(upload=f"/v1/uploads/{pack.id}", length=pack.length) for pack in packs.unfinished(session, drive.id)]
+        return Registration(id=drive.id, created=created, drive=view, packs=open_ones, missing=[]), first_job
 
     answer, first_job = await service.write(change)
     await service.notify(first_job)
@@ -259,6 +261,8 @@ def _furthest(service: Service, drive_id: str) -> dict[str, tuple[int, str]]:
     with service.database.read() as session:
         open_ones = uploads.unfinished(session, drive_id)
     for upload in open_ones:
+        if upload.files_done is not None:
+            continue
         size = uploads.stored_bytes(service.folders, upload)
         furthest[upload.path] = max(furthest.get(upload.path, (0, "")), (size, f"/v1/uploads/{upload.id}"))
     return furthest

@@ -184,12 +184,20 @@ class MissingFile(BaseModel):
     offset: int = Field(description="bytes that it has already")
 
 
+class OpenPack(BaseModel):
+    """A pack that can be continued."""
+
+    upload: str
+    length: int
+
+
 class Registration(BaseModel):
-    """The answer to a manifest."""
+    """The answer to a manifest. A file of an open pack that is not whole yet is missing, too."""
 
     id: str
     created: bool
     drive: DriveOut
+    packs: list[OpenPack] | None = Field(description="unfinished packs of the drive; a server that knows no packs does not name it")
     missing: list[MissingFile]
 
 

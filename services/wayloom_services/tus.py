@@ -18,6 +18,7 @@ from wayloom.store.tables import Upload
 from wayloom_services.access import own
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem, ProtocolError
+from wayloom_services.pack_bodies import stored_bytes
 from wayloom_services.tus_body import checks_of, complete, forget, receive
 from wayloom_services.tus_headers import (
     CHECKSUMS,
@@ -61,7 +62,7 @@ async def create(request: Request, service: ServiceDep) -> Response:
         raise ProtocolError(
             413, "too-large", f"{length} bytes are more than the {service.settings.max_file_bytes} allowed for a file"
         )
-    await _check_space(service, length)
+    await check_space(service, length)
     header = request.headers.get("upload-metadata", "")
     given = metadata(header)
     drive, path = given.get("drive", ""), given.get("path", "")
@@ -94,7 +95,7 @@ async def offset(upload_id: str, request: Request, service: ServiceDep) -> Respo
     check_version(request)
     async with service.locks.hold(upload_id):
         upload = await _find(service, upload_id)
-        stored = await service.in_thread(lambda: uploads.stored_bytes(service.folders, upload))
+        stored = await service.in_thread(lambda: stored_bytes(service, upload))
         if stored == upload.length and not upload.complete:
             await complete(service, upload)
     headers = {
@@ -116,11 +117,11 @@ async def append(upload_id: str, request: Request, service: ServiceDep) -> Respo
     start, checks = integer(request, "upload-offset"), checks_of(request)
     async with service.locks.hold(upload_id) as hold:
         upload = await _find(service, upload_id)
-        stored = await service.in_thread(lambda: uploads.stored_bytes(service.folders, upload))
+        stored = await service.in_thread(lambda: stored_bytes(service, upload))
         if start != stored:
             raise OffsetConflictError(f"{stored} bytes are stored, the chunk starts at {start}: ask with HEAD and continue there")
         if start < upload.length or request.headers.get("content-length", "0") != "0":
-            await _check_space(service, upload.length - start)
+            await check_space(service, upload.length - start)
             stored = await receive(request, service, upload, start, checks, hold)
         if stored == upload.length and not upload.complete:
             await complete(service, upload)
@@ -147,7 +148,7 @@ async def _find(service: Service, upload_id: str) -> Upload:
     return upload
 
 
-async def _check_space(service: Service, wanted: int) -> None:
+async def check_space(service: Service, wanted: int) -> None:
     """Refuse before the first byte what would fill the disk."""
     free = await service.in_thread(lambda: shutil.disk_usage(service.settings.data_dir).free)
     if free - wanted < service.settings.min_free_bytes:

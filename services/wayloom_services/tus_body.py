@@ -1,25 +1,34 @@
 """Upload bodies: receiving, storing, verifying, and moving a whole file into its drive."""
 
 import asyncio
-from typing import Final
+from types import TracebackType
+from typing import Final, Protocol, Self
 
 from fastapi import Request
 from starlette.requests import ClientDisconnect
 
-from wayloom.store import drives, uploads
+from wayloom.store import drives, packs, uploads
 from wayloom.store.arrivals import Arrival, PieceArrival, Pieces, StagedArrival
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.tables import Upload
+from wayloom_services import upload_faults
 from wayloom_services.context import Service
 from wayloom_services.errors import ProtocolError
 from wayloom_services.locks import Hold
+from wayloom_services.pack_bodies import Checks, complete_pack, receive_pack
 from wayloom_services.tus_headers import CHECKSUMS, checksum, pieces
 
 BUFFER: Final = 1 << 20
 PROLONG_S: Final = 60.0
 """How often the expiry of an upload is put off while its bytes come; a quarter of the expiry where that is less."""
-Checks = Pieces | tuple[str, bytes] | None
+
+
+class Sink(Protocol):
+    """Where a body's bytes go."""
+
+    def take(self, content: memoryview) -> None:
+        """The next bytes. Blocking."""
 
 
 def checks_of(request: Request) -> Checks:
@@ -36,20 +45,15 @@ async def receive(request: Request, service: Service, upload: Upload, start: int
     announced = request.headers.get("content-length", "")
     if announced.isdigit() and int(announced) > room:
         raise ProtocolError(413, "too-large", f"the chunk has {announced} bytes, the file only {room} more")
-    try:
+    if upload.files_done is not None:
+        return await receive_pack(service, upload, checks, lambda arrival: _pour(request, service, upload, arrival, room, hold))
+    with upload_faults.told():
         arrival = await service.in_thread(lambda: _arrival(service, upload, start, checks))
-    except BlockingIOError:
-        raise ProtocolError(423, "taken-over", "another process of this service writes to this upload") from None
-    except OSError as error:
-        raise _no_space(error) from error
-    try:
-        whole = await _pour(request, service, upload, arrival, room, hold)
-        if whole:
-            await service.in_thread(arrival.end)
-    except OSError as error:
-        raise _no_space(error) from error
-    finally:
-        await service.in_thread(lambda: _put_down(service, upload, arrival))
+        try:
+            if await _pour(request, service, upload, arrival, room, hold):
+                await service.in_thread(arrival.end)
+        finally:
+            await service.in_thread(lambda: _put_down(service, upload, arrival))
     return arrival.offset
 
 
@@ -68,44 +72,77 @@ def _put_down(service: Service, upload: Upload, arrival: Arrival) -> None:
     service.digests.keep(upload.id, uploads.part(service.folders, upload.id), arrival.offset, arrival.sha)
 
 
-def _no_space(error: OSError) -> ProtocolError:
-    return ProtocolError(507, "no-space", f"the bytes could not be stored: {error.strerror}")
-
-
-async def _pour(request: Request, service: Service, upload: Upload, arrival: Arrival, room: int, hold: Hold) -> bool:
-    """Hand on the body, at most `room` bytes, a buffer at a time. What has come before a broken link is handed on too. Returns
-    whether the body came to its end."""
-    buffer, come = bytearray(), 0
+async def _pour(request: Request, service: Service, upload: Upload, arrival: Sink, room: int, hold: Hold) -> bool:
+    """Hand on the body, at most `room` bytes, a buffer at a time: while one is stored the next one comes. What has come before a broken
+    link is handed on too. Returns whether the body came to its end."""
+    come = 0
     clock = asyncio.get_running_loop().time
     every = min(PROLONG_S, service.settings.upload_expiry_s / 4)
     prolonged = clock()
-
-    async def flush() -> None:
-        nonlocal buffer
-        content, buffer = bytes(buffer), bytearray()
-        service.metrics.upload_bytes.inc(len(content))
-        await service.in_thread(lambda: arrival.take(content))
-
-    try:
-        async for chunk in hold.chunks(request.stream(), service.settings.body_pause_s):
-            come += len(chunk)
-            if come > room:
-                raise ProtocolError(413, "too-large", f"the chunk has more than the {room} bytes that the file lacks")
-            buffer += chunk
-            if len(buffer) >= BUFFER:
-                await flush()
-            if clock() - prolonged > every:
-                await service.write(lambda session: uploads.prolong(session, upload.id, service.settings.upload_expiry_s))
-                prolonged = clock()
-    except ClientDisconnect:
-        await flush()
-        return False
-    except ProtocolError as error:
-        if error.status in (408, 423):
-            await flush()
-        raise
-    await flush()
+    async with _Pipe(service, arrival) as pipe:
+        try:
+            async for chunk in hold.chunks(request.stream(), service.settings.body_pause_s):
+                come += len(chunk)
+                if come > room:
+                    pipe.drop()
+                    raise ProtocolError(413, "too-large", f"the chunk has more than the {room} bytes that the file lacks")
+                await pipe.put(chunk)
+                if clock() - prolonged > every:
+                    await service.write(lambda session: uploads.prolong(session, upload.id, service.settings.upload_expiry_s))
+                    prolonged = clock()
+        except ClientDisconnect:
+            return False
     return True
+
+
+class _Pipe:
+    """A buffer that fills while the one before is stored by a thread. At the end of the block everything is stored.
+
+    Whole buffers are handed on, and pieces are parts of them: no byte waits for the other half of its piece.
+    """
+
+    def __init__(self, service: Service, arrival: Sink) -> None:
+        self._service, self._arrival = service, arrival
+        self._filling, self._other = memoryview(bytearray(BUFFER)), memoryview(bytearray(BUFFER))
+        self._filled = 0
+        self._storing: asyncio.Future[None] | None = None
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        try:
+            if kind is None or issubclass(kind, ProtocolError):
+                await self._flush()
+        finally:
+            await self._stored()
+
+    async def put(self, chunk: bytes) -> None:
+        """The next bytes of the body. Raises what storing those before has raised."""
+        left = memoryview(chunk)
+        while left:
+            some = left[: BUFFER - self._filled]
+            self._filling[self._filled : self._filled + len(some)] = some
+            self._filled += len(some)
+            left = left[len(some) :]
+            if self._filled == BUFFER:
+                await self._flush()
+
+    def drop(self) -> None:
+        """Forget what is not being stored yet."""
+        self._filled = 0
+
+    async def _flush(self) -> None:
+        await self._stored()
+        content = self._filling[: self._filled]
+        self._filling, self._other, self._filled = self._other, self._filling, 0
+        self._service.metrics.upload_bytes.inc(len(content))
+        self._storing = asyncio.ensure_future(self._service.in_thread(lambda: self._arrival.take(content)))
+
+    async def _stored(self) -> None:
+        if self._storing is not None:
+            storing, self._storing = self._storing, None
+            await storing
 
 
 async def complete(service: Service, upload: Upload) -> None:
@@ -113,6 +150,9 @@ async def complete(service: Service, upload: Upload) -> None:
 
     To be called again after whatever ended it: what is done is found done.
     """
+    if upload.files_done is not None:
+        await complete_pack(service, upload)
+        return
     file = await service.read(lambda session: uploads.promised(session, upload))
     if not file.complete:
         found = await service.in_thread(lambda: _settle(service, upload, file.sha256))
@@ -137,4 +177,4 @@ def _settle(service: Service, upload: Upload, expected: str) -> str:
 async def forget(service: Service, upload: Upload) -> None:
     """Drop the upload and its bytes."""
     await service.write(lambda session: uploads.remove(session, upload.id))
-    await service.in_thread(uploads.part(service.folders, upload.id).drop)
+    await service.in_thread(lambda: packs.drop(service.folders, upload.id))

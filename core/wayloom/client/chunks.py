@@ -4,7 +4,9 @@ import base64
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
 from typing import Final
 
@@ -44,13 +46,25 @@ class ChunkSize:
 
 
 @dataclass(frozen=True, slots=True)
-class Chunk:
-    """`count` bytes of a file of `size`, from `offset` on. Raises LogError when the file is no longer what was announced."""
+class Span:
+    """`count` bytes of a file of `size`, from `offset` on."""
 
     source: Path
     offset: int
     count: int
     size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """The bytes of spans, one behind the other. Raises LogError when a file is no longer what was announced."""
+
+    spans: tuple[Span, ...]
+
+    @property
+    def count(self) -> int:
+        """How many bytes."""
+        return sum(span.count for span in self.spans)
 
     def headers(self) -> dict[str, str]:
         """What is said of the bytes: how many, and the sum of each piece."""
@@ -58,22 +72,34 @@ class Chunk:
         packed = base64.b64encode(struct.pack(f">{len(sums)}I", *sums)).decode()
         return {"Content-Length": str(self.count), "Upload-Pieces": f"crc32 {PIECE} {packed}"}
 
-    def blocks(self) -> Iterator[bytes]:
-        """The bytes."""
-        try:
-            with self.source.open("rb") as stream:
-                stream.seek(self.offset)
-                left = self.count
+    def blocks(self) -> Iterator[memoryview]:
+        """The bytes; every block but the last is of `BLOCK` bytes, and good until the next one is asked for."""
+        buffer, filled = memoryview(bytearray(BLOCK)), 0
+        for span in self.spans:
+            with _opened(span) as stream:
+                left = span.count
                 while left:
-                    block = stream.read(min(BLOCK, left))
-                    if not block:
+                    come = stream.readinto(buffer[filled : filled + left])
+                    if not come:
                         raise LogError(
-                            f"has become shorter than the {self.size} bytes announced",
-                            file=self.source,
+                            f"has become shorter than the {span.size} bytes announced",
+                            file=span.source,
                             remedy="run the command again",
                         )
-                    left -= len(block)
-                    yield block
-        except OSError as error:
-            remedy = "check the file and run the command again"
-            raise LogError(f"cannot be read ({error.strerror})", file=self.source, remedy=remedy) from None
+                    left, filled = left - come, filled + come
+                    if filled == BLOCK:
+                        yield buffer
+                        filled = 0
+        if filled:
+            yield buffer[:filled]
+
+
+@contextmanager
+def _opened(span: Span) -> Iterator[FileIO]:
+    try:
+        with span.source.open("rb", buffering=0) as stream:
+            stream.seek(span.offset)
+            yield stream
+    except OSError as error:
+        remedy = "check the file and run the command again"
+        raise LogError(f"cannot be read ({error.strerror})", file=span.source, remedy=remedy) from None

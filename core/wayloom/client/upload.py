@@ -1,22 +1,26 @@
-"""Resumable, parallel upload of one drive (tus protocol), continued where the server's stored bytes end."""
+"""Resumable, parallel upload of one drive (tus protocol), continued where the server's stored bytes end.
 
-import base64
+Files are sent one by one, small ones in packs where the server takes them (`wayloom.client.streams`).
+"""
+
 import threading
 import time
+from collections.abc import Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Final
 
 from wayloom.client.api import RETRIED_STATUS, AnswerError, Api
-from wayloom.client.chunks import FIRST, LARGEST, Chunk, ChunkSize
-from wayloom.client.manifests import PackedDrive, hash_file
+from wayloom.client.chunks import FIRST, LARGEST, ChunkSize
+from wayloom.client.counting import Counter
+from wayloom.client.manifests import PackedDrive
+from wayloom.client.rates import UNLIMITED, RateLimit
+from wayloom.client.streams import TUS, OneFile, PackOfFiles, Stream
 from wayloom.config.backoff import Backoff
 from wayloom.config.progress import Progress, silent
-from wayloom.errors import LogError, ServiceError
+from wayloom.errors import ServiceError
 
 CONNECTIONS: Final = 4
-TUS: Final = {"Tus-Resumable": "1.0.0"}
 CONTENT: Final = {"Content-Type": "application/offset+octet-stream"}
 RETRIES: Final = Backoff(first_s=0.125, longest_s=16.0, tries=10)
 """Of one file, after failures that brought no byte."""
@@ -24,6 +28,10 @@ GOES_ON: Final = frozenset({404, 408, 409, 410, 460})
 """Answers after which the server is asked how far the upload is."""
 ROUNDS: Final = 3
 """How often the server is asked what it lacks: a file that was damaged on the way is sent again."""
+SMALL: Final = 4 << 20
+"""Bytes up to which a file goes into a pack: a file of its own costs some 15 ms, in which a pack moves as much."""
+LARGEST_PACK: Final = 10_000
+"""Files of one pack, which is what servers take."""
 
 
 class UploadStopped(Exception):  # noqa: N818 - no error: another file's upload has failed and this one ends
@@ -36,87 +44,88 @@ def upload(
     progress: Progress = silent,
     connections: int = CONNECTIONS,
     chunk: int = LARGEST,
+    limit: RateLimit = UNLIMITED,
+    packs: bool = True,
     again: bool = False,
 ) -> dict[str, Any]:
     """Send what the server lacks of the drive and return its registration.
 
     Running it again after any interruption continues; running it for a drive that is complete sends nothing.
     chunk : most bytes of one request
+    packs : whether small files are sent in packs where the server takes them
     again : send also what the server had and has deleted
     Raises LogError when a file changed on the way, ServiceError when the server stays away or refuses.
     """
     manifest = packed_drive.manifest.model_dump(mode="json", exclude_none=True)
-    total = packed_drive.manifest.byte_count
-    counter = _Counter(total, progress)
+    total, files = packed_drive.manifest.byte_count, len(packed_drive.manifest.files)
+    counter = Counter(total, files, progress)
     address = "/v1/drives?again=true" if again else "/v1/drives"
     for _ in range(ROUNDS):
         registration: dict[str, Any] = api.json("POST", address, json=manifest)
         missing = registration["missing"]
-        counter.set(total - sum(file["size"] - file["offset"] for file in missing))
+        counter.set(total - sum(file["size"] - file["offset"] for file in missing), files - len(missing))
         if not missing:
             return registration
-        _send_all(api, packed_drive, registration["id"], missing, counter, connections, chunk)
+        streams = _streams(api, packed_drive, registration, packs)
+        _send_all(api, streams, _Sending(counter, ChunkSize(min(FIRST, chunk), largest=chunk), limit), connections)
     registration = api.json("POST", "/v1/drives", json=manifest)
     if registration["missing"]:
         raise ServiceError(
             f"{len(registration['missing'])} files did not arrive whole, the first is {registration['missing'][0]['path']}"
         )
-    counter.set(total)
+    counter.set(total, files)
     return registration
 
 
-class _Counter:
-    """Bytes that the server has, counted from several threads. Bytes that were lost on the way do not let the share fall."""
+@dataclass(frozen=True, slots=True)
+class _Begun:
+    """A stream, and where it is continued: its address on the server, if it has one, and how much of it is counted already."""
 
-    def __init__(self, total: int, progress: Progress) -> None:
-        self._done, self._total, self._progress, self._share = 0, total, progress, 0.0
-        self._lock = threading.Lock()
+    stream: Stream
+    address: str | None = None
+    offset: int = 0
 
-    def set(self, done: int) -> None:
-        with self._lock:
-            self._done = done
-            self._tell()
 
-    def add(self, count: int) -> None:
-        with self._lock:
-            self._done += count
-            self._tell()
-
-    def _tell(self) -> None:
-        self._share = max(self._share, min(1.0, self._done / self._total) if self._total else 1.0)
-        self._progress(self._share, f"{self._done / 1e6:.1f} of {self._total / 1e6:.1f} MB sent")
+def _streams(api: Api, packed_drive: PackedDrive, registration: dict[str, Any], packs: bool) -> list[_Begun]:
+    """What is missing, in the streams that it is sent in: packs that were begun first."""
+    drive_id, sources = registration["id"], packed_drive.sources
+    missing = {file["path"]: file for file in registration["missing"]}
+    found = []
+    for pack in registration.get("packs") or ():
+        files = api.json("GET", f"{pack['upload']}/files")["files"]
+        if any(file["path"] in missing for file in files):
+            here = sum(file["size"] for file in files if missing.pop(file["path"], None) is None)
+            found.append(_Begun(PackOfFiles(drive_id, files, sources), pack["upload"], here))
+    is_small = "packs" in registration and packs
+    small = [file for file in missing.values() if is_small and file["size"] <= SMALL and file["upload"] is None]
+    if len(small) > 1:
+        found += [
+            _Begun(PackOfFiles(drive_id, small[start : start + LARGEST_PACK], sources))
+            for start in range(0, len(small), LARGEST_PACK)
+        ]
+        missing = {path: file for path, file in missing.items() if file["size"] > SMALL or file["upload"] is not None}
+    alone = [_Begun(OneFile(drive_id, file, sources[path]), file["upload"], int(file["offset"])) for path, file in missing.items()]
+    return found + alone
 
 
 @dataclass(frozen=True, slots=True)
 class _Sending:
-    """What the files of one upload share: the link's chunk size, the counter, and whether it is over."""
+    """What the streams of one upload share: the counter, the link's chunk size, its limit, and whether it is over."""
 
-    counter: _Counter
+    counter: Counter
     chunk: ChunkSize
+    limit: RateLimit
     over: threading.Event = field(default_factory=threading.Event)
 
     def check(self) -> None:
-        """Raise UploadStopped when another file's upload has failed."""
+        """Raise UploadStopped when another stream has failed."""
         if self.over.is_set():
             raise UploadStopped
 
 
-def _send_all(
-    api: Api,
-    packed_drive: PackedDrive,
-    drive_id: str,
-    missing: list[dict[str, Any]],
-    counter: _Counter,
-    connections: int,
-    chunk: int,
-) -> None:
-    sending = _Sending(counter, ChunkSize(min(FIRST, chunk), largest=chunk))
-
-    def one(file: dict[str, Any]) -> None:
-        _send_file(api, drive_id, file, packed_drive.sources[file["path"]], sending)
-
+def _send_all(api: Api, streams: Sequence[_Begun], sending: _Sending, connections: int) -> None:
     with ThreadPoolExecutor(connections) as pool:
-        futures = [pool.submit(one, file) for file in missing]
+        futures = [pool.submit(_send, api, begun, sending) for begun in streams]
         try:
             done, _ = wait(futures, return_when=FIRST_EXCEPTION)
         finally:
@@ -128,34 +137,38 @@ def _send_all(
             raise error
 
 
-def _send_file(api: Api, drive_id: str, file: dict[str, Any], source: Path, sending: _Sending) -> None:
-    """One file from where the server has it, and on from there after every interruption. Only those that bring nothing count."""
-    address: str | None = file["upload"]
-    offset, failures, unsure = int(file["offset"]), 0, address is not None
+def _send(api: Api, begun: _Begun, sending: _Sending) -> None:
+    """One stream from where the server has it, and on from there after every interruption. Only those that bring nothing count."""
+    stream, address, offset = begun.stream, begun.address, begun.offset
+    failures, unsure, doubted = 0, address is not None, False
     while True:
         sending.check()
         at = offset
         try:
             if unsure:
                 address, offset = _continue_at(api, address, at)
-                sending.counter.add(offset - at)
+                sending.counter.add(offset - at, stream.files_before(offset) - stream.files_before(at))
+                if doubted:
+                    stream.check_unchanged(offset)
+                    doubted = False
             if address is None:
-                address = _create(api, drive_id, file)
-                if not file["size"]:
+                before = stream.length
+                address = stream.create(api)
+                sending.counter.add(before - stream.length)
+                if address is None:
                     return
-            elif unsure and offset == file["size"]:
+            elif unsure and offset == stream.length:
                 return  # whole, and verified when its offset was asked for
             unsure = True
-            offset = _send_chunk(api, address, file, source, offset, sending)
-            if offset == file["size"]:
+            offset = _send_chunk(api, address, stream, offset, sending)
+            if offset == stream.length:
                 return
             unsure, failures = False, 0
         except ServiceError as error:
             if isinstance(error, AnswerError):
                 if error.status == 409 and error.code == "conflict":
                     return  # complete already, by another client
-                if error.code == "file-mismatch":
-                    _check_unchanged(source, file)
+                doubted = error.code == "file-mismatch"
                 if error.status not in RETRIED_STATUS and (address is None or error.status not in GOES_ON):
                     raise
             failures = 1 if offset > at else failures + 1
@@ -165,27 +178,20 @@ def _send_file(api: Api, drive_id: str, file: dict[str, Any], source: Path, send
                 sending.over.wait(RETRIES.pause_s(failures - 1))
 
 
-def _send_chunk(api: Api, address: str, file: dict[str, Any], source: Path, offset: int, sending: _Sending) -> int:
+def _send_chunk(api: Api, address: str, stream: Stream, offset: int, sending: _Sending) -> int:
     """The offset after one more chunk."""
-    chunk = Chunk(source, offset, min(sending.chunk.now, file["size"] - offset), file["size"])
+    chunk = stream.chunk(offset, sending.chunk.now)
     headers = {**TUS, **CONTENT, "Upload-Offset": str(offset), **chunk.headers()}
     started = time.monotonic()
     try:
-        response = api.once("PATCH", address, headers=headers, content=chunk.blocks())
+        response = api.once("PATCH", address, headers=headers, content=sending.limit.over(chunk.blocks()))
     except ServiceError:
         sending.chunk.broke()
         raise
     sending.chunk.arrived(time.monotonic() - started)
     reached = int(response.headers["Upload-Offset"])
-    sending.counter.add(reached - offset)
+    sending.counter.add(reached - offset, stream.files_before(reached) - stream.files_before(offset))
     return reached
-
-
-def _create(api: Api, drive_id: str, file: dict[str, Any]) -> str:
-    """The address of a new upload, without a byte: of one whose answer is lost nothing is lost."""
-    named = f"drive {_base64(drive_id.encode())},path {_base64(file['path'].encode())}"
-    headers = {**TUS, "Upload-Length": str(file["size"]), "Upload-Metadata": named}
-    return str(api.once("POST", "/v1/uploads", headers=headers).headers["Location"])
 
 
 def _continue_at(api: Api, address: str | None, offset: int) -> tuple[str | None, int]:
@@ -198,13 +204,3 @@ def _continue_at(api: Api, address: str | None, offset: int) -> tuple[str | None
         if error.status in (404, 410):
             return None, 0
         raise
-
-
-def _check_unchanged(source: Path, file: dict[str, Any]) -> None:
-    """Raise LogError where the file is not what was announced any more: it would be sent and refused for ever."""
-    if hash_file(source) != (file["size"], file["sha256"]):
-        raise LogError("has changed since it was announced", file=source, remedy="run the command again")
-
-
-def _base64(content: bytes) -> str:
-    return base64.b64encode(content).decode()

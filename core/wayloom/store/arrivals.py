@@ -12,6 +12,7 @@ import os
 import threading
 import zlib
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
 from hashlib import sha256
 from typing import Final, Protocol
@@ -93,7 +94,7 @@ class Arrival:
             os.close(self._fd)
             raise
 
-    def take(self, content: bytes) -> None:
+    def take(self, content: memoryview) -> None:
         """The next bytes. Raises ChecksumMismatchError, OSError."""
         self._keep(content)
 
@@ -104,30 +105,36 @@ class Arrival:
         """Let go of the file."""
         os.close(self._fd)
 
-    def _keep(self, content: bytes | memoryview) -> None:
+    def _keep(self, content: memoryview) -> None:
         write_at(self._fd, content, self.offset)
         self.offset += len(content)
         if self.sha is not None:
             self.sha.update(content)
 
 
-class PieceArrival(Arrival):
-    """Bytes in pieces with a sum each: of a link that breaks, or a bit that flips, nothing before the damaged piece is lost."""
+class PieceCheck:
+    """Passes on the bytes of whole pieces that have the sum announced, and stops at the first that has not.
 
-    def __init__(self, part: Part, start: int, sha: Digest | None, pieces: Pieces) -> None:
-        super().__init__(part, start, sha)
-        self._pieces, self._next, self._rest = pieces, 0, b""
+    keep : takes the verified bytes
+    """
 
-    def take(self, content: bytes) -> None:
-        content = self._rest + content if self._rest else content
+    def __init__(self, pieces: Pieces, keep: Callable[[memoryview], None]) -> None:
+        self._pieces, self._keep, self._next, self._rest = pieces, keep, 0, b""
+
+    def take(self, content: memoryview) -> None:
+        """The next bytes. Raises ChecksumMismatchError."""
+        content = memoryview(self._rest + content) if self._rest else content
         whole = len(content) - len(content) % self._pieces.size
-        self._verify(memoryview(content)[:whole])
-        self._rest = content[whole:]
+        self._verify(content[:whole])
+        self._rest = bytes(content[whole:])
 
-    def end(self) -> None:
+    def end(self, offset: int) -> None:
+        """The last bytes have come. Raises ChecksumMismatchError."""
         self._verify(memoryview(self._rest))
         if self._next < len(self._pieces.sums):
-            raise ChecksumMismatchError(f"{len(self._pieces.sums)} pieces were announced, {self._next} came: send the rest")
+            raise ChecksumMismatchError(
+                f"{len(self._pieces.sums)} pieces were announced, {self._next} came: send the rest, from byte {offset} on"
+            )
 
     def _verify(self, content: memoryview) -> None:
         """Keep the pieces up to the first that is not as announced."""
@@ -136,10 +143,24 @@ class PieceArrival(Arrival):
             if self._next >= len(sums) or zlib.crc32(content[start : start + size]) != sums[self._next]:
                 self._keep(content[:start])
                 raise ChecksumMismatchError(
-                    f"the piece that begins at byte {self.offset} does not have the sum that was sent: send it again"
+                    f"piece {self._next} of the chunk does not have the sum that was sent: ask with HEAD and send it again"
                 )
             self._next += 1
         self._keep(content)
+
+
+class PieceArrival(Arrival):
+    """Bytes in pieces with a sum each: of a link that breaks, or a bit that flips, nothing before the damaged piece is lost."""
+
+    def __init__(self, part: Part, start: int, sha: Digest | None, pieces: Pieces) -> None:
+        super().__init__(part, start, sha)
+        self._check = PieceCheck(pieces, self._keep)
+
+    def take(self, content: memoryview) -> None:
+        self._check.take(content)
+
+    def end(self) -> None:
+        self._check.end(self.offset)
 
 
 class StagedArrival(Arrival):
@@ -152,7 +173,7 @@ class StagedArrival(Arrival):
         staged.drop()
         self._staged_fd, self._come = staged.open(), 0
 
-    def take(self, content: bytes) -> None:
+    def take(self, content: memoryview) -> None:
         write_at(self._staged_fd, content, self._come)
         self._come += len(content)
         self._digest.update(content)

@@ -9,6 +9,7 @@ class Folders:
     """Paths only; nothing is made here.
 
     uploads/ID.part                  bytes of an upload that have arrived
+    uploads/ID.pack, ID.N            the files of a pack, and what has arrived of the Nth
     drives/ID/log, drives/ID/gnss    the drive's files, each verified
     drives/ID/stages/STAGE/KEY       a finished stage, KEY = hash of inputs, parameters and code version
     drives/ID/parts/STAGE/KEY        finished parts of a stage that is not yet finished

@@ -117,7 +117,11 @@ class DriveFile(Base):
 
 
 class Upload(Base):
-    """A tus upload of one file. Its offset stands nowhere: it is the size of the stored bytes."""
+    """A tus upload of one file, or of a pack of them. Its offset stands nowhere: it is the size of the stored bytes.
+
+    path        the file's; '' of a pack, whose files stand in its index beside the bytes (`wayloom.store.packs`)
+    files_done  of a pack, how many of its files are in their places, in its order (None: an upload of one file)
+    """
 
     __tablename__ = "uploads"
     id: Mapped[str] = mapped_column(String(32), primary_key=True)
@@ -127,6 +131,7 @@ class Upload(Base):
     metadata_header: Mapped[str] = mapped_column(Text)
     complete: Mapped[bool] = mapped_column(default=False)
     expires_at: Mapped[float] = mapped_column(index=True)
+    files_done: Mapped[int | None]
 
 
 class Job(Base):

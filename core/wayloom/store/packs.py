@@ -1,0 +1,206 @@
+"""Packs: many small files of a drive that come as one upload, one behind the other, each stored as if it had come alone.
+
+A pack's files and their order are fixed when it is made, in an index beside the bytes. Files that are whole are moved to their places
+in batches: renamed, made durable together, then their rows are committed together with the number of the pack's files that are
+done. What lies behind that number is known by nothing but the file system, so whoever goes on looks there, and verifies it.
+"""
+
+import ctypes
+import os
+import sys
+import uuid
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import accumulate
+from pathlib import Path
+from typing import Final, TypeVar
+
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
+
+from wayloom.errors import ConflictError, NotFoundError
+from wayloom.store.database import now_s
+from wayloom.store.drives import queue_if_complete
+from wayloom.store.folders import Folders
+from wayloom.store.jobs import JobMessage
+from wayloom.store.tables import Drive, DriveFile, Upload
+from wayloom.store.uploads import Part, sync_folder
+
+T = TypeVar("T")
+MOST_FILES: Final = 10_000
+"""Of one pack: a drive of more goes in several."""
+ROWS_AT_ONCE: Final = 500
+FEW: Final = 4
+"""So many files are made durable one by one, more of them with their file system."""
+
+
+@dataclass(frozen=True, slots=True)
+class PackedFile:
+    """A file as the manifest promises it."""
+
+    path: str
+    size: int
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Pack:
+    """The files of a pack in the order of their bytes, and where each begins; `starts` has one more: where the last one ends."""
+
+    drive_id: str
+    upload_id: str
+    files: tuple[PackedFile, ...]
+    starts: tuple[int, ...]
+
+    def part(self, folders: Folders, number: int) -> Part:
+        """What has arrived of a file."""
+        return Part(folders.uploads / f"{self.upload_id}.{number}")
+
+    def place(self, folders: Folders, number: int) -> Part:
+        """Where a file belongs."""
+        return Part(folders.drive(self.drive_id) / self.files[number].path)
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Where a pack's stored bytes end: so many files are whole, of the next one so many bytes are there."""
+
+    files: int
+    bytes: int
+
+
+def create(session: Session, drive_id: str, paths: Sequence[str], expiry_s: float) -> tuple[Upload, Sequence[PackedFile]]:
+    """A new pack, and those of the files that have not arrived yet, in the order given: to be indexed when the row is committed,
+    since what has no row is swept away. Raises NotFoundError, ConflictError."""
+    found = {file.path: file for some in _batches(paths, ROWS_AT_ONCE) for file in _files(session, drive_id, some)}
+    if unknown := [path for path in paths if path not in found]:
+        raise NotFoundError(f"drive {drive_id[:12]!r} has no file {unknown[0][:200]!r} in its manifest")
+    if len(found) < len(paths):
+        raise ConflictError("a pack names each file once")
+    files = [PackedFile(path, found[path].size, found[path].sha256) for path in paths if not found[path].complete]
+    upload = Upload(
+        id=uuid.uuid4().hex, drive_id=drive_id, path="", length=sum(file.size for file in files), metadata_header="", complete=False,
+        expires_at=now_s(session) + expiry_s, files_done=0,
+    )  # fmt: skip
+    session.add(upload)
+    return upload, files
+
+
+def index(folders: Folders, upload: Upload, files: Sequence[PackedFile]) -> Pack:
+    """Write down which files a pack has."""
+    lines = "".join(f"{file.sha256} {file.size} {file.path}\n" for file in files)
+    folders.uploads.mkdir(parents=True, exist_ok=True)
+    unfinished = folders.uploads / f"{upload.id}.new"
+    unfinished.write_text(lines, encoding="utf-8")
+    os.replace(unfinished, _place_of_index(folders, upload.id))
+    return of(folders, upload)
+
+
+def _files(session: Session, drive_id: str, paths: Sequence[str]) -> Sequence[DriveFile]:
+    clean = [path for path in paths if "\0" not in path]  # PostgreSQL takes no NUL in a text
+    return session.scalars(select(DriveFile).where(DriveFile.drive_id == drive_id, DriveFile.path.in_(clean))).all()
+
+
+def of(folders: Folders, upload: Upload) -> Pack:
+    """The pack of an upload. Raises NotFoundError where its index is gone."""
+    try:
+        files, starts = _read(_place_of_index(folders, upload.id))
+    except FileNotFoundError:
+        raise NotFoundError("the pack's index is gone: start it again") from None
+    return Pack(upload.drive_id, upload.id, files, starts)
+
+
+def _place_of_index(folders: Folders, upload_id: str) -> Path:
+    return folders.uploads / f"{upload_id}.pack"
+
+
+@lru_cache(16)
+def _read(index: Path) -> tuple[tuple[PackedFile, ...], tuple[int, ...]]:
+    """An index; it is never changed after it is written."""
+    fields = (line.split(" ", 2) for line in index.read_text(encoding="utf-8").split("\n") if line)
+    files = tuple(PackedFile(path, int(size), digest) for digest, size, path in fields)
+    return files, tuple(accumulate((file.size for file in files), initial=0))
+
+
+def stored(folders: Folders, pack: Pack, files_done: int) -> Progress:
+    """How far a pack is. Files that are whole but have no committed row are read and verified: a power cut may have spoilt them."""
+    for number in range(files_done, len(pack.files)):
+        part, file = pack.part(folders, number), pack.files[number]
+        come, there = part.size(), pack.place(folders, number)
+        if come < file.size or (file.size == 0 and not part.path.exists()):
+            if there.path.exists() and there.size() == file.size and there.digest() == file.sha256:
+                part.drop()
+                continue
+            return Progress(number, come)
+        if come > file.size or part.digest() != file.sha256:
+            part.drop()
+            return Progress(number, 0)
+    return Progress(len(pack.files), 0)
+
+
+def install(folders: Folders, pack: Pack, numbers: Sequence[int]) -> None:
+    """Move whole files to their places and make them durable. Those that lie there already are made durable all the same."""
+    targets = [pack.place(folders, number).path for number in numbers]
+    for folder in {target.parent for target in targets}:
+        folder.mkdir(parents=True, exist_ok=True)
+    for number, target in zip(numbers, targets, strict=True):
+        part = pack.part(folders, number).path
+        if part.exists():
+            os.replace(part, target)
+    _sync(targets)
+
+
+def mark_done(session: Session, pack: Pack, first: int, end: int, expiry_s: float) -> JobMessage | None:
+    """The files from `first` up to `end` are in their places. With the drive's last one its jobs begin, and the message of the first
+    of them is returned. Raises NotFoundError where the drive was removed meanwhile."""
+    drive = session.get(Drive, pack.drive_id, with_for_update=True)
+    if drive is None:
+        raise NotFoundError(f"drive {pack.drive_id[:12]} was removed while it was uploaded")
+    for some in _batches(pack.files[first:end], ROWS_AT_ONCE):
+        theirs = DriveFile.path.in_([file.path for file in some])
+        session.execute(update(DriveFile).where(DriveFile.drive_id == pack.drive_id, theirs).values(complete=True))
+    values = {"files_done": end, "expires_at": now_s(session) + expiry_s, "complete": end == len(pack.files)}
+    session.execute(update(Upload).where(Upload.id == pack.upload_id).values(values))
+    return queue_if_complete(session, drive)
+
+
+def drop(folders: Folders, upload_id: str) -> None:
+    """Forget the bytes of a pack that have not come to their places, and its index."""
+    for path in folders.uploads.glob(f"{upload_id}.*"):
+        path.unlink(missing_ok=True)
+
+
+def unfinished(session: Session, drive_id: str) -> Sequence[Upload]:
+    """The packs of a drive that can be continued, oldest expiry first."""
+    query = select(Upload).where(Upload.drive_id == drive_id, Upload.complete.is_(False), Upload.expires_at > now_s(session))
+    return session.scalars(query.where(Upload.files_done.is_not(None)).order_by(Upload.expires_at)).all()
+
+
+def _batches(all_of_them: Sequence[T], size: int) -> Iterator[Sequence[T]]:
+    return (all_of_them[start : start + size] for start in range(0, len(all_of_them), size))
+
+
+def _sync(files: Sequence[Path]) -> None:
+    """Make files and their names durable. Many of them by one flush of their file system: a flush for each would take milliseconds
+    a file, whatever its size."""
+    if sys.platform == "linux" and len(files) > FEW:
+        fd = os.open(files[0].parent, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            if _libc().syncfs(fd) != 0:
+                raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+        finally:
+            os.close(fd)
+        return
+    for file in _and_folders(files):
+        sync_folder(file)
+
+
+def _and_folders(files: Sequence[Path]) -> Iterator[Path]:
+    yield from files
+    yield from sorted({file.parent for file in files})
+
+
+@lru_cache(1)
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)

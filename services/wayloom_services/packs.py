@@ -1,0 +1,73 @@
+"""Pack endpoints: many small files of a drive as one resumable upload, which is continued as any other (tus)."""
+
+from typing import Any, Final
+
+from fastapi import APIRouter, Depends, Response
+from pydantic import BaseModel, Field
+
+from wayloom.store import packs, uploads
+from wayloom_services.context import ServiceDep, require_key
+from wayloom_services.drives import DriveId
+from wayloom_services.errors import Problem, ProtocolError
+from wayloom_services.tus import check_space
+
+PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
+    status: {"model": Problem} for status in (400, 401, 404, 408, 409, 413, 422, 507)
+}
+router = APIRouter(prefix="/v1", tags=["uploads"], dependencies=[Depends(require_key)], responses=PROBLEMS)
+
+
+class PackIn(BaseModel):
+    """The files of a pack, in the order in which their bytes will come."""
+
+    paths: list[str] = Field(min_length=1, max_length=packs.MOST_FILES)
+
+
+class PackOut(BaseModel):
+    """A pack that was begun."""
+
+    upload: str | None = Field(description="where it is sent to and continued; null where every file has arrived already")
+    length: int = Field(description="bytes of all its files together")
+    skipped: list[str] = Field(description="files that have arrived already: they are not part of the pack")
+
+
+class PackedFileOut(BaseModel):
+    """A file of a pack."""
+
+    path: str
+    size: int
+    sha256: str
+
+
+class PackFiles(BaseModel):
+    """The files of a pack, in the order of their bytes."""
+
+    files: list[PackedFileOut]
+
+
+@router.post("/drives/{drive_id}/packs", status_code=201, summary="Begin a pack of small files")
+async def begin(drive_id: DriveId, wanted: PackIn, response: Response, service: ServiceDep) -> PackOut:
+    """Its bytes are those of the files, one behind the other; they are sent with PATCH to `upload`, from the offset that HEAD tells,
+    with `Upload-Pieces` if they are to be verified on the way. Each file is verified and stored as soon as it is whole."""
+    expiry_s = service.settings.upload_expiry_s
+    upload, files = await service.write(lambda session: packs.create(session, drive_id, wanted.paths, expiry_s))
+    kept = {file.path for file in files}
+    skipped = [path for path in wanted.paths if path not in kept]
+    if not files:
+        await service.write(lambda session: uploads.remove(session, upload.id))
+        return PackOut(upload=None, length=0, skipped=skipped)
+    await check_space(service, upload.length)
+    await service.in_thread(lambda: packs.index(service.folders, upload, files))
+    address = f"/v1/uploads/{upload.id}"
+    response.headers["Location"] = address
+    return PackOut(upload=address, length=upload.length, skipped=skipped)
+
+
+@router.get("/uploads/{upload_id}/files", summary="What a pack is made of")
+async def files_of_pack(upload_id: str, service: ServiceDep) -> PackFiles:
+    """For a client that goes on with a pack which it did not begin itself."""
+    upload = await service.read(lambda session: uploads.find(session, upload_id))
+    if upload.files_done is None:
+        raise ProtocolError(409, "conflict", "this is the upload of one file, not of a pack")
+    pack = await service.in_thread(lambda: packs.of(service.folders, upload))
+    return PackFiles(files=[PackedFileOut(path=file.path, size=file.size, sha256=file.sha256) for file in pack.files])
