@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from wayloom.errors import ConfigError, LogError, UnknownFormatError
+from wayloom.logs.euroc import euroc_log
 from wayloom.logs.kitti import kitti_360, kitti_odometry, kitti_raw
 from wayloom.logs.ros2 import mcap_log
 from wayloom.logs.types import DriveLog, StoredLog
@@ -25,6 +26,7 @@ LOG_FORMATS: Final[dict[str, LogFormat]] = {
     kitti_360.FORMAT: LogFormat(kitti_360.LOOKS_FOR, kitti_360.recognise, kitti_360.open_kitti_360),
     kitti_odometry.FORMAT: LogFormat(kitti_odometry.LOOKS_FOR, kitti_odometry.recognise, kitti_odometry.open_kitti_odometry),
     kitti_raw.FORMAT: LogFormat(kitti_raw.LOOKS_FOR, kitti_raw.recognise, kitti_raw.open_kitti_raw),
+    euroc_log.FORMAT: LogFormat(euroc_log.LOOKS_FOR, euroc_log.recognise, euroc_log.open_euroc),
     mcap_log.FORMAT: LogFormat(mcap_log.LOOKS_FOR, mcap_log.recognise, mcap_log.open_mcap),
 }
 

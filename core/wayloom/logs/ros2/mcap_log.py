@@ -26,14 +26,13 @@ from wayloom.logs.ros2.mcap_index import McapFile, Messages, Topic
 from wayloom.logs.ros2.mcap_rig import McapRig, find_rig
 from wayloom.logs.ros2.mcap_sensors import read_exposures, read_fixes, read_imu, read_places, read_truth
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, read_sidecar
+from wayloom.logs.stereo_pairing import taken_together
 from wayloom.logs.types import GnssTrack, Image, ImuTrack, StatedReceiver, StereoFrame
 
 FloatArray = NDArray[np.float64]
 FORMAT: Final = "mcap"
 ENDING: Final = ".mcap"
 LOOKS_FOR: Final = "a ROS 2 recording .mcap, or a folder with one, with two image topics and their camera_info"
-SYNC_SHARE, SYNC_NS = 0.25, 5_000_000
-"""Images belong together whose stamps differ by at most this share of the usual step, and this."""
 
 
 @dataclass(slots=True)
@@ -189,24 +188,16 @@ def paired(file: McapFile, found: McapRig, messages: dict[str, Messages]) -> tup
         if len(repeated):
             what = f"two images have the time stamp {of.t_ns[repeated[0]] / NS:.9f}"
             raise LogError(what, file=file.path, record=topic.name, remedy="leave one of them out")
-    step = float(np.median(np.diff(left.t_ns))) if len(left) > 1 else np.inf
-    slack = min(SYNC_SHARE * step, SYNC_NS)
-    after = np.clip(np.searchsorted(right.t_ns, left.t_ns), 1, max(len(right) - 1, 1))
-    near = np.where(
-        np.abs(right.t_ns[np.minimum(after, len(right) - 1)] - left.t_ns) < np.abs(right.t_ns[after - 1] - left.t_ns),
-        np.minimum(after, len(right) - 1),
-        after - 1,
-    )
-    fits = np.abs(right.t_ns[near] - left.t_ns) <= slack
-    if not fits.any():
+    rows = taken_together(left.t_ns, right.t_ns)
+    if not len(rows[0]):
         what = f"no image of {found.topics[1].name} was taken with one of {found.topics[0].name}"
         raise LogError(what, file=file.path, remedy="the cameras must be triggered together, on one clock")
     lacking = []
     for side, topic, alone in ((0, found.topics[0], len(left)), (1, found.topics[1], len(right))):
-        without = alone - int(fits.sum())
+        without = alone - len(rows[0])
         if without > 0:
             lacking.append(f"{('right', 'left')[side]} image for {without} of {alone} of {topic.name}")
-    return (chosen(left, np.flatnonzero(fits)), chosen(right, near[fits])), tuple(lacking)
+    return (chosen(left, rows[0]), chosen(right, rows[1])), tuple(lacking)
 
 
 def chosen(messages: Messages, rows: NDArray[np.int64]) -> Messages:

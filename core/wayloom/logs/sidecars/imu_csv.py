@@ -1,5 +1,6 @@
 """IMU samples in `imu.csv`, one a line, under a header that names the columns."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -39,7 +40,7 @@ def read_imu_csv(file: Path) -> ImuTrack:
         t_ns[row] = _time(words[at].strip(), clock, file, record)
         values[row] = parse_numbers(" ".join(words[k] for k in where), file=file, record=record, count=len(COLUMNS))
     check_increasing(t_ns, file=file, lines=range(2, len(lines) + 1))
-    _check_ranges(values, file)
+    check_ranges(values, file, range(2, len(lines) + 1))
     return ImuTrack(t_ns, values[:, :3].copy(), values[:, 3:].copy())
 
 
@@ -62,9 +63,10 @@ def _time(text: str, clock: str, file: Path, record: str) -> int:
     return t_ns
 
 
-def _check_ranges(values: np.ndarray, file: Path) -> None:
+def check_ranges(values: np.ndarray, file: Path, lines: Sequence[int]) -> None:
+    """Raises LogError where specific force and angular rate (N, 6) of these lines are beyond what any IMU measures."""
     for (what, most, unit), part in zip(RANGES, (values[:, :3], values[:, 3:]), strict=True):
         bad = np.flatnonzero(np.abs(part).max(axis=1) > most)
         if len(bad):
             message = f"{what} of {np.abs(part[bad[0]]).max():g} {unit} is impossible"
-            raise LogError(message, file=file, record=f"line {bad[0] + 2}", remedy="the columns are in m/s^2 and rad/s")
+            raise LogError(message, file=file, record=f"line {lines[int(bad[0])]}", remedy="the columns are in m/s^2 and rad/s")
