@@ -12,7 +12,7 @@ from wayloom.cli.interrupts import listen
 from wayloom.errors import InputError, WayloomError
 
 COMMANDS = {
-    "One drive": ("inspect", "process", "odometry", "calibrate", "export"),
+    "One drive": ("inspect", "process", "odometry", "calibrate", "export", "convert"),
     "A fleet's service": ("demo", "up", "upload", "sync", "drives", "rigs"),
     "Made and measured": ("simulate", "benchmark", "models"),
     "This installation": ("config", "doctor"),

@@ -28,6 +28,7 @@ class EurocWriter(DriveWriter):
 
     name_digits = 10
     holds_raw_images = True
+    holds_partial_truth = True
     cameras: tuple[EurocCamera, EurocCamera] | None = None
 
     def image_folders(self) -> tuple[Path, Path]:
@@ -64,7 +65,8 @@ class EurocWriter(DriveWriter):
         rows = [header_text(POSE_COLUMNS)]
         for t_ns, T_world_cam in zip(self.times_ns, self.truth, strict=True):
             T = T_world_cam @ T_cam_body
-            rows.append(row_text(t_ns, np.concatenate([T[:3, 3], se3.quaternion_wxyz(T[None])[0]])))
+            if np.isfinite(T).all():
+                rows.append(row_text(t_ns, np.concatenate([T[:3, 3], se3.quaternion_wxyz(T[None])[0]])))
         self._write(TRUTH, "data.csv", "".join(rows))
         self._write(TRUTH, "sensor.yaml", motion_text("visual-inertial", np.eye(4)))
 

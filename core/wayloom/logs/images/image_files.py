@@ -182,16 +182,20 @@ def read_image(file: Path, *, colour: bool) -> Image:
 
 def read_grey(file: Path) -> Image:
     """As read_image without colour, by compiled code where that is faster; for readers of many images."""
-    data = read_bytes(file, remedy=COPY_AGAIN)
+    return decode_grey(read_bytes(file, remedy=COPY_AGAIN), file)
+
+
+def decode_grey(data: bytes, file: Path, record: str | None = None) -> Image:
+    """As decode_image without colour, by compiled code where that is faster."""
     if data.startswith(PNG_SIGNATURE):
-        _check_size(data, file)
+        _check_size(data, file, record)
         from wayloom.logs.images import grey_png  # numba takes half a second to import, which most readers do without
 
-        chunks = check_png(data, file)
+        chunks = check_png(data, file, record)
         image = grey_png.decode(chunks)
         if image is not None:
             return image
-    return decode_image(data, file, colour=False)
+    return decode_image(data, file, colour=False, record=record)
 
 
 def decode_image(data: bytes, file: Path, *, colour: bool | None, record: str | None = None) -> Image:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
-from wayloom.files.text_files import utf8_text
+from wayloom.files.text_files import read_bytes, utf8_text
 from wayloom.geometry.camera import StereoRig
-from wayloom.logs.images.image_files import ImageHeader, ImagePairs, read_grey, read_header, read_image
+from wayloom.logs.images.image_files import COPY_AGAIN, ImageHeader, ImagePairs, read_grey, read_header, read_image
 from wayloom.logs.kitti.positioning import Positioning
 from wayloom.logs.sidecars.exposure_csv import EXPOSURE_NAME, read_exposure_csv
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, Sidecar
@@ -83,6 +83,12 @@ class ImageFolderLog:
             return image
         maps = self.rectifier.right if right else self.rectifier.left
         return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), np.uint8)
+
+    def encoded_pair(self, index: int) -> tuple[bytes, bytes] | None:
+        """The files of a pair as they are stored; None where they are not rectified. Raises LogError as `frame`."""
+        if self.rectifier is not None:
+            return None
+        return read_bytes(self.pairs.left[index], remedy=COPY_AGAIN), read_bytes(self.pairs.right[index], remedy=COPY_AGAIN)
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[StereoFrame]:
         """The pairs from start to stop in order, one in memory at a time."""

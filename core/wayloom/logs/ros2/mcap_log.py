@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +18,7 @@ from wayloom.errors import LogError
 from wayloom.files.text_files import utf8_text
 from wayloom.files.timestamps import NS
 from wayloom.geometry.camera import StereoRig
-from wayloom.logs.images.image_files import ImageHeader, decode_image
+from wayloom.logs.images.image_files import ImageHeader, decode_grey, decode_image
 from wayloom.logs.kitti.image_folder_log import Rectifier, check_size
 from wayloom.logs.kitti.positioning import FrameClock, find_positioning, lever_arm
 from wayloom.logs.ros2 import ros_messages as ros
@@ -75,6 +76,22 @@ class McapLog:
             left, right = self.rectifier(left, right)
         exposed = None if self.exposure_s is None else (float(self.exposure_s[index, 0]), float(self.exposure_s[index, 1]))
         return StereoFrame(index, int(self.t_ns[index]), left, right, exposed)
+
+    def grey_side(self, index: int, right: bool) -> Image:
+        """Decode one image of a pair to grey (h, w), for those who need no colour or not both. Raises LogError as `frame`."""
+        side = int(right)
+        messages, topic, size = self.images[side], self.topics[side], self.stored_sizes[side]
+        image = read_image(self.file, topic, messages, index, colour=False, size=size)
+        if self.rectifier is None:
+            return image
+        return np.asarray(cv2.remap(image, *(self.rectifier.left, self.rectifier.right)[side], cv2.INTER_LINEAR), np.uint8)
+
+    def encoded_pair(self, index: int) -> tuple[bytes, bytes] | None:
+        """The image files of a pair as they are recorded; None where they are not rectified or not compressed."""
+        if self.rectifier is not None or any(topic.kind != ros.COMPRESSED for topic in self.topics):
+            return None
+        left, right = (bytes(ros.read_compressed(self.file.read(messages, index))[1]) for messages in self.images)
+        return left, right
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[StereoFrame]:
         """The pairs from start to stop in order, one in memory at a time."""
@@ -212,7 +229,9 @@ def read_image(
     data, where = file.read(messages, index), f"{topic.name} at {messages.t_ns[index] / NS:.9f} s"
     try:
         if topic.kind == ros.COMPRESSED:
-            image = decode_image(bytes(ros.read_compressed(data)[1]), file.path, colour=colour, record=where)
+            packed = bytes(ros.read_compressed(data)[1])
+            grey = colour is not None and not colour
+            image = decode_grey(packed, file.path, where) if grey else decode_image(packed, file.path, colour=colour, record=where)
         else:
             image = in_colour(ros.read_raw_image(data)[1], colour)
     except CdrError as problem:
