@@ -180,7 +180,7 @@ def open_mcap(path: Path, gnss: Path | None = None) -> McapLog:
         truth=truth,
         rig_id=sidecar.rig_id,
         vehicle_id=sidecar.vehicle_id,
-        missing=(*lacking, *missing, *without, *(() if truth is not None else ("truth poses",))),
+        missing=(*([file.cut] if file.cut else []), *lacking, *missing, *without, *(() if truth is not None else ("truth poses",))),
         root=path.parent,
         files=tuple(sorted([path.name, *([SIDECAR_NAME] if note.is_file() else [])])),
         stored_sizes=(sizes[0], sizes[1]),
@@ -219,15 +219,16 @@ def paired(file: McapFile, found: McapRig, messages: dict[str, Messages]) -> tup
 
 def chosen(messages: Messages, rows: NDArray[np.int64]) -> Messages:
     """The messages of these rows."""
-    return Messages(messages.t_ns[rows], messages.chunk[rows], messages.start[rows], messages.length[rows])
+    return Messages(messages.t_ns[rows], messages.chunk[rows], messages.start[rows], messages.length[rows], messages.translator)
 
 
 def read_image(
     file: McapFile, topic: Topic, messages: Messages, index: int, *, colour: bool | None, size: tuple[int, int] | None
 ) -> Image:
     """An image of a topic, (h, w) grey or (h, w, 3) RGB; as it is recorded where `colour` is None. Raises LogError."""
-    data, where = file.read(messages, index), f"{topic.name} at {messages.t_ns[index] / NS:.9f} s"
+    where = f"{topic.name} at {messages.t_ns[index] / NS:.9f} s"
     try:
+        data = file.read(messages, index)
         if topic.kind == ros.COMPRESSED:
             packed = bytes(ros.read_compressed(data)[1])
             grey = colour is not None and not colour
