@@ -3,8 +3,8 @@
     python benchmarks/euroc_lens.py LOG --out FOLDER [--frames N]
 
 Each image is bent as two different lenses would have recorded it, by cameras that are turned against each other in a body frame
-that looks elsewhere, and written as an EuRoC folder; the reader has to undo all of it. Both logs are tracked, and the error of each
-against the truth is printed.
+that looks elsewhere, and written as an EuRoC folder; the reader has to undo all of it. Both logs are tracked, and the error of
+each against the truth is printed.
 """
 
 import argparse
