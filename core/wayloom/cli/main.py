@@ -61,7 +61,7 @@ def main() -> None:
     except typer.TyperException as error:
         status = _told_usage(error)
     except InputError as error:
-        status = _told(str(error), 2)
+        status = _told(f"{error} [{error.reason}]", 2)
     except WayloomError as error:
         status = _told(str(error), 1)
     except BrokenPipeError:

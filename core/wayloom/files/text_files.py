@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import InputError, LogError
-from wayloom.files.regular import read_regular
+from wayloom.files.regular import IrregularFileError, LargeFileError, read_regular
 
 FloatArray = NDArray[np.float64]
 QUOTE_CHARACTERS = 40
@@ -29,9 +29,19 @@ def read_bytes(file: Path, *, remedy: str, error: type[InputError] = LogError) -
     try:
         return read_regular(file)
     except FileNotFoundError:
-        raise error("no such file", file=file, remedy=remedy) from None
+        raise error("no such file", file=file, remedy=remedy, reason="file.missing") from None
     except OSError as problem:
-        raise error(f"cannot be read ({problem.strerror})", file=file, remedy="check the file and its permissions") from None
+        what, remedy = f"cannot be read ({problem.strerror})", "check the file and its permissions"
+        raise error(what, file=file, remedy=remedy, reason=reason_of(problem)) from None
+
+
+def reason_of(problem: OSError) -> str:
+    """The code of `REASONS` for a file that could not be read."""
+    if isinstance(problem, FileNotFoundError):
+        return "file.missing"
+    if isinstance(problem, IrregularFileError):
+        return "file.irregular"
+    return "file.too_large" if isinstance(problem, LargeFileError) else "file.unreadable"
 
 
 def read_text(file: Path, *, remedy: str, error: type[InputError] = LogError) -> str:
@@ -41,7 +51,7 @@ def read_text(file: Path, *, remedy: str, error: type[InputError] = LogError) ->
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         what = f"byte {problem.start} is not UTF-8 text"
-        raise error(what, file=file, remedy="the file is damaged: copy it again from the vehicle") from None
+        raise error(what, file=file, remedy="the file is damaged: copy it again from the vehicle", reason="file.not_text") from None
 
 
 def read_lines(file: Path, *, remedy: str) -> list[str]:
@@ -58,14 +68,22 @@ def parse_numbers(
     """Whitespace-separated finite numbers, `count` of them where given, (count,). Raises `error` naming the first that is none."""
     words = text.split()
     if count is not None and len(words) != count:
-        raise error(f"{len(words)} numbers where {count} belong", file=file, record=record, remedy="the line is cut or damaged")
+        raise error(
+            f"{len(words)} numbers where {count} belong",
+            file=file,
+            record=record,
+            remedy="the line is cut or damaged",
+            reason="file.cut",
+        )
     values = np.empty(len(words))
     for i, word in enumerate(words):
         try:
             values[i] = float(word)
         except ValueError:
-            raise error(f"{quoted(word)} is not a number", file=file, record=record, remedy="correct the file") from None
+            what = f"{quoted(word)} is not a number"
+            raise error(what, file=file, record=record, remedy="correct the file", reason="number.malformed") from None
         if not np.isfinite(values[i]) or abs(values[i]) > LARGEST_NUMBER:
             what = "is not finite" if not np.isfinite(values[i]) else "is out of all range"
-            raise error(f"{quoted(word)} {what}", file=file, record=record, remedy="correct the file")
+            message = f"{quoted(word)} {what}"
+            raise error(message, file=file, record=record, remedy="correct the file", reason="number.out_of_range")
     return values

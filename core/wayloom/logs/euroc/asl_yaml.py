@@ -81,7 +81,9 @@ def read_asl_settings(file: Path) -> AslSettings:
             raise CalibrationError(what, file=file, record=f"line {number}", remedy=RESTORE)
         is_open = entries[key].count("[") > entries[key].count("]")
     if is_open:
-        raise CalibrationError("the list is not closed", file=file, record=key, remedy="the file is cut: copy it again")
+        raise CalibrationError(
+            "the list is not closed", file=file, record=key, remedy="the file is cut: copy it again", reason="file.cut"
+        )
     return AslSettings(file, entries)
 
 

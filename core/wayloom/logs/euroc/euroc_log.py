@@ -19,7 +19,7 @@ from wayloom.geometry.rectification import rectifying_maps
 from wayloom.logs.euroc.asl_yaml import read_asl_settings
 from wayloom.logs.euroc.euroc_calibration import EurocRig, find_rig
 from wayloom.logs.euroc.euroc_tables import ImageList, poses_at, read_image_list, read_imu, read_poses
-from wayloom.logs.images.image_files import ImagePairs, read_header
+from wayloom.logs.images.image_files import ImagePairs, first_header
 from wayloom.logs.kitti.image_folder_log import ImageFolderLog, LogFiles, Rectifier, StereoSequence, assemble, check_size
 from wayloom.logs.kitti.positioning import LEAST_IMU_RATE_HZ, FrameClock, Positioning, find_positioning
 from wayloom.logs.sidecars.sidecar import Sidecar, read_sidecar
@@ -42,10 +42,11 @@ def open_euroc(path: Path, gnss: Path | None = None) -> ImageFolderLog:
     body = path / BODY if (path / BODY).is_dir() else path
     for name in ("cam0", "cam1"):
         if not (body / name).is_dir():
-            raise LogError("no such folder", file=body / name, remedy="a stereo log needs both cameras' images")
+            remedy = "a stereo log needs both cameras' images"
+            raise LogError("no such folder", file=body / name, remedy=remedy, reason="image.missing")
     rig = find_rig(body)
     pairs, t_ns, lacking = paired_images(body, rig.names)
-    header = read_header(pairs.left[0])
+    header = first_header(pairs.left)
     sizes = [(camera.lens.camera.width, camera.lens.camera.height) for camera in rig.cameras]
     check_size(header, sizes[0], pairs.left[0])
     sidecar = read_sidecar(path)
@@ -74,7 +75,12 @@ def paired_images(body: Path, names: tuple[str, str]) -> tuple[ImagePairs, NDArr
     rows = taken_together(left.t_ns, right.t_ns)
     if not len(rows[0]):
         what = f"no image of {names[1]} was taken with one of {names[0]} ({len(left.files)} and {len(right.files)} images)"
-        raise LogError(what, file=body / names[0] / "data.csv", remedy="the cameras must be triggered together, on one clock")
+        raise LogError(
+            what,
+            file=body / names[0] / "data.csv",
+            remedy="the cameras must be triggered together, on one clock",
+            reason="image.unpaired",
+        )
     for side, other, kept in ((0, 1, rows[0]), (1, 0, rows[1])):
         without = len(sides[side].files) - len(kept)
         if without:
@@ -110,7 +116,7 @@ def with_imu(found: Positioning, body: Path, rig: EurocRig, clock: FrameClock, s
     if not clock.overlaps(track.t_ns):
         gap_s = (int(track.t_ns[0]) - int(clock.t_ns[0])) / NS
         what = f"the samples start {gap_s:.3f} s from the first frame and never meet the frames"
-        raise LogError(what, file=table, remedy="give the samples on the clock of the frames")
+        raise LogError(what, file=table, remedy="give the samples on the clock of the frames", reason="times.other_clock")
     stated = sidecar.T_cam_imu
     T_cam_imu = np.array(stated) if stated is not None else rig.T_rect_body @ read_asl_settings(calibration).motion("T_BS")
     left_out = (f"{stale} samples of imu0 whose time stamp is not after the one before",) if stale else ()

@@ -43,7 +43,8 @@ def read_image_list(file: Path, folder: Path) -> ImageList:
         name = words[1]
         if "/" in name or "\\" in name or "\0" in name or not name.lower().endswith(IMAGE_SUFFIXES) or name.startswith("."):
             what = f"{quoted(name)} is no name of an image in {folder.name}"
-            raise LogError(what, file=file, record=record, remedy=f"give the file's name alone ({', '.join(IMAGE_SUFFIXES)})")
+            remedy = f"give the file's name alone ({', '.join(IMAGE_SUFFIXES)})"
+            raise LogError(what, file=file, record=record, remedy=remedy, reason="file.outside")
         t_ns.append(_stamp(words[0], file, record))
         files.append(folder / name)
         lines.append(number)
@@ -110,7 +111,7 @@ def _table(file: Path, columns: Sequence[str], remedy: str) -> tuple[IntArray, F
         record = f"line {number}"
         if len(words) <= max(where):
             what = f"{len(words)} fields where {max(where) + 1} belong"
-            raise LogError(what, file=file, record=record, remedy="the line is cut or damaged")
+            raise LogError(what, file=file, record=record, remedy="the line is cut or damaged", reason="file.cut")
         t_ns.append(_stamp(words[0], file, record))
         rows.append(parse_numbers(" ".join(words[k] or "?" for k in where), file=file, record=record, count=len(where)))
         lines.append(number)
@@ -140,5 +141,6 @@ def _rows(file: Path, remedy: str) -> Iterator[tuple[int, list[str]]]:
 
 def _stamp(text: str, file: Path, record: str) -> int:
     if not (text.isascii() and text.isdecimal() and len(text) <= QUOTE_CHARACTERS and int(text) <= LARGEST_NS):
-        raise LogError(f"{quoted(text)} is no time in nanoseconds", file=file, record=record, remedy="correct the time stamp")
+        what = f"{quoted(text)} is no time in nanoseconds"
+        raise LogError(what, file=file, record=record, remedy="correct the time stamp", reason="times.malformed")
     return int(text)

@@ -9,6 +9,7 @@ import struct
 import zlib
 from collections import Counter, OrderedDict
 from collections.abc import Iterator
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -98,7 +99,7 @@ class McapFile:
         self._places = dict(enumerate(found.places))
         counts = Counter(channel for k in range(len(self._chunks)) for channel, *_ in self._walk(k))
         if not counts:
-            raise LogError("has neither an index nor a whole message", file=self.path, remedy=RECOVER)
+            raise LogError("has neither an index nor a whole message", file=self.path, remedy=RECOVER, reason="recording.damaged")
         size = os.fstat(self._handle).st_size
         where = "at its end" if found.is_closed else f"after {found.whole_bytes} of {size} bytes"
         self.cut = f"an index, and what should follow {where}: the recording was not closed, or was cut"
@@ -111,7 +112,9 @@ class McapFile:
             try:
                 translated = translator(schema.name, encoding, schema.data)
             except CdrError as problem:
-                raise LogError(f"a topic {problem}", file=self.path, record=quoted(name), remedy=RECOVER) from None
+                raise LogError(
+                    f"a topic {problem}", file=self.path, record=quoted(name), remedy=RECOVER, reason="recording.damaged"
+                ) from None
             if translated is not None:
                 self._translators[name], kind, encoding = translated, translated.kind, "cdr"
         self._topic_of[number] = Topic(name, kind, encoding, count)
@@ -150,7 +153,9 @@ class McapFile:
                 for channel, _, start, length, _ in self._walk(k):
                     if channel in channels:
                         return self._message(k, start, length, self._translators.get(name))
-        raise LogError("no message where the index says", file=self.path, record=quoted(name), remedy=RECOVER)
+        raise LogError(
+            "no message where the index says", file=self.path, record=quoted(name), remedy=RECOVER, reason="recording.damaged"
+        )
 
     def read(self, messages: Messages, index: int) -> bytes:
         """The bytes of a message, in CDR. Raises CdrError where it cannot be translated."""
@@ -161,9 +166,11 @@ class McapFile:
         data = self._bytes(k, start, length)
         return bytes(data) if translator is None else translator.to_ros(data)
 
-    def check(self) -> None:
-        """Read every chunk and compare its check sum. Raises LogError at the first that is damaged."""
+    def check(self, but: AbstractSet[int] = frozenset()) -> None:
+        """Read every chunk but these and compare its check sum. Raises LogError at the first that is damaged."""
         for k in range(len(self._chunks)):
+            if k in but:
+                continue
             begin, size, compression, crc = self._place(k)
             if not compression and crc and zlib.crc32(self._pread(begin, size)) != crc:
                 raise self._damaged("wrong check sum", k)
@@ -189,7 +196,9 @@ class McapFile:
             translator = self._translators.get(topic)
             return stamp_of(head) if translator is None else translator.stamp(self._bytes(k, start, length))
         except CdrError as problem:
-            raise LogError(f"a message {problem}", file=self.path, record=quoted(topic), remedy=RECOVER) from None
+            raise LogError(
+                f"a message {problem}", file=self.path, record=quoted(topic), remedy=RECOVER, reason="recording.damaged"
+            ) from None
 
     def _walk(self, k: int) -> Iterator[tuple[int, int, int, int, bytes]]:
         """Channel, log time, start, length and first bytes of each message of a chunk."""
@@ -268,11 +277,11 @@ class McapFile:
         except OSError as problem:
             raise LogError(f"cannot be read ({problem.strerror})", file=self.path, remedy="check the disk") from None
         if len(data) < length:
-            raise LogError(f"ends after {offset + len(data)} bytes", file=self.path, remedy=RECOVER)
+            raise LogError(f"ends after {offset + len(data)} bytes", file=self.path, remedy=RECOVER, reason="recording.damaged")
         return data
 
     def _damaged(self, what: str, k: int) -> LogError:
-        return LogError(what, file=self.path, record=f"chunk {k}", remedy=RECOVER)
+        return LogError(what, file=self.path, record=f"chunk {k}", remedy=RECOVER, reason="recording.damaged")
 
 
 def unpacked_zstd(packed: bytes, limit: int) -> bytes:

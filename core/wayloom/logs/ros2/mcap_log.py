@@ -5,7 +5,7 @@ several fit, or none, `left_topic` and `right_topic` of wayloom.json beside the 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -18,7 +18,7 @@ from wayloom.errors import LogError
 from wayloom.files.text_files import utf8_text
 from wayloom.files.timestamps import NS
 from wayloom.geometry.camera import StereoRig
-from wayloom.logs.images.image_files import ImageHeader, decode_grey, decode_image
+from wayloom.logs.images.image_files import ImageHeader, decode_grey, decode_image, first_that_can
 from wayloom.logs.kitti.image_folder_log import Rectifier, check_size
 from wayloom.logs.kitti.positioning import FrameClock, find_positioning, lever_arm
 from wayloom.logs.ros2 import ros_messages as ros
@@ -28,7 +28,7 @@ from wayloom.logs.ros2.mcap_rig import McapRig, find_rig
 from wayloom.logs.ros2.mcap_sensors import read_exposures, read_fixes, read_imu, read_places, read_truth
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, read_sidecar
 from wayloom.logs.stereo_pairing import taken_together
-from wayloom.logs.types import GnssTrack, Image, ImuTrack, StatedReceiver, StereoFrame
+from wayloom.logs.types import Damage, GnssTrack, Image, ImuTrack, StatedReceiver, StereoFrame
 
 FloatArray = NDArray[np.float64]
 FORMAT: Final = "mcap"
@@ -107,22 +107,36 @@ class McapLog:
         """Nothing: opening has read the head of every message, and its check sum where it is compressed."""
         return
 
-    def damaged(self, *, decode: bool, progress: Progress = silent) -> list[LogError]:
-        """The errors of all images that cannot be used, by decoding every one; and of the file's check sums."""
-        found: list[LogError] = []
+    def damaged(self, *, decode: bool, progress: Progress = silent) -> list[Damage]:
+        """All images that cannot be used, by decoding every one; and, as frame -1, a chunk that holds none of them and whose check
+        sum is wrong."""
+        found: list[Damage] = []
+        spoilt = set[int]()
         for index in range(len(self)) if decode else ():
             for side in (0, 1):
                 try:
                     self._read(side, index)
                 except LogError as problem:
-                    found.append(problem)
+                    found.append(Damage(index, problem))
+                    spoilt.add(int(self.images[side].chunk[index]))
             progress((index + 1) / len(self), "looking at images")
         try:
             if decode:
-                self.file.check()
+                self.file.check(spoilt)
         except LogError as problem:
-            found.append(problem)
+            found.append(Damage(-1, problem))
         return found
+
+    def kept(self, rows: NDArray[np.int64], missing: tuple[str, ...]) -> "McapLog":
+        """The log of these frames only, in order; `missing` is said in addition."""
+        return replace(
+            self,
+            t_ns=self.t_ns[rows],
+            truth=None if self.truth is None else self.truth[rows],
+            exposure_s=None if self.exposure_s is None else self.exposure_s[rows],
+            images=(chosen(self.images[0], rows), chosen(self.images[1], rows)),
+            missing=(*self.missing, *missing),
+        )
 
     def _read(self, side: int, index: int) -> Image:
         messages, topic, size = self.images[side], self.topics[side], self.stored_sizes[side]
@@ -151,7 +165,7 @@ def open_mcap(path: Path, gnss: Path | None = None) -> McapLog:
     messages = file.messages(names)
     images, lacking = paired(file, found, messages)
     t_ns = images[0].t_ns
-    first = [read_image(file, topic, of, 0, colour=None, size=None) for topic, of in zip(found.topics, images, strict=True)]
+    first = [first_image(file, topic, of) for topic, of in zip(found.topics, images, strict=True)]
     sizes = [(image.shape[1], image.shape[0]) for image in first]
     rig, rectifier = found.rectified((sizes[0], sizes[1]))
     if gnss is not None:
@@ -204,11 +218,11 @@ def paired(file: McapFile, found: McapRig, messages: dict[str, Messages]) -> tup
         repeated = np.flatnonzero(np.diff(of.t_ns) == 0)
         if len(repeated):
             what = f"two images have the time stamp {of.t_ns[repeated[0]] / NS:.9f}"
-            raise LogError(what, file=file.path, record=topic.name, remedy="leave one of them out")
+            raise LogError(what, file=file.path, record=topic.name, remedy="leave one of them out", reason="image.ambiguous")
     rows = taken_together(left.t_ns, right.t_ns)
     if not len(rows[0]):
         what = f"no image of {found.topics[1].name} was taken with one of {found.topics[0].name}"
-        raise LogError(what, file=file.path, remedy="the cameras must be triggered together, on one clock")
+        raise LogError(what, file=file.path, remedy="the cameras must be triggered together, on one clock", reason="image.unpaired")
     lacking = []
     for side, topic, alone in ((0, found.topics[0], len(left)), (1, found.topics[1], len(right))):
         without = alone - len(rows[0])
@@ -236,10 +250,17 @@ def read_image(
         else:
             image = in_colour(ros.read_raw_image(data)[1], colour)
     except CdrError as problem:
-        raise LogError(str(problem), file=file.path, record=where, remedy="record images that can be read") from None
+        raise LogError(
+            str(problem), file=file.path, record=where, remedy="record images that can be read", reason="image.undecodable"
+        ) from None
     if size is not None:
         check_size(ImageHeader(image.shape[1], image.shape[0], image.ndim == 3), size, file.path, where)
     return image
+
+
+def first_image(file: McapFile, topic: Topic, messages: Messages) -> Image:
+    """The first image that can be decoded, of the first few. Raises the LogError of the first where there is none."""
+    return first_that_can(lambda index: read_image(file, topic, messages, index, colour=None, size=None), range(len(messages)))
 
 
 def in_colour(image: Image, colour: bool | None) -> Image:

@@ -67,7 +67,9 @@ def _time(row: dict[str, str | None], file: Path, line: int) -> int:
             return t_ns
         return ns_from_seconds(str(row.get("t_s") or "").strip())
     except ValueError as problem:
-        raise LogError(str(problem), file=file, record=f"line {line}", remedy="correct the time stamp") from None
+        raise LogError(
+            str(problem), file=file, record=f"line {line}", remedy="correct the time stamp", reason="times.malformed"
+        ) from None
 
 
 def _fix(row: dict[str, str | None], file: Path, line: int) -> FixType:

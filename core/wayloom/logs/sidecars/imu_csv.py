@@ -59,7 +59,7 @@ def _time(text: str, clock: str, file: Path, record: str) -> int:
         if abs(t_ns) > 9 * 10**18:
             raise ValueError(f"{quoted(text)} is no possible time")
     except ValueError as problem:
-        raise LogError(str(problem), file=file, record=record, remedy="correct the time stamp") from None
+        raise LogError(str(problem), file=file, record=record, remedy="correct the time stamp", reason="times.malformed") from None
     return t_ns
 
 
