@@ -1,5 +1,6 @@
 """`data.csv` of the ASL data set format: image lists, IMU samples and ground-truth poses, by time stamps in nanoseconds."""
 
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import LogError
-from wayloom.files.text_files import QUOTE_CHARACTERS, parse_numbers, quoted, read_lines
+from wayloom.files.text_files import QUOTE_CHARACTERS, parse_numbers, quoted, stream_lines
 from wayloom.files.timestamps import check_increasing
 from wayloom.geometry import se3
 from wayloom.logs.images.image_files import IMAGE_SUFFIXES
@@ -103,25 +104,25 @@ def _poses(places: FloatArray, q_wxyz: FloatArray) -> FloatArray:
     return out
 
 
-def _table(file: Path, columns: Sequence[str], remedy: str) -> tuple[IntArray, FloatArray, list[int]]:
+def _table(file: Path, columns: Sequence[str], remedy: str) -> tuple[IntArray, FloatArray, Sequence[int]]:
     """Stamps (N,), values (N, C) of the columns, and the lines. Where a header names the columns it counts, else their order."""
     where = _columns(file, columns, remedy)
-    t_ns, rows, lines = [], [], []
+    t_ns, values, lines = array("q"), array("d"), array("q")
     for number, words in _rows(file, remedy):
         record = f"line {number}"
         if len(words) <= max(where):
             what = f"{len(words)} fields where {max(where) + 1} belong"
             raise LogError(what, file=file, record=record, remedy="the line is cut or damaged", reason="file.cut")
         t_ns.append(_stamp(words[0], file, record))
-        rows.append(parse_numbers(" ".join(words[k] or "?" for k in where), file=file, record=record, count=len(where)))
+        values.extend(parse_numbers(" ".join(words[k] or "?" for k in where), file=file, record=record, count=len(where)))
         lines.append(number)
-    if not rows:
+    if not lines:
         raise LogError("no samples", file=file, remedy=remedy)
-    return np.array(t_ns, np.int64), np.array(rows), lines
+    return np.array(t_ns, np.int64), np.array(values).reshape(-1, len(where)), lines
 
 
 def _columns(file: Path, columns: Sequence[str], remedy: str) -> list[int]:
-    first = next((line for line in read_lines(file, remedy=remedy) if line), "")
+    first = next((line for line in stream_lines(file, remedy=remedy) if line), "")
     if not first.startswith("#"):
         return list(range(1, len(columns) + 1))
     names = [word.split("[")[0].strip() for word in first.lstrip("#").split(",")]
@@ -134,7 +135,7 @@ def _columns(file: Path, columns: Sequence[str], remedy: str) -> list[int]:
 
 def _rows(file: Path, remedy: str) -> Iterator[tuple[int, list[str]]]:
     """Line number and fields of each line that is no comment."""
-    for number, line in enumerate(read_lines(file, remedy=remedy), start=1):
+    for number, line in enumerate(stream_lines(file, remedy=remedy), start=1):
         if line and not line.startswith("#"):
             yield number, [word.strip() for word in line.split(",")]
 
