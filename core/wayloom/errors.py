@@ -28,14 +28,27 @@ class WayloomError(Exception):
 
 
 class InputError(WayloomError):
-    """What the user gave cannot be used. The message is one line: the file, the record in it, what is wrong, the remedy."""
+    """What the user gave cannot be used. The message is one line: the file, the record in it, what is wrong, the remedy.
+
+    `reason` is a stable code of `wayloom.files.reasons`, for programs that decide what to do with the file."""
 
     code = "bad-input"
 
-    def __init__(self, what: str, *, file: Path | str | None = None, record: str | None = None, remedy: str | None = None) -> None:
+    default_reason = "input.invalid"
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        file: Path | str | None = None,
+        record: str | None = None,
+        remedy: str | None = None,
+        reason: str | None = None,
+    ) -> None:
         self.file = None if file is None else str(file)
         self.record = record
         self.remedy = remedy
+        self.reason = reason or self.default_reason
         where = ", ".join(part for part in (self.file, record) if part)
         message = f"{where}: {what}" if where else what
         super().__init__(f"{message}; {remedy}" if remedy else message)
@@ -45,30 +58,35 @@ class LogError(InputError):
     """A drive log, or a file in it, is missing, damaged or contradicts itself."""
 
     code = "bad-log"
+    default_reason = "log.invalid"
 
 
 class CalibrationError(InputError):
     """A camera or rig calibration is missing or impossible."""
 
     code = "bad-calibration"
+    default_reason = "calibration.invalid"
 
 
 class ModelError(InputError):
     """A network or its description cannot be used."""
 
     code = "bad-model"
+    default_reason = "model.invalid"
 
 
 class ConfigError(InputError):
     """A setting is unknown, out of range or contradicts another."""
 
     code = "bad-config"
+    default_reason = "config.invalid"
 
 
 class UnknownFormatError(InputError):
     """Nothing that wayloom knows was recognised; the message lists what it knows."""
 
     code = "unknown-format"
+    default_reason = "format.unknown"
 
 
 class StageError(WayloomError):

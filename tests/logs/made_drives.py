@@ -7,6 +7,7 @@ import numpy as np
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.logs.drive_writer import DriveWriter, ImageEncoding, SensorExtrinsics
+from wayloom.logs.euroc.euroc_writer import EurocWriter
 from wayloom.logs.kitti.kitti_360_writer import Kitti360Writer
 from wayloom.logs.kitti.kitti_odometry_writer import KittiOdometryWriter
 from wayloom.logs.kitti.kitti_raw_writer import KittiRawWriter
@@ -25,6 +26,7 @@ T_CAM_IMU = se3.from_rotation_translation(
 START_NS = 1_317_042_272_345_808_896
 WRITERS: dict[str, tuple[type[DriveWriter], str]] = {
     "kitti-odometry": (KittiOdometryWriter, "07"),
+    "euroc": (EurocWriter, "V9_01_made"),
     "kitti-360": (Kitti360Writer, "made_2031"),
     "mcap": (McapWriter, "recording"),
     "kitti-raw": (KittiRawWriter, "2031_01_02_drive_0007_sync"),

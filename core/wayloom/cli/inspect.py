@@ -14,7 +14,8 @@ PIPE_WIDTH = 200
 
 def inspect_command(
     log: Annotated[
-        Path, typer.Argument(help="The log: a folder of KITTI odometry, KITTI raw or KITTI-360, or a ROS 2 recording (.mcap).")
+        Path,
+        typer.Argument(help="The log: a folder of KITTI odometry, raw or 360, or of EuRoC, or a ROS 2 recording (.mcap)."),
     ],
     gnss: Annotated[Path | None, typer.Option(help="A GNSS log kept elsewhere: a KITTI …_sync folder or a gnss.csv.")] = None,
     json: Annotated[Path | None, typer.Option(help="Also write what was found to this file.")] = None,

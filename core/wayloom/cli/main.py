@@ -12,7 +12,7 @@ from wayloom.cli.interrupts import listen
 from wayloom.errors import InputError, WayloomError
 
 COMMANDS = {
-    "One drive": ("inspect", "process", "odometry", "calibrate", "export"),
+    "One drive": ("inspect", "process", "odometry", "calibrate", "export", "convert"),
     "A fleet's service": ("demo", "up", "upload", "sync", "drives", "rigs", "keys", "users", "audit"),
     "Made and measured": ("simulate", "benchmark", "models"),
     "This installation": ("config", "doctor"),
@@ -61,7 +61,7 @@ def main() -> None:
     except typer.TyperException as error:
         status = _told_usage(error)
     except InputError as error:
-        status = _told(str(error), 2)
+        status = _told(f"{error} [{error.reason}]", 2)
     except WayloomError as error:
         status = _told(str(error), 1)
     except BrokenPipeError:

@@ -25,7 +25,7 @@ class TrajectoryFormat(StrEnum):
 
 
 def odometry_command(
-    log: Annotated[Path, typer.Argument(help="The drive log: KITTI odometry, KITTI raw, KITTI-360, or .mcap.")],
+    log: Annotated[Path, typer.Argument(help="The drive log: KITTI odometry, KITTI raw, KITTI-360, EuRoC, or .mcap.")],
     out: Annotated[Path, typer.Option(help="Where the trajectory goes: one line for every frame.")],
     format: Annotated[TrajectoryFormat, typer.Option(help="Of the trajectory.")] = TrajectoryFormat.TUM,
     points: Annotated[

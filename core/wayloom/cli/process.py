@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def process_command(
-    log: Annotated[Path, typer.Argument(help="The drive log: KITTI odometry, KITTI raw, KITTI-360, or .mcap.")],
+    log: Annotated[Path, typer.Argument(help="The drive log: KITTI odometry, KITTI raw, KITTI-360, EuRoC, or .mcap.")],
     out: Annotated[Path, typer.Option(help="Folder for the results; what an earlier run finished there is used again.")],
     model: Annotated[str | None, typer.Option(help="Network: a name of `wayloom models`, or a TOML or ONNX file.")] = None,
     gnss: Annotated[Path | None, typer.Option(help="A GNSS log kept elsewhere: a KITTI …_sync folder or a gnss.csv.")] = None,

@@ -24,6 +24,7 @@ class LogFormat(StrEnum):
     kitti = "kitti"
     kitti_raw = "kitti-raw"
     kitti_360 = "kitti-360"
+    euroc = "euroc"
     mcap = "mcap"
 
 

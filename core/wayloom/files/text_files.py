@@ -1,15 +1,21 @@
 """Text file parsing with errors that name file, line and remedy."""
 
+import itertools
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import InputError, LogError
-from wayloom.files.regular import read_regular
+from wayloom.files.regular import MOST_BYTES, IrregularFileError, LargeFileError, open_regular, read_regular
 
 FloatArray = NDArray[np.float64]
 QUOTE_CHARACTERS = 40
+LONGEST_LINE, MOST_LINES = 1 << 16, 20_000_000
+"""Of a table that is read line by line: five hours of 1 kHz samples, or 23 days of frames."""
+MOST_TEXT = 64 << 20
+"""Bytes of a text that is read as a whole."""
 LARGEST_NUMBER = 1e12
 
 
@@ -24,24 +30,71 @@ def utf8_text(of_path: str) -> str:
     return of_path.encode(errors="surrogateescape").decode(errors="replace")
 
 
-def read_bytes(file: Path, *, remedy: str, error: type[InputError] = LogError) -> bytes:
+def read_bytes(file: Path, *, remedy: str, error: type[InputError] = LogError, most: int = MOST_BYTES) -> bytes:
     """The bytes of a file. Raises `error`, with the remedy, where it is missing, and says why where it cannot be read."""
     try:
-        return read_regular(file)
+        return read_regular(file, most)
     except FileNotFoundError:
-        raise error("no such file", file=file, remedy=remedy) from None
+        raise error("no such file", file=file, remedy=remedy, reason="file.missing") from None
     except OSError as problem:
-        raise error(f"cannot be read ({problem.strerror})", file=file, remedy="check the file and its permissions") from None
+        what, remedy = f"cannot be read ({problem.strerror})", "check the file and its permissions"
+        raise error(what, file=file, remedy=remedy, reason=reason_of(problem)) from None
+
+
+def reason_of(problem: OSError) -> str:
+    """The code of `REASONS` for a file that could not be read."""
+    if isinstance(problem, FileNotFoundError):
+        return "file.missing"
+    if isinstance(problem, IrregularFileError):
+        return "file.irregular"
+    return "file.too_large" if isinstance(problem, LargeFileError) else "file.unreadable"
 
 
 def read_text(file: Path, *, remedy: str, error: type[InputError] = LogError) -> str:
     """The UTF-8 text of a file. Raises `error` where it is missing, unreadable or no text."""
-    data = read_bytes(file, remedy=remedy, error=error)
+    data = read_bytes(file, remedy=remedy, error=error, most=MOST_TEXT)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         what = f"byte {problem.start} is not UTF-8 text"
-        raise error(what, file=file, remedy="the file is damaged: copy it again from the vehicle") from None
+        raise error(what, file=file, remedy="the file is damaged: copy it again from the vehicle", reason="file.not_text") from None
+
+
+def stream_lines(file: Path, *, remedy: str) -> Iterator[str]:
+    """The lines of a text file as of `read_lines`, one in memory at a time, for tables that may be long.
+
+    Raises LogError where it is missing, unreadable or no text; for a line of more than LONGEST_LINE bytes or more than MOST_LINES.
+    """
+    blank = 0
+    try:
+        with open_regular(file) as stream:
+            for number in itertools.count(1):
+                data = stream.readline(LONGEST_LINE + 1)
+                if not data:
+                    return
+                if len(data) > LONGEST_LINE or number > MOST_LINES:
+                    what = f"has more than {MOST_LINES} lines" if number > MOST_LINES else f"has more than {LONGEST_LINE} bytes"
+                    raise LogError(what, file=file, record=f"line {number}", remedy=remedy, reason="file.too_large")
+                line = _decoded_line(data, file, number)
+                if not line:
+                    blank += 1  # those at the file's end are not told
+                    continue
+                yield from itertools.repeat("", blank)
+                blank = 0
+                yield line
+    except OSError as problem:
+        if isinstance(problem, FileNotFoundError):
+            raise LogError("no such file", file=file, remedy=remedy, reason="file.missing") from None
+        what, remedy = f"cannot be read ({problem.strerror})", "check the file and its permissions"
+        raise LogError(what, file=file, remedy=remedy, reason=reason_of(problem)) from None
+
+
+def _decoded_line(data: bytes, file: Path, number: int) -> str:
+    try:
+        return data.decode("utf-8-sig" if number == 1 else "utf-8").strip()
+    except UnicodeDecodeError as problem:
+        what, remedy = f"byte {problem.start} of the line is not UTF-8 text", "the file is damaged: copy it again from the vehicle"
+        raise LogError(what, file=file, record=f"line {number}", remedy=remedy, reason="file.not_text") from None
 
 
 def read_lines(file: Path, *, remedy: str) -> list[str]:
@@ -58,14 +111,22 @@ def parse_numbers(
     """Whitespace-separated finite numbers, `count` of them where given, (count,). Raises `error` naming the first that is none."""
     words = text.split()
     if count is not None and len(words) != count:
-        raise error(f"{len(words)} numbers where {count} belong", file=file, record=record, remedy="the line is cut or damaged")
+        raise error(
+            f"{len(words)} numbers where {count} belong",
+            file=file,
+            record=record,
+            remedy="the line is cut or damaged",
+            reason="file.cut",
+        )
     values = np.empty(len(words))
     for i, word in enumerate(words):
         try:
             values[i] = float(word)
         except ValueError:
-            raise error(f"{quoted(word)} is not a number", file=file, record=record, remedy="correct the file") from None
+            what = f"{quoted(word)} is not a number"
+            raise error(what, file=file, record=record, remedy="correct the file", reason="number.malformed") from None
         if not np.isfinite(values[i]) or abs(values[i]) > LARGEST_NUMBER:
             what = "is not finite" if not np.isfinite(values[i]) else "is out of all range"
-            raise error(f"{quoted(word)} {what}", file=file, record=record, remedy="correct the file")
+            message = f"{quoted(word)} {what}"
+            raise error(message, file=file, record=record, remedy="correct the file", reason="number.out_of_range")
     return values

@@ -1,4 +1,4 @@
-"""Radial-tangential lens distortion (Brown 1966) and the sampling maps that rectify an image."""
+"""Lens distortion, radial-tangential (Brown 1966) and equidistant (Kannala and Brandt 2006), and the maps that rectify an image."""
 
 from dataclasses import dataclass
 
@@ -9,6 +9,7 @@ from wayloom.geometry.camera import PinholeCamera
 
 Array = NDArray[np.float64]
 Coefficients = tuple[float, float, float, float, float]
+FisheyeCoefficients = tuple[float, float, float, float]
 NO_COEFFICIENT = 1e-12
 NEWTON_STEPS, LARGEST_STEP, SMALLEST_DETERMINANT, UNDISTORTED_TO = 25, 0.3, 1e-6, 1e-10
 
@@ -23,6 +24,21 @@ class DistortedCamera:
 
     camera: PinholeCamera
     distortion: Coefficients
+
+
+@dataclass(frozen=True, slots=True)
+class FisheyeCamera:
+    """A real camera with the equidistant lens (Kannala and Brandt 2006, OpenCV's `fisheye`).
+
+    camera       its intrinsics
+    distortion   k1 to k4: a ray at theta rad from the axis falls at theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)
+    """
+
+    camera: PinholeCamera
+    distortion: FisheyeCoefficients
+
+
+LensCamera = DistortedCamera | FisheyeCamera
 
 
 def distort(xy: Array, distortion: Coefficients) -> Array:
@@ -83,19 +99,73 @@ def fold_radius(distortion: Coefficients) -> float:
     return float(np.sqrt(real.min())) if len(real) else float("inf")
 
 
-def project_distorted(rays: Array, lens: DistortedCamera) -> Array:
+def fisheye_radius(theta: Array, distortion: FisheyeCoefficients) -> Array:
+    """Angles from the axis (N,) rad to radii (N,) in normalised coordinates."""
+    k1, k2, k3, k4 = distortion
+    q = theta * theta
+    return np.asarray(theta * (1.0 + q * (k1 + q * (k2 + q * (k3 + q * k4)))))
+
+
+def fisheye_fold(distortion: FisheyeCoefficients) -> float:
+    """The angle, rad, from which on the polynomial runs backwards: pi where it never does.
+
+    The smallest positive root of d/dtheta = 1 + 3 k1 q + 5 k2 q^2 + 7 k3 q^3 + 9 k4 q^4, q = theta^2.
+    """
+    k1, k2, k3, k4 = distortion
+    coefficients = np.array([9.0 * k4, 7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+    roots = np.roots(np.where(np.abs(coefficients) < NO_COEFFICIENT, 0.0, coefficients))
+    real = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)]
+    return min(float(np.sqrt(real.min())), np.pi) if len(real) else float(np.pi)
+
+
+def fisheye_angle(radius: Array, distortion: FisheyeCoefficients) -> Array:
+    """The inverse of `fisheye_radius`, (N,) to (N,) rad, by Newton's method; NaN where the lens has none below its fold."""
+    fold = fisheye_fold(distortion)
+    k1, k2, k3, k4 = distortion
+    theta = np.minimum(radius, 0.5 * fold)
+    for _ in range(NEWTON_STEPS):
+        q = theta * theta
+        slope = 1.0 + q * (3.0 * k1 + q * (5.0 * k2 + q * (7.0 * k3 + q * 9.0 * k4)))
+        step = (radius - fisheye_radius(theta, distortion)) / np.maximum(slope, SMALLEST_DETERMINANT)
+        theta = np.clip(theta + np.clip(step, -LARGEST_STEP, LARGEST_STEP), 0.0, fold)
+    return np.where(np.abs(radius - fisheye_radius(theta, distortion)) < UNDISTORTED_TO, theta, np.nan)
+
+
+def project_distorted(rays: Array, lens: LensCamera) -> Array:
     """rays (N, 3) in the distorted camera's frame to uv (N, 2) pixels of its image; NaN for rays that do not point forward or
     that lie beyond the lens's fold."""
     z = np.where(rays[:, 2] > 0, rays[:, 2], np.nan)
     ideal = rays[:, :2] / z[:, None]
-    ideal[np.hypot(ideal[:, 0], ideal[:, 1]) >= fold_radius(lens.distortion)] = np.nan
-    xy = distort(ideal, lens.distortion)
+    radius = np.hypot(ideal[:, 0], ideal[:, 1])
+    if isinstance(lens, FisheyeCamera):
+        theta = np.arctan(radius)
+        theta[theta >= fisheye_fold(lens.distortion)] = np.nan
+        xy = ideal * (fisheye_radius(theta, lens.distortion) / np.maximum(radius, NO_COEFFICIENT))[:, None]
+    else:
+        ideal[radius >= fold_radius(lens.distortion)] = np.nan
+        xy = distort(ideal, lens.distortion)
     c = lens.camera
     return np.column_stack([c.fx * xy[:, 0] + c.cx, c.fy * xy[:, 1] + c.cy])
 
 
+def distorted_rays(uv: Array, lens: LensCamera) -> Array:
+    """The inverse of `project_distorted`: uv (N, 2) pixels to rays (N, 3) with z = 1; NaN where no ray before the camera falls."""
+    c = lens.camera
+    xy = np.column_stack([(uv[:, 0] - c.cx) / c.fx, (uv[:, 1] - c.cy) / c.fy])
+    if isinstance(lens, FisheyeCamera):
+        radius = np.hypot(xy[:, 0], xy[:, 1])
+        theta = fisheye_angle(radius, lens.distortion)
+        theta[theta >= 0.5 * np.pi] = np.nan
+        ideal = xy * (np.tan(theta) / np.maximum(radius, NO_COEFFICIENT))[:, None]
+        ideal[radius < NO_COEFFICIENT] = 0.0
+    else:
+        ideal = undistort(xy, lens.distortion)
+        ideal[~(np.hypot(ideal[:, 0], ideal[:, 1]) < fold_radius(lens.distortion))] = np.nan
+    return np.column_stack([ideal, np.ones(len(ideal))])
+
+
 def rectifying_maps(
-    lens: DistortedCamera, R_rect_cam: Array, rectified: PinholeCamera
+    lens: LensCamera, R_rect_cam: Array, rectified: PinholeCamera
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Sampling maps of rectification: u and v, each (h, w) float32, of the distorted image for each rectified pixel.
 

@@ -73,6 +73,8 @@ class DriveWriter(ABC):
     """Whether positions belong into an `oxts` folder rather than into gnss.csv."""
     holds_raw_images = False
     """Whether images may be as the lens made them."""
+    holds_partial_truth = False
+    """Whether some frames may have no true pose: NaN."""
     has_labels = False
     """Whether the layout has a place for label images and labelled clouds."""
 
@@ -168,6 +170,11 @@ class DriveWriter(ABC):
             if image.shape != shape:
                 raise LogError(f"frame {index} is {image.shape}, the rig's images are {shape}", file=self.path)
             write_atomically(file, encoded(image, self.jpeg_quality))
+
+    def write_encoded(self, index: int, left: bytes, right: bytes) -> None:
+        """Write the images of a frame, which `count` counts, as the PNG or JPEG files that they are already."""
+        for file, data in zip(self.image_files(index), (left, right), strict=True):
+            write_atomically(file, data)
 
     def count(self, t_ns: int, T_world_cam: FloatArray | None = None) -> None:
         """Count the next frame, whose images are there. Raises LogError where it does not follow the one before."""

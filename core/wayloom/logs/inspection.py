@@ -12,7 +12,7 @@ from wayloom.files.text_files import utf8_text
 from wayloom.files.timestamps import NS, wall_clock_from_ns
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geodesy.wgs84 import enu_from_lonlatheight
-from wayloom.logs.types import DriveLog, FixType, GnssTrack, StoredLog
+from wayloom.logs.types import Damage, DriveLog, FixType, GnssTrack, StoredLog
 
 FloatArray = NDArray[np.float64]
 GAP_FACTOR = 1.5
@@ -68,10 +68,12 @@ class GnssReport(BaseModel):
 
 
 class DamagedImage(BaseModel):
-    """An image that cannot be used, and the one line that says why."""
+    """An image that cannot be used, the one line that says why, its frame (-1: the log's file itself), and the reason's code."""
 
     file: str
     problem: str
+    frame: int
+    reason: str
 
 
 class LogReport(BaseModel):
@@ -121,7 +123,12 @@ def inspect_log(log: DriveLog, *, decode: bool = True, progress: Progress = sile
         files=len(log.files),
         bytes=sum((log.root / file).stat().st_size for file in log.files if (log.root / file).exists()),
         missing=list(log.missing),
-        damaged=[DamagedImage(file=utf8_text(problem.file or ""), problem=utf8_text(str(problem))) for problem in damaged],
+        damaged=[
+            DamagedImage(
+                file=utf8_text(one.error.file or ""), problem=utf8_text(str(one.error)), frame=one.frame, reason=one.error.reason
+            )
+            for one in damaged
+        ],
         usable=not damaged,
     )
 
@@ -132,8 +139,8 @@ def imu_place(T_cam_imu: FloatArray) -> tuple[float, float, float]:
     return x, y, z
 
 
-def damaged_images(log: DriveLog, decode: bool, progress: Progress) -> Sequence[LogError]:
-    """The errors of all images that cannot be used."""
+def damaged_images(log: DriveLog, decode: bool, progress: Progress) -> Sequence[Damage]:
+    """All images that cannot be used."""
     if isinstance(log, StoredLog):
         return log.damaged(decode=decode, progress=progress)
     found = []
@@ -141,7 +148,7 @@ def damaged_images(log: DriveLog, decode: bool, progress: Progress) -> Sequence[
         try:
             log.frame(i)
         except LogError as problem:
-            found.append(problem)
+            found.append(Damage(i, problem))
         progress((i + 1) / len(log), "looking at images")
     return found
 

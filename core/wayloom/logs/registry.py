@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from wayloom.errors import ConfigError, LogError, UnknownFormatError
+from wayloom.logs.euroc import euroc_log
 from wayloom.logs.kitti import kitti_360, kitti_odometry, kitti_raw
 from wayloom.logs.ros2 import mcap_log
 from wayloom.logs.types import DriveLog, StoredLog
@@ -25,6 +26,7 @@ LOG_FORMATS: Final[dict[str, LogFormat]] = {
     kitti_360.FORMAT: LogFormat(kitti_360.LOOKS_FOR, kitti_360.recognise, kitti_360.open_kitti_360),
     kitti_odometry.FORMAT: LogFormat(kitti_odometry.LOOKS_FOR, kitti_odometry.recognise, kitti_odometry.open_kitti_odometry),
     kitti_raw.FORMAT: LogFormat(kitti_raw.LOOKS_FOR, kitti_raw.recognise, kitti_raw.open_kitti_raw),
+    euroc_log.FORMAT: LogFormat(euroc_log.LOOKS_FOR, euroc_log.recognise, euroc_log.open_euroc),
     mcap_log.FORMAT: LogFormat(mcap_log.LOOKS_FOR, mcap_log.recognise, mcap_log.open_mcap),
 }
 
@@ -47,7 +49,31 @@ def open_log_unchecked(path: Path, *, gnss: Path | None = None) -> StoredLog:
     """`open_log`, but only the first image is looked at."""
     folder = find_log(absolute(path))
     key = next(key for key, log_format in LOG_FORMATS.items() if log_format.recognise(folder))
-    return LOG_FORMATS[key].open(folder, None if gnss is None else absolute(gnss))
+    log = LOG_FORMATS[key].open(folder, None if gnss is None else absolute(gnss))
+    check_inside(log)
+    return log
+
+
+def check_inside(log: DriveLog) -> None:
+    """Raises LogError where a file of the log is a symbolic link, or lies behind one, that leads out of the log's folder."""
+    root = os.path.realpath(log.root)
+    folders: dict[str, bool] = {}
+    for name in log.files:
+        path = log.root / name
+        parent = str(path.parent)
+        if parent not in folders:
+            folders[parent] = _is_within(os.path.realpath(parent), root)
+        if not folders[parent] or (path.is_symlink() and not _is_within(os.path.realpath(path), root)):
+            raise LogError(
+                "is a symbolic link that leads out of the log",
+                file=path,
+                remedy="put the file itself there",
+                reason="file.outside",
+            )
+
+
+def _is_within(path: str, root: str) -> bool:
+    return path == root or path.startswith(root.rstrip(os.sep) + os.sep)
 
 
 def absolute(path: Path) -> Path:

@@ -137,6 +137,14 @@ class DriveLog(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """An image that cannot be used: its frame, and the error that says why. Frame -1: the log's file itself."""
+
+    frame: int
+    error: LogError
+
+
 @runtime_checkable
 class StoredLog(DriveLog, Protocol):
     """A `DriveLog` of files that can be looked over. stored_sizes: (width, height) of left and right images as they lie on disk."""
@@ -152,6 +160,10 @@ class StoredLog(DriveLog, Protocol):
         """Look at every image without decoding it. Raises LogError at the first that is empty, truncated or of another size."""
         ...
 
-    def damaged(self, *, decode: bool, progress: Progress = ...) -> list[LogError]:
-        """The errors of all images that cannot be used, by checking or by decoding them."""
+    def damaged(self, *, decode: bool, progress: Progress = ...) -> list[Damage]:
+        """All images that cannot be used, by checking or by decoding them."""
+        ...
+
+    def kept(self, rows: NDArray[np.int64], missing: tuple[str, ...]) -> "StoredLog":
+        """The log of these frames only, in order; `missing` is said in addition."""
         ...

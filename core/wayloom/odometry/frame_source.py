@@ -1,7 +1,7 @@
 """Source of stereo frames for the odometry: grey pairs of a log, checked, and decoded ahead where threads allow."""
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
@@ -122,10 +122,27 @@ def first_matches(log: DriveLog, indices: tuple[int, ...]) -> NDArray[np.float64
     Raises as `check_rig`, and LogError where pixels match only if left and right change places.
     """
     check_rig(log)
-    pairs = [(pair.left, pair.right) for pair in (grey_pair(log, index) for index in indices if index < len(log))]
+    pairs = usable_pairs(log, [index for index in indices if index < len(log)])
     matches = np.concatenate([np.zeros((0, 4)), *(rows.row_matches(left, right) for left, right in pairs)])
     exchanged = sum(len(rows.row_matches(right, left)) for left, right in pairs)
     if exchanged > EXCHANGED_LEAST and exchanged > EXCHANGED_FACTOR * len(matches):
         what = f"left and right images are exchanged: {len(matches)} pixels match as they are, {exchanged} the other way round"
         raise LogError(what, file=log.path, remedy="give the left camera's images as the left ones")
     return matches
+
+
+def usable_pairs(log: DriveLog, indices: Sequence[int]) -> list[tuple[Image, Image]]:
+    """The pairs `indices` without those that cannot be decoded: whether a drive can do without them is for others to say.
+
+    Raises the first one's LogError where none is left.
+    """
+    pairs, refused = [], None
+    for index in indices:
+        try:
+            pair = grey_pair(log, index)
+            pairs.append((pair.left, pair.right))
+        except LogError as problem:
+            refused = refused or problem
+    if refused is not None and not pairs:
+        raise refused
+    return pairs

@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.errors import StageError
+from wayloom.errors import LogError, StageError
 from wayloom.logs.types import DriveLog
 from wayloom.pipeline.digests import digest_of_files, sha256_of_json
 
@@ -37,6 +37,14 @@ def read_log_file(folder: Path) -> dict[str, Any]:
     if not isinstance(content, dict) or content.get("format_version") != FORMAT_VERSION:
         raise StageError(f"{folder / LOG_FILE} is of another version; run ingest again")
     return content
+
+
+def rejected_frames(folder: Path) -> dict[int, LogError]:
+    """The frames that the ingest stage could not decode, and why; none where it has not run."""
+    if not (folder / LOG_FILE).is_file():
+        return {}
+    rejected = read_log_file(folder).get("rejected", {})
+    return {int(frame): LogError(one["problem"], file=one["file"], reason=one["reason"]) for frame, one in rejected.items()}
 
 
 def images_digest(log: DriveLog, reader_version: str) -> str:

@@ -3,9 +3,11 @@
 from functools import cached_property
 from pathlib import Path
 
-from wayloom.logs.registry import LOG_FORMATS, open_log
+from wayloom.logs.damage import without_damage, without_frames
+from wayloom.logs.registry import LOG_FORMATS, open_log_unchecked
 from wayloom.logs.types import DriveLog
 from wayloom.pipeline.code_version import code_version
+from wayloom.pipeline.log_parts import rejected_frames
 
 
 class LogSource:
@@ -13,11 +15,21 @@ class LogSource:
 
     def __init__(self, path: Path, gnss_path: Path | None = None) -> None:
         self.path, self.gnss_path = path, gnss_path
+        self._reduced: tuple[list[int], DriveLog] | None = None
 
     @cached_property
     def log(self) -> DriveLog:
-        """The log. Raises LogError, CalibrationError or UnknownFormatError."""
-        return open_log(self.path, gnss=self.gnss_path)
+        """The log, without the frames whose image files are cut or empty. Raises LogError, CalibrationError, UnknownFormatError."""
+        return without_damage(open_log_unchecked(self.path, gnss=self.gnss_path))
+
+    def log_after(self, ingest: Path) -> DriveLog:
+        """`log` without the frames that the ingest stage, whose folder this is, left out; all of it where that has not run."""
+        rejected = rejected_frames(ingest)
+        if not rejected:
+            return self.log
+        if self._reduced is None or self._reduced[0] != sorted(rejected):
+            self._reduced = sorted(rejected), without_frames(self.log, rejected)
+        return self._reduced[1]
 
     @cached_property
     def reader_version(self) -> str:

@@ -53,7 +53,7 @@ def stage_key(name: str, context: StageContext) -> StageKey:
     stage = find_stage(name)
     inputs = {read: _digest_of_input(stage, read, context) for read in stage.inputs}
     if name == INGEST:
-        inputs["log"] = fingerprint(context.log, context.reader_version)
+        inputs["log"] = fingerprint(context.source.log, context.reader_version)
     else:
         inputs |= _log_inputs(stage, context)
     return StageKey(name, inputs, _parameters(stage, context), code_version(_room(stage)))

@@ -36,8 +36,8 @@ class StageContext:
 
     @property
     def log(self) -> "DriveLog":
-        """The drive log. Raises LogError, CalibrationError or UnknownFormatError."""
-        return self.source.log
+        """The drive log, without the frames that `ingest` left out. Raises LogError, CalibrationError or UnknownFormatError."""
+        return self.source.log_after(self.inputs_dir / "ingest")
 
     @property
     def reader_version(self) -> str:

@@ -5,11 +5,13 @@ OpenCV decodes a truncated PNG or JPEG into a picture that is grey from some row
 
 import contextlib
 import io
+import itertools
 import struct
 import zlib
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeVar
 
 import cv2
 import numpy as np
@@ -17,14 +19,17 @@ from numpy.typing import NDArray
 
 from wayloom.errors import LogError
 from wayloom.files.regular import open_regular
-from wayloom.files.text_files import read_bytes
+from wayloom.files.text_files import read_bytes, reason_of
 
 Image = NDArray[np.uint8]
+T, R = TypeVar("T"), TypeVar("R")
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp")
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_END = b"IEND\xaeB`\x82"
 JPEG_START, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 TAIL_BYTES = 1024
+FIRST_TRIED = 10
+"""Images are looked at for their size until one is whole; a log whose first ten are not is no log."""
 MOST_PIXELS = 1 << 27
 """Of one image: 134 million, ten times as many as a large camera takes."""
 _CHUNK_NUMBER = struct.Struct(">I").unpack_from
@@ -71,14 +76,16 @@ def list_images(folder: Path) -> dict[str, Path]:
     try:
         files = [file for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES and not file.name.startswith(".")]
     except FileNotFoundError:
-        raise LogError("no such folder", file=folder, remedy="a stereo log needs both cameras' images") from None
+        remedy = "a stereo log needs both cameras' images"
+        raise LogError("no such folder", file=folder, remedy=remedy, reason="image.missing") from None
     except OSError as problem:
-        raise LogError(f"cannot be listed ({problem.strerror})", file=folder, remedy="check its permissions") from None
+        what = f"cannot be listed ({problem.strerror})"
+        raise LogError(what, file=folder, remedy="check its permissions", reason=reason_of(problem)) from None
     by_stem: dict[str, Path] = {}
     for file in sorted(files, key=lambda file: (not file.stem.isdecimal(), file.stem.zfill(20), file.suffix)):
         if file.stem in by_stem:
             remedy = f"remove it or {by_stem[file.stem].name}"
-            raise LogError("a second image of the same frame", file=file, remedy=remedy)
+            raise LogError("a second image of the same frame", file=file, remedy=remedy, reason="image.ambiguous")
         by_stem[file.stem] = file
     return by_stem
 
@@ -87,13 +94,14 @@ def pair_images(left_folder: Path, right_folder: Path) -> ImagePairs:
     """Pair left and right images by name. Raises LogError where there is none, or one stands alone (the first is named)."""
     left, right = list_images(left_folder), list_images(right_folder)
     if not left and not right:
-        raise LogError("no images", file=left_folder, remedy=f"put images there ({', '.join(IMAGE_SUFFIXES)})")
+        remedy = f"put images there ({', '.join(IMAGE_SUFFIXES)})"
+        raise LogError("no images", file=left_folder, remedy=remedy, reason="image.missing")
     alone = [stem for stem in (*left, *right) if (stem in left) != (stem in right)]
     if alone:
         first = min(alone, key=lambda stem: stem.zfill(20))
         file, other = (left[first], right_folder) if first in left else (right[first], left_folder)
         what = f"no partner in {other} ({len(left)} left and {len(right)} right images)"
-        raise LogError(what, file=file, remedy="add the missing image or remove this one")
+        raise LogError(what, file=file, remedy="add the missing image or remove this one", reason="image.unpaired")
     numbers = tuple(int(stem) if stem.isdecimal() else i for i, stem in enumerate(left))
     return ImagePairs(numbers, tuple(left.values()), tuple(right[stem] for stem in left))
 
@@ -113,14 +121,31 @@ def read_header(file: Path) -> ImageHeader:
                 _check_end(tail, JPEG_END, file, size)
                 return _not_too_large(_jpeg_header(stream, file), file)
     except OSError as problem:
-        raise LogError(f"cannot be read ({problem.strerror})", file=file, remedy="check the file and its permissions") from None
+        what, remedy = f"cannot be read ({problem.strerror})", "check the file and its permissions"
+        raise LogError(what, file=file, remedy=remedy, reason=reason_of(problem)) from None
     if size == 0:
-        raise LogError("the image is empty (0 bytes)", file=file, remedy=COPY_AGAIN)
+        raise LogError("the image is empty (0 bytes)", file=file, remedy=COPY_AGAIN, reason="image.empty")
     if start.startswith(PNG_SIGNATURE):
         _check_end(tail if len(start) == 33 else b"", PNG_END, file, size)
         return _not_too_large(_png_header(start), file)
     picture = _decoded(read_bytes(file, remedy=COPY_AGAIN), cv2.IMREAD_ANYCOLOR, file)
     return ImageHeader(picture.shape[1], picture.shape[0], picture.ndim == 3)
+
+
+def first_header(files: Sequence[Path]) -> ImageHeader:
+    """The header of the first image that has one, of the first few. Raises the LogError of the first where there is none."""
+    return first_that_can(read_header, files)
+
+
+def first_that_can(read: Callable[[T], R], items: Iterable[T]) -> R:
+    """What is read of the first of a few items that raises no LogError. Raises the first one's where all do."""
+    refused: LogError | None = None
+    for item in itertools.islice(items, FIRST_TRIED):
+        try:
+            return read(item)
+        except LogError as problem:
+            refused = refused or problem
+    raise refused or LogError("no images")
 
 
 def _png_header(start: bytes) -> ImageHeader:
@@ -132,14 +157,14 @@ def _not_too_large(header: ImageHeader, file: Path, record: str | None = None) -
     """The header. Raises LogError where the picture would not fit into memory: a small file may unpack to a thousand times more."""
     if header.width * header.height > MOST_PIXELS:
         what = f"the image has {header.width} × {header.height} pixels, {MOST_PIXELS} in all are allowed"
-        raise LogError(what, file=file, record=record, remedy="leave the frame out")
+        raise LogError(what, file=file, record=record, remedy="leave the frame out", reason="image.too_large")
     return header
 
 
 def _check_end(tail: bytes, end: bytes, file: Path, size: int, record: str | None = None) -> None:
     if end not in tail:
         what = f"the image is truncated: it ends after {size} bytes without its end mark"
-        raise LogError(what, file=file, record=record, remedy=COPY_AGAIN)
+        raise LogError(what, file=file, record=record, remedy=COPY_AGAIN, reason="image.truncated")
 
 
 def _jpeg_header(stream: BinaryIO, file: Path) -> ImageHeader:
@@ -148,11 +173,11 @@ def _jpeg_header(stream: BinaryIO, file: Path) -> ImageHeader:
     while True:
         marker = stream.read(4)
         if len(marker) < 4 or marker[0] != 0xFF:
-            raise _CutHeaderError("the JPEG has no frame header", file=file, remedy=COPY_AGAIN)
+            raise _CutHeaderError("the JPEG has no frame header", file=file, remedy=COPY_AGAIN, reason="image.truncated")
         if 0xC0 <= marker[1] <= 0xCF and marker[1] not in (0xC4, 0xC8, 0xCC):
             frame = stream.read(6)
             if len(frame) < 6:
-                raise _CutHeaderError("the JPEG's frame header is cut", file=file, remedy=COPY_AGAIN)
+                raise _CutHeaderError("the JPEG's frame header is cut", file=file, remedy=COPY_AGAIN, reason="image.truncated")
             return ImageHeader(int.from_bytes(frame[3:5], "big"), int.from_bytes(frame[1:3], "big"), frame[5] >= 3)
         stream.seek(max(0, int.from_bytes(marker[2:4], "big") - 2), 1)
 
@@ -165,10 +190,11 @@ def check_png(data: bytes, file: Path, record: str | None = None) -> list[tuple[
         end = at + 12 + (_CHUNK_NUMBER(data, at)[0] if at + 12 <= len(data) else len(data))
         if end > len(data):
             what = f"the image is truncated: it ends after {len(data)} bytes"
-            raise LogError(what, file=file, record=record, remedy=COPY_AGAIN)
+            raise LogError(what, file=file, record=record, remedy=COPY_AGAIN, reason="image.truncated")
         if zlib.crc32(view[at + 4 : end - 4]) != _CHUNK_NUMBER(data, end - 4)[0]:
             where = f"byte {at}" if record is None else f"{record}, byte {at}"
-            raise LogError("the image is damaged: wrong check sum", file=file, record=where, remedy=COPY_AGAIN)
+            what = "the image is damaged: wrong check sum"
+            raise LogError(what, file=file, record=where, remedy=COPY_AGAIN, reason="image.checksum")
         chunks.append((data[at + 4 : at + 8], view[at + 8 : end - 4]))
         if chunks[-1][0] == b"IEND":
             return chunks
@@ -182,16 +208,20 @@ def read_image(file: Path, *, colour: bool) -> Image:
 
 def read_grey(file: Path) -> Image:
     """As read_image without colour, by compiled code where that is faster; for readers of many images."""
-    data = read_bytes(file, remedy=COPY_AGAIN)
+    return decode_grey(read_bytes(file, remedy=COPY_AGAIN), file)
+
+
+def decode_grey(data: bytes, file: Path, record: str | None = None) -> Image:
+    """As decode_image without colour, by compiled code where that is faster."""
     if data.startswith(PNG_SIGNATURE):
-        _check_size(data, file)
+        _check_size(data, file, record)
         from wayloom.logs.images import grey_png  # numba takes half a second to import, which most readers do without
 
-        chunks = check_png(data, file)
+        chunks = check_png(data, file, record)
         image = grey_png.decode(chunks)
         if image is not None:
             return image
-    return decode_image(data, file, colour=False)
+    return decode_image(data, file, colour=False, record=record)
 
 
 def decode_image(data: bytes, file: Path, *, colour: bool | None, record: str | None = None) -> Image:
@@ -200,7 +230,7 @@ def decode_image(data: bytes, file: Path, *, colour: bool | None, record: str | 
     file, record : where the bytes are from. Raises LogError for an empty, truncated, damaged or foreign image.
     """
     if not data:
-        raise LogError("the image is empty (0 bytes)", file=file, record=record, remedy=COPY_AGAIN)
+        raise LogError("the image is empty (0 bytes)", file=file, record=record, remedy=COPY_AGAIN, reason="image.empty")
     _check_size(data, file, record)
     if data.startswith(PNG_SIGNATURE):
         check_png(data, file, record)
@@ -226,5 +256,6 @@ def _decoded(data: bytes, flags: int, file: Path, record: str | None = None) -> 
     except cv2.error:
         picture = None
     if picture is None:
-        raise LogError("not an image that can be decoded", file=file, record=record, remedy=COPY_AGAIN)
+        what = "not an image that can be decoded"
+        raise LogError(what, file=file, record=record, remedy=COPY_AGAIN, reason="image.undecodable")
     return np.asarray(picture, dtype=np.uint8)

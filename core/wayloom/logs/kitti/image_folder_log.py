@@ -1,7 +1,7 @@
 """Drive log of two image folders: the common `DriveLog` of KITTI odometry, KITTI raw and KITTI-360."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
-from wayloom.files.text_files import utf8_text
+from wayloom.files.text_files import read_bytes, utf8_text
 from wayloom.geometry.camera import StereoRig
-from wayloom.logs.images.image_files import ImageHeader, ImagePairs, read_grey, read_header, read_image
+from wayloom.logs.images.image_files import COPY_AGAIN, ImageHeader, ImagePairs, read_grey, read_header, read_image
 from wayloom.logs.kitti.positioning import Positioning
 from wayloom.logs.sidecars.exposure_csv import EXPOSURE_NAME, read_exposure_csv
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, Sidecar
-from wayloom.logs.types import GnssTrack, Image, ImuTrack, StatedReceiver, StereoFrame
+from wayloom.logs.types import Damage, GnssTrack, Image, ImuTrack, StatedReceiver, StereoFrame
 
 FloatArray = NDArray[np.float64]
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
@@ -84,6 +84,12 @@ class ImageFolderLog:
         maps = self.rectifier.right if right else self.rectifier.left
         return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), np.uint8)
 
+    def encoded_pair(self, index: int) -> tuple[bytes, bytes] | None:
+        """The files of a pair as they are stored; None where they are not rectified. Raises LogError as `frame`."""
+        if self.rectifier is not None:
+            return None
+        return read_bytes(self.pairs.left[index], remedy=COPY_AGAIN), read_bytes(self.pairs.right[index], remedy=COPY_AGAIN)
+
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[StereoFrame]:
         """The pairs from start to stop in order, one in memory at a time."""
         for index in range(start, len(self) if stop is None else min(stop, len(self))):
@@ -100,8 +106,8 @@ class ImageFolderLog:
             for file, size in ((left, self.stored_sizes[0]), (right, self.stored_sizes[1])):
                 check_size(read_header(file), size, file)
 
-    def damaged(self, *, decode: bool, progress: Progress = silent) -> list[LogError]:
-        """The errors of all images that cannot be used, by checking headers and ends or by decoding every file."""
+    def damaged(self, *, decode: bool, progress: Progress = silent) -> list[Damage]:
+        """All images that cannot be used, by checking headers and ends or by decoding every file."""
         found = []
         for i in range(len(self)):
             for files, size in self._sides():
@@ -110,9 +116,21 @@ class ImageFolderLog:
                     if decode:
                         self._read(files[i], size, self.colour)
                 except LogError as problem:
-                    found.append(problem)
+                    found.append(Damage(i, problem))
             progress((i + 1) / len(self), "looking at images")
         return found
+
+    def kept(self, rows: NDArray[np.int64], missing: tuple[str, ...]) -> "ImageFolderLog":
+        """The log of these frames only, in order; `missing` is said in addition."""
+        left, right = (tuple(side[row] for row in rows) for side in (self.pairs.left, self.pairs.right))
+        return replace(
+            self,
+            t_ns=self.t_ns[rows],
+            truth=None if self.truth is None else self.truth[rows],
+            exposure_s=None if self.exposure_s is None else self.exposure_s[rows],
+            pairs=ImagePairs(tuple(self.pairs.numbers[row] for row in rows), left, right),
+            missing=(*self.missing, *missing),
+        )
 
     def _sides(self) -> tuple[tuple[tuple[Path, ...], tuple[int, int]], ...]:
         return (self.pairs.left, self.stored_sizes[0]), (self.pairs.right, self.stored_sizes[1])
@@ -127,7 +145,8 @@ def check_size(header: ImageHeader, size: tuple[int, int], file: Path, record: s
     """Raises LogError where an image is not (width, height) as the log's other images."""
     if (header.width, header.height) != size:
         what = f"the image is {header.width}x{header.height}, the log's others are {size[0]}x{size[1]}"
-        raise LogError(what, file=file, record=record, remedy="all images of a log must have one size: export it again")
+        remedy = "all images of a log must have one size: export it again"
+        raise LogError(what, file=file, record=record, remedy=remedy, reason="image.size")
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from wayloom.errors import CalibrationError, LogError
 from wayloom.files.text_files import parse_numbers, quoted, read_lines
 from wayloom.files.timestamps import ns_from_wall_clock, read_times, times_of_numbers
 from wayloom.geometry import se3
-from wayloom.logs.images.image_files import ImageHeader, pair_images, read_header
+from wayloom.logs.images.image_files import ImageHeader, first_header, pair_images
 from wayloom.logs.kitti.image_folder_log import ImageFolderLog, LogFiles, StereoSequence, assemble
 from wayloom.logs.kitti.kitti_360_clouds import CAM_TO_POSE, PERSPECTIVE, T_cam_pose
 from wayloom.logs.kitti.kitti_360_layout import CAMERAS, Sequence, find_sequence, is_root, is_sequence
@@ -40,7 +40,7 @@ def open_kitti_360(path: Path, gnss: Path | None = None) -> ImageFolderLog:
     sequence = find_sequence(path)
     folders = [sequence.images / camera for camera in CAMERAS]
     pairs = pair_images(*(folder / "data_rect" for folder in folders))
-    header = read_header(pairs.left[0])
+    header = first_header(pairs.left)
     size = (header.width, header.height)
     calibration = read_calibration(sequence.calibration(PERSPECTIVE))
     check_size(calibration, header)

@@ -12,7 +12,7 @@ from wayloom.errors import CalibrationError, LogError
 from wayloom.files.timestamps import ns_from_seconds, read_times, times_of_numbers
 from wayloom.files.trajectory_files import read_kitti
 from wayloom.geometry import se3
-from wayloom.logs.images.image_files import has_files, pair_images, read_header
+from wayloom.logs.images.image_files import first_header, has_files, pair_images
 from wayloom.logs.kitti.image_folder_log import ImageFolderLog, LogFiles, StereoSequence, assemble
 from wayloom.logs.kitti.kitti_calibration import read_calibration, rig_from_projections, t_cam_reference
 from wayloom.logs.kitti.positioning import FrameClock, find_positioning
@@ -41,7 +41,7 @@ def open_kitti_odometry(path: Path, gnss: Path | None = None) -> ImageFolderLog:
     """Open without decoding images. Raises LogError or CalibrationError."""
     left, right = choose_pair(path)
     pairs = pair_images(path / f"image_{left}", path / f"image_{right}")
-    header = read_header(pairs.left[0])
+    header = first_header(pairs.left)
     size = (header.width, header.height)
     calibration = read_calibration(path / "calib.txt")
     rig = rig_from_projections(calibration, f"P{left}", f"P{right}", *size)

@@ -13,7 +13,7 @@ from wayloom.errors import CalibrationError, LogError
 from wayloom.files.timestamps import ns_from_wall_clock, read_times, times_of_numbers
 from wayloom.geometry.camera import PinholeCamera
 from wayloom.geometry.rectification import rectifying_maps
-from wayloom.logs.images.image_files import ImageHeader, ImagePairs, has_files, pair_images, read_header
+from wayloom.logs.images.image_files import ImageHeader, ImagePairs, first_header, has_files, pair_images
 from wayloom.logs.kitti.image_folder_log import ImageFolderLog, LogFiles, Rectifier, StereoSequence, assemble
 from wayloom.logs.kitti.kitti_calibration import (
     CAM_TO_CAM,
@@ -54,7 +54,7 @@ def open_kitti_raw(path: Path, gnss: Path | None = None) -> ImageFolderLog:
     """Open without decoding images. Raises LogError or CalibrationError."""
     left, right = choose_pair(path)
     pairs = pair_images(path / f"image_{left}" / "data", path / f"image_{right}" / "data")
-    header = read_header(pairs.left[0])
+    header = first_header(pairs.left)
     calibration = read_calibration(find_calibration(path))
     distorted = is_distorted(path, header, calibration, left)
     width, height = image_size(calibration, f"S_rect_{left}") if distorted else (header.width, header.height)

@@ -158,7 +158,7 @@ def read_imu(file: Path, clock: FrameClock) -> ImuTrack:
     if not clock.overlaps(track.t_ns):
         gap_s = (int(track.t_ns[0]) - int(clock.t_ns[0])) / NS
         what = f"the samples start {gap_s:.3f} s from the first frame and never meet the frames"
-        raise LogError(what, file=file, remedy="give the samples on the clock of the frames")
+        raise LogError(what, file=file, remedy="give the samples on the clock of the frames", reason="times.other_clock")
     return track
 
 
@@ -195,5 +195,5 @@ def read_csv(file: Path, clock: FrameClock) -> GnssTrack:
     if not clock.overlaps(track.t_ns):
         gap_s = (int(track.t_ns[0]) - int(clock.t_ns[0])) / NS
         what = f"the fixes start {gap_s:.3f} s from the first frame and never meet the frames"
-        raise LogError(what, file=file, remedy="give the fixes on the clock of the frames")
+        raise LogError(what, file=file, remedy="give the fixes on the clock of the frames", reason="times.other_clock")
     return track

@@ -5,10 +5,11 @@ several fit, or none, `left_topic` and `right_topic` of wayloom.json beside the 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +18,7 @@ from wayloom.errors import LogError
 from wayloom.files.text_files import utf8_text
 from wayloom.files.timestamps import NS
 from wayloom.geometry.camera import StereoRig
-from wayloom.logs.images.image_files import ImageHeader, decode_image
+from wayloom.logs.images.image_files import ImageHeader, decode_grey, decode_image, first_that_can
 from wayloom.logs.kitti.image_folder_log import Rectifier, check_size
 from wayloom.logs.kitti.positioning import FrameClock, find_positioning, lever_arm
 from wayloom.logs.ros2 import ros_messages as ros
@@ -26,14 +27,13 @@ from wayloom.logs.ros2.mcap_index import McapFile, Messages, Topic
 from wayloom.logs.ros2.mcap_rig import McapRig, find_rig
 from wayloom.logs.ros2.mcap_sensors import read_exposures, read_fixes, read_imu, read_places, read_truth
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, read_sidecar
-from wayloom.logs.types import GnssTrack, Image, ImuTrack, StatedReceiver, StereoFrame
+from wayloom.logs.stereo_pairing import taken_together
+from wayloom.logs.types import Damage, GnssTrack, Image, ImuTrack, StatedReceiver, StereoFrame
 
 FloatArray = NDArray[np.float64]
 FORMAT: Final = "mcap"
 ENDING: Final = ".mcap"
 LOOKS_FOR: Final = "a ROS 2 recording .mcap, or a folder with one, with two image topics and their camera_info"
-SYNC_SHARE, SYNC_NS = 0.25, 5_000_000
-"""Images belong together whose stamps differ by at most this share of the usual step, and this."""
 
 
 @dataclass(slots=True)
@@ -77,6 +77,22 @@ class McapLog:
         exposed = None if self.exposure_s is None else (float(self.exposure_s[index, 0]), float(self.exposure_s[index, 1]))
         return StereoFrame(index, int(self.t_ns[index]), left, right, exposed)
 
+    def grey_side(self, index: int, right: bool) -> Image:
+        """Decode one image of a pair to grey (h, w), for those who need no colour or not both. Raises LogError as `frame`."""
+        side = int(right)
+        messages, topic, size = self.images[side], self.topics[side], self.stored_sizes[side]
+        image = read_image(self.file, topic, messages, index, colour=False, size=size)
+        if self.rectifier is None:
+            return image
+        return np.asarray(cv2.remap(image, *(self.rectifier.left, self.rectifier.right)[side], cv2.INTER_LINEAR), np.uint8)
+
+    def encoded_pair(self, index: int) -> tuple[bytes, bytes] | None:
+        """The image files of a pair as they are recorded; None where they are not rectified or not compressed."""
+        if self.rectifier is not None or any(topic.kind != ros.COMPRESSED for topic in self.topics):
+            return None
+        left, right = (bytes(ros.read_compressed(self.file.read(messages, index))[1]) for messages in self.images)
+        return left, right
+
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[StereoFrame]:
         """The pairs from start to stop in order, one in memory at a time."""
         for index in range(start, len(self) if stop is None else min(stop, len(self))):
@@ -91,22 +107,36 @@ class McapLog:
         """Nothing: opening has read the head of every message, and its check sum where it is compressed."""
         return
 
-    def damaged(self, *, decode: bool, progress: Progress = silent) -> list[LogError]:
-        """The errors of all images that cannot be used, by decoding every one; and of the file's check sums."""
-        found: list[LogError] = []
+    def damaged(self, *, decode: bool, progress: Progress = silent) -> list[Damage]:
+        """All images that cannot be used, by decoding every one; and, as frame -1, a chunk that holds none of them and whose check
+        sum is wrong."""
+        found: list[Damage] = []
+        spoilt = set[int]()
         for index in range(len(self)) if decode else ():
             for side in (0, 1):
                 try:
                     self._read(side, index)
                 except LogError as problem:
-                    found.append(problem)
+                    found.append(Damage(index, problem))
+                    spoilt.add(int(self.images[side].chunk[index]))
             progress((index + 1) / len(self), "looking at images")
         try:
             if decode:
-                self.file.check()
+                self.file.check(spoilt)
         except LogError as problem:
-            found.append(problem)
+            found.append(Damage(-1, problem))
         return found
+
+    def kept(self, rows: NDArray[np.int64], missing: tuple[str, ...]) -> "McapLog":
+        """The log of these frames only, in order; `missing` is said in addition."""
+        return replace(
+            self,
+            t_ns=self.t_ns[rows],
+            truth=None if self.truth is None else self.truth[rows],
+            exposure_s=None if self.exposure_s is None else self.exposure_s[rows],
+            images=(chosen(self.images[0], rows), chosen(self.images[1], rows)),
+            missing=(*self.missing, *missing),
+        )
 
     def _read(self, side: int, index: int) -> Image:
         messages, topic, size = self.images[side], self.topics[side], self.stored_sizes[side]
@@ -135,7 +165,7 @@ def open_mcap(path: Path, gnss: Path | None = None) -> McapLog:
     messages = file.messages(names)
     images, lacking = paired(file, found, messages)
     t_ns = images[0].t_ns
-    first = [read_image(file, topic, of, 0, colour=None, size=None) for topic, of in zip(found.topics, images, strict=True)]
+    first = [first_image(file, topic, of) for topic, of in zip(found.topics, images, strict=True)]
     sizes = [(image.shape[1], image.shape[0]) for image in first]
     rig, rectifier = found.rectified((sizes[0], sizes[1]))
     if gnss is not None:
@@ -164,7 +194,7 @@ def open_mcap(path: Path, gnss: Path | None = None) -> McapLog:
         truth=truth,
         rig_id=sidecar.rig_id,
         vehicle_id=sidecar.vehicle_id,
-        missing=(*lacking, *missing, *without, *(() if truth is not None else ("truth poses",))),
+        missing=(*([file.cut] if file.cut else []), *lacking, *missing, *without, *(() if truth is not None else ("truth poses",))),
         root=path.parent,
         files=tuple(sorted([path.name, *([SIDECAR_NAME] if note.is_file() else [])])),
         stored_sizes=(sizes[0], sizes[1]),
@@ -188,47 +218,49 @@ def paired(file: McapFile, found: McapRig, messages: dict[str, Messages]) -> tup
         repeated = np.flatnonzero(np.diff(of.t_ns) == 0)
         if len(repeated):
             what = f"two images have the time stamp {of.t_ns[repeated[0]] / NS:.9f}"
-            raise LogError(what, file=file.path, record=topic.name, remedy="leave one of them out")
-    step = float(np.median(np.diff(left.t_ns))) if len(left) > 1 else np.inf
-    slack = min(SYNC_SHARE * step, SYNC_NS)
-    after = np.clip(np.searchsorted(right.t_ns, left.t_ns), 1, max(len(right) - 1, 1))
-    near = np.where(
-        np.abs(right.t_ns[np.minimum(after, len(right) - 1)] - left.t_ns) < np.abs(right.t_ns[after - 1] - left.t_ns),
-        np.minimum(after, len(right) - 1),
-        after - 1,
-    )
-    fits = np.abs(right.t_ns[near] - left.t_ns) <= slack
-    if not fits.any():
+            raise LogError(what, file=file.path, record=topic.name, remedy="leave one of them out", reason="image.ambiguous")
+    rows = taken_together(left.t_ns, right.t_ns)
+    if not len(rows[0]):
         what = f"no image of {found.topics[1].name} was taken with one of {found.topics[0].name}"
-        raise LogError(what, file=file.path, remedy="the cameras must be triggered together, on one clock")
+        raise LogError(what, file=file.path, remedy="the cameras must be triggered together, on one clock", reason="image.unpaired")
     lacking = []
     for side, topic, alone in ((0, found.topics[0], len(left)), (1, found.topics[1], len(right))):
-        without = alone - int(fits.sum())
+        without = alone - len(rows[0])
         if without > 0:
             lacking.append(f"{('right', 'left')[side]} image for {without} of {alone} of {topic.name}")
-    return (chosen(left, np.flatnonzero(fits)), chosen(right, near[fits])), tuple(lacking)
+    return (chosen(left, rows[0]), chosen(right, rows[1])), tuple(lacking)
 
 
 def chosen(messages: Messages, rows: NDArray[np.int64]) -> Messages:
     """The messages of these rows."""
-    return Messages(messages.t_ns[rows], messages.chunk[rows], messages.start[rows], messages.length[rows])
+    return Messages(messages.t_ns[rows], messages.chunk[rows], messages.start[rows], messages.length[rows], messages.translator)
 
 
 def read_image(
     file: McapFile, topic: Topic, messages: Messages, index: int, *, colour: bool | None, size: tuple[int, int] | None
 ) -> Image:
     """An image of a topic, (h, w) grey or (h, w, 3) RGB; as it is recorded where `colour` is None. Raises LogError."""
-    data, where = file.read(messages, index), f"{topic.name} at {messages.t_ns[index] / NS:.9f} s"
+    where = f"{topic.name} at {messages.t_ns[index] / NS:.9f} s"
     try:
+        data = file.read(messages, index)
         if topic.kind == ros.COMPRESSED:
-            image = decode_image(bytes(ros.read_compressed(data)[1]), file.path, colour=colour, record=where)
+            packed = bytes(ros.read_compressed(data)[1])
+            grey = colour is not None and not colour
+            image = decode_grey(packed, file.path, where) if grey else decode_image(packed, file.path, colour=colour, record=where)
         else:
             image = in_colour(ros.read_raw_image(data)[1], colour)
     except CdrError as problem:
-        raise LogError(str(problem), file=file.path, record=where, remedy="record images that can be read") from None
+        raise LogError(
+            str(problem), file=file.path, record=where, remedy="record images that can be read", reason="image.undecodable"
+        ) from None
     if size is not None:
         check_size(ImageHeader(image.shape[1], image.shape[0], image.ndim == 3), size, file.path, where)
     return image
+
+
+def first_image(file: McapFile, topic: Topic, messages: Messages) -> Image:
+    """The first image that can be decoded, of the first few. Raises the LogError of the first where there is none."""
+    return first_that_can(lambda index: read_image(file, topic, messages, index, colour=None, size=None), range(len(messages)))
 
 
 def in_colour(image: Image, colour: bool | None) -> Image:

@@ -1,5 +1,6 @@
 """Stereo pair and rig of a ROS 2 recording, found from the CameraInfo of its image topics."""
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import permutations
@@ -11,11 +12,11 @@ from numpy.typing import NDArray
 from wayloom.errors import CalibrationError, LogError
 from wayloom.files.text_files import quoted
 from wayloom.geometry.camera import PinholeCamera, StereoRig
-from wayloom.geometry.rectification import Coefficients, DistortedCamera, rectifying_maps
+from wayloom.geometry.rectification import Coefficients, DistortedCamera, FisheyeCamera, LensCamera, rectifying_maps
 from wayloom.logs.kitti.image_folder_log import Rectifier
 from wayloom.logs.kitti.kitti_calibration import BASELINES_M, LARGEST_DISTORTION, check_projection, t_cam_reference
 from wayloom.logs.ros2 import ros_messages as ros
-from wayloom.logs.ros2.cdr import CdrError
+from wayloom.logs.ros2.cdr import CdrError, CdrReader
 from wayloom.logs.ros2.mcap_index import McapFile, Topic
 from wayloom.logs.ros2.ros_messages import CameraInfo
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, Sidecar
@@ -24,8 +25,10 @@ FloatArray = NDArray[np.float64]
 IMAGE_KINDS: Final = (ros.COMPRESSED, ros.RAW_IMAGE)
 PREFERRED: Final = ("image_rect_color", "image_rect", "image_color", "image_raw", "image")
 NAME_THEM: Final = f"name left_topic and right_topic in {SIDECAR_NAME} beside the file"
+FISHEYE_LENSES: Final = ("equidistant", "fisheye")
 PLAIN_LENSES: Final = ("plumb_bob", "rational_polynomial", "")
 SHOWN = 6
+SIDE: Final = re.compile(r"left|right|\d+", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +97,7 @@ def find_rig(file: McapFile, sidecar: Sidecar) -> McapRig:
             remedy="record both cameras of the stereo pair",
         )
     infos = {name: info for name, topic in topics.items() if (info := find_info(file, topic)) is not None}
-    fitting = [(a, b) for a, b in permutations(infos, 2) if kind_of(a) == kind_of(b) and is_pair(infos[a], infos[b])]
+    fitting = [(a, b) for a, b in permutations(infos, 2) if is_counterpart(a, b) and is_pair(infos[a], infos[b])]
     if not fitting:
         what = f"no two image topics whose camera_info differ by a baseline; {described_images(file)}"
         remedy = f"record camera_info with the matrix P of a stereo calibration, or {NAME_THEM}"
@@ -151,15 +154,38 @@ def is_pair(left: CameraInfo, right: CameraInfo) -> bool:
 
 
 def find_info(file: McapFile, topic: Topic) -> CameraInfo | None:
-    """The first CameraInfo of an image topic: `camera_info` in the camera's namespace; None where there is none."""
-    name = f"{base_of(topic.name)[0]}/camera_info"
-    known = next((other for other in file.topics if other.name == name and other.kind == ros.CAMERA_INFO), None)
-    if known is None or known.encoding != "cdr":
+    """The first calibration of an image topic; None where there is none.
+
+    `camera_info` in the camera's namespace, else the only calibration there, else the only one that speaks of the image's frame.
+    """
+    space = base_of(topic.name)[0]
+    known = [other for other in file.topics if other.kind == ros.CAMERA_INFO and other.encoding == "cdr"]
+    beside = [other for other in known if base_of(other.name)[0] == space]
+    chosen = [other for other in beside if base_of(other.name)[1] == "camera_info"] or beside
+    if len(chosen) != 1:
+        frame = first_frame(file, topic)
+        chosen = [other for other in (chosen or known) if frame and first_frame(file, other) == frame]
+    if len(chosen) != 1:
         return None
     try:
-        return ros.read_camera_info(file.first(name))
+        return ros.read_camera_info(file.first(chosen[0].name))
     except CdrError as problem:
-        raise LogError(f"a message {problem}", file=file.path, record=name, remedy="record the calibration again") from None
+        raise LogError(
+            f"a message {problem}", file=file.path, record=chosen[0].name, remedy="record the calibration again"
+        ) from None
+
+
+def first_frame(file: McapFile, topic: Topic) -> str:
+    """The tf frame of a topic's first message; empty where it has none."""
+    try:
+        return ros.read_header(CdrReader(file.first(topic.name))).frame_id
+    except CdrError:
+        return ""
+
+
+def is_counterpart(a: str, b: str) -> bool:
+    """Whether the last parts of two topics are one kind of image: the same, or apart from the camera's side or number."""
+    return SIDE.sub("", kind_of(a)) == SIDE.sub("", kind_of(b))
 
 
 def info_of(file: McapFile, topic: Topic) -> CameraInfo:
@@ -186,11 +212,12 @@ def has_distortion(info: CameraInfo) -> bool:
     return bool(np.abs(info.d).max(initial=0.0) > 0 or turned or not np.allclose(info.k, info.p[:, :3], atol=1e-6))
 
 
-def lens_of(info: CameraInfo, file: McapFile) -> DistortedCamera:
+def lens_of(info: CameraInfo, file: McapFile) -> LensCamera:
     """The distorted camera of a CameraInfo's K and D. Raises CalibrationError for lenses that are not radial-tangential."""
     record = f"camera_info of {info.header.frame_id}"
-    if info.model not in PLAIN_LENSES or np.abs(info.d[5:]).max(initial=0.0) > 0:
-        what = f"a lens {quoted(info.model)} with {len(info.d)} coefficients; known is plumb_bob"
+    is_fisheye = info.model in FISHEYE_LENSES and len(info.d) == 4
+    if not is_fisheye and (info.model not in PLAIN_LENSES or np.abs(info.d[5:]).max(initial=0.0) > 0):
+        what = f"a lens {quoted(info.model)} with {len(info.d)} coefficients; known are plumb_bob and equidistant"
         raise CalibrationError(what, file=file.path, record=record, remedy="record rectified images")
     if (
         info.k[0, 0] < 1
@@ -204,7 +231,7 @@ def lens_of(info: CameraInfo, file: McapFile) -> DistortedCamera:
     camera = PinholeCamera(
         float(info.k[0, 0]), float(info.k[1, 1]), float(info.k[0, 2]), float(info.k[1, 2]), info.width, info.height
     )
-    return DistortedCamera(camera, coefficients)
+    return FisheyeCamera(camera, (k1, k2, p1, p2)) if is_fisheye else DistortedCamera(camera, coefficients)
 
 
 def rotation_of(info: CameraInfo, file: McapFile) -> FloatArray:

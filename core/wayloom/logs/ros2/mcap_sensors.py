@@ -35,7 +35,9 @@ def decoded(file: McapFile, topic: str, messages: Messages, read: Callable[[byte
             out.append(read(file.read(messages, index)))
         except CdrError as problem:
             where = f"{topic} at {messages.t_ns[index] / NS:.9f} s"
-            raise LogError(f"a message {problem}", file=file.path, record=where, remedy=RECOVER) from None
+            raise LogError(
+                f"a message {problem}", file=file.path, record=where, remedy=RECOVER, reason="recording.damaged"
+            ) from None
     return out
 
 

@@ -51,6 +51,7 @@ class McapWriter(DriveWriter):
 
     name_digits = 10
     holds_raw_images = True
+    holds_partial_truth = True
 
     def image_folders(self) -> tuple[Path, Path]:
         """The folders of the left and the right images, in the spool."""
@@ -129,7 +130,7 @@ class McapWriter(DriveWriter):
                 if self.exposure_s is not None:
                     exposed = ros.exposure(header, float(self.exposure_s[index, side]))
                     yield t_ns, 3, f"{base}/exposure", ros.EXPOSURE, exposed
-            if self.truth:
+            if self.truth and np.isfinite(self.truth[index]).all():
                 yield t_ns, 4, "/truth/left_camera", ros.POSE, ros.pose_stamped(Header(t_ns, WORLD_FRAME), self.truth[index])
             if (scan := self.lidar_file(index)).is_file():
                 yield t_ns, 5, "/lidar/points", ros.POINT_CLOUD, ros.point_cloud(Header(t_ns, LIDAR_FRAME), read_scan(scan))

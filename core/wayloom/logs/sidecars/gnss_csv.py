@@ -2,6 +2,7 @@
 
 import csv
 import io
+from array import array
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from wayloom.errors import LogError
 from wayloom.files.atomic import write_atomically
-from wayloom.files.text_files import QUOTE_CHARACTERS, parse_numbers, quoted, read_text
+from wayloom.files.text_files import QUOTE_CHARACTERS, parse_numbers, quoted, stream_lines
 from wayloom.files.timestamps import check_increasing, ns_from_seconds
 from wayloom.logs.types import FixType, GnssTrack
 
@@ -23,27 +24,34 @@ HEADER_REMEDY = "the columns are t_ns or t_s, lon_deg, lat_deg, height_m, sigma_
 
 def read_gnss_csv(file: Path) -> GnssTrack:
     """Raises LogError naming the line that is wrong."""
-    reader = csv.DictReader(io.StringIO(read_text(file, remedy="give the GNSS log")))
+    reader = csv.DictReader(stream_lines(file, remedy="give the GNSS log"))
+    times, fixes, numbers = array("q"), bytearray(), array("d")
     try:
         columns = [name.strip() for name in reader.fieldnames or ()]
         reader.fieldnames = columns
-        rows = list(reader)
+        spread = _checked_columns(columns, file)
+        for line, row in enumerate(reader, start=2):
+            times.append(_time(row, file, line))
+            fixes.append(_fix(row, file, line))
+            numbers.extend(_numbers(row, (*PLACE, *spread), file, line))
     except csv.Error as problem:
         raise LogError(f"is no CSV ({problem})", file=file, remedy=HEADER_REMEDY) from None
+    if not times:
+        raise LogError("no fixes", file=file, remedy="give the GNSS log")
+    t_ns, values = np.array(times, np.int64), np.array(numbers).reshape(len(times), -1)
+    check_increasing(t_ns, file=file, lines=range(2, len(times) + 2))
+    check_places(values[:, :3], file, lambda row: f"line {row + 2}")
+    covariance = _covariance(values[:, 3:], spread, file)
+    return GnssTrack(t_ns, values[:, :3].copy(), covariance, np.frombuffer(bytes(fixes), np.uint8).copy())
+
+
+def _checked_columns(columns: list[str], file: Path) -> tuple[str, ...]:
+    """The columns that say how sure the fixes are. Raises LogError where one that is needed is missing."""
     spread = COVARIANCES if set(COVARIANCES) <= set(columns) else SIGMAS
     lacking = [name for name in (*PLACE, *spread) if name not in columns]
     if lacking or not {"t_ns", "t_s"} & set(columns):
         raise LogError(f"column {(lacking or ['t_ns'])[0]} is missing", file=file, record="line 1", remedy=HEADER_REMEDY)
-    if not rows:
-        raise LogError("no fixes", file=file, remedy="give the GNSS log")
-    lines = [i + 2 for i in range(len(rows))]
-    t_ns = np.array([_time(row, file, line) for row, line in zip(rows, lines, strict=True)], dtype=np.int64)
-    check_increasing(t_ns, file=file, lines=lines)
-    fixes = [_fix(row, file, line) for row, line in zip(rows, lines, strict=True)]
-    values = np.array([_numbers(row, (*PLACE, *spread), file, line) for row, line in zip(rows, lines, strict=True)])
-    check_places(values[:, :3], file, lambda row: f"line {row + 2}")
-    covariance = _covariance(values[:, 3:], spread, file)
-    return GnssTrack(t_ns, values[:, :3].copy(), covariance, np.array(fixes, dtype=np.uint8))
+    return spread
 
 
 def write_gnss_csv(file: Path, track: GnssTrack) -> None:
@@ -67,7 +75,9 @@ def _time(row: dict[str, str | None], file: Path, line: int) -> int:
             return t_ns
         return ns_from_seconds(str(row.get("t_s") or "").strip())
     except ValueError as problem:
-        raise LogError(str(problem), file=file, record=f"line {line}", remedy="correct the time stamp") from None
+        raise LogError(
+            str(problem), file=file, record=f"line {line}", remedy="correct the time stamp", reason="times.malformed"
+        ) from None
 
 
 def _fix(row: dict[str, str | None], file: Path, line: int) -> FixType:

@@ -37,6 +37,7 @@ class Sidecar(Settings):
     right_topic: Topic | None = Field(None, description="the right camera's images")
     gnss_topic: Topic | None = Field(None, description="the fixes")
     imu_topic: Topic | None = Field(None, description="the IMU's samples")
+    origin: Annotated[str, Field(max_length=256)] | None = Field(None, description="what a converted log was made of, in words")
     T_cam_imu: tuple[Row, Row, Row, Row] | None = Field(None, description="the IMU's frame into the left camera's")
 
     @model_validator(mode="after")

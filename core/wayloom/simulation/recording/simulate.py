@@ -12,6 +12,7 @@ from wayloom import __version__
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import ConfigError, LogError
 from wayloom.logs.drive_writer import DriveWriter, ImageEncoding, SensorExtrinsics, unfinished_folder
+from wayloom.logs.euroc.euroc_writer import EurocWriter
 from wayloom.logs.kitti.kitti_360_writer import Kitti360Writer
 from wayloom.logs.kitti.kitti_odometry_writer import KittiOdometryWriter
 from wayloom.logs.kitti.kitti_raw_writer import KittiRawWriter
@@ -33,6 +34,7 @@ WRITERS: Final[dict[str, type[DriveWriter]]] = {
     "kitti": KittiOdometryWriter,
     "kitti-raw": KittiRawWriter,
     "kitti-360": Kitti360Writer,
+    "euroc": EurocWriter,
     "mcap": McapWriter,
 }
 SET_UP_SHARE = 0.1
