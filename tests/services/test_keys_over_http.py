@@ -203,9 +203,7 @@ def test_the_audit_log_is_read_page_by_page(service: Guarded) -> None:
     assert len(ids) == ids[0]
 
 
-def test_what_comes_from_a_page_of_another_origin_changes_nothing_also_on_this_machine(
-    api_process: Any, http: httpx2.Client
-) -> None:
+def test_a_page_of_another_origin_changes_nothing_also_on_this_machine(api_process: Any, http: httpx2.Client) -> None:
     """Without any key, where being on this machine is all that it takes."""
     for origin, code in (("https://evil.example", 403), ("null", 403), (api_process.url, 404), (None, 404)):
         headers = {} if origin is None else {"Origin": origin}

@@ -17,10 +17,12 @@ from wayloom.config.backoff import Backoff
 from wayloom.config.roles import Role
 from wayloom.config.service import ServiceSettings
 from wayloom.errors import ConfigError
+from wayloom.store.access import keys
 from wayloom.store.access.audit import Noted, page
-from wayloom.store.database import Database
+from wayloom.store.database import Database, Session
 from wayloom.store.migrate import upgrade
 from wayloom_services.access.buckets import TokenBuckets
+from wayloom_services.access.callers import Callers, Credential
 from wayloom_services.access.streams import while_allowed
 from wayloom_services.access.trail import Trail
 
@@ -147,3 +149,26 @@ def test_a_service_may_ask_for_keys_without_one_in_its_settings(tmp_path: Path) 
         assert service.http.get("/v1/info").json()["needs_key"] is True
         assert service.http.get("/v1/drives").status_code == 401
         assert service.http.get("/v1/drives", headers=bearer(service.key(Role.VIEWER))).status_code == 200
+
+
+def test_what_the_database_said_before_a_revocation_is_not_held_after_it(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A look-up that is under way while this process revokes the key."""
+    with database.write() as session:
+        row, text = keys.create(session, "x", Role.VIEWER)
+        keys.note_use(session, row.id)
+    callers, given = Callers(database, ServiceSettings(api_key=API_KEY)), Credential(text, False)
+    found = keys.find
+
+    def slow(session: Session, key: str) -> keys.KnownKey | None:
+        known = found(session, key)
+        callers.forget()
+        return known
+
+    assert callers.find(given) == callers.held(given)
+    callers.forget()
+    assert callers.held(given) is None
+    monkeypatch.setattr(keys, "find", slow)
+    assert callers.find(given).role is Role.VIEWER
+    assert callers.held(given) is None

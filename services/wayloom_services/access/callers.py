@@ -3,6 +3,7 @@
 import time
 from collections import OrderedDict
 from collections.abc import MutableMapping
+from contextlib import suppress
 from dataclasses import dataclass
 from threading import Lock
 from typing import Any, Final
@@ -15,7 +16,7 @@ from wayloom.config.service import ServiceSettings
 from wayloom.store.access import keys, users
 from wayloom.store.access.owners import Owner, owner_of
 from wayloom.store.access.secrets import hash_of, is_same
-from wayloom.store.database import Database
+from wayloom.store.database import Database, DatabaseError
 from wayloom_services.access.needs import Need, Open
 
 CALLER: Final = "wayloom.caller"
@@ -80,7 +81,7 @@ class Callers:
     def __init__(self, database: Database, settings: ServiceSettings) -> None:
         self._database, self._api_key, self._held_s = database, settings.api_key, settings.access.held_s
         self._held: OrderedDict[tuple[bool, str], tuple[float, Caller]] = OrderedDict()
-        self._lock = Lock()
+        self._forgotten, self._lock = 0, Lock()
 
     def held(self, given: Credential) -> Caller | None:
         """The caller, without asking the database; None where it has to be asked."""
@@ -92,6 +93,7 @@ class Callers:
 
     def find(self, given: Credential) -> Caller:
         """The caller by the database; NOBODY where the key or session is unknown, expired or revoked. Raises DatabaseError."""
+        since = self._forgotten
         with self._database.read() as session:
             key = None if given.is_cookie else keys.find(session, given.text)
             signed_in = users.find_session(session, given.text) if given.is_cookie else None
@@ -100,26 +102,30 @@ class Callers:
                 self._note_use(key.key_id)
             owner = owner_of(key.prefix, key.vehicle_id) if key.role is Role.VEHICLE else None
             lasts_s = self._held_s if key.until is None else min(self._held_s, key.until - key.at)
-            return self._hold(given, Caller(f"key {key.prefix}", key.role, owner), lasts_s)
+            return self._hold(given, Caller(f"key {key.prefix}", key.role, owner), lasts_s, since)
         if signed_in is not None:
             caller = Caller(f"user {signed_in.user}", signed_in.role, by_cookie=True)
-            return self._hold(given, caller, min(self._held_s, signed_in.until - signed_in.at))
+            return self._hold(given, caller, min(self._held_s, signed_in.until - signed_in.at), since)
         return NOBODY
 
     def forget(self) -> None:
         """Ask the database anew about everybody: something was revoked."""
         with self._lock:
+            self._forgotten += 1
             self._held.clear()
 
-    def _hold(self, given: Credential, caller: Caller, lasts_s: float) -> Caller:
+    def _hold(self, given: Credential, caller: Caller, lasts_s: float, since: int) -> Caller:
+        """since: how often all was forgotten when the database was asked: what it said before a revocation is not held after."""
         with self._lock:
+            if since != self._forgotten:
+                return caller
             self._held[given.is_cookie, hash_of(given.text)] = (time.monotonic() + lasts_s, caller)
             if len(self._held) > MOST_HELD:
                 self._held.popitem(last=False)
         return caller
 
     def _note_use(self, key_id: int) -> None:
-        with self._database.write() as session:
+        with suppress(DatabaseError), self._database.write() as session:  # a full disk keeps nobody from reading
             keys.note_use(session, key_id)
 
 
