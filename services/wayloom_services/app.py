@@ -18,6 +18,7 @@ from wayloom_services import (
     drives,
     errors,
     events,
+    excluded_areas,
     health,
     lineage,
     maps,
@@ -72,7 +73,8 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     )  # fmt: skip
     app.state.service, app.state.feed = service, Feed(service)
     errors.install(app)
-    for room in (drives, tus, maps, sync, markings, ogc, regions, tile_sets, tilesets, lineage, rigs, events, health):
+    rooms = (drives, tus, maps, sync, markings, ogc, regions, tile_sets, tilesets, lineage, rigs, events, health)
+    for room in (*rooms, excluded_areas):
         app.include_router(room.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 

@@ -13,7 +13,7 @@ from wayloom.errors import InputError, WayloomError
 
 COMMANDS = {
     "One drive": ("inspect", "process", "odometry", "calibrate", "export"),
-    "A fleet's service": ("demo", "up", "upload", "sync", "drives", "rigs"),
+    "A fleet's service": ("demo", "up", "upload", "sync", "drives", "rigs", "areas"),
     "Made and measured": ("simulate", "benchmark", "models"),
     "This installation": ("config", "doctor"),
 }
