@@ -23,6 +23,7 @@ from wayloom.store import drives, excluded, garbage, map_versions, maps
 from wayloom.store.tables import Job
 from wayloom.submaps.files import load_submaps, save_submaps
 from wayloom.submaps.submap import PlacedSubmap, decode_submap
+from wayloom.tiles.grid import pixel_from_lonlat
 from wayloom_workers.exclusion import exclude
 from wayloom_workers.publishing import listed_tiles
 from wayloom_workers.stage_hooks import WorkerContext
@@ -180,6 +181,35 @@ def test_a_drive_that_no_stitch_looks_at_is_clipped_by_the_sweeper(context: Work
     assert left_inside(context, held)["points"] > 0
     exclude_late(context)
     assert set(left_inside(context, held).values()) == {0}
+
+
+def test_a_drive_that_gets_its_place_by_a_version_takes_it_down_where_it_lies_in_an_area(context: WorkerContext) -> None:
+    """As a guest does: the version's stitch could not know that it lies there."""
+    exclude_area(context, polygon())
+    publish_next(context)
+    drive_id = driven(context, "guest")
+    with context.database.write() as session:
+        for row in maps.submaps_of(session, drive_id):
+            row.min_lon = row.min_lat = row.max_lon = row.max_lat = None  # as one without a place
+    exclude(context, "city")
+    with context.database.write() as session:
+        version = map_versions.NewVersion(1, (8.4, 49.0, 100.0), (drive_id,), 2, None, [tile_of_area()])
+        map_versions.publish(session, "city", version, kept=20)
+        for row in maps.submaps_of(session, drive_id):
+            west, south, east, north = area_of_geometry(polygon()).box
+            row.min_lon, row.min_lat, row.max_lon, row.max_lat = west, south, east, north
+    exclude_late(context)
+    publish_next(context)
+    assert set(left_inside(context, drive_id).values()) == {0}
+    with context.database.read() as session:
+        assert [row.version for row in maps.versions(session, "city")] == [3, 1]
+
+
+def tile_of_area() -> map_versions.TileEntry:
+    """A tile of zoom 16 in the middle of the area."""
+    middle = wgs84.lonlatheight_from_enu(np.array([[0.5 * (WEST + EAST), 30.0, 0.0]]), FRAME)[:, :2]
+    column, row = (pixel_from_lonlat(middle, 16)[0] // 256).astype(int).tolist()
+    return map_versions.TileEntry("semantic", 16, column, row, "1" * 64, "image/png", 1)
 
 
 def test_versions_that_show_nothing_of_an_area_stay(context: WorkerContext) -> None:

@@ -68,6 +68,12 @@ class _Clipped:
         """As it is written down of the row."""
         return _token([*self.areas], self.after.digest, self.row)
 
+    def is_in(self) -> bool:
+        """Whether it had points in an area itself, not only in what is added to it."""
+        assert self.row.frame is not None
+        T, frame = np.array(self.row.T_enu_submap, np.float64), MapFrame(*self.row.frame)
+        return bool(inside_of([*self.areas.values()], T, frame, 0.0)(self.before.xyz.astype(np.float64)).any())
+
     def holds(self, lon_lat: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(N,) whether places (N, 2) in degrees lie in the areas."""
         return np.asarray(np.any([area.contains(lon_lat, self.margin_m) for area in self.areas.values()], axis=0))
@@ -192,6 +198,8 @@ def _write_rows(context: WorkerContext, drive_id: str, items: Sequence[_Clipped]
                 continue
             if item.after.digest != row.digest:
                 renamed[row.digest] = item.after.digest
+                if item.is_in():
+                    excluded.show_no_more(session, drive_id, item.areas)
             row.digest, row.point_count, row.clipped_with = item.after.digest, len(item.after), item.token
             row.track = _outside(row.track, item)
             drive.track = drive.track and _outside(drive.track, item)

@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from wayloom.errors import NotFoundError
 from wayloom.exclusion.areas import Area, area_of_geometry
-from wayloom.store import maps
+from wayloom.store import maps, runs
 from wayloom.store.database import now_s
 from wayloom.store.jobs import JobMessage, request_stitch
 from wayloom.store.maps import Box, of_version
@@ -79,6 +79,20 @@ def rows_near(session: Session, area: ExcludedArea) -> Sequence[SubmapRow]:
     here = (SubmapRow.map_id == area.map_id, Drive.state != "removing", SubmapRow.min_lon.is_not(None))
     rows = session.scalars(query.where(*here, indexed(session, box), maps.touches(box)))
     return sorted(rows, key=lambda row: (row.drive_id, row.position))
+
+
+def show_no_more(session: Session, drive_id: str, area_ids: Iterable[str]) -> None:
+    """Something of a drive that lay in these areas was dropped only now, as of a guest that got its place by the newest version:
+    where that has the drive, it goes with the next one, as versions of before an area do."""
+    drive, run = session.get_one(Drive, drive_id), runs.newest(session, drive_id)
+    if not maps.holds(session, drive.map_id, drive_id):
+        return
+    if run is not None and run.created_at > maps.version(session, drive.map_id).created_at:
+        return  # of a new run that no version has yet
+    for area_id in area_ids:
+        row = session.get(ExcludedArea, area_id)
+        if row is not None:
+            row.since = None
 
 
 def published(session: Session, map_id: str, stitch_job_id: int) -> list[int]:
