@@ -15,8 +15,7 @@ def upgrade() -> None:
         drives.add_column(sa.Column("images", sa.String(16), nullable=False, server_default="kept"))
         drives.add_column(sa.Column("images_since", sa.Float(53), nullable=True))
         drives.create_index("ix_drives_images", ["images"])
-    with op.batch_alter_table("submaps") as submaps:
-        submaps.add_column(sa.Column("clipped_with", sa.String(64), nullable=False, server_default=""))
+    op.add_column("submaps", sa.Column("clipped_with", sa.String(64), nullable=False, server_default=""))
     big = sa.BigInteger().with_variant(sa.Integer, "sqlite")
     op.create_table(
         "excluded_areas",
@@ -39,8 +38,7 @@ def downgrade() -> None:
     """Back."""
     op.drop_index("ix_submaps_digest", "submaps")
     op.drop_table("excluded_areas")
-    with op.batch_alter_table("submaps") as submaps:
-        submaps.drop_column("clipped_with")
+    op.drop_column("submaps", "clipped_with")  # not in a batch, which would make the table anew, without its triggers
     with op.batch_alter_table("drives") as drives:
         drives.drop_index("ix_drives_images")
         drives.drop_column("images_since")
