@@ -18,6 +18,7 @@ from wayloom_services import (
     drives,
     errors,
     events,
+    excluded_areas,
     health,
     lineage,
     maps,
@@ -76,24 +77,9 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     )  # fmt: skip
     app.state.service, app.state.feed = service, Feed(service)
     errors.install(app)
-    for room in (
-        drives,
-        packs,
-        tus,
-        maps,
-        sync,
-        markings,
-        ogc,
-        regions,
-        tile_sets,
-        tilesets,
-        lineage,
-        rigs,
-        events,
-        health,
-        sessions,
-        admin,
-    ):
+    uploads, people = (drives, packs, tus), (sessions, admin, excluded_areas)
+    of_maps = (maps, sync, markings, ogc, regions, tile_sets, tilesets, lineage, rigs, events, health)
+    for room in (*uploads, *of_maps, *people):
         app.include_router(room.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 

@@ -25,6 +25,7 @@ from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.submaps.files import load_submaps
 from wayloom_workers.drive_sightings import OBJECTS
+from wayloom_workers.exclusion import exclude
 from wayloom_workers.finished_stages import finished_stages
 from wayloom_workers.publishing import publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
@@ -138,6 +139,13 @@ def _finite(facts: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
+def _prepare_stitch(attempt: StageAttempt) -> PreparedStage:
+    """The map's stage, after what lies in excluded areas was dropped from what it is made of."""
+    if not attempt.claim.part:
+        exclude(attempt.context, str(attempt.claim.map_id))
+    return prepare_stitch(attempt)
+
+
 def _share_submaps(attempt: StageAttempt) -> None:
     """The submaps' blobs, after the drive's last stage: nothing names them before, and they would be dropped as unused."""
     for placed in load_submaps(attempt.inputs_dir / SUBMAPS):
@@ -167,7 +175,7 @@ _HOOKS: Final = {
     ODOMETRY: StageHooks(_prepare, share=_remember_rig),
     "georeference": StageHooks(_prepare, share=_share_georeference, record=_record_track),
     OBJECTS: StageHooks(_prepare, share=_share_submaps, record=_record_submaps),
-    "stitch": StageHooks(prepare_stitch, record=request_publish),
+    "stitch": StageHooks(_prepare_stitch, record=request_publish),
     "publish": StageHooks(keyed_by_inputs(tidy), record=publish),
     REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=_remove, record=remove_rows),
 }

@@ -7,7 +7,7 @@ from typing import Final
 
 import structlog
 
-from wayloom.store import drives, jobs, map_versions, meetings, reprocessing
+from wayloom.store import drives, excluded, jobs, map_versions, meetings, reprocessing
 from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseError, Session
 from wayloom.store.folders import Folders
@@ -92,4 +92,5 @@ def publish(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     meetings.forget_gone(session, str(attempt.claim.map_id), changed)
     if stitch_job_id is not None:
         reprocessing.take_published(session, str(attempt.claim.map_id), stitch_job_id)
+        excluded.published(session, str(attempt.claim.map_id), stitch_job_id)
     return []

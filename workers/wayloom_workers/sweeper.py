@@ -1,15 +1,20 @@
 """Sweeper: every few seconds it looks for lost jobs, unsent messages and expired uploads. Two at once do no harm."""
 
+import json
+
 import structlog
 from celery import Celery
 from kombu.exceptions import OperationalError
 from redis.exceptions import RedisError
 
 from wayloom.config.backoff import Backoff
-from wayloom.store import garbage, retention, sweep, uploads
+from wayloom.errors import ConfigError
+from wayloom.exclusion.areas import areas_of_geojson
+from wayloom.store import excluded, garbage, jobs, retention, sweep, uploads
 from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseError
 from wayloom_workers.broker import make_app, make_notifier, waiting_messages
+from wayloom_workers.exclusion import exclude
 from wayloom_workers.faults import crash_of
 from wayloom_workers.heartbeat import stop_requested
 from wayloom_workers.publishing import listed_tiles
@@ -38,11 +43,35 @@ def sweep_once(context: WorkerContext, app: Celery) -> None:
     forgotten = garbage.drop_forgotten(context.database, context.blobs, lambda: listed_tiles(context.folders))
     if forgotten:
         log.info("blobs of removed drives dropped", count=forgotten)
+    exclude_late(context)
     context.database.settle()
+
+
+def exclude_late(context: WorkerContext) -> None:
+    """Drop what lies in excluded areas of drives that no stitch has looked at: held, or placed by the last version."""
+    map_id = context.settings.map_id
+    with context.database.read() as session:
+        if not excluded.of_map(session, map_id) or jobs.is_map_at_work(session, map_id):
+            return
+    if exclude(context, map_id):
+        with context.database.write() as session:
+            jobs.request_stitch(session, map_id)  # sent as one that has not gone out
+
+
+def exclude_by_settings(context: WorkerContext) -> None:
+    """Make the excluded areas of the settings those of their file. Raises InputError."""
+    file = context.settings.excluded_areas
+    try:
+        found = [] if file is None else areas_of_geojson(json.loads(file.read_text(encoding="utf-8")))
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"excluded_areas: cannot be read ({error})", file=file, remedy="name a GeoJSON file") from error
+    with context.database.write() as session:
+        excluded.sync(session, context.settings.map_id, found)
 
 
 def sweep_until_stopped(context: WorkerContext) -> None:
     """Sweep until this process is told to stop, whatever is away meanwhile."""
+    exclude_by_settings(context)
     app = make_app(context.settings)
     while not stop_requested.is_set():
         try:

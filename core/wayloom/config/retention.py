@@ -20,3 +20,7 @@ class UploadSettings(Settings):
         30.0, gt=0.0, le=36_500.0,
         description="days after which those of a drive go that is held, quarantined or failed, or did not arrive whole",
     )  # fmt: skip
+
+
+MAX_AREA_BYTES = 4 * 2**20
+"""Of GeoJSON with excluded areas."""

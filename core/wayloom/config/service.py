@@ -45,6 +45,9 @@ class ServiceSettings(Settings):
     held_blobs_bytes: int = Field(
         64 * 2**20, ge=0, description="bytes of tiles that an API process keeps in memory, those that were asked for last"
     )
+    excluded_areas: Path | None = Field(
+        None, description="GeoJSON file of polygons of which the map keeps nothing, beside those of /v1/excluded-areas"
+    )
     map_versions_kept: int = Field(20, ge=1, description="older versions of a map are forgotten")
 
     stage_hooks: str = Field(

@@ -1,8 +1,8 @@
-"""Deletion of images whose time is over: after the version that has their drive, or at a greatest age. Any number of sweepers
-may run at once, and be killed at any point.
+"""Deletion of images whose time is over: after the version that has their drive, or at a greatest age.
 
-Three steps: the drive is marked, in a transaction that makes sure that no job of it is to run; its folders are renamed into the
-trash, in the transaction that says so, so that no late sweeper takes what was sent once more; the trash is emptied.
+Any number of sweepers may run at once, and be killed at any point. Three steps: the drive is marked, in a transaction that makes
+sure that no job of it is to run; its folders are renamed into the trash, in the transaction that says so, so that no late sweeper
+takes what was sent once more; the trash is emptied.
 """
 
 import os

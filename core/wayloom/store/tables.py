@@ -206,6 +206,7 @@ class SubmapRow(Base):
     own_T_enu_submap, own_covariance  by the drive's own geo-reference; [] in rows older than the city graph: the same
     step_before  what joins it to the one before by the drive's own geo-reference, `wayloom.submaps.submap.StepBefore`; none for the
                  first, and in rows older than this
+    clipped_with  digest of the excluded areas nearby and of the place with which it was clipped last; empty: it was not
     length_m  of road
     track   (K, 2) longitude and latitude of its keyframes, and when the first of them was taken (`track_t_ns`)
     near_*  box by the drive's own place, as wide as that is uncertain: drives whose boxes touch may have seen the same street. It
@@ -224,6 +225,7 @@ class SubmapRow(Base):
     covariance: Mapped[list[Any]]
     own_T_enu_submap: Mapped[list[Any]] = mapped_column(default=list)
     own_covariance: Mapped[list[Any]] = mapped_column(default=list)
+    clipped_with: Mapped[str] = mapped_column(DIGEST, default="", server_default="")
     step_before: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
     length_m: Mapped[float] = mapped_column(default=0.0)
     track: Mapped[list[Any]] = mapped_column(default=list)
@@ -430,6 +432,28 @@ class MeetingRow(Base):
     digest: Mapped[str] = mapped_column(DIGEST)
     count: Mapped[int]
     likeness: Mapped[float | None]
+
+
+class ExcludedArea(Base):
+    """An area of a map of which nothing is kept. Never changed after it is written.
+
+    geometry  GeoJSON, a Polygon or MultiPolygon; the box around it in degrees, across the antimeridian with max_lon over 180
+    source    service: it was asked for over HTTP; settings: it stands in the file that `excluded_areas` names
+    since     the first version that was made without what lies in it; None: that is yet to come
+    """
+
+    __tablename__ = "excluded_areas"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    map_id: Mapped[str] = mapped_column(ForeignKey("maps.id", ondelete="CASCADE"), index=True)
+    name: Mapped[str] = mapped_column(String(256))
+    geometry: Mapped[dict[str, Any]]
+    min_lon: Mapped[float]
+    min_lat: Mapped[float]
+    max_lon: Mapped[float]
+    max_lat: Mapped[float]
+    source: Mapped[str] = mapped_column(String(16))
+    created_at: Mapped[float]
+    since: Mapped[int | None]
 
 
 class ForgottenBlob(Base):

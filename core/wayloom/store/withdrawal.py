@@ -53,12 +53,17 @@ def forget_meetings(session: Session, map_id: str, drive_id: str) -> None:
 
 def withdraw(session: Session, map_id: str) -> list[int]:
     """Withdraw every version but the newest that holds a removed drive. Returns their numbers."""
-    session.flush()
-    newest = select(Map.version).where(Map.id == map_id).scalar_subquery()
     ended = or_(MapDrive.until.is_(None), MapDrive.until > MapVersion.version)
     span = (MapDrive.map_id == map_id, MapDrive.removed.is_(True), MapDrive.since <= MapVersion.version, ended)
+    return withdraw_versions(session, map_id, exists().where(*span))
+
+
+def withdraw_versions(session: Session, map_id: str, which: ColumnElement[bool]) -> list[int]:
+    """Withdraw those of the versions but the newest that are served. Returns their numbers."""
+    session.flush()
+    newest = select(Map.version).where(Map.id == map_id).scalar_subquery()
     here = (MapVersion.map_id == map_id, MapVersion.withdrawn_at.is_(None), MapVersion.version < newest)
-    found = session.scalars(select(MapVersion).where(*here, exists().where(*span)).order_by(MapVersion.version)).all()
+    found = session.scalars(select(MapVersion).where(*here, which).order_by(MapVersion.version)).all()
     for version in found:
         version.withdrawn_at, version.facts, version.bounds = now_s(session), {}, None
     session.flush()
