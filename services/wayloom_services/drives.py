@@ -15,6 +15,7 @@ from wayloom.store.jobs import JobMessage
 from wayloom.store.manifest import Manifest
 from wayloom.store.manifest_text import parse_manifest
 from wayloom.store.tables import Drive
+from wayloom_services.collector import paused_collector
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem, ProtocolError
 from wayloom_services.schemas import (
@@ -50,6 +51,16 @@ router = APIRouter(prefix="/v1/drives", tags=["drives"], dependencies=[Depends(r
 async def register(request: Request, service: ServiceDep) -> Response:
     """Announce a drive. The same manifest again is the same drive: 200, with the files that are still missing."""
     content = await request.body()
+    with paused_collector():
+        answer, first_job = await _announce(service, content)
+    await service.notify(first_job)
+    headers = {"Location": f"/v1/drives/{answer.id}"}
+    body = _registration(service, answer)
+    return StreamingResponse(body, 201 if answer.created else 200, headers, media_type="application/json")
+
+
+async def _announce(service: Service, content: bytes) -> tuple[Registration, JobMessage | None]:
+    """The registration of a manifest, and the drive's first job where nothing is missing."""
     manifest = await service.in_thread(lambda: parse_manifest(content, service.settings.max_drive_files))
     _check_size(service, manifest)
 
@@ -60,11 +71,7 @@ async def register(request: Request, service: ServiceDep) -> Response:
         open_ones = [OpenPack(upload=f"/v1/uploads/{pack.id}", length=pack.length) for pack in packs.unfinished(session, drive.id)]
         return Registration(id=drive.id, created=created, drive=view, packs=open_ones, missing=[]), first_job
 
-    answer, first_job = await service.write(change)
-    await service.notify(first_job)
-    headers = {"Location": f"/v1/drives/{answer.id}"}
-    body = _registration(service, answer)
-    return StreamingResponse(body, 201 if answer.created else 200, headers, media_type="application/json")
+    return await service.write(change)
 
 
 @router.get("")
