@@ -47,8 +47,8 @@ class PackFiles(BaseModel):
 
 @router.post("/drives/{drive_id}/packs", status_code=201, summary="Begin a pack of small files")
 async def begin(drive_id: DriveId, wanted: PackIn, response: Response, service: ServiceDep) -> PackOut:
-    """Its bytes are those of the files, one behind the other; they are sent with PATCH to `upload`, from the offset that HEAD tells,
-    with `Upload-Pieces` if they are to be verified on the way. Each file is verified and stored as soon as it is whole."""
+    """Its bytes are those of the files, one behind the other; they are sent with PATCH to `upload`, from the offset that HEAD
+    tells, with `Upload-Pieces` if they are to be verified on the way. Each file is verified and stored as soon as it is whole."""
     expiry_s = service.settings.upload_expiry_s
     upload, files = await service.write(lambda session: packs.create(session, drive_id, wanted.paths, expiry_s))
     kept = {file.path for file in files}

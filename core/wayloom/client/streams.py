@@ -21,7 +21,7 @@ class Stream(Protocol):
     length: int
 
     def create(self, api: Api) -> str | None:
-        """Begin it without a byte: of one whose answer is lost nothing is lost. Returns its address; None where nothing is to be sent."""
+        """Begin it without a byte: of one whose answer is lost nothing is lost. Returns its address; None where nothing is left."""
 
     def chunk(self, offset: int, count: int) -> Chunk:
         """Its bytes from `offset` on, at most so many."""
