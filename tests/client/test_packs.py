@@ -16,7 +16,7 @@ from service_kit.links import BadLink
 from service_kit.packed_drives import packed_drive_of
 from service_kit.running import ApiAlone, until
 from wayloom.client.api import AnswerError, Api
-from wayloom.client.manifests import PackedDrive
+from wayloom.client.manifests import PackedDrive, pack
 from wayloom.client.upload import upload
 from wayloom.errors import LogError
 
@@ -227,3 +227,21 @@ def test_a_server_that_knows_no_packs_gets_the_files_one_by_one(alone: ApiAlone,
     with OlderServer(alone.url) as api:
         assert upload(api, drive)["missing"] == []
     check_arrived(alone, drive)
+
+
+@pytest.mark.real_data
+def test_a_log_with_a_link_that_leads_out_of_its_folder_is_refused(clip_a: Path, tmp_path: Path) -> None:
+    few = tmp_path / "few"
+    for side in ("image_0", "image_1"):
+        (few / side).mkdir(parents=True)
+        for name in sorted(os.listdir(clip_a / side))[:4]:
+            (few / side / name).write_bytes((clip_a / side / name).read_bytes())
+    (few / "calib.txt").write_bytes((clip_a / "calib.txt").read_bytes())
+    (few / "times.txt").write_text("".join((clip_a / "times.txt").read_text().splitlines(keepends=True)[:4]))
+    assert len(pack(few).sources) == 10
+    (few / "image_0" / name).unlink(missing_ok=True)
+    last = sorted((few / "image_1").iterdir())[-1]
+    (tmp_path / "elsewhere.png").write_bytes(last.read_bytes())
+    (few / "image_0" / last.name).symlink_to(tmp_path / "elsewhere.png")
+    with pytest.raises(LogError, match="leads out of"):
+        pack(few)

@@ -1,4 +1,4 @@
-"""What is sent as one resumable upload: one file, or a pack of small ones, one behind the other."""
+"""Streams of bytes, each sent as one resumable upload: one file, or a pack of small ones, one behind the other."""
 
 import base64
 from bisect import bisect_right
