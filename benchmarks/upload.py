@@ -1,9 +1,9 @@
-"""Speed of an upload over loopback beside a copy that is as safe: `cp`, SHA-256 of the copy, and a flush; memory of the API meanwhile.
+"""Speed of an upload over loopback beside a copy that is as safe: `cp`, SHA-256 of the copy, a flush; memory of the API.
 
 python benchmarks/upload.py [--rounds 3] [--gigabytes 5] [--cases ...] [--write]
 
-Each round makes new files, then in turn copies them, sends them file by file (tus) and in packs (what the client does by itself), to one
-API process on SQLite. `ratio` is the copy's time over the upload's, of the same round; the median of the rounds is told. The
+Each round makes new files, then in turn copies them, sends them file by file (tus) and in packs (as the client does), to one API
+process on SQLite. `ratio` is the copy's time over the upload's, of the same round; the median of the rounds is told. The
 upload's time begins with the manifest known and ends with every file verified, durable and registered. `memory` sends as many
 gigabytes as asked for, half of them as large files, half in packs, and removes each drive when it is there.
 """
@@ -116,8 +116,8 @@ def row(name: str, way: str, runs: list[Run]) -> str:
     median = {field: statistics.median(getattr(run, field) for run in runs) for field in Run.__dataclass_fields__}
     ratio = statistics.median(run.copy_s / run.upload_s for run in runs)
     numbers = f"{median['copy_s']:.2f} | {median['upload_s']:.2f} | {100 * ratio:.0f} % | {megabytes / median['upload_s']:.0f}"
-    cpu = f"{1e3 * median['api_s'] / count:.2f} | {1e3 * median['api_s'] / megabytes:.2f} | {1e3 * median['client_s'] / megabytes:.2f}"
-    return f"| {name} | {way} | {numbers} | {cpu} |"
+    cpu = [1e3 * median["api_s"] / count, 1e3 * median["api_s"] / megabytes, 1e3 * median["client_s"] / megabytes]
+    return f"| {name} | {way} | {numbers} | {' | '.join(f'{one:.2f}' for one in cpu)} |"
 
 
 def memory(server: ApiAlone, api: Api, folder: Path, gigabytes: int) -> Iterator[tuple[int, float]]:

@@ -10,8 +10,11 @@ READ: Final = 256 << 10
 
 
 def patient_protocol(head_s: float) -> type[H11Protocol]:
-    """uvicorn's HTTP protocol, which waits for ever for a request's head, with a limit of so many seconds. All connections read into one
-    buffer, since the loop hands on what it has read before it reads again: fresh memory for each read costs more than the read."""
+    """uvicorn's HTTP protocol, which waits for ever for a request's head, with a limit of so many seconds.
+
+    All connections read into one buffer, since the loop hands on what it has read before it reads again: fresh memory for each read
+    costs more than the read.
+    """
     buffer = memoryview(bytearray(READ))
 
     class PatientProtocol(H11Protocol, asyncio.BufferedProtocol):

@@ -16,6 +16,7 @@ from wayloom.store.manifest import Manifest
 from wayloom.store.manifest_text import parse_manifest
 from wayloom.store.tables import Drive
 from wayloom_services.access import own
+from wayloom_services.collector import paused_collector
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem, ProtocolError
 from wayloom_services.schemas import (
@@ -56,6 +57,16 @@ async def register(
     """Announce a drive. The same manifest again is the same drive: 200, with the files that are still missing. Of a drive whose
     images were deleted none is missing, unless `again` asks for them."""
     content = await request.body()
+    with paused_collector():
+        answer, first_job = await _announce(service, request, content, again)
+    await service.notify(first_job)
+    headers = {"Location": f"/v1/drives/{answer.id}"}
+    body = _registration(service, answer)
+    return StreamingResponse(body, 201 if answer.created else 200, headers, media_type="application/json")
+
+
+async def _announce(service: Service, request: Request, content: bytes, again: bool) -> tuple[Registration, JobMessage | None]:
+    """The registration of a manifest, and the drive's first job where nothing is missing."""
     manifest = await service.in_thread(lambda: parse_manifest(content, service.settings.max_drive_files))
     _check_size(service, manifest)
 
@@ -67,11 +78,7 @@ async def register(
         open_ones = [OpenPack(upload=f"/v1/uploads/{pack.id}", length=pack.length) for pack in packs.unfinished(session, drive.id)]
         return Registration(id=drive.id, created=created, drive=view, packs=open_ones, missing=[]), first_job
 
-    answer, first_job = await service.write(change)
-    await service.notify(first_job)
-    headers = {"Location": f"/v1/drives/{answer.id}"}
-    body = _registration(service, answer)
-    return StreamingResponse(body, 201 if answer.created else 200, headers, media_type="application/json")
+    return await service.write(change)
 
 
 @router.get("")

@@ -1,11 +1,16 @@
 """Pack endpoints: many small files of a drive as one resumable upload, which is continued as any other (tus)."""
 
+from collections.abc import Sequence
 from typing import Any, Final
 
-from fastapi import APIRouter, Depends, Response
+from fastapi import APIRouter, Depends, Request, Response
 from pydantic import BaseModel, Field
 
 from wayloom.store import packs, uploads
+from wayloom.store.database import Session
+from wayloom.store.packs import PackedFile
+from wayloom.store.tables import Upload
+from wayloom_services.access import own
 from wayloom_services.context import ServiceDep, require_key
 from wayloom_services.drives import DriveId
 from wayloom_services.errors import Problem, ProtocolError
@@ -46,11 +51,16 @@ class PackFiles(BaseModel):
 
 
 @router.post("/drives/{drive_id}/packs", status_code=201, summary="Begin a pack of small files")
-async def begin(drive_id: DriveId, wanted: PackIn, response: Response, service: ServiceDep) -> PackOut:
-    """Its bytes are those of the files, one behind the other; they are sent with PATCH to `upload`, from the offset that HEAD tells,
-    with `Upload-Pieces` if they are to be verified on the way. Each file is verified and stored as soon as it is whole."""
-    expiry_s = service.settings.upload_expiry_s
-    upload, files = await service.write(lambda session: packs.create(session, drive_id, wanted.paths, expiry_s))
+async def begin(drive_id: DriveId, wanted: PackIn, request: Request, response: Response, service: ServiceDep) -> PackOut:
+    """Its bytes are those of the files, one behind the other; they are sent with PATCH to `upload`, from the offset that HEAD
+    tells, with `Upload-Pieces` if they are to be verified on the way. Each file is verified and stored as soon as it is whole."""
+
+    def make(session: Session) -> tuple[Upload, Sequence[PackedFile]]:
+        upload, files = packs.create(session, drive_id, wanted.paths, service.settings.upload_expiry_s)
+        own.check_upload(request, session, service.settings.access, drive_id, upload.length)
+        return upload, files
+
+    upload, files = await service.write(make)
     kept = {file.path for file in files}
     skipped = [path for path in wanted.paths if path not in kept]
     if not files:

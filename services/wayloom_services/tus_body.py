@@ -73,8 +73,8 @@ def _put_down(service: Service, upload: Upload, arrival: Arrival) -> None:
 
 
 async def _pour(request: Request, service: Service, upload: Upload, arrival: Sink, room: int, hold: Hold) -> bool:
-    """Hand on the body, at most `room` bytes, a buffer at a time: while one is stored the next one comes. What has come before a broken
-    link is handed on too. Returns whether the body came to its end."""
+    """Hand on the body, at most `room` bytes, a buffer at a time: while one is stored the next one comes. What has come before a
+    broken link is handed on too. Returns whether the body came to its end."""
     come = 0
     clock = asyncio.get_running_loop().time
     every = min(PROLONG_S, service.settings.upload_expiry_s / 4)

@@ -1,4 +1,4 @@
-"""What is answered when the bytes of an upload cannot be stored."""
+"""Answers to an upload whose bytes cannot be stored."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

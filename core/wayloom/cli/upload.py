@@ -14,32 +14,60 @@ from wayloom.errors import ConfigError, NotFoundError
 if TYPE_CHECKING:
     from wayloom.client.api import Api
     from wayloom.client.manifests import PackedDrive
+    from wayloom.client.rates import RateLimit
+    from wayloom.client.spool import Then
 
 
 def upload_command(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG…", help="Drive logs.")],
     to: Annotated[str, typer.Option(help="Address of the service, e.g. http://127.0.0.1:8088")],
+    logs: Annotated[list[Path] | None, typer.Argument(metavar="LOG…", help="Drive logs.")] = None,
     gnss: Annotated[Path | None, typer.Option(help="GNSS log kept beside the drive (one LOG only).")] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Show the stages until the drives are in the map.")] = False,
     vehicle: Annotated[str | None, typer.Option(help="Id of the vehicle that drove.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write what the service says of each drive there.")] = None,
     connections: Annotated[int, typer.Option(min=1, max=32, help="Files sent at once.")] = 4,
     again: Annotated[bool, typer.Option("--again", help="Send also what the service had and deleted after processing.")] = False,
+    limit_rate: Annotated[str | None, typer.Option(metavar="RATE", help="Send no faster, e.g. 2MB/s.")] = None,
+    spool: Annotated[
+        Path | None, typer.Option("--watch", metavar="SPOOL", help="Upload each log of this folder when complete.")
+    ] = None,
+    then: Annotated[
+        str, typer.Option(metavar="keep|delete|move", help="What becomes of a log of SPOOL that was accepted.")
+    ] = "keep",
+    move_to: Annotated[Path | None, typer.Option(metavar="DIR", help="Where --then move puts it.")] = None,
+    settle: Annotated[
+        float, typer.Option(min=0.0, metavar="SECONDS", help="A log that has not changed for so long is complete.")
+    ] = 60.0,
+    once: Annotated[bool, typer.Option("--once", help="With --watch: end when nothing is left to be sent.")] = False,
     config: ConfigOption = None,
 ) -> None:
     """Send drive logs to a service. Run it again after any interruption: it continues where the service has it."""
     from wayloom.client.api import Api
     from wayloom.client.manifests import pack
+    from wayloom.client.rates import UNLIMITED, RateLimit, bytes_a_second
     from wayloom.files.atomic import write_atomically
     from wayloom.pipeline.settings import load_settings
 
-    if gnss is not None and len(logs) > 1:
+    logs = logs or []
+    if (spool is None) == (not logs):
+        raise ConfigError("either logs or --watch SPOOL is to be given", remedy="give one of them")
+    if gnss is not None and len(logs) != 1:
         raise ConfigError("--gnss belongs to one drive, several were given", remedy="send the drives one by one")
+    limit = UNLIMITED if limit_rate is None else RateLimit(bytes_a_second(limit_rate))
     key = load_settings(config).settings.api_key
+    if spool is not None:
+        with Api(to, key, connections) as api, ProgressBars(sys.stdout) as bars:
+            from wayloom.client.spool import Spool
+            from wayloom.client.spooling import Watching, watch
+
+            what, target = _then(then, move_to)
+            watching = Watching(what, target, vehicle, connections, limit, progress=bars, say=lambda line: print(line, flush=True))
+            watch(api, Spool(spool, settle), watching, once)
+        return
     with Api(to, key, connections) as api, ProgressBars(sys.stdout) as bars:
         packed_drives = [pack(path, gnss, vehicle, bars(f"{path.name}, reading")) for path in logs]
         before = [finished_stages(api, packed_drive.manifest.drive_id) for packed_drive in packed_drives]
-        sent = [send(api, packed_drive, bars, connections, again) for packed_drive in packed_drives]
+        sent = [send(api, packed_drive, bars, connections, limit, again) for packed_drive in packed_drives]
         drives = [
             follow(api, drive_id, bars, done) if wait else api.drive(drive_id) for drive_id, done in zip(sent, before, strict=True)
         ]
@@ -51,11 +79,25 @@ def upload_command(
         raise typer.Exit(1)
 
 
-def send(api: "Api", packed_drive: "PackedDrive", bars: ProgressBars, connections: int, again: bool = False) -> str:
+def _then(text: str, target: Path | None) -> "tuple[Then, Path | None]":
+    from wayloom.client.spool import Then
+
+    if text not in list(Then):
+        raise ConfigError(f"--then {text} is unknown", remedy=f"use one of {', '.join(Then)}")
+    if (text == Then.MOVE) != (target is not None):
+        raise ConfigError("--then move and --move-to DIR belong together", remedy="give both or none")
+    return Then(text), target
+
+
+def send(
+    api: "Api", packed_drive: "PackedDrive", bars: ProgressBars, connections: int, limit: "RateLimit | None" = None, again: bool = False
+) -> str:
     """Upload one drive under a bar. Returns its id."""
+    from wayloom.client.rates import UNLIMITED
     from wayloom.client.upload import upload
 
-    return str(upload(api, packed_drive, bars(f"{packed_drive.manifest.name}, sending"), connections, again=again)["id"])
+    bar = bars(f"{packed_drive.manifest.name}, sending")
+    return str(upload(api, packed_drive, bar, connections, limit=limit or UNLIMITED, again=again)["id"])
 
 
 def finished_stages(api: "Api", drive_id: str) -> set[str]:

@@ -1,4 +1,4 @@
-"""What is sent as one resumable upload: one file, or a pack of small ones, one behind the other."""
+"""Streams of bytes, each sent as one resumable upload: one file, or a pack of small ones, one behind the other."""
 
 import base64
 from bisect import bisect_right
@@ -21,7 +21,7 @@ class Stream(Protocol):
     length: int
 
     def create(self, api: Api) -> str | None:
-        """Begin it without a byte: of one whose answer is lost nothing is lost. Returns its address; None where nothing is to be sent."""
+        """Begin it without a byte: of one whose answer is lost nothing is lost. Returns its address; None where nothing is left."""
 
     def chunk(self, offset: int, count: int) -> Chunk:
         """Its bytes from `offset` on, at most so many."""

@@ -62,10 +62,10 @@ def register(session: Session, manifest: Manifest, map_id: str, owner: Owner | N
     )  # fmt: skip
     session.add(drive)
     session.flush()
-    files = iter(manifest.files)
+    files, rows_of = iter(manifest.files), session.connection()  # not through the session, which looks at each row's object
     while some := [*islice(files, ROWS_AT_ONCE)]:
         rows = [{"drive_id": drive_id, "complete": False, "path": one.path, "size": one.size, "sha256": one.sha256} for one in some]
-        session.execute(insert(DriveFile), rows)
+        rows_of.execute(insert(DriveFile), rows)
     return drive, True
 
 

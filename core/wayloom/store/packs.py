@@ -1,8 +1,8 @@
 """Packs: many small files of a drive that come as one upload, one behind the other, each stored as if it had come alone.
 
-A pack's files and their order are fixed when it is made, in an index beside the bytes. Files that are whole are moved to their places
-in batches: renamed, made durable together, then their rows are committed together with the number of the pack's files that are
-done. What lies behind that number is known by nothing but the file system, so whoever goes on looks there, and verifies it.
+A pack's files and their order are fixed when it is made, in an index beside the bytes. Files that are whole are moved to their
+places in batches: renamed, made durable together, then their rows are committed with the number of the files that are done. What
+lies behind that number is known by nothing but the file system, so whoever goes on looks there, and verifies it.
 """
 
 import ctypes
@@ -80,8 +80,8 @@ def create(session: Session, drive_id: str, paths: Sequence[str], expiry_s: floa
         raise ConflictError("a pack names each file once")
     files = [PackedFile(path, found[path].size, found[path].sha256) for path in paths if not found[path].complete]
     upload = Upload(
-        id=uuid.uuid4().hex, drive_id=drive_id, path="", length=sum(file.size for file in files), metadata_header="", complete=False,
-        expires_at=now_s(session) + expiry_s, files_done=0,
+        id=uuid.uuid4().hex, drive_id=drive_id, path="", length=sum(file.size for file in files), metadata_header="",
+        complete=False, expires_at=now_s(session) + expiry_s, files_done=0,
     )  # fmt: skip
     session.add(upload)
     return upload, files
@@ -152,8 +152,8 @@ def install(folders: Folders, pack: Pack, numbers: Sequence[int]) -> None:
 
 
 def mark_done(session: Session, pack: Pack, first: int, end: int, expiry_s: float) -> JobMessage | None:
-    """The files from `first` up to `end` are in their places. With the drive's last one its jobs begin, and the message of the first
-    of them is returned. Raises NotFoundError where the drive was removed meanwhile."""
+    """The files from `first` up to `end` are in their places. With the drive's last one its jobs begin, and the message of the
+    first of them is returned. Raises NotFoundError where the drive was removed meanwhile."""
     drive = session.get(Drive, pack.drive_id, with_for_update=True)
     if drive is None:
         raise NotFoundError(f"drive {pack.drive_id[:12]} was removed while it was uploaded")
