@@ -26,9 +26,9 @@ except MemoryError:
 
 
 def test_a_worker_is_limited_by_default_to_a_share_of_the_machine() -> None:
-    assert ServiceSettings.model_fields["stage_memory_bytes"].default is None
+    assert ServiceSettings.model_fields["stage_memory_bytes"].default == -1
     assert machine_memory() > 1 << 28
-    limit, outcome = held("None", "machine_memory()").split("\n")[:2]
+    limit, outcome = held("-1", "machine_memory()").split("\n")[:2]
     assert (int(limit), outcome) == (int(WORKER_SHARE * machine_memory()), "MemoryError")
 
 

@@ -63,10 +63,10 @@ def _others_hold_the_memory() -> bool:
         return False
 
 
-def limit_memory(most: int | None) -> None:
+def limit_memory(most: int) -> None:
     """Let this process hold no more than so many bytes of its own; a stage that wants more gets MemoryError, and nobody else's
-    process is killed for it. None: WORKER_SHARE of what the machine or its control group has; 0: as much as there is."""
-    if most is None:
+    process is killed for it. -1: WORKER_SHARE of what the machine or its control group has; 0: as much as there is."""
+    if most < 0:
         most = int(WORKER_SHARE * machine_memory())
     if most:
         _, hard = resource.getrlimit(resource.RLIMIT_DATA)

@@ -62,8 +62,8 @@ class ServiceSettings(Settings):
     max_losses: int = Field(
         20, ge=1, le=1000, description="workers that may be lost over one stage, whatever the reason, before it is quarantined"
     )
-    stage_memory_bytes: int | None = Field(
-        None, ge=0, description="most bytes that a worker may hold; 0: as much as there is; default 80 % of the machine's memory"
+    stage_memory_bytes: int = Field(
+        -1, ge=-1, description="most bytes that a worker may hold; 0: as much as there is; -1: 80 % of the machine's memory"
     )
     stage_limit_s: float = Field(7 * 86400.0, gt=0, description="seconds after which a stage that is not done has failed")
     retry_first_s: float = Field(5.0, gt=0, description="seconds before a failed stage is tried again; twice as long each time")

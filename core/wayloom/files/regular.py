@@ -19,7 +19,12 @@ class LargeFileError(OSError):
 
 
 def open_regular(file: Path) -> BufferedReader:
-    """The file, opened for reading without waiting. Raises OSError; IrregularFileError where it is no regular file."""
+    """The file, opened for reading without waiting. Raises OSError; IrregularFileError where it is no regular file.
+
+    It is looked at before it is opened, for opening a device may do something, and again after, for it may have been exchanged.
+    """
+    if not stat.S_ISREG(os.stat(file).st_mode):
+        raise IrregularFileError(None, "it is no regular file")
     fd = os.open(file, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
     try:
         if not stat.S_ISREG(os.fstat(fd).st_mode):
@@ -36,4 +41,4 @@ def read_regular(file: Path, most: int = MOST_BYTES) -> bytes:
         size = os.fstat(stream.fileno()).st_size
         if size > most:
             raise LargeFileError(None, f"it has {size} bytes, {most} are allowed")
-        return stream.read(most)
+        return stream.read(size)  # of a bound that is larger all would be set aside first

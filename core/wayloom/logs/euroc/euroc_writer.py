@@ -101,7 +101,8 @@ def camera_text(camera: EurocCamera) -> str:
     """A camera's sensor.yaml."""
     c, lens = camera.lens.camera, camera.lens
     is_fisheye = isinstance(lens, FisheyeCamera)
-    bend = lens.distortion if is_fisheye or lens.distortion[4] else lens.distortion[:4]
+    bend: tuple[float, ...] = lens.distortion
+    bend = bend[:4] if not any(bend[4:]) else bend  # k3 is rare, and other readers expect four
     return motion_text("camera", camera.T_body_cam) + (
         f"resolution: [{c.width}, {c.height}]\n"
         "camera_model: pinhole\n"

@@ -142,7 +142,8 @@ class McapFile:
         out = {}
         for name, found in rows.items():
             table = np.array(sorted(found), np.int64).reshape(-1, 4)
-            out[name] = Messages(*(table[:, column].copy() for column in range(4)), self._translators.get(name))
+            columns = [table[:, column].copy() for column in range(4)]
+            out[name] = Messages(columns[0], columns[1], columns[2], columns[3], self._translators.get(name))
         return out
 
     def first(self, name: str) -> bytes:

@@ -1,5 +1,6 @@
 """ROS 2 messages to and from CDR: images, calibration, GNSS, IMU, transforms, poses."""
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -160,7 +161,7 @@ def read_exposure(data: bytes | memoryview) -> tuple[Header, float]:
 def read_motion(message: CdrReader) -> FloatArray:
     """Translation and quaternion x y z w to (4, 4). Raises CdrError where the quaternion is none."""
     t, (x, y, z, w) = message.numbers("d", 3), message.numbers("d", 4)
-    norm = float(np.sqrt(x * x + y * y + z * z + w * w))
+    norm = math.hypot(x, y, z, w)
     if not 0.9 < norm < 1.1:
         raise CdrError(f"a quaternion of length {norm:.3g}")
     q, w = np.array([x, y, z]) / norm, w / norm
