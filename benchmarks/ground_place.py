@@ -3,9 +3,10 @@
     python benchmarks/ground_place.py OUT OXTS [--write place]
 
 OUT is what `wayloom process` left of a drive with GNSS, OXTS its KITTI …_sync folder with a packet a frame. There is no aerial
-picture to compare with. What can be told: how the receiver lies to the camera, submap by submap, against the calibration's lever arm; how
-high camera and receiver are over the sheet's own ground below them; and by how much the orthophotos of neighbouring submaps, each
-placed by its own pose, are shifted where both show the ground (normalised correlation of squares of 4 m).
+picture to compare with. What can be told: how the receiver lies to the camera, submap by submap, against the calibration's
+lever arm; how high camera and receiver are over the sheet's own ground below them; and by how much the orthophotos of
+neighbouring submaps, each placed by its own pose, are shifted where both show the ground (normalised correlation of squares
+of 4 m).
 """
 
 import argparse
