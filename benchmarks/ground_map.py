@@ -2,34 +2,48 @@
 
     python benchmarks/ground_map.py [--drives 8] [--write]
     python benchmarks/ground_map.py --sheets PROCESSED:SHEETS …
+    python benchmarks/ground_map.py --light [--write]
 
 The street is made (`tests/ground/made_sheets.py`). With --sheets, of drives that `wayloom process` has processed, and folders of
-their sheets: the same, of the regions that they reach. --write puts the table of the made street into
-docs/benchmarks/ground_map.md.
+their sheets: the same, of the regions that they reach. With --light, two drives past the same places of the simulated city in
+different weather, their sheets rendered from above: what of the newer one's light the map shows, and how its patches meet. --write
+puts the tables of the made street and of light into docs/benchmarks/ground_map.md.
 """
 
 import argparse
+import itertools
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Final
 
+from pages import DOCS, put_between_marks
+
+sys.path.pop(0)  # this folder, whose ground.py hides the tests' folder of that name
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "tiles"))
 
+import cv2
 import numpy as np
 from test_ground_tiles import Held
 
-from ground.made_sheets import Street, cut
+from ground.made_sheets import SURE, Street, cut
 from ground.test_merge import painted_naively
-from pages import DOCS, put_between_marks
+from wayloom.evaluation.made_ground import Wear, made_sheet, worn
 from wayloom.geodesy.map_frame import MapFrame
+from wayloom.ground.exposure import WHITE_PERCENTILE, DriveExposure
 from wayloom.ground.files import load_sheet, read_index
+from wayloom.ground.ground_map import GroundMap
 from wayloom.ground.kernels import merging
-from wayloom.ground.merge import merge_sheets
+from wayloom.ground.merge import TILE_M, merge_sheets
 from wayloom.ground.placed_sheet import PlacedSheet, kernel_arrays, reach
+from wayloom.ground.sheet import GroundSheet
+from wayloom.simulation.city.city_settings import CitySettings
+from wayloom.simulation.recording.worlds import build_world
+from wayloom.simulation.rendering.light import WEATHERS
 from wayloom.stitching.region_grid import REGION_M, region_edges, regions_within
 from wayloom.submaps.files import load_submaps
 from wayloom.tiles.ground_tiles import ground_tiles
@@ -38,6 +52,9 @@ from wayloom.tiles.settings import TileSettings
 PAGE: Final = DOCS / "benchmarks" / "ground_map.md"
 STREET: Final = Street()
 FRAME: Final = MapFrame(8.4, 49.0, 100.0)
+LIGHTS: Final = (("clear", "clear"), ("clear", "low sun"), ("low sun", "clear"), ("clear", "wet road"), ("overcast", "noon"))
+"""Weathers of an older and a newer drive."""
+SHADOWLESS: Final = "overcast"
 HALF_M: Final = 60.0
 """Sheets reach so far beyond both sides of the measured region."""
 
@@ -47,8 +64,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--drives", type=int, default=8)
     parser.add_argument("--sheets", nargs="*", default=[])
+    parser.add_argument("--light", action="store_true")
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
+    if options.light:
+        table = light()
+        print(table)
+        if options.write:
+            put_between_marks(PAGE, "light", table)
+        return
     if options.sheets:
         real_regions(options.sheets)
         return
@@ -101,13 +125,14 @@ def twin() -> str:
 
         def run() -> None:
             out = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.uint8), np.zeros(shape, np.uint16)
-            merging.paint(held, 1, wanted, at, field, first, out)
+            level = np.ones((wanted.shape[0] + 2, wanted.shape[1] + 2, 3))
+            merging.paint(held, 1, wanted, at, field, first, level, out)
 
         return shape[0] * shape[1] / seconds(run)
 
     paint(few, corner)
     compiled = paint(many, np.array([1, 28]))
-    naive = few.size * 256 / seconds(lambda: painted_naively(sheet, 1, few, corner, field, first))
+    naive = few.size * 256 / seconds(lambda: painted_naively(sheet, 1, few, corner, field, first, np.ones((4, 4, 3))))
     return f"Painting: {compiled / 1e6:.1f} million pixels a second, {compiled / naive:.0f} times the naive twin of the tests."
 
 
@@ -132,6 +157,96 @@ def real_regions(folders: Sequence[str]) -> None:
     print(
         f"{len(sheets)} sheets, {len(held)} regions: {merge_s:.1f} CPU s, {merge_s / len(held):.2f} a region, {size / 1e6:.1f} MB"
     )
+
+
+def light() -> str:
+    """Markdown table: of two drives in two weathers over the places of a city, what the merged ground shows."""
+    made = {name: light_sheets(name) for name in {*itertools.chain(*LIGHTS), SHADOWLESS}}
+    lines = [
+        "| older drive | newer drive | shown by the newer (%) | patches | steps at their borders, elsewhere: median, p90, p99 |"
+        " 80 cm darker than the ground: newer, map (%) |",
+        "| --- | --- | ---: | ---: | --- | --- |",
+    ]
+    for older, newer in LIGHTS:
+        shown, patches, at_borders, elsewhere, dark = [], 0, [], [], []
+        for k, plain in enumerate(made[SHADOWLESS]):
+            first = worn_drive(made[older][k], "a", 100, k, -1.5, (0.0, 0.0, 0.0))
+            second = worn_drive(made[newer][k], "b", 9000, 50 + k, 1.5, (0.03, 0.04, 0.01))
+            low = np.round((plain.T_submap_sheet[:2, 3] - REGION_M / 2.0) / TILE_M) * TILE_M
+            both, alone, ground = (
+                merge_sheets(drives, low, REGION_M) for drives in ([first, second], [second], [placed(plain, "c", 1)])
+            )
+            assert both is not None
+            assert alone is not None
+            assert ground is not None
+            is_newer = np.array([drive_id[0] == "b" for drive_id, _ in ((" ", ""), *both.sheets)])[both.shown]
+            shown.append(is_newer[both.shown > 0].mean())
+            patches += sum(
+                cv2.connectedComponents(mask.astype(np.uint8))[0] - 1 for mask in (is_newer, ~is_newer & (both.shown > 0))
+            )
+            for at_border, steps in border_steps(both):
+                (at_borders if at_border else elsewhere).append(steps)
+            dark.append([darker(one, ground) for one in (alone, both)])
+        told = [", ".join(f"{v:.1f}" for v in np.percentile(np.concatenate(one), (50, 90, 99))) for one in (at_borders, elsewhere)]
+        of_newer, of_map = 100.0 * np.mean(dark, axis=0)
+        lines.append(
+            f"| {older} | {newer} | {100 * np.mean(shown):.0f} | {patches} | {told[0]}; {told[1]} | {of_newer:.1f}, {of_map:.1f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def light_sheets(weather: str) -> list[GroundSheet]:
+    """The true ground at the places, 80 m by 40 m, in the tones that a drive's orthophoto has."""
+    world = build_world(CitySettings(seed=3), WEATHERS[weather].model_copy(update={"haze_per_m": 0.0}), "half")
+    nodes, sheets = world.city.graph.nodes, []
+    for place in (nodes[12], (nodes[6] + nodes[7]) / 2, (nodes[12] + nodes[13]) / 2):
+        sheet = made_sheet(world, (float(place[0]), float(place[1])), (80.0, 40.0))
+        white = float(np.percentile(sheet.colour[sheet.sharpness > 0], WHITE_PERCENTILE))
+        tone = DriveExposure(np.ones(1), np.zeros(1), white).tone(sheet.colour)
+        sheets.append(replace(sheet, colour=np.rint(tone).clip(0, 255).astype(np.uint8)))
+    return sheets
+
+
+def worn_drive(
+    true: GroundSheet, drive_id: str, t_s: int, seed: int, track_y_m: float, off_m: tuple[float, float, float]
+) -> PlacedSheet:
+    """A drive past the place, off_m from where it believes to be, its sheet as images of half size leave it."""
+    return placed(worn(true, Wear(near_px_m=12.0, far_px_m=3.0, track_y_m=track_y_m, seed=seed)), drive_id, t_s, off_m)
+
+
+def placed(sheet: GroundSheet, drive_id: str, t_s: int, off_m: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> PlacedSheet:
+    """The sheet of a drive, whose own frame is the city's."""
+    dated = replace(sheet, t_ns=np.array([t_s, t_s + 10], np.int64) * 1_000_000_000)
+    T = np.eye(4)
+    T[:3, 3] = off_m
+    return PlacedSheet(64 * drive_id, dated.digest, lambda: dated, T, SURE)
+
+
+def border_steps(made: GroundMap) -> Iterator[tuple[bool, np.ndarray]]:
+    """Steps of grey between means of 25 cm, along both axes, where another sheet begins to show and where none does."""
+    size, gap = 5, 2
+    mean = cv2.blur(made.colour.astype(np.float32).mean(axis=2), (size, size))
+    whole = cv2.erode((made.shown > 0).astype(np.uint8), np.ones((2 * size + 1, 2 * size + 1), np.uint8)) > 0
+    for grey, known, shown in ((mean, whole, made.shown), (mean.T, whole.T, made.shown.T)):
+        step, width = np.abs(grey[:, size:] - grey[:, :-size]), grey.shape[1] - size
+        at_border = shown[:, gap : gap + width] != shown[:, gap + 1 : gap + 1 + width]
+        inside = known[:, size:] & known[:, :-size]
+        for border in (True, False):
+            yield border, step[inside & (at_border == border)]
+
+
+def darker(made: GroundMap, ground: GroundMap) -> float:
+    """Share of the squares of 80 cm that are darker than the shadowless ground by a fifth, brought to one median."""
+    edge = 16
+
+    def squares(one: GroundMap) -> np.ndarray:
+        grey = np.where(made.shown > 0, one.colour.astype(np.float64).mean(axis=2), np.nan)
+        n = len(grey) // edge
+        return np.asarray(grey.reshape(n, edge, n, edge).mean(axis=(1, 3)))
+
+    share = squares(made) / squares(ground)
+    share = share[np.isfinite(share)]
+    return float(np.mean(share < 0.8 * np.median(share)))
 
 
 def seconds(work: Callable[[], object]) -> float:

@@ -17,8 +17,8 @@ SURE = np.diag([0.02**2, 0.02**2, 0.02**2, 1e-8, 1e-8, 1e-8])
 
 @dataclass(frozen=True)
 class Street:
-    """Along x of the map, its middle at y of `middle_m`. patch: x from, to, y from, to of asphalt that was laid anew, darker;
-    step_m how much lower it lies."""
+    """Along x of the map, its middle at y of `middle_m`. patch: x from, to, y from, to of asphalt that was laid anew, darker and
+    with a grain of its own; step_m how much lower it lies."""
 
     middle_m: float = 30.0
     patch: tuple[float, float, float, float] | None = None
@@ -39,7 +39,8 @@ class Street:
 
     def grey(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Grey levels in good light."""
-        waves = sum(np.sin(fx * x + fy * y + phase) for fx, fy, phase in WAVES)
+        u, v = np.where(self._in_patch(x, y), (y, -x), (x, y))
+        waves = sum(np.sin(fx * u + fy * v + phase) for fx, fy, phase in WAVES)
         off = np.abs(y - self.middle_m)
         grey = np.where(off > HALF_ROAD_M, 150.0, 95.0) + 4.0 * waves - self.darker * self._in_patch(x, y)
         dash = (np.mod(x, DASH_EVERY_M) < DASH_M) & (off < DASH_WIDE_M / 2.0) & ~self._in_patch(x, y)

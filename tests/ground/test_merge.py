@@ -11,6 +11,9 @@ from wayloom.errors import InputError
 from wayloom.ground.balance import balance_fields, box_sum
 from wayloom.ground.ground_map import NO_HEIGHT, GroundFile, GroundMap, decode_ground
 from wayloom.ground.kernels import merging
+from wayloom.ground.kernels.detail import LEAST_STEP, block_detail, step_agreement
+from wayloom.ground.kernels.resampling import colour_of, place
+from wayloom.ground.levelling import REACH_BLOCKS, seam_gains
 from wayloom.ground.merge import merge_sheets
 from wayloom.ground.placed_sheet import PlacedSheet, kernel_arrays
 from wayloom.ground.sheet import CELL_M, PIXEL_M
@@ -125,7 +128,7 @@ def test_heights_of_drives_meet_in_the_middle_and_the_better_placed_counts_more(
 
 
 def test_the_newest_look_is_shown_where_the_ground_has_changed() -> None:
-    """Asphalt laid anew, darker: by the newest drive, though it saw less sharply, and only there."""
+    """Asphalt laid anew, darker, its grain its own: by the newest drive, though it saw less sharply, and only there."""
     patched = replace(STREET, patch=(20.0, 32.0, 26.0, 34.0))
     old, new = drive("a", sharpness=80), drive("b", street=patched, sharpness=50, t_s=9000, seed=20)
     made = merged(old + new)
@@ -146,15 +149,20 @@ def test_the_newest_height_counts_where_the_ground_was_dug_away() -> None:
     assert np.abs(made.height_mm[deep] - 1000.0 * dug.height(x, y)[deep]).mean() < 25.0
 
 
-def test_another_light_comes_in_whole_patches() -> None:
-    """The shadow of the newest drive, or none: no block of it among blocks of the other."""
-    lit, shady = drive("a", sharpness=80), drive("b", shade=(24.0, 36.0), sharpness=50, t_s=9000, seed=20)
+@pytest.mark.parametrize("newest_is_shady", [True, False])
+@pytest.mark.parametrize("gain", [1.0, 0.8])
+def test_of_one_ground_in_two_lights_the_brighter_is_shown_and_both_tell_of_it(newest_is_shady: bool, gain: float) -> None:
+    """Ten metres of shadow on the sharper drive, newer or older, in its own exposure: gone from the road, without a step."""
+    lit = drive("a", -32.0, sharpness=50, t_s=100 if newest_is_shady else 9000)
+    shady = drive("b", -32.0, shade=(24.0, 34.0), sharpness=80, t_s=9000 if newest_is_shady else 100, seed=20, gain=gain)
     made = merged(lit + shady)
-    first_new = 1 + [drive_id for drive_id, _ in made.sheets].index("b" * 64)
-    road = (made.shown >= first_new)[round(26.5 / PIXEL_M) : round(33.5 / PIXEL_M)]
-    blocks = road[: 8 * 16, : 80 * 16].reshape(8, 16, 80, 16).mean(axis=(1, 3)) > 0.5
-    changes = np.abs(np.diff(blocks.astype(int), axis=1)).sum(axis=1)
-    assert (changes <= 2).all()
+    first_shady = 1 + [drive_id for drive_id, _ in made.sheets].index("b" * 64)
+    road, (x, y) = slice(round(26.8 / PIXEL_M), round(29.5 / PIXEL_M)), places(1280, PIXEL_M)
+    assert (made.shown[road, round(24 / PIXEL_M) : round(34 / PIXEL_M)] < first_shady).all()
+    assert (made.shown[road, round(40 / PIXEL_M) : round(60 / PIXEL_M)] >= first_shady).all()
+    share = (made.colour[..., 0] / STREET.grey(x, y))[road].mean(axis=0).reshape(-1, 20).mean(axis=1)
+    assert np.abs(np.diff(share)).max() < 0.03
+    assert (made.looks[270:295, 250:350] == 2).all()
 
 
 def test_grey_sheets_make_grey_ground_and_with_colour_they_are_grey_in_it() -> None:
@@ -205,22 +213,22 @@ def test_one_sheet_alone_is_left_as_it_is() -> None:
 
 @pytest.mark.kernels
 def test_painting_is_that_of_a_plain_loop() -> None:
-    """A few blocks at a sheet's border, with a field that is not flat."""
+    """A few blocks at a sheet's border, with a field and gains that are not flat."""
     (sheet,) = drive("a", 2.0, pieces=1)
     held = kernel_arrays(sheet.read(), sheet.T_map_submap)
     corner, first = np.array([1, 36]), np.array([-2, 7])
     field = np.ones((4, 6, 6)) * np.linspace(0.8, 1.1, 6)
-    wanted = np.array([[True, True], [False, True]])
+    wanted, level = np.array([[True, True], [False, True]]), np.random.default_rng(2).uniform(0.8, 1.2, (4, 4, 3))
     out = np.zeros((32, 32, 3), np.uint8), np.zeros((32, 32), np.uint8), np.zeros((32, 32), np.uint16)
-    merging.paint(held, 7, wanted, corner, field, first, out)
-    naive = painted_naively(sheet, 7, wanted, corner, field, first)
+    merging.paint(held, 7, wanted, corner, field, first, level, out)
+    naive = painted_naively(sheet, 7, wanted, corner, field, first, level)
     for one, other in zip(out, naive, strict=True):
         assert np.abs(one.astype(int) - other.astype(int)).max() <= 1
     np.testing.assert_array_equal(out[2], naive[2])
     assert 0 < (out[2] > 0).sum() < 3 * 256
 
 
-def painted_naively(placed, number, wanted, corner, field, first):  # type: ignore[no-untyped-def]
+def painted_naively(placed, number, wanted, corner, field, first, level):  # type: ignore[no-untyped-def]
     """Each pixel by itself, with numpy: the surface is looked for along the map's vertical in small steps."""
     sheet = placed.read()
     T = placed.T_map_submap @ sheet.T_submap_sheet
@@ -251,6 +259,56 @@ def painted_naively(placed, number, wanted, corner, field, first):  # type: igno
             gain = np.interp(tx, np.arange(6), field[0, 0])
             assert 0 <= tx < 5
             assert 0 <= ty < 5
-            colours[row, column] = np.rint(np.clip(gain * total / weight, 0, 255))
+            at = np.array([row + 0.5, column + 0.5]) / 16.0 + 0.5
+            (i, j), (b, a) = at.astype(int), at % 1.0
+            near = level[i : i + 2, j : j + 2] * (np.array([1 - b, b])[:, None] * np.array([1 - a, a]))[..., None]
+            colours[row, column] = np.rint(np.clip(near.sum(axis=(0, 1)) * gain * total / weight, 0, 255))
             sharp[row, column], shown[row, column] = sheet.sharpness[r, c], number
     return colours, sharp, shown
+
+
+@pytest.mark.kernels
+def test_detail_and_its_agreement_are_those_of_plain_loops() -> None:
+    """Means of 20 cm of a level sheet; steps counted pair by pair."""
+    (sheet,) = drive("a", 2.0, pieces=1)
+    held, first = kernel_arrays(sheet.read(), sheet.T_map_submap), np.array([1, 36])
+    out = np.zeros((3, 3, 4, 4), np.int16)
+    block_detail(held, first, out)
+    colour = np.zeros(3)
+    for (i, j, a, b), told in np.ndenumerate(out):
+        points = [
+            ((first[0] + j) * 0.8 + (b + p) * 0.2, (first[1] + i) * 0.8 + (a + q) * 0.2) for p in (0.25, 0.75) for q in (0.25, 0.75)
+        ]
+        seen = [(colour_of(held, *place(held, x, y)[:2], colour) > 0, colour.mean()) for x, y in points]
+        wanted = np.rint(4.0 * sum(grey for _, grey in seen)) if all(there for there, _ in seen) else -1
+        assert abs(told - wanted) <= 1
+    assert (out >= 0).any()
+    rng = np.random.default_rng(3)
+    one, other = rng.integers(-1, 60, (2, 3, 3, 4, 4)).astype(np.int16)
+    counts = np.zeros((2, 3, 3), np.int64)
+    step_agreement(one, other, counts)
+    for i, j in np.ndindex(3, 3):
+        pairs = [((a, b), (a, b + 1)) for a in range(4) for b in range(3)] + [
+            ((a, b), (a + 1, b)) for a in range(3) for b in range(4)
+        ]
+        signs = []
+        for low, high in pairs:
+            values = [int(of[i, j][at]) for of in (one, other) for at in (low, high)]
+            steps = values[1] - values[0], values[3] - values[2]
+            if min(values) >= 0 and min(map(abs, steps)) >= LEAST_STEP:
+                signs.append(np.sign(steps[0] * steps[1]))
+        assert counts[:, i, j].tolist() == [sum(signs), len(signs)]
+
+
+def test_patches_that_differ_meet_in_between_and_far_from_their_border_stay_as_they_are() -> None:
+    colour = np.full((2, 4, 24, 3), 100.0)
+    colour[1] = 120.0
+    seen, shown = np.ones((2, 4, 24), np.bool_), np.where(np.arange(24) < 12, 0, 1)[None].repeat(4, axis=0)
+    gain = seam_gains(colour, seen, seen, shown)
+    row = (np.where(shown[..., None] == 0, gain[0], gain[1]) * np.where(shown == 0, 100.0, 120.0)[..., None])[2, :, 0]
+    assert (row[: 12 - REACH_BLOCKS] == 100.0).all()
+    assert (row[12 + REACH_BLOCKS :] == 120.0).all()
+    assert (np.diff(row) >= 0.0).all()
+    assert np.diff(row).max() < 5.0  # of 20 in one step
+    nothing = seam_gains(colour, np.zeros_like(seen), seen, shown)
+    assert (nothing == 1.0).all()

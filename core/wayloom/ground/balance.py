@@ -24,8 +24,9 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 COVER_TILES: Final = 3
 MEDIAN_TILES, MEDIAN_STRIDE, SMOOTH_TILES = 4, 2, 1
-CHOICE_TILES: Final = 2
-"""How far around a block fields bear on what shows it (`wayloom.ground.choice`)."""
+CHOICE_TILES: Final = 3
+"""How far around a block fields bear on what shows it (`wayloom.ground.choice`): on who is shown over 7 blocks, on the gains with
+which patches meet over 5 more (`wayloom.ground.levelling`, and the next block for interpolation)."""
 HALO_TILES: Final = CHOICE_TILES + 1 + max(MEDIAN_TILES + SMOOTH_TILES, COVER_TILES)
 """Around a window: what the choice asks for, the next tile for interpolation, and what the field there depends on."""
 LEAST_SAMPLES: Final = 16

@@ -1,16 +1,27 @@
-"""Choice of the sheet that shows a block: the sharpest of those that the newest one does not contradict.
+"""Choice of the sheet that shows a block: the sharpest of those that the newest one does not contradict, in the best light.
 
 Blocks choose by sums over the blocks around them, so one sheet shows a patch of many metres: two are never averaged, and neither
-double edges nor speckles can come of drives that lie a few centimetres apart or saw other light.
+double edges nor speckles can come of drives that lie a few centimetres apart.
+
+Where two sheets differ in brightness, either the ground is another since the older one came, or the light was: a shadow, a wet
+day. The ground's own detail tells: a shadow scales it and lets it stay, ground laid anew has its own. So the signs of the steps
+between neighbouring places of 20 cm are compared, which no light changes but across a shadow's edge (rank correlation, as
+Kendall's tau: of two sheets' grounds that have nothing to do with each other as many steps agree as do not). If it is the light,
+both tell of the ground, and the brighter one shows it.
 """
 
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.ground.balance import at_blocks, box_sum
+from wayloom.ground.kernels.detail import step_agreement
 from wayloom.ground.kernels.merging import COLOURS, HEIGHT, HEIGHTS, SAMPLES, SEEN, SHARPNESS, SIGMA
+from wayloom.ground.levelling import seam_gains
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -24,36 +35,115 @@ AROUND_BLOCKS: Final = 2
 CHANGED_MM: Final = 40.0
 SIGMAS: Final = 3.0
 LEAST_SAMPLES: Final = SAMPLES * SAMPLES // 2
+SAME_GROUND_ONE_IN: Final = 4
+"""It is one ground if of the steps around a block so many more agree than do not: one in so many."""
+LEAST_STEPS: Final = 150
+"""Of 600 around a block: fewer tell nothing."""
 
 
-def outdated_blocks(sums: IntArray, fields: FloatArray, age: IntArray) -> BoolArray:
-    """(S, N, N): the newest sheet there is newer, and shows another colour or height than this one, here and around.
+@dataclass(frozen=True, slots=True)
+class _Dimmer:
+    """Where (N, N) the sheet in row `dark` is dimmer than the one in row `lit` and both show one ground; both, where they are on
+    one ground at all."""
+
+    dark: int
+    lit: int
+    dimmer: BoolArray
+    both: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class Ranking:
+    """order (S, N, N): the sheets of each block, best first, of which the first `allowed` (N, N) are to be shown at all; gain
+    (S, N, N, 3) of each where it is shown."""
+
+    order: IntArray
+    allowed: IntArray
+    gain: FloatArray
+
+
+def ranked_sheets(sums: IntArray, fields: FloatArray, age: IntArray, detail: Callable[[int], NDArray[np.int16]]) -> Ranking:
+    """Who shows the blocks of a window.
 
     sums (S, N, N, 8); fields (S, 4, n, n) of `balance.balance_fields`; age (S,) ranks, the newest has the highest
+    detail : of a sheet's row the detail (N, N, SAMPLES, SAMPLES) of its blocks (`kernels.detail`), asked where brightness differs
     """
-    seen, known = sums[..., SEEN] >= LEAST_SAMPLES, sums[..., HEIGHTS] >= LEAST_SAMPLES
-    balance = at_blocks(fields)
-    gain = np.moveaxis(balance[:, :3], 1, -1)
-    colour = gain * sums[..., COLOURS] / np.maximum(16.0 * sums[..., SEEN], 1.0)[..., None]
-    height = sums[..., HEIGHT] / np.maximum(sums[..., HEIGHTS], 1) + balance[:, 3]
-    sigma2 = (sums[..., SIGMA] / np.maximum(sums[..., HEIGHTS], 1)) ** 2
-    newest_seen, newest_known = _newest(seen, age), _newest(known, age)
-    newest_colour = _at(colour, newest_seen)
-    off = np.abs(colour - newest_colour) - np.maximum(CHANGED_SHARE * np.maximum(colour, newest_colour), CHANGED_GREY)
-    far = np.abs(height - _at(height, newest_known))
-    limit = np.maximum(CHANGED_MM, SIGMAS * np.sqrt(sigma2 + _at(sigma2, newest_known)))
-    return _here_and_around(seen, age, newest_seen, off.max(axis=-1) > 0.0) | _here_and_around(
-        known, age, newest_known, far > limit
-    )
-
-
-def order_of_sheets(sums: IntArray, outdated: BoolArray, age: IntArray) -> tuple[IntArray, IntArray]:
-    """order (S, N, N): the sheets of each block, best first; how many (N, N) of them are to be shown at all."""
+    seen, colour = sums[..., SEEN] >= LEAST_SAMPLES, balanced_colours(sums, fields)
+    outdated, dimmer = _compared(sums, fields, colour, age, detail)
     score = box_sum(np.where(outdated, 0, sums[..., SHARPNESS]), PATCH_BLOCKS)
     allowed = ~outdated & ((sums[..., SEEN] > 0) | (sums[..., HEIGHTS] > 0))
+    shaded = _shaded(dimmer, outdated)
     ages = np.broadcast_to(age[:, None, None], score.shape)
-    order = np.lexsort((-ages, -score, ~allowed), axis=0)
-    return order, allowed.sum(axis=0)
+    order, count = np.lexsort((-ages, -score, shaded, ~allowed), axis=0), allowed.sum(axis=0)
+    shown = _first(order, np.take_along_axis(seen, order, axis=0) & (np.arange(len(order))[:, None, None] < count))
+    rows, columns = np.indices(shown.shape)
+    alike = ~_is_another(colour, colour[shown, rows, columns])
+    return Ranking(order, count, seam_gains(colour, seen, alike, shown))
+
+
+def balanced_colours(sums: IntArray, fields: FloatArray) -> FloatArray:
+    """(S, N, N, 3) mean colours of blocks, brought to what all say together."""
+    gain = np.moveaxis(at_blocks(fields[:, :3]), 1, -1)
+    return np.asarray(gain * sums[..., COLOURS] / np.maximum(16.0 * sums[..., SEEN], 1.0)[..., None])
+
+
+def _compared(
+    sums: IntArray, fields: FloatArray, colour: FloatArray, age: IntArray, detail: Callable[[int], NDArray[np.int16]]
+) -> tuple[BoolArray, list[_Dimmer]]:
+    """(S, N, N): the newest sheet there is newer, and shows another ground or height than this one, here and around; and which
+    sheets show one ground in another light."""
+    seen, known = sums[..., SEEN] >= LEAST_SAMPLES, sums[..., HEIGHTS] >= LEAST_SAMPLES
+    height = sums[..., HEIGHT] / np.maximum(sums[..., HEIGHTS], 1) + at_blocks(fields[:, 3])
+    sigma2 = (sums[..., SIGMA] / np.maximum(sums[..., HEIGHTS], 1)) ** 2
+    newest_seen, newest_known = _newest(seen, age), _newest(known, age)
+    other_ground, dimmer = np.zeros(seen.shape, np.bool_), []
+    for s, t in itertools.combinations(range(len(sums)), 2):
+        both = seen[s] & seen[t]
+        differs = both & _is_another(colour[s], colour[t])
+        if not differs.any():
+            continue
+        one_ground = both & _is_one_ground(detail(s), detail(t))
+        older, newer = (s, t) if age[s] < age[t] else (t, s)
+        other_ground[older] |= differs & ~one_ground & (newest_seen == newer)
+        less = colour[s].sum(axis=-1) < colour[t].sum(axis=-1)
+        dimmer += [_Dimmer(s, t, differs & one_ground & less, one_ground), _Dimmer(t, s, differs & one_ground & ~less, one_ground)]
+    far = np.abs(height - _at(height, newest_known))
+    limit = np.maximum(CHANGED_MM, SIGMAS * np.sqrt(sigma2 + _at(sigma2, newest_known)))
+    outdated = [
+        there & (age[:, None, None] < age[newest]) & _mostly(changed, there & (age[:, None, None] < age[newest]))
+        for there, newest, changed in ((seen, newest_seen, other_ground), (known, newest_known, far > limit))
+    ]
+    return outdated[0] | outdated[1], dimmer
+
+
+def _shaded(dimmer: list[_Dimmer], outdated: BoolArray) -> BoolArray:
+    """(S, N, N): another sheet shows the ground in a better light, here and around, or next to here: a shadow has soft edges."""
+    shaded = np.zeros(outdated.shape, np.bool_)
+    for pair in dimmer:
+        both = pair.both & ~outdated[pair.dark] & ~outdated[pair.lit]
+        core = both & _mostly(pair.dimmer, both)
+        shaded[pair.dark] |= both & (box_sum(core.astype(np.int64), AROUND_BLOCKS) > 0)
+    return shaded
+
+
+def _is_another(one: FloatArray, other: FloatArray) -> BoolArray:
+    """(..., N, N) whether colours (..., N, N, 3) differ in any channel."""
+    limit = np.maximum(CHANGED_SHARE * np.maximum(one, other), CHANGED_GREY)
+    return np.asarray((np.abs(one - other) > limit).any(axis=-1))
+
+
+def _is_one_ground(one: NDArray[np.int16], other: NDArray[np.int16]) -> BoolArray:
+    """(N, N) whether the detail around blocks agrees."""
+    counts = np.zeros((2, *one.shape[:2]), np.int64)
+    step_agreement(one, other, counts)
+    agreed, told = box_sum(counts, AROUND_BLOCKS)
+    return np.asarray((told >= LEAST_STEPS) & (SAME_GROUND_ONE_IN * agreed >= told))
+
+
+def _first(order: IntArray, may_be: BoolArray) -> IntArray:
+    """(N, N) the first sheet of the order (S, N, N) that may be, -1 where none may."""
+    first = np.take_along_axis(order, np.argmax(may_be, axis=0)[None], axis=0)[0]
+    return np.where(may_be.any(axis=0), first, -1)
 
 
 def _newest(there: BoolArray, age: IntArray) -> IntArray:
@@ -67,8 +157,7 @@ def _at(values: FloatArray, sheet: IntArray) -> FloatArray:
     return np.asarray(values[sheet, rows, columns])
 
 
-def _here_and_around(there: BoolArray, age: IntArray, newest: IntArray, differs: BoolArray) -> BoolArray:
-    """(S, N, N): both are there, and differ in most of the blocks around in which both are. The newest differs from nobody."""
-    both = there & (age[:, None, None] < age[newest])
-    counted, changed = (box_sum(one.astype(np.int64), AROUND_BLOCKS) for one in (both, both & differs))
-    return both & (2 * changed > counted)
+def _mostly(marked: BoolArray, among: BoolArray) -> BoolArray:
+    """(..., N, N): of the blocks around that are `among` most are marked."""
+    counted, of_them = (box_sum(one.astype(np.int64), AROUND_BLOCKS) for one in (among, among & marked))
+    return np.asarray(2 * of_them > counted)

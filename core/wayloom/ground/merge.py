@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.ground.balance import HALO_TILES, balance_fields
-from wayloom.ground.choice import order_of_sheets, outdated_blocks
+from wayloom.ground.choice import ranked_sheets
 from wayloom.ground.ground_map import LARGEST_SIGMA_MM, NO_HEIGHT, GroundMap
 from wayloom.ground.kernels import merging
-from wayloom.ground.kernels.merging import BLOCK, PRECISION, TILE_BLOCKS
+from wayloom.ground.kernels.detail import block_detail
+from wayloom.ground.kernels.merging import BLOCK, PRECISION, SAMPLES, TILE_BLOCKS
 from wayloom.ground.placed_sheet import PlacedSheet, canonical_sheets, kernel_arrays, place_sigma_mm, place_variance, reach
 from wayloom.ground.sheet import CELL_M
 
@@ -53,10 +54,16 @@ class _Square:
         """Of the fields, in the map's grid."""
         return self.corner // TILE_BLOCKS - HALO_TILES
 
-    def inside(self, values: NDArray[Any]) -> NDArray[Any]:
-        """What lies in the square, of blocks (..., N, N)."""
-        halo = HALO_TILES * TILE_BLOCKS
-        return values[..., halo : halo + self.blocks, halo : halo + self.blocks]
+    def detail(self, row: int) -> NDArray[np.int16]:
+        """(N, N, 4, 4) of the blocks of one sheet, with the halo (`kernels.detail`)."""
+        out = np.empty((*self.sums.shape[1:3], SAMPLES, SAMPLES), np.int16)
+        block_detail(self.arrays(row), self.corner - HALO_TILES * TILE_BLOCKS, out)
+        return out
+
+    def inside(self, values: NDArray[Any], margin: int = 0) -> NDArray[Any]:
+        """What lies in the square and so many blocks around, of blocks (..., N, N)."""
+        part = slice(HALO_TILES * TILE_BLOCKS - margin, HALO_TILES * TILE_BLOCKS + self.blocks + margin)
+        return values[..., part, part]
 
 
 def merge_sheets(placed: Iterable[PlacedSheet], low: FloatArray, edge_m: float) -> GroundMap | None:
@@ -71,9 +78,9 @@ def merge_sheets(placed: Iterable[PlacedSheet], low: FloatArray, edge_m: float) 
     square = _surveyed(canonical_sheets(placed), tiles[:2] * TILE_BLOCKS, int(tiles[2]) * TILE_BLOCKS)
     if not square.sheets:
         return None
-    outdated = outdated_blocks(square.sums, square.fields, square.ages)
-    order, allowed = (square.inside(one) for one in order_of_sheets(square.sums, outdated, square.ages))
-    made = _painted(square, order, allowed)
+    ranking = ranked_sheets(square.sums, square.fields, square.ages, lru_cache(None)(square.detail))
+    order, allowed = (square.inside(one) for one in (ranking.order, ranking.allowed))
+    made = _painted(square, order, allowed, np.moveaxis(square.inside(np.moveaxis(ranking.gain, -1, 1), 1), 1, -1))
     return None if made.is_empty else made
 
 
@@ -106,8 +113,9 @@ def _surveyed(sheets: Sequence[PlacedSheet], corner: IntArray, blocks: int) -> _
     return _Square(corner, blocks, near, arrays, channels, t_ns, ages, held, balance_fields(held, np.array(sigmas)))
 
 
-def _painted(square: _Square, order: IntArray, allowed: IntArray) -> GroundMap:
-    """The ground by the order (S, B, B) of the sheets of each block, of which the first `allowed` (B, B) are shown."""
+def _painted(square: _Square, order: IntArray, allowed: IntArray, gain: FloatArray) -> GroundMap:
+    """The ground by the order (S, B, B) of the sheets of each block, of which the first `allowed` (B, B) are shown, with gains
+    (S, B + 2, B + 2, 3): those of a block more on each side."""
     used = [k for k in range(len(square.sheets)) if _wanted(order, allowed, k).any()]
     cells, channels = square.blocks * BLOCK, max((square.channels[k] for k in used), default=1)
     colour = np.zeros((2 * cells, 2 * cells, channels), np.uint8)
@@ -119,7 +127,8 @@ def _painted(square: _Square, order: IntArray, allowed: IntArray) -> GroundMap:
         here = np.where(rank < allowed, order[rank], -1)
         for k in np.unique(here[here >= 0]).tolist():
             about = (square.corner, square.fields[k], square.first_tile)
-            merging.paint(square.arrays(k), number[k], (here == k) & ~painted, *about, (colour, sharpness, shown))
+            level = np.ascontiguousarray(gain[k])
+            merging.paint(square.arrays(k), number[k], (here == k) & ~painted, *about, level, (colour, sharpness, shown))
             merging.lay(square.arrays(k), (here == k) & ~laid, *about, height)
     summed = _summed(square, order, allowed, used, height)
     by_age = np.zeros(len(square.sheets) + 1, np.uint16)

@@ -63,9 +63,10 @@ def balance_at(field, first, x, y, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def paint(sheet, number, wanted, corner, field, first, out):  # type: ignore[no-untyped-def]
+def paint(sheet, number, wanted, corner, field, first, level, out):  # type: ignore[no-untyped-def]
     """Paint the pixels that are still empty in the wanted blocks (N, N) bool of a window.
 
+    level : (N + 2, N + 2, 3) gains at the middles of the window's blocks and of those around it
     out : colour (P, P, C) uint8, sharpness (P, P) uint8, shown (P, P) uint16, in place; `number` is written where it shows
     """
     colours, sharpness, shown = out
@@ -86,8 +87,13 @@ def paint(sheet, number, wanted, corner, field, first, out):  # type: ignore[no-
                     if sharp == 0:
                         continue
                     balance_at(field, first, x, y, balance)
+                    fx, fy = (column + 0.5) / span + 0.5, (row + 0.5) / span + 0.5
+                    c, r = int(fx), int(fy)
+                    a, b = fx - c, fy - r
                     for k in range(colours.shape[2]):
-                        value = balance[k] * colour[k if len(colour) == 3 else 0]
+                        low = (1.0 - a) * level[r, c, k] + a * level[r, c + 1, k]
+                        high = (1.0 - a) * level[r + 1, c, k] + a * level[r + 1, c + 1, k]
+                        value = ((1.0 - b) * low + b * high) * balance[k] * colour[k if len(colour) == 3 else 0]
                         colours[row, column, k] = int(np.rint(min(max(value, 0.0), 255.0)))
                     sharpness[row, column], shown[row, column] = sharp, number
 
