@@ -110,8 +110,8 @@ def asked(drives: list[Drive], things: list[TrueThing]) -> str:
     often = [score_objects(found, things, counts, kind, JOINED) for kind in kinds]
     cm = [100.0 * one.errors for one in often]
     rows = [
-        (f"median error, {JOINED} drives: at most 10 cm", [percentile(one, 50) for one in cm], lambda value: value <= 10.0, "{:.1f} cm"),
-        (f"p95 of errors, {JOINED} drives: at most 20 cm", [percentile(one, 95) for one in cm], lambda value: value <= 20.0, "{:.1f} cm"),
+        (f"median error, {JOINED} drives: at most 10 cm", [percentile(one, 50) for one in cm], lambda cm: cm <= 10.0, "{:.1f} cm"),
+        (f"p95 of errors, {JOINED} drives: at most 20 cm", [percentile(one, 95) for one in cm], lambda cm: cm <= 20.0, "{:.1f} cm"),
         ("precision, 0.3 m: at least 0.95", [ratio(one.close, one.found) for one in every], lambda value: value >= 0.95, "{:.3f}"),
         ("recall, 0.3 m: at least 0.8", [ratio(one.hit, one.shown) for one in every], lambda value: value >= 0.8, "{:.2f}"),
         ("doubles: under 1 %", [100.0 * ratio(one.doubles, one.found) for one in every], lambda value: value < 1.0, "{:.1f} %"),

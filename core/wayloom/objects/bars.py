@@ -155,7 +155,7 @@ def _bar(view: ObjectView, pieces: IntArray, disparity: FloatArray, sigma: Float
 
 
 def goes_on_over(view: ObjectView, top: IntArray, disparity: float) -> float:
-    """1 where what is above a bar's upper piece (4,) is as near as the bar, 0 where it is further or sky; NaN where it is not known."""
+    """1 where what is above a bar's upper piece (4,) is as near as the bar, 0 where it is further or sky; NaN: not known."""
     u0, v0, u1, v1 = top.tolist()
     band, half = v1 - v0, max((u1 - u0) // 3, 2)
     core = (u0 + u1) // 2

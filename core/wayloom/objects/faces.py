@@ -32,7 +32,8 @@ STRIP_SIGMA_PX: Final = 0.12
 STRIPE_ASIDE_M: Final = 0.1
 """How far from the middle of a post what is beside it is looked at."""
 STRIPE_MARGIN, STRIPE_HALF, STRIPE_PARTS = 0.08, 0.2, 6
-"""Shares of a face's height that are left out above and below, and of its width in which a post may stand to each side of its middle."""
+"""Shares of a face's height left out above and below, and of its width in which a post may stand to each side of the middle; parts
+of the height."""
 DARK: Final = 4.0
 """Grey values that no camera tells apart."""
 
@@ -90,8 +91,8 @@ def match_inside(view: ObjectView, rectangles: IntArray) -> tuple[FloatArray, Fl
 def stripe(view: ObjectView, box: tuple[int, int, int, int], disparity: float) -> float:
     """How much brighter than what is beside it a stripe is that runs down the middle of a face, over the grey value of the middle.
 
-    A post stands before the back of its sign and behind its face. What a face shows ends above or below: the stripe counts as much as
-    its faintest quarter. NaN where the face is too small or at the image's border.
+    A post stands before the back of its sign and behind its face. What a face shows ends above or below: the stripe counts as
+    much as its faintest part. NaN where the face is too small or at the image's border.
     """
     u0, v0, u1, v1 = box
     aside = max(2, round(STRIPE_ASIDE_M * view.rig.camera.fx * disparity / view.rig.bf))

@@ -16,7 +16,8 @@ IntArray = NDArray[np.int64]
 NEAR_M: Final = 0.35
 """Things of two kinds that lie nearer may be taken for each other."""
 NEAR_OF_KIND_M: Final = np.array([0.35, 0.35, 0.6, 0.35])
-"""Sightings of one kind that lie nearer are of one object, whatever their sigmas say: a light's head is 1 m tall, and looks see its sides."""
+"""Sightings of one kind that lie nearer are of one object, whatever their sigmas say: of a light's head, 1 m tall, different sides
+are seen."""
 SLACK_M: Final = 0.05
 """Sigma of what two drives call the middle of one thing."""
 

@@ -172,8 +172,9 @@ LIGHT_M, LIGHT_SIGMA_M = 0.25, 0.06
 
 
 def facing_of(track: Track, own: Measurements, cameras: Cameras) -> tuple[FloatArray, float]:
-    """Direction (3,), level, in which a face looks, and its sigma, rad; NaN where it is not known. It is towards the cameras, but where
-    a post stands before the face: those see its back.
+    """Direction (3,), level, in which a face looks, and its sigma, rad; NaN where it is not known.
+
+    It is towards the cameras, but where a post stands before the face: those see its back.
 
     A slope s of the disparity along the columns gives the normal (s fx, 0, 1 - s u') of an upright face, u' the column from the
     principal point: d = d0 (1 + s (u - u0)).
