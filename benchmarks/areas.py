@@ -100,7 +100,7 @@ def score(sheets: list[PlacedSheet], corner: NDArray[np.int64], true: NDArray[np
     found = class_raster(areas, corner, true.shape)
     known = true != NONE
     both = known & (found != NONE)
-    return score_areas(areas, true, corner, ROAD, SIDEWALK), float(both.sum() / known.sum()), float((found == true)[both].mean())
+    return score_areas(areas, true, corner, ROAD, (SIDEWALK, TERRAIN)), float(both.sum() / known.sum()), float((found == true)[both].mean())
 
 
 def areas_of(key: RegionKey, source: Regions) -> list[Area]:
@@ -114,8 +114,8 @@ def areas_of(key: RegionKey, source: Regions) -> list[Area]:
 def table(rows: dict[str, tuple[AreaScores, float, float]]) -> str:
     """Markdown, a row a map."""
     lines = [
-        "| map | IoU road | IoU sidewalk | IoU terrain | truth covered | right class where covered | border of road and sidewalk,"
-        " median, p95 | true border found within 0.3 m |",
+        "| map | IoU road | IoU sidewalk | IoU terrain | truth covered | right class where covered | edge of the road,"
+        " median, p95 | true edge found within 0.3 m |",
         "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
     ]
     for name, (one, covered, right) in rows.items():

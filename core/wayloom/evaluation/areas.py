@@ -16,7 +16,6 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Classes = NDArray[np.uint8]
 NONE: Final = 255
-SUBPIXEL_BITS: Final = 8
 SAMPLE_M: Final = 0.05
 SIDE_CELLS: Final = 2.0
 """A place on an outline is looked at so far to both sides of it; nearer, cells of the truth hold both classes."""
@@ -26,8 +25,8 @@ FOUND_M: Final = 0.3
 
 @dataclass(frozen=True, slots=True)
 class AreaScores:
-    """iou by class id, over the cells whose true class is known; border_m (B,) m from places on the outlines between two classes to
-    the nearest true border of both; found the share of the true border that an outline passes within FOUND_M."""
+    """iou by class id, over the cells whose true class is known; border_m (B,) m from places on the outlines between a class and
+    others to the nearest true border between them; found the share of the true border that an outline passes within FOUND_M."""
 
     iou: dict[int, float]
     border_m: FloatArray
@@ -38,15 +37,28 @@ def class_raster(areas: Iterable[Area], corner: IntArray, shape: tuple[int, int]
     """(H, W) class id of the area in which the middle of each cell of CELL_M lies, NONE without one; corner (2,) column, row."""
     out = np.full(shape, NONE, np.uint8)
     for area in areas:
-        rings = [np.rint(((ring / CELL_M) - corner - 0.5) * (1 << SUBPIXEL_BITS)).astype(np.int32) for ring in area.rings]
-        inside = np.zeros(shape, np.uint8)
-        cv2.fillPoly(inside, rings, 1, cv2.LINE_8, SUBPIXEL_BITS)
-        out[(inside > 0) & (out == NONE)] = GROUND_CLASSES[area.column]
+        out[_inside(area.rings, corner, shape)] = GROUND_CLASSES[area.column]
     return out
 
 
-def score_areas(areas: Sequence[Area], true: Classes, corner: IntArray, first: int, second: int) -> AreaScores:
-    """Scores of areas by the classes (H, W) of cells, NONE where the truth is not known; the border is that of two class ids."""
+def _inside(rings: Iterable[FloatArray], corner: IntArray, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """(H, W) whether the middle of a cell lies in rings: an odd number of their edges is to the west of it."""
+    rows, columns = shape
+    flips = np.zeros((rows, columns + 1), np.int64)
+    for ring in rings:
+        a = ring / CELL_M - corner - 0.5
+        b = np.roll(a, -1, axis=0)
+        low, high = (np.ceil(one(a[:, 1], b[:, 1])).astype(np.int64).clip(0, rows) for one in (np.minimum, np.maximum))
+        edge = np.repeat(np.arange(len(a)), high - low)
+        row = np.arange(len(edge)) - np.repeat(np.cumsum(high - low) - (high - low), high - low) + low[edge]
+        (x, y), (dx, dy) = a[edge].T, (b - a)[edge].T
+        flips_at = np.ceil(x + (row - y) * dx / dy).astype(np.int64).clip(0, columns)
+        np.add.at(flips, (row, flips_at), 1)
+    return np.asarray(np.cumsum(flips, axis=1)[:, :columns] % 2 == 1)
+
+
+def score_areas(areas: Sequence[Area], true: Classes, corner: IntArray, first: int, beyond: Sequence[int]) -> AreaScores:
+    """Scores of areas by the classes (H, W) of cells, NONE where the truth is not known; the border is that of a class id with others."""
     said = class_raster(areas, corner, true.shape)
     known = true != NONE
     iou = {}
@@ -54,7 +66,7 @@ def score_areas(areas: Sequence[Area], true: Classes, corner: IntArray, first: i
         one, other = known & (said == class_id), true == class_id
         if other.any():
             iou[class_id] = float((one & other).sum() / (one | other).sum())
-    border, outline = true_border(true, corner, first, second), _between(areas, said, corner, first, second)
+    border, outline = true_border(true, corner, first, beyond), _between(areas, said, corner, first, beyond)
     outline = outline[_known_around(known, corner, outline)]
     if not len(border) or not len(outline):
         return AreaScores(iou, np.zeros(0), 0.0)
@@ -63,19 +75,19 @@ def score_areas(areas: Sequence[Area], true: Classes, corner: IntArray, first: i
     return AreaScores(iou, np.asarray(off, np.float64), float((back <= FOUND_M).mean()))
 
 
-def true_border(true: Classes, corner: IntArray, first: int, second: int) -> FloatArray:
-    """(N, 2) m middles of the edges between cells of two classes."""
+def true_border(true: Classes, corner: IntArray, first: int, beyond: Sequence[int]) -> FloatArray:
+    """(N, 2) m middles of the edges between cells of a class and of others."""
     parts = []
     for axis in (0, 1):
         a, b = (true[:-1], true[1:]) if axis == 0 else (true[:, :-1], true[:, 1:])
-        rows, columns = np.nonzero(((a == first) & (b == second)) | ((a == second) & (b == first)))
+        rows, columns = np.nonzero(((a == first) & np.isin(b, beyond)) | (np.isin(a, beyond) & (b == first)))
         edge = np.column_stack([columns + 0.5, rows + 1.0] if axis == 0 else [columns + 1.0, rows + 0.5])
         parts.append((edge + corner) * CELL_M)
     return np.concatenate(parts)
 
 
-def _between(areas: Sequence[Area], said: Classes, corner: IntArray, first: int, second: int) -> FloatArray:
-    """(N, 2) m places on the outlines of areas of a class beyond which an area of the other one lies."""
+def _between(areas: Sequence[Area], said: Classes, corner: IntArray, first: int, beyond: Sequence[int]) -> FloatArray:
+    """(N, 2) m places on the outlines of areas of a class beyond which an area of another one lies."""
     out = [np.zeros((0, 2))]
     for ring in (ring for area in areas if GROUND_CLASSES[area.column] == first for ring in area.rings):
         closed = np.vstack([ring, ring[:1]])
@@ -85,8 +97,8 @@ def _between(areas: Sequence[Area], said: Classes, corner: IntArray, first: int,
         share = (np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + 0.5) / np.repeat(count, count)
         places = np.repeat(ring, count, axis=0) + share[:, None] * np.repeat(step, count, axis=0)
         normal = np.column_stack([step[:, 1], -step[:, 0]]) / np.maximum(length, 1e-9)[:, None]  # out of a ring as areas have them
-        beyond = places + CELL_M * np.repeat(normal, count, axis=0)
-        out.append(places[_class_at(said, corner, beyond) == second])
+        outside = places + CELL_M * np.repeat(normal, count, axis=0)
+        out.append(places[np.isin(_class_at(said, corner, outside), beyond)])
     return np.concatenate(out)
 
 
