@@ -100,7 +100,11 @@ def score(sheets: list[PlacedSheet], corner: NDArray[np.int64], true: NDArray[np
     found = class_raster(areas, corner, true.shape)
     known = true != NONE
     both = known & (found != NONE)
-    return score_areas(areas, true, corner, ROAD, (SIDEWALK, TERRAIN)), float(both.sum() / known.sum()), float((found == true)[both].mean())
+    return (
+        score_areas(areas, true, corner, ROAD, (SIDEWALK, TERRAIN)),
+        float(both.sum() / known.sum()),
+        float((found == true)[both].mean()),
+    )
 
 
 def areas_of(key: RegionKey, source: Regions) -> list[Area]:

@@ -14,7 +14,7 @@ from wayloom.geometry import se3
 from wayloom.logs.registry import open_log
 from wayloom.objects.exports import objects_of_drive
 from wayloom.objects.settings import ObjectFusionSettings
-from wayloom.objects.types import STANDING, KINDS, MapObject
+from wayloom.objects.types import KINDS, STANDING, MapObject
 from wayloom.submaps.files import load_submaps
 
 TARGET = Path(__file__).parent / "objects.jpg"
@@ -29,7 +29,9 @@ def main(out: Path, log_path: Path, frame: int) -> None:
     log, submaps = open_log(log_path), load_submaps(out / "stages" / "submaps")
     found = objects_of_drive(out / "stages" / "objects", submaps, ObjectFusionSettings())
     _, placed, at = min(
-        (abs(int(one) - frame), number, k) for number, item in enumerate(submaps) for k, one in enumerate(item.submap.keyframe_frame)
+        (abs(int(one) - frame), number, k)
+        for number, item in enumerate(submaps)
+        for k, one in enumerate(item.submap.keyframe_frame)
     )
     item = submaps[placed]
     picture = log.frame(int(item.submap.keyframe_frame[at])).left

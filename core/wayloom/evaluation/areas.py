@@ -58,7 +58,10 @@ def _inside(rings: Iterable[FloatArray], corner: IntArray, shape: tuple[int, int
 
 
 def score_areas(areas: Sequence[Area], true: Classes, corner: IntArray, first: int, beyond: Sequence[int]) -> AreaScores:
-    """Scores of areas by the classes (H, W) of cells, NONE where the truth is not known; the border is that of a class id with others."""
+    """Scores of areas by the classes (H, W) of cells, NONE where the truth is not known.
+
+    first, beyond : the border is that of a class id with others
+    """
     said = class_raster(areas, corner, true.shape)
     known = true != NONE
     iou = {}
