@@ -1,10 +1,9 @@
 """3D Tiles endpoints: the tileset of a version; its contents and the tilesets below are tiles like any other."""
 
 import hashlib
-from enum import StrEnum
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Depends, Path, Request, Response
 
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.stitching.layer_names import LAYERS, OVERLAYS, STATIC
@@ -23,7 +22,7 @@ TILESET: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/json": {"schema": {"type": "object"}}}},
     304: {"description": "the tileset is the one that you hold"},
 }
-Overlay = StrEnum("Overlay", [(name, name) for name in OVERLAYS])
+Overlay = Annotated[str, Path(pattern=f"^({'|'.join(OVERLAYS)})$")]
 router = APIRouter(prefix="/v1", tags=["maps"], dependencies=[Depends(require_key)], responses=PROBLEMS)
 
 

@@ -117,4 +117,4 @@ def _known_around(known: NDArray[np.bool_], corner: IntArray, places: FloatArray
     """Whether the truth is known SIDE_CELLS around each of places."""
     size = 2 * round(SIDE_CELLS) + 1
     around = cv2.erode(known.astype(np.uint8), np.ones((size, size), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    return _class_at(np.where(around > 0, 1, NONE).astype(np.uint8), corner, places) == 1
+    return np.asarray(_class_at(np.where(around > 0, 1, NONE).astype(np.uint8), corner, places) == 1)
