@@ -9,6 +9,7 @@ import argparse
 import json
 import sys
 import time
+from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,7 +28,7 @@ from wayloom.logs.simulated_truth import open_truth
 from wayloom.objects.fusion import fuse
 from wayloom.objects.making import find_objects
 from wayloom.objects.settings import ObjectSettings
-from wayloom.objects.types import KINDS, MapObject, PlacedSightings
+from wayloom.objects.types import KINDS, LIGHT, POLE, SIGN, MapObject, PlacedSightings
 from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
 from wayloom.places.road import road_m, spaced
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
@@ -62,7 +63,7 @@ def main() -> None:
     pairs = list(zip(options.paths[::2], options.paths[1::2], strict=True))
     drives = [seen_by(out, log) for out, log in pairs]
     things = things_of(pairs)
-    text = "\n\n".join([one_by_one(drives, things), joined(drives, things), costs(drives)])
+    text = "\n\n".join([asked(drives, things), one_by_one(drives, things), joined(drives, things), costs(drives)])
     print(text)
     if options.write:
         put_between_marks(PAGE, options.write, text)
@@ -101,6 +102,43 @@ def things_of(pairs: list[tuple[Path, Path]]) -> list[TrueThing]:
     return [by_place[key] for key in sorted(by_place)]
 
 
+def asked(drives: list[Drive], things: list[TrueThing]) -> str:
+    """Goals of the map of all drives at true places, what was measured, and whether it holds."""
+    found, counts = fuse([one for drive in drives for one in drive.true]), counts_of(drives)
+    kinds = (POLE, SIGN, LIGHT)
+    every = [score_objects(found, things, counts, kind) for kind in kinds]
+    often = [score_objects(found, things, counts, kind, JOINED) for kind in kinds]
+    cm = [100.0 * one.errors for one in often]
+    rows = [
+        (f"median error, {JOINED} drives: at most 10 cm", [percentile(one, 50) for one in cm], lambda cm: cm <= 10.0, "{:.1f} cm"),
+        (f"p95 of errors, {JOINED} drives: at most 20 cm", [percentile(one, 95) for one in cm], lambda cm: cm <= 20.0, "{:.1f} cm"),
+        ("precision, 0.3 m: at least 0.95", [ratio(one.close, one.found) for one in every], lambda value: value >= 0.95, "{:.3f}"),
+        ("recall, 0.3 m: at least 0.8", [ratio(one.hit, one.shown) for one in every], lambda value: value >= 0.8, "{:.2f}"),
+        ("doubles: under 1 %", [100.0 * ratio(one.doubles, one.found) for one in every], lambda value: value < 1.0, "{:.1f} %"),
+    ]  # fmt: skip
+    lines = [
+        ("asked of the joined map, true poses", *(KINDS[kind].replace("_", " ") for kind in kinds)),
+        ("---", *["---:"] * len(kinds)),
+    ]
+    for name, values, holds, form in rows:
+        told = [f"{form.format(one)}, {'held' if holds(one) else 'missed'}" if np.isfinite(one) else "–" for one in values]
+        lines.append((name, *told))
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def percentile(values: FloatArray, q: int) -> float:
+    return float(np.percentile(values, q)) if len(values) else np.nan
+
+
+def ratio(part: int, whole: int) -> float:
+    return part / whole if whole else np.nan
+
+
+def counts_of(drives: list[Drive]) -> dict[int, int]:
+    """How many drives show each instance."""
+    return dict(Counter(instance for drive in drives for instance in drive.shown))
+
+
 def one_by_one(drives: list[Drive], things: list[TrueThing]) -> str:
     """Each drive by itself, at true places: what the stage finds."""
     scores = [
@@ -112,10 +150,7 @@ def one_by_one(drives: list[Drive], things: list[TrueThing]) -> str:
 
 def joined(drives: list[Drive], things: list[TrueThing]) -> str:
     """All drives fused, at true places and at their own."""
-    counts: dict[int, int] = {}
-    for drive in drives:
-        for instance in drive.shown:
-            counts[instance] = counts.get(instance, 0) + 1
+    counts = counts_of(drives)
     places = {
         "true poses": fuse([one for drive in drives for one in drive.true]),
         "own GNSS poses": in_city(fuse([one for drive in drives for one in drive.own]), drives[0].frame),

@@ -15,7 +15,14 @@ FRONT_X_M, STRIPE_Y_M = 6.5, 15.0
 
 @dataclass
 class FurnishedStreet(MadeStreet):
-    """The street with its things; labels are exact."""
+    """The street with its things; labels are exact.
+
+    from_behind : whether the drive sees the sign's dull back, and its bright post before it
+    pole_tall_m : height of the pole
+    """
+
+    from_behind: bool = False
+    pole_tall_m: float = 3.2
 
     def images(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """left, right, label."""
@@ -45,11 +52,21 @@ class FurnishedStreet(MadeStreet):
             z = (SIGN_AT[1] - c[1]) / rays[:, 1]
             x, rise = c[0] + z * rays[:, 0], c[2] + z * rays[:, 2]
             checks = 130.0 + 90.0 * np.sin(23.0 * x + 3.0 * np.sin(19.0 * rise)) * np.cos(17.0 * rise)
-            draw(z, (np.abs(x - SIGN_AT[0]) < SIGN_M / 2) & (np.abs(rise - SIGN_AT[2]) < SIGN_M / 2), checks, "traffic sign")
-            post = (SIGN_AT + np.array([0.0, 0.05, 0.0]), 0.08, 2.5, "pole")
-            for at, wide, tall, name in ((POLE_AT, POLE_M, 3.2, "pole"), post, (TRUNK_AT, TRUNK_M, 2.6, "vegetation")):
+            plate = 60.0 + 0.15 * checks if self.from_behind else checks
+            draw(z, (np.abs(x - SIGN_AT[0]) < SIGN_M / 2) & (np.abs(rise - SIGN_AT[2]) < SIGN_M / 2), plate, "traffic sign")
+            away = np.array([0.0, -0.05 if self.from_behind else 0.05, 0.0])
+            posts = [
+                (SIGN_AT + away, 0.08, 2.05, "pole"),
+                (SIGN_AT + away, 0.08, 2.7, "traffic sign" if self.from_behind else "pole"),
+            ]
+            for at, wide, tall, name in (
+                (POLE_AT, POLE_M, self.pole_tall_m, "pole"),
+                *posts,
+                (TRUNK_AT, TRUNK_M, 2.6, "vegetation"),
+            ):
                 z = ((at - c)[:2] @ rays[:, :2].T) / (rays[:, :2] ** 2).sum(axis=1)
                 aside = np.hypot(*(c[:2] + z[:, None] * rays[:, :2] - at[:2]).T)
                 rise = c[2] + z * rays[:, 2]
-                draw(z, (aside < wide / 2) & (rise < tall), 45.0 + 25.0 * np.sin(17.0 * rise), name)
+                bright = 180.0 if self.from_behind and name != "vegetation" else 45.0
+                draw(z, (aside < wide / 2) & (rise < tall), bright + 25.0 * np.sin(17.0 * rise), name)
         return flat.reshape(label.shape), flat_label.reshape(label.shape)

@@ -1,16 +1,20 @@
 """Objects of a made street: where they stand, by how much the covariance says, and what is none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from objects.made_furniture import FRONT_X_M, POLE_AT, SIGN_AT, SIGN_M, STRIPE_Y_M, TRUNK_AT, FurnishedStreet
+from wayloom.config.classes import CLASS_ID
 from wayloom.geometry import se3
-from wayloom.objects.evidence import unseen_views
+from wayloom.objects.evidence import Facts, unseen_views
 from wayloom.objects.fusion import fuse
-from wayloom.objects.making import find_objects, measure, read_views
+from wayloom.objects.making import find_objects, measure, read_views, tracks_with_facts
+from wayloom.objects.odds import odds_of
 from wayloom.objects.settings import ObjectFusionSettings, ObjectSettings
 from wayloom.objects.tracks import Track, tracks_of
-from wayloom.objects.triangulation import cameras_of
+from wayloom.objects.triangulation import cameras_of, first_points
 from wayloom.objects.types import POLE, TRUNK, MapObject, PlacedSightings
 
 
@@ -54,6 +58,15 @@ def test_a_sign_has_its_size_and_faces_the_drive(found: list[MapObject]) -> None
     assert abs(np.degrees(sign.facing_rad) - 180.0) < 15.0
 
 
+def test_a_sign_whose_post_stands_before_it_faces_away_from_the_drive() -> None:
+    street = FurnishedStreet(count=12, step_m=1.0, from_behind=True)
+    (sightings,) = find_objects(street, street.odometry(), street, street.submaps(1), lambda submap: None)
+    placed = PlacedSightings(sightings, street.submaps(1)[0].T_enu_submap, np.zeros((6, 6)), "drive")
+    (sign,) = near(fuse([placed], ObjectFusionSettings(least_confidence=0.0)), "traffic_sign", SIGN_AT)
+    assert sign.facing_rad is not None
+    assert np.cos(sign.facing_rad) > 0.0  # to the north, as the drive goes; of a dull back the slope is no better known
+
+
 def test_the_post_under_a_sign_is_an_object_of_its_own(found: list[MapObject]) -> None:
     assert len(near(found, "pole", SIGN_AT, 0.3)) == 1
 
@@ -66,6 +79,43 @@ def test_a_stripe_on_a_front_is_refused(found: list[MapObject]) -> None:
 
 def test_nothing_else_is_believed(found: list[MapObject]) -> None:
     assert sum(one.confidence > ObjectFusionSettings().least_confidence for one in found) == 4
+
+
+def test_a_post_that_carries_a_sign_is_surer_than_one_of_the_same_looks(street: FurnishedStreet) -> None:
+    (placed,) = street.submaps(1)
+    views = read_views(street, street.odometry(), street, placed, np.ones(street.count, bool))
+    things = tracks_with_facts(views, None, ObjectSettings())
+    posts = [facts for track, facts, *_ in things if track.kind == POLE and facts.carries]
+    assert len(posts) == 1
+    bare = replace(posts[0], carries=False)
+    assert sum(odds_of(POLE, posts[0])) - sum(odds_of(POLE, bare)) == pytest.approx(2.7)
+
+
+def test_what_a_stub_of_pole_goes_on_as_makes_it_doubtful() -> None:
+    pole = Facts(6, 0, 0, 0.4, 0.2, 8.0, 1.0, 0.0, carries=False, goes_on=0.0)
+    of_trunk, tall = replace(pole, goes_on=1.0), replace(pole, goes_on=1.0, height=4.0)
+    net = [np.subtract(*odds_of(POLE, one)) for one in (pole, tall, of_trunk)]
+    assert net[0] > net[1] > net[2]
+
+
+def test_stereo_sees_what_goes_on_above_a_label() -> None:
+    class HalfLabelled(FurnishedStreet):
+        def images(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            left, right, label = super().images(index)
+            upper = np.arange(label.shape[0])[:, None] < label.shape[0] // 2
+            return left, right, np.where(upper & (label == CLASS_ID["pole"]), CLASS_ID["building"], label).astype(np.uint8)
+
+    def goes_on(street: FurnishedStreet) -> float:
+        (placed,) = street.submaps(1)
+        views = read_views(street, street.odometry(), street, placed, np.ones(street.count, bool))
+        found = measure(views, ObjectSettings())
+        T = se3.inverse(placed.T_enu_submap)
+        place = placed.T_enu_submap[:3, :3] @ (T[:3, :3] @ POLE_AT + T[:3, 3])
+        own = (found.kind == POLE) & (np.linalg.norm(first_points(cameras_of(views), found)[:, :2] - place[:2], axis=1) < 0.5)
+        return float(np.nanmean(found.goes_on[own]))
+
+    assert goes_on(FurnishedStreet(count=12, step_m=1.0, pole_tall_m=1.2)) < 0.3
+    assert goes_on(HalfLabelled(count=12, step_m=1.0)) > 0.7
 
 
 def test_views_see_through_what_is_not_there_and_not_through_what_is(street: FurnishedStreet) -> None:

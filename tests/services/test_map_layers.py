@@ -30,7 +30,8 @@ def city():
 @pytest.fixture(scope="module")
 def api(tmp_path_factory: pytest.TempPathFactory, city) -> Iterator[ApiAlone]:
     data = tmp_path_factory.mktemp("layers") / "data"
-    with closing(served_map(data, city, made_tracks(city), WAYLOOM_CORS_ORIGINS=PAGE)) as alone:
+    parked = city.take(np.arange(0, len(city), 7))
+    with closing(served_map(data, city, made_tracks(city), parked=parked, WAYLOOM_CORS_ORIGINS=PAGE)) as alone:
         yield alone
 
 
@@ -67,10 +68,11 @@ def test_a_large_picture_is_the_four_of_the_next_zoom(http: httpx2.Client, city)
     assert http.get("/tiles/points/tilejson.json?large=true").status_code == 404
 
 
-def test_a_tileset_leads_to_every_voxel_by_addresses_that_never_change(http: httpx2.Client, city) -> None:
-    newest, numbered = http.get("/3dtiles/tileset.json"), http.get("/versions/1/3dtiles/tileset.json")
+@pytest.mark.parametrize(("folder", "step"), [("3dtiles", 1), ("3dtiles/parked", 7)])
+def test_a_tileset_leads_to_every_voxel_by_addresses_that_never_change(http: httpx2.Client, city, folder: str, step: int) -> None:
+    newest, numbered = http.get(f"/{folder}/tileset.json"), http.get(f"/versions/1/{folder}/tileset.json")
     assert (newest.headers["Cache-Control"], "immutable" in numbered.headers["Cache-Control"]) == ("no-cache", True)
-    assert http.get("/3dtiles/tileset.json", headers={"If-None-Match": newest.headers["ETag"]}).status_code == 304
+    assert http.get(f"/{folder}/tileset.json", headers={"If-None-Match": newest.headers["ETag"]}).status_code == 304
     ways = []
     for answer in (newest, numbered):
         base = str(answer.url)
@@ -90,8 +92,15 @@ def test_a_tileset_leads_to_every_voxel_by_addresses_that_never_change(http: htt
                     assert found.headers["Content-Type"] == "model/gltf-binary"
                     contents[str(address)] = (tile["geometricError"], decode_glb(found.content))
         ways.append(sorted(contents))
-        assert sum(len(points) for error, points in contents.values() if error == 0.0) == len(city)
+        assert sum(len(points) for error, points in contents.values() if error == 0.0) == len(
+            city.take(np.arange(0, len(city), step))
+        )
     assert ways[0] == ways[1]
+
+
+def test_an_overlay_that_a_version_has_nothing_of_has_no_tileset(http: httpx2.Client) -> None:
+    assert http.get("/3dtiles/unconfirmed/tileset.json").status_code == 404
+    assert http.get("/3dtiles/moving/tileset.json").status_code == 422
 
 
 def test_every_tile_is_at_most_a_megabyte(api: ApiAlone, http: httpx2.Client) -> None:

@@ -90,10 +90,13 @@ def test_an_overlay_has_the_pictures_and_points_of_its_voxels_under_its_own_name
     city = made_map(500)
     _, static = whole(city, made_tracks(city), TileSettings())
     _, parked = whole(city, made_tracks(city), TileSettings(), "parked")
-    names = {"parked": "semantic", "parked-points": "points", "parked-counts": "counts"}
+    names = {"parked": "semantic"} | {f"parked-{name}": name for name in ("points", "cloud", "tilesets", "counts")}
     assert {layer for layer, _ in parked} == set(names)
-    assert min(address.z for _, address in parked) == TileSettings().overlays_from_zoom
-    assert all(static[names[layer], address] == data for (layer, address), data in parked.items())
+    assert min(address.z for layer, address in parked if layer == "parked") == TileSettings().overlays_from_zoom
+    for (layer, address), data in parked.items():
+        own = data.replace(b"/parked-cloud/", b"/cloud/").replace(b"/parked-tilesets/", b"/tilesets/")
+        assert static[names[layer], address] == (own if layer == "parked-tilesets" else data)
+    assert any(b"/parked-cloud/" in data for data in parked.values())
 
 
 def test_a_track_that_comes_and_goes_is_on_the_tiles_of_its_blocks_and_of_those_beside_them() -> None:

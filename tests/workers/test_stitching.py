@@ -276,7 +276,7 @@ def test_what_is_parked_is_an_overlay_of_its_own_that_comes_and_goes_with_its_dr
     cars = add(still, "cars", 2, lat=LAT + 0.0004, classes=(0, 13))
     with_cars = published(still, tmp_path / "2")
     layers = with_cars["about"][4]  # type: ignore[index]
-    assert {"parked", "parked-points"} <= set(layers)
+    assert {"parked", "parked-points", "parked-cloud", "parked-tilesets"} <= set(layers)
     assert layers["parked"]["min_zoom"] == still.settings.tiles.overlays_from_zoom
     assert not {"moving", "parked-counts"} & set(layers)
     other = other_service(tmp_path / "other")

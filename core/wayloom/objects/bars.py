@@ -39,6 +39,8 @@ ALIKE: Final = 4.0
 """Pieces whose columns are wrong together."""
 
 
+GOES_ON_BANDS: Final = 2
+"""Height of what is looked at above a bar, a band over its end."""
 POST_PX: Final = 5
 """Width in which the post under a sign is looked for."""
 POST_M: Final = 3.0
@@ -60,6 +62,7 @@ class Bar:
     cut_high: bool
     width: float
     free: FloatArray
+    goes_on: float
 
     def is_of(self, kind: int) -> bool:
         """Whether it is as wide and as tall as things of this kind are."""
@@ -103,6 +106,8 @@ def _measurements(found: list[Bar], number: int, kind: int) -> Measurements:
         cut_high=np.array(column["cut_high"], bool),
         width=np.array(column["width"], np.float64),
         free=np.array(column["free"]).reshape(-1, 2),
+        goes_on=np.array(column["goes_on"], np.float64),
+        stripe=none,
         slope=none,
         slope_sigma=none,
     )
@@ -145,7 +150,22 @@ def _bar(view: ObjectView, pieces: IntArray, disparity: FloatArray, sigma: Float
         cut_high=bool(v0[0] < band),
         width=float(np.median(u1 - u0)) / view.rig.camera.fx * view.rig.bf / d,
         free=beside(view, pieces, disparity).mean(axis=0),
+        goes_on=goes_on_over(view, pieces[0], float(np.median(disparity))),
     )
+
+
+def goes_on_over(view: ObjectView, top: IntArray, disparity: float) -> float:
+    """1 where what is above a bar's upper piece (4,) is as near as the bar, 0 where it is further or sky; NaN: not known."""
+    u0, v0, u1, v1 = top.tolist()
+    band, half = v1 - v0, max((u1 - u0) // 3, 2)
+    core = (u0 + u1) // 2
+    low = v0 - (1 + GOES_ON_BANDS) * band
+    if low < 0:
+        return np.nan
+    found = view.match(np.array([[core - half, low, core + half + 1, v0 - band]]))[0][0]
+    if np.isnan(found):
+        return 0.0 if view.label[low + band, core] == SKY else np.nan
+    return float(found - disparity >= -(FREE_PX + FREE_SHARE * disparity))
 
 
 def beside(view: ObjectView, rectangles: IntArray, disparity: FloatArray) -> FloatArray:

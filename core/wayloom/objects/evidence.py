@@ -1,5 +1,6 @@
 """Evidence for and against a track: how often it was seen, whether it stands free, what was seen through it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,12 +11,14 @@ from wayloom.objects.bars import FREE_PX, FREE_SHARE
 from wayloom.objects.measurements import Measurements
 from wayloom.objects.tracks import Track
 from wayloom.objects.triangulation import Cameras, projected
-from wayloom.objects.types import STANDING
+from wayloom.objects.types import POLE, STANDING
 from wayloom.objects.view import ObjectView
 
 FloatArray = NDArray[np.float64]
 PATCH_PX: Final = 4
 """Half the height of the patch in which a view is asked whether it sees through."""
+CARRIED_M: Final = 0.4
+"""In the plane, from a post to the middle of what it carries."""
 MARGIN_PX: Final = 3
 """Nearer to the image's border, nothing is asked."""
 
@@ -29,8 +32,11 @@ class Facts:
     through    views that see further there
     free       mean over the views and both sides, -1 (attached) to 1 (free)
     least_free the same of the side where it is less
-    spread     root mean square of the residuals, sigmas
     nearest    m, of the nearest view that shows it
+    height     m, that is seen of it
+    foot       m over the ground, where what is seen of it begins
+    carries    whether a sign or light is over it
+    goes_on    share of the views in which something as near stands above where its label ends
     """
 
     looks: int
@@ -41,6 +47,8 @@ class Facts:
     nearest: float
     height: float
     foot: float
+    carries: bool
+    goes_on: float
 
 
 def unseen_views(track: Track, seen: Measurements, views: list[ObjectView], cameras: Cameras, reach_m: float) -> tuple[int, int]:
@@ -69,10 +77,27 @@ def unseen_views(track: Track, seen: Measurements, views: list[ObjectView], came
     return same, further
 
 
-def facts_of(track: Track, seen: Measurements, unseen: tuple[int, int], cameras: Cameras, ground: float) -> Facts:
-    """The facts of a track; ground : height under it, m, level frame."""
+def carries(track: Track, seen: Measurements, others: Sequence[Track]) -> bool:
+    """Whether one of other tracks is a sign or light over a pole."""
+    low = float(np.median(seen.low[track.rows]))
+    return track.kind == POLE and any(
+        one.kind not in STANDING and one.place[2] > low and np.hypot(*(one.place - track.place)[:2]) < CARRIED_M for one in others
+    )
+
+
+def facts_of(
+    track: Track, seen: Measurements, unseen: tuple[int, int], cameras: Cameras, ground: float, others: Sequence[Track] = ()
+) -> Facts:
+    """The facts of a track.
+
+    ground : height under it, m, level frame
+    others : the tracks of all that was seen
+    """
     own = seen.take(track.rows)
     free = own.free.mean(axis=0)
     nearest = np.linalg.norm(cameras.centre[own.view] - track.place, axis=1).min()
     low, high = float(np.percentile(own.low, 20)), float(np.percentile(own.high, 80))
-    return Facts(len(own), *unseen, float(free.mean()), float(free.min()), float(nearest), high - low, low - ground)
+    free_of = float(free.mean()), float(free.min())
+    told = own.goes_on[np.isfinite(own.goes_on)]
+    above = float(told.mean()) if len(told) else 0.0
+    return Facts(len(own), *unseen, *free_of, float(nearest), high - low, low - ground, carries(track, seen, others), above)

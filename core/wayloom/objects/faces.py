@@ -29,6 +29,13 @@ STRIP_PX: Final = 5
 """Width of the strips whose disparities tell the slope."""
 LEAST_STRIPS: Final = 3
 STRIP_SIGMA_PX: Final = 0.12
+STRIPE_ASIDE_M: Final = 0.1
+"""How far from the middle of a post what is beside it is looked at."""
+STRIPE_MARGIN, STRIPE_HALF, STRIPE_PARTS = 0.08, 0.2, 6
+"""Shares of a face's height left out above and below, and of its width in which a post may stand to each side of the middle; parts
+of the height."""
+DARK: Final = 4.0
+"""Grey values that no camera tells apart."""
 
 
 def faces(view: ObjectView, number: int, kind: int, reach_m: float) -> Measurements:
@@ -60,6 +67,8 @@ def faces(view: ObjectView, number: int, kind: int, reach_m: float) -> Measureme
         cut_high=(v0 <= 1) | (u0 <= 1) | (u1 >= width - 1),
         width=size[:, 0],
         free=beside(view, rectangles, d),
+        goes_on=np.full(len(d), np.nan),
+        stripe=np.array([stripe(view, box, at) for box, at in zip(rectangles.tolist(), d.tolist(), strict=True)], np.float64),
         slope=np.array([one for one, _ in slopes]),
         slope_sigma=np.array([one for _, one in slopes]),
     )
@@ -77,6 +86,25 @@ def match_inside(view: ObjectView, rectangles: IntArray) -> tuple[FloatArray, Fl
     whole = view.match(rectangles)
     known = np.isfinite(inside[0])
     return np.where(known, inside[0], whole[0]), np.where(known, inside[1], whole[1])
+
+
+def stripe(view: ObjectView, box: tuple[int, int, int, int], disparity: float) -> float:
+    """How much brighter than what is beside it a stripe is that runs down the middle of a face, over the grey value of the middle.
+
+    A post stands before the back of its sign and behind its face. What a face shows ends above or below: the stripe counts as
+    much as its faintest part. NaN where the face is too small or at the image's border.
+    """
+    u0, v0, u1, v1 = box
+    aside = max(2, round(STRIPE_ASIDE_M * view.rig.camera.fx * disparity / view.rig.bf))
+    low, high = round(v0 + STRIPE_MARGIN * (v1 - v0)), round(v1 - STRIPE_MARGIN * (v1 - v0))
+    middle, half = 0.5 * (u0 + u1 - 1), STRIPE_HALF * (u1 - u0)
+    first, last = round(middle - half), round(middle + half) + 1
+    if first < aside or last + aside > view.left.shape[1] or high - low < STRIPE_PARTS:
+        return np.nan
+    grey = view.left[low:high, first - aside : last + aside].astype(np.float64)
+    over = grey[:, aside:-aside] - 0.5 * (grey[:, 2 * aside :] + grey[:, : -2 * aside])
+    parts = np.array([part.mean(axis=0) for part in np.array_split(over, STRIPE_PARTS)])
+    return max(float(parts.min(axis=0).max()), 0.0) / (float(grey[:, aside:-aside].mean()) + DARK)
 
 
 def slope(view: ObjectView, u0: int, v0: int, u1: int, v1: int) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from wayloom.geometry import se3
 from wayloom.objects.facing import azimuth
-from wayloom.objects.grouping import NEAR_M, groups
+from wayloom.objects.grouping import NEAR_M, NEAR_OF_KIND_M, groups
 from wayloom.objects.placed import AllSightings, all_sightings
 from wayloom.objects.settings import ObjectFusionSettings
 from wayloom.objects.types import KINDS, SIGN, STANDING, MapObject, PlacedSightings
@@ -130,7 +130,7 @@ def _looks_at(seen: AllSightings, places: FloatArray) -> IntArray:
 
 
 def _without_doubles(found: list[Fused], odds: FloatArray) -> IntArray:
-    """Which to keep so that no two that may be taken for each other lie within NEAR_M: the likelier stays."""
+    """Which to keep so that no two that may be taken for each other lie near each other: the likelier stays."""
     kept = np.ones(len(found), bool)
     for kinds in (STANDING, tuple(set(range(len(KINDS))) - set(STANDING))):
         rows = np.array([k for k, one in enumerate(found) if one.kind in kinds], np.int64)
@@ -142,8 +142,11 @@ def _without_doubles(found: list[Fused], odds: FloatArray) -> IntArray:
         rank = np.lexsort((*places.T, -odds[rows]))
         for at in rank.tolist():
             if kept[rows[at]]:
-                near = [other for other in tree.query_ball_point(places[at], NEAR_M) if other != at]
-                kept[rows[near]] = False
+                kind, wide = found[rows[at]].kind, float(NEAR_OF_KIND_M.max())
+                for other in tree.query_ball_point(places[at], wide):
+                    limit = NEAR_OF_KIND_M[kind] if found[rows[other]].kind == kind else NEAR_M
+                    if other != at and np.linalg.norm(places[other] - places[at]) <= limit:
+                        kept[rows[other]] = False
     return np.flatnonzero(kept)
 
 

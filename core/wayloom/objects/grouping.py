@@ -14,7 +14,10 @@ from wayloom.objects.types import KINDS, STANDING
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 NEAR_M: Final = 0.35
-"""Sightings of one kind that lie nearer are of one object, whatever their sigmas say."""
+"""Things of two kinds that lie nearer may be taken for each other."""
+NEAR_OF_KIND_M: Final = np.array([0.35, 0.35, 0.6, 0.35])
+"""Sightings of one kind that lie nearer are of one object, whatever their sigmas say: of a light's head, 1 m tall, different sides
+are seen."""
 SLACK_M: Final = 0.05
 """Sigma of what two drives call the middle of one thing."""
 
@@ -26,17 +29,17 @@ def groups(seen: AllSightings, settings: ObjectFusionSettings) -> Iterator[IntAr
     for kind in range(len(KINDS)):
         rows = np.flatnonzero(seen.kind == kind)
         axes = slice(0, 2) if kind in STANDING else slice(0, 3)
-        yield from _of_one_kind(rows[np.argsort(trace[rows], kind="stable")], axes, seen, total, settings)
+        yield from _of_one_kind(rows[np.argsort(trace[rows], kind="stable")], axes, NEAR_OF_KIND_M[kind], seen, total, settings)
 
 
 def _of_one_kind(
-    order: IntArray, axes: slice, seen: AllSightings, total: FloatArray, settings: ObjectFusionSettings
+    order: IntArray, axes: slice, near_m: float, seen: AllSightings, total: FloatArray, settings: ObjectFusionSettings
 ) -> Iterator[IntArray]:
     if not len(order):
         return
     places, covariance = seen.position[order][:, axes], total[order][:, axes, axes] + SLACK_M**2 * np.eye(len(range(3)[axes]))
     tree, taken = cKDTree(places), np.zeros(len(order), bool)
-    reach = max(settings.radius_m, NEAR_M)
+    reach = max(settings.radius_m, near_m)
     for seed in range(len(order)):
         if taken[seed]:
             continue
@@ -48,7 +51,7 @@ def _of_one_kind(
             away = places[near] - middle
             d2 = np.einsum("ni,ni->n", away, np.linalg.solve(covariance[near] + own, away[..., None])[..., 0])
             distance = np.linalg.norm(away, axis=1)
-            fits = (distance <= NEAR_M) | (d2 <= settings.sigmas**2) | (near == seed)
+            fits = (distance <= near_m) | (d2 <= settings.sigmas**2) | (near == seed)
             members = _one_of_each_submap(near[fits], np.where(near == seed, -1.0, d2)[fits], seen.source[order])
             information = np.linalg.inv(covariance[members])
             own = np.linalg.inv(information.sum(axis=0))

@@ -21,6 +21,8 @@ class Measurements:
     cut_low, cut_high   (N,) whether the image ends there, so that it may go on
     width               (N,) m
     free                (N, 2) -1 to 1: what is beside it, left and right: further away (1), as far (-1), not known (0)
+    goes_on             (N,) of poles and trunks, whether something as near stands above where their label ends: 1 or 0; else NaN
+    stripe              (N,) of signs, how much brighter than beside it a stripe down their middle is, as of a post; else NaN
     slope, slope_sigma  (N,) 1/px: change of disparity along columns over the disparity, of signs; NaN where it is not known
     """
 
@@ -34,6 +36,8 @@ class Measurements:
     cut_high: NDArray[np.bool_]
     width: FloatArray
     free: FloatArray
+    goes_on: FloatArray
+    stripe: FloatArray
     slope: FloatArray
     slope_sigma: FloatArray
 

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame
+from wayloom.stitching.layer_names import LAYERS, STATIC
 from wayloom.stitching.voxel_map import VoxelMap
-from wayloom.tiles.formats import Tile, tile_of
+from wayloom.tiles.formats import Tile, tile_layer, tile_of
 from wayloom.tiles.gltf_points import CloudPoints, cloud_of, decode_glb, encode_glb, joined_cloud
 from wayloom.tiles.grid import TILE_PX, TileAddress, ancestor, children, pixel_from_lonlat, row_by_row
 from wayloom.tiles.settings import TileSettings
@@ -63,17 +64,24 @@ def cloud_tiles(changed: Collection[TileAddress], source: CloudSource, settings:
         yield from update.block(block, voxels, lon_lat)
 
 
-def root_of(tilesets: Iterable[bytes], frame: MapFrame, up: str = ".") -> bytes:
-    """The tileset of a map from the files of its top zoom; they lie in the folder `up`, relative to it."""
-    return encode_root([without_children(decode_tileset(data)) for data in tilesets], frame, up)
+def root_of(tilesets: Iterable[bytes], frame: MapFrame, up: str = ".", of: str = LAYERS[STATIC]) -> bytes:
+    """The tileset of a layer of a map from the files of its top zoom; their folders lie in `up`, relative to it."""
+    return encode_root([without_children(decode_tileset(data)) for data in tilesets], frame, up, folders_of(of))
+
+
+def folders_of(of: str) -> tuple[str, str]:
+    """The layers of contents and of tilesets that show a layer of the map."""
+    return tile_layer("glb", of), tile_layer("tileset", of)
 
 
 class CloudUpdate:
     """One update, block by block: a coarser tile is made as soon as the last changed block in it was, and points that no tile waits
     for are dropped."""
 
-    def __init__(self, changed: Collection[TileAddress], source: CloudSource, settings: TileSettings) -> None:
-        self._source, self._settings = source, settings
+    def __init__(
+        self, changed: Collection[TileAddress], source: CloudSource, settings: TileSettings, of: str = LAYERS[STATIC]
+    ) -> None:
+        self._source, self._settings, self._of = source, settings, of
         zooms = range(settings.block_zoom, top_zoom(settings) - 1, -1)
         self._touched = {zoom: frozenset(ancestor(block, zoom) for block in changed) for zoom in zooms}
         self._waiting = Counter(ancestor(one, zoom - 1) for zoom in zooms[:-1] for one in self._touched[zoom])
@@ -89,7 +97,7 @@ class CloudUpdate:
         if len(inside):
             self._nodes[block], self._points[block], tiles = self._finest(block, voxels.take(inside), pixels[inside])
             yield from tiles
-            yield tile_of("tileset", block, encode_tileset(self._nodes[block]))
+            yield self._tileset(self._nodes[block])
         address = block
         while address.z - 1 in self._touched:
             address = ancestor(address, address.z - 1)
@@ -113,7 +121,7 @@ class CloudUpdate:
                     parts.append(self._finest(child, voxels.take(rows), pixels[rows]))
             points = self._joined([part[1] for part in parts], address.z)
         node = node_of(address, points, [part[0] for part in parts])
-        return node, points, [tile_of("glb", address, encode_glb(points)), *(tile for part in parts for tile in part[2])]
+        return node, points, [tile_of("glb", address, encode_glb(points), self._of), *(tile for part in parts for tile in part[2])]
 
     def _coarser(self, address: TileAddress) -> Iterator[Tile]:
         """A tile from the four below it, and its tileset where it has one of its own."""
@@ -125,11 +133,14 @@ class CloudUpdate:
             self._points.pop(node.address, None)
         self._points[address] = points
         self._nodes[address] = node_of(address, points, [without_children(node) for node in below])
-        yield tile_of("glb", address, encode_glb(points))
+        yield tile_of("glb", address, encode_glb(points), self._of)
         if file_zoom(address.z, self._settings) == address.z:
             tree = self._tree(address, address.z + LEVELS_A_FILE)
             linked = frozenset(node.address for node in tree.walk() if node.address.z == address.z + LEVELS_A_FILE)
-            yield tile_of("tileset", address, encode_tileset(tree, linked))
+            yield self._tileset(tree, linked)
+
+    def _tileset(self, tree: CloudNode, linked: frozenset[TileAddress] = frozenset()) -> Tile:
+        return tile_of("tileset", tree.address, encode_tileset(tree, linked, folders_of(self._of)), self._of)
 
     def _tree(self, address: TileAddress, links: int) -> CloudNode:
         """A tile and all below it, down to the links of its file."""

@@ -1,8 +1,8 @@
 """Tile formats, the layers in which they are cut, and a tile as bytes with its address.
 
-The static layer of the map is cut in every format. Each overlay (`OVERLAYS`) has pictures, under its own name, and points and
-counts, under names that begin with it: `parked`, `parked-points`, `parked-counts`. The ground has raster layers
-(`rasters`), features have vector tiles (`feature_layers`).
+The static layer of the map is cut in every format. Each overlay (`OVERLAYS`) has pictures, under its own name, and points, 3D
+tiles and counts, under names that begin with it: `parked`, `parked-points`, `parked-cloud`, `parked-tilesets`, `parked-counts`.
+The ground has raster layers (`rasters`), features have vector tiles (`feature_layers`).
 """
 
 from dataclasses import dataclass
@@ -36,8 +36,8 @@ TILE_FORMATS: Final = {
     "tileset": TileFormat("tilesets", "application/json", ".json"),
     "counts": TileFormat("counts", "application/vnd.wayloom.counts", ".wlc", served=False),
 }
-OVERLAY_FORMATS: Final = ("png", "points", "counts")
-"""Those of an overlay: its vector tiles would repeat the tracks, and its points are not among the 3D tiles of what stands."""
+OVERLAY_FORMATS: Final = ("png", "points", "glb", "tileset", "counts")
+"""Those of an overlay: its vector tiles would repeat the tracks."""
 
 
 def tile_layer(name: str, of: str = LAYERS[STATIC]) -> str:

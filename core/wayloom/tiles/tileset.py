@@ -19,7 +19,8 @@ from wayloom.tiles.gltf_points import UNITS_PER_M, CloudPoints, Place
 from wayloom.tiles.grid import TileAddress
 
 CLOUD, TILESETS = "cloud", "tilesets"
-"""The layers of point content and of tilesets: files refer to each other across them."""
+FOLDERS: Final = (CLOUD, TILESETS)
+"""The layers of point content and of tilesets, of the static layer of the map: files refer to each other across them."""
 ERROR_EDGES: Final = 4.0
 """Geometric error in edges of the cells in which voxels were joined: at the 16 pixels that viewers allow, a point every four."""
 
@@ -67,12 +68,13 @@ def _place(values: NDArray[Any]) -> Place:
     return int(east), int(north), int(up)
 
 
-def encode_tileset(node: CloudNode, linked: frozenset[TileAddress] = frozenset()) -> bytes:
+def encode_tileset(node: CloudNode, linked: frozenset[TileAddress] = frozenset(), folders: tuple[str, str] = FOLDERS) -> bytes:
     """The file of a tree.
 
-    linked : tiles of it that stand for files of their own: `TILESETS/z/x/y.json`, where this one lies too
+    linked  : tiles of it that stand for files of their own: `TILESETS/z/x/y.json`, where this one lies too
+    folders : layers of contents and of tilesets
     """
-    root = _tile(node, node.origin_m, linked, up="../../..")
+    root = _tile(node, node.origin_m, linked, "../../..", folders)
     return _file(root, node, {"origin_m": list(node.origin_m)})
 
 
@@ -86,15 +88,16 @@ def decode_tileset(data: bytes, name: str = "tileset") -> CloudNode:
         raise InputError(f"is no tileset of a map ({error})", file=name, remedy="have the map stitched anew") from error
 
 
-def encode_root(nodes: Sequence[CloudNode], frame: MapFrame, up: str = ".") -> bytes:
+def encode_root(nodes: Sequence[CloudNode], frame: MapFrame, up: str = ".", folders: tuple[str, str] = FOLDERS) -> bytes:
     """The tileset of a whole map, at least one file of `encode_tileset`.
 
-    nodes : the roots of these files
-    up    : where the folders `CLOUD` and `TILESETS` lie, relative to it
+    nodes   : the roots of these files
+    up      : where the folders lie, relative to it
+    folders : layers of contents and of tilesets
     """
     low, high = _around([(node.low, node.high) for node in nodes])
     whole = CloudNode(TileAddress(0, 0, 0), (0, 0, 0), low, high, 2 * max(node.edge for node in nodes))
-    tiles = [_tile(node, (0, 0, 0), frozenset({node.address}), up) for node in sorted(nodes, key=lambda node: node.address)]
+    tiles = [_tile(one, (0, 0, 0), frozenset({one.address}), up, folders) for one in sorted(nodes, key=lambda node: node.address)]
     root = _bounded(whole, (0, 0, 0)) | {"transform": _column_major(_earth_transform(frame)), "children": tiles}
     return _file(root, whole)
 
@@ -105,17 +108,17 @@ def _earth_transform(frame: MapFrame) -> NDArray[np.float64]:
     return np.column_stack([T[:, :3].round(15), T[:, 3].round(8)])
 
 
-def _tile(node: CloudNode, parent_m: Place, linked: frozenset[TileAddress], up: str) -> dict[str, Any]:
+def _tile(node: CloudNode, parent_m: Place, linked: frozenset[TileAddress], up: str, folders: tuple[str, str]) -> dict[str, Any]:
     """A tile, relative to the origin of the one above."""
     is_link = node.address in linked
-    folder, suffix = (TILESETS, "json") if is_link else (CLOUD, "glb")
+    folder, suffix = (folders[1], "json") if is_link else (folders[0], "glb")
     z, x, y = node.address
     found = _bounded(node, node.origin_m) | {"content": {"uri": f"{up}/{folder}/{z}/{x}/{y}.{suffix}"}}
     shift = [float(here - there) for here, there in zip(node.origin_m, parent_m, strict=True)]
     if any(shift):
         found["transform"] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, *shift, 1.0]
     if node.children and not is_link:
-        found["children"] = [_tile(child, node.origin_m, linked, up) for child in node.children]
+        found["children"] = [_tile(child, node.origin_m, linked, up, folders) for child in node.children]
     return found
 
 

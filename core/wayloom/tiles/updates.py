@@ -92,11 +92,11 @@ def touched_tiles(
     for z in range(_top(settings, of), block_zoom(settings) + 1):
         found[tile_layer("counts", of), z] = frozenset(_touched(changed, z, 0.0))
     found[tile_layer("points", of), settings.points_zoom] = frozenset(_touched(changed, settings.points_zoom, 0.0))
+    for z in range(top_zoom(settings), settings.max_zoom + 1):
+        found[tile_layer("glb", of), z] = frozenset(_touched(changed, z, 0.0))
+        if file_zoom(z, settings) == z:
+            found[tile_layer("tileset", of), z] = found[tile_layer("glb", of), z]
     if of == GROUND:
-        for z in range(top_zoom(settings), settings.max_zoom + 1):
-            found[tile_layer("glb"), z] = frozenset(_touched(changed, z, 0.0))
-            if file_zoom(z, settings) == z:
-                found[tile_layer("tileset"), z] = found[tile_layer("glb"), z]
         for z in range(settings.min_zoom, settings.features_max_zoom + 1):
             found[tile_layer("mvt"), z] = frozenset(_touched(changed, z, BUFFER / EXTENT))
     return found
@@ -135,7 +135,7 @@ class _Update:
     def __init__(self, changed: frozenset[TileAddress], source: PyramidSource, settings: TileSettings, of: str) -> None:
         self.changed, self.source, self.settings, self.of = changed, source, settings, of
         self.levels: dict[TileAddress, Level] = {}
-        self._cloud = CloudUpdate(changed, source, settings)
+        self._cloud = CloudUpdate(changed, source, settings, of)
         self._read: dict[TileAddress, Level] = {}
 
     def block(self, block: TileAddress) -> _Block:
@@ -145,8 +145,7 @@ class _Update:
         lon_lat_height = wgs84.lonlatheight_from_enu(voxels.points_enu, voxels.frame)
         wide = finest_level(lon_lat_height[:, :2], voxels.label, self.settings.max_zoom)
         tiles = list(self._point_tiles(block, voxels, lon_lat_height))
-        if self.of == GROUND:
-            tiles += self._cloud.block(block, voxels, lon_lat_height[:, :2])
+        tiles += self._cloud.block(block, voxels, lon_lat_height[:, :2])
         while wide.zoom > block.z:
             tiles += self._pictures(wide, block)
             wide = coarser(wide)
