@@ -24,7 +24,7 @@ class Guarded:
 
     def __init__(self, data: Path, **variables: str) -> None:
         self.api = ApiAlone(data, **{"WAYLOOM_API_KEY": API_KEY, **variables})
-        self.database = Database(f"sqlite:///{data / 'wayloom.db'}")
+        self.database = Database(variables.get("WAYLOOM_DATABASE_URL", f"sqlite:///{data / 'wayloom.db'}"))
         self.http = httpx2.Client(base_url=self.api.url, timeout=30.0, trust_env=False)
         self._drives = 0
 

@@ -1,10 +1,13 @@
 """The operators' sign-in: sessions by cookie, wrong passwords, and what pages of others can make a browser do."""
 
 from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
 
 import httpx2
 import pytest
 
+from service_kit import postgres
 from service_kit.guarded import API_KEY, FROM_PAGE, PASSWORD, Guarded, bearer
 from service_kit.running import until
 from wayloom.config.roles import Role
@@ -173,3 +176,23 @@ def test_another_password_and_the_users_end_end_sessions(service: Guarded, brows
     with service.database.write() as session:
         users.remove(session, "leaving")
     until(lambda: browser.get("/v1/drives").status_code == 401, 25)
+
+
+@pytest.mark.postgres
+def test_on_postgresql_keys_owners_quotas_sign_ins_and_the_audit_log_work_as_on_sqlite(tmp_path: Path) -> None:
+    with postgres.cluster() as folder:
+        variables = {"WAYLOOM_DATABASE_URL": postgres.new_database(folder), "WAYLOOM_ACCESS__DRIVES_A_DAY": "2"}
+        with closing(Guarded(tmp_path / "data", **variables)) as service, service.browser() as browser:
+            ours, theirs = service.key(Role.VEHICLE, "van-1"), service.key(Role.VEHICLE, "van-2")
+            drive = service.drive(ours)
+            seen = [service.http.get(f"/v1/drives/{drive}", headers=bearer(key)).status_code for key in (ours, theirs, None)]
+            assert seen == [200, 404, 401]
+            assert [service.announce(ours).status_code for _ in range(2)] == [201, 429]
+            service.user("anna", Role.ADMIN)
+            assert [service.sign_in(browser, "anna", one).status_code for one in ("not the password", PASSWORD)] == [401, 200]
+            made = browser.post("/v1/keys", json={"name": "x", "role": "viewer"}).json()
+            assert service.http.get("/v1/maps", headers=bearer(made["key"])).status_code == 200
+            assert browser.delete(f"/v1/keys/{made['prefix']}").status_code == 200
+            assert service.http.get("/v1/maps", headers=bearer(made["key"])).status_code == 401
+            entries = browser.get("/v1/audit", params={"actor": "user anna"}).json()["entries"]
+            assert [one["action"] for one in entries] == ["DELETE /v1/keys/{prefix}", "POST /v1/keys"]
