@@ -240,6 +240,18 @@ def test_whoever_is_killed_is_followed_by_one_who_finds_the_rest(
     assert set(left_inside(context, drive_id).values()) == {0}
 
 
+@pytest.mark.parametrize("damaged", ["ground", "objects", "places", "looks", "submaps"])
+def test_what_is_damaged_goes_and_the_map_goes_on(context: WorkerContext, damaged: str) -> None:
+    drive_id = driven(context, "a")
+    folder = context.folders.drive(drive_id) / "stages" / damaged / "key"
+    for file in folder.iterdir():
+        file.write_bytes(file.read_bytes()[:40])
+    exclude_area(context, polygon())
+    publish_next(context)
+    assert [*folder.iterdir()] == []
+    assert map_inside(context)["voxels"] == 0
+
+
 def test_the_areas_of_the_settings_follow_their_file(context: WorkerContext) -> None:
     with context.database.write() as session:
         own = excluded.add(session, "city", "asked for", polygon())[0].id

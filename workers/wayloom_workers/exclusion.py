@@ -5,7 +5,8 @@ who finds the rest. The same submap and areas give the same bytes.
 """
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -118,16 +119,33 @@ def _rewrite(context: WorkerContext, drive_id: str, items: Sequence[_Clipped]) -
     there = {stage: folder for stage, folder in stages.items() if folder.is_dir()}
     for item in items:
         context.blobs.put(item.after.encoded)
-    picture = _of_submaps(there, items) if "submaps" in there else None
+    picture = None
+    if "submaps" in there:
+        with _or_nothing(there["submaps"]):
+            picture = _of_submaps(there, items)
     for stage, kind, clip in (("ground", SHEETS, clipped_sheet), ("objects", SIGHTINGS, clipped_sightings)):
         if stage in there:
-            _of_each(kind, there[stage], items, clip)
+            with _or_nothing(there[stage]):
+                _of_each(kind, there[stage], items, clip)
     if "looks" in there:
-        _of_looks(there["looks"] / LOOKS_FILE, items)
+        with _or_nothing(there["looks"]):
+            _of_looks(there["looks"] / LOOKS_FILE, items)
     if "places" in there and "submaps" in there:
-        _of_places(there["places"] / PLACES_FILE, load_submaps(there["submaps"]), items)
+        with _or_nothing(there["places"]):
+            _of_places(there["places"] / PLACES_FILE, load_submaps(there["submaps"]), items)
     preview = None if picture is None else context.blobs.put(picture)
     _write_rows(context, drive_id, items, preview)
+
+
+@contextmanager
+def _or_nothing(folder: Path) -> Iterator[None]:
+    """What cannot be read cannot be clipped, and goes: the map does without it, as it would with what is damaged."""
+    try:
+        yield
+    except InputError as error:
+        log.warning("a stage's output cannot be clipped and is dropped", folder=folder.name, error=str(error))
+        for file in folder.iterdir():
+            file.unlink(missing_ok=True)
 
 
 def _of_submaps(stages: Mapping[str, Path], items: Sequence[_Clipped]) -> bytes | None:

@@ -8,7 +8,7 @@ from kombu.exceptions import OperationalError
 from redis.exceptions import RedisError
 
 from wayloom.config.backoff import Backoff
-from wayloom.errors import ConfigError
+from wayloom.errors import ConfigError, WayloomError
 from wayloom.exclusion.areas import areas_of_geojson
 from wayloom.store import excluded, garbage, jobs, retention, sweep, uploads
 from wayloom.store.blobs import BlobError
@@ -53,7 +53,12 @@ def exclude_late(context: WorkerContext) -> None:
     with context.database.read() as session:
         if not excluded.of_map(session, map_id) or jobs.is_map_at_work(session, map_id):
             return
-    if exclude(context, map_id):
+    try:
+        found = exclude(context, map_id)
+    except WayloomError as error:  # the next stitch meets it too, and says so
+        log.warning("areas were not excluded", error=str(error))
+        return
+    if found:
         with context.database.write() as session:
             jobs.request_stitch(session, map_id)  # sent as one that has not gone out
 

@@ -161,10 +161,10 @@ def delete_rows(session: Session, drive_id: str) -> None:
     drive = get(session, drive_id)
     map_id, vehicle_id = drive.map_id, drive.vehicle_id
     mark_changed(session, drive_id)
-    forget_rig(session, drive_id)
+    rig = forget_rig(session, drive_id)
     forget_drive(session, drive_id)
     session.execute(delete(Drive).where(Drive.id == drive_id))
-    forget_names(session, drive_id, map_id, vehicle_id)
+    forget_names(session, drive_id, map_id, vehicle_id, rig)
 
 
 def jobs_of(session: Session, drives: Sequence[Drive]) -> dict[str, list[Job]]:

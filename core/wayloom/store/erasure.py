@@ -17,27 +17,28 @@ SHORT: Final = 12
 NOBODY: Final = "a removed drive"
 
 
-def forget_rig(session: Session, drive_id: str) -> None:
-    """Before the drive's rows go, and after its rig was learnt anew: the versions of the rig's file that were learnt from it."""
+def forget_rig(session: Session, drive_id: str) -> str | None:
+    """Before the drive's rows go, and after its rig was learnt anew: the versions of the rig's file that were learnt from it.
+    Returns the rig's id."""
     facts = session.get_one(Drive, drive_id).facts
     evidence = session.get(RigEvidence, drive_id)
     key = evidence.rig if evidence is not None else (facts.get("rig") or {}).get("rig")
-    if key is None:
-        return
-    for version in session.scalars(select(RigVersion).where(RigVersion.rig == key)).all():
+    for version in session.scalars(select(RigVersion).where(RigVersion.rig == (key or ""))).all():
         if drive_id in version.drives:
             forget_blobs(session, [version.digest], "odometry")
             session.delete(version)
     session.flush()
+    return key
 
 
-def forget_names(session: Session, drive_id: str, map_id: str, vehicle_id: str | None) -> None:
-    """After the drive's rows are gone: its vehicle and rigs of which nothing else is known, and words of others that name it."""
+def forget_names(session: Session, drive_id: str, map_id: str, vehicle_id: str | None, rig: str | None) -> None:
+    """After the drive's rows are gone: its vehicle and its rig, where nothing else is known of them, and words of others that name
+    it."""
     session.flush()
     named = exists().where(Drive.vehicle_id == Vehicle.id)
     session.execute(delete(Vehicle).where(Vehicle.id == (vehicle_id or ""), ~named))
     told = or_(exists().where(RigEvidence.rig == Rig.id), exists().where(RigVersion.rig == Rig.id), exists().where(_uses(Rig.id)))
-    session.execute(delete(Rig).where(~told), execution_options={"synchronize_session": False})
+    session.execute(delete(Rig).where(Rig.id == (rig or ""), ~told), execution_options={"synchronize_session": False})
     for version in session.scalars(select(MapVersion).where(MapVersion.map_id == map_id)):
         version.facts = unnamed(version.facts, drive_id)
     for drive in session.scalars(select(Drive).where(Drive.map_id == map_id, Drive.map_verdict.is_not(None))):
