@@ -90,7 +90,12 @@ def _then(text: str, target: Path | None) -> "tuple[Then, Path | None]":
 
 
 def send(
-    api: "Api", packed_drive: "PackedDrive", bars: ProgressBars, connections: int, limit: "RateLimit | None" = None, again: bool = False
+    api: "Api",
+    packed_drive: "PackedDrive",
+    bars: ProgressBars,
+    connections: int,
+    limit: "RateLimit | None" = None,
+    again: bool = False,
 ) -> str:
     """Upload one drive under a bar. Returns its id."""
     from wayloom.client.rates import UNLIMITED

@@ -32,7 +32,9 @@ class Received:
     bytes: int
 
 
-def register(session: Session, manifest: Manifest, map_id: str, owner: Owner | None = None, again: bool = False) -> tuple[Drive, bool]:
+def register(
+    session: Session, manifest: Manifest, map_id: str, owner: Owner | None = None, again: bool = False
+) -> tuple[Drive, bool]:
     """The manifest's drive, and whether it is new.
 
     owner : the vehicle that announces it, where that is one
