@@ -15,7 +15,6 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -240,10 +239,10 @@ def accuracy(paths: Sequence[Path], poses: str, places: Path | None) -> list[dic
         members = [moved(member, items) for member, items in zip(members, found, strict=True)]
     elif poses == "joined":
         members = in_the_map(members, places)
-    count = len(members)
-    alone = [judged([member], facades_of(paths[1].parent), member.placed[0].drive_id) for member in members]
+    count, facades = len(members), facades_of(tuple(sorted({log.parent for log in paths[1::2]})))
+    alone = [judged([member], facades, member.placed[0].drive_id) for member in members]
     several = range(2, count + 1) if count <= MANY else sorted({2**k for k in range(1, count.bit_length())} | {count})
-    return alone + [judged(members[:n], facades_of(paths[1].parent), f"the first {n}") for n in several]
+    return alone + [judged(members[:n], facades, f"the first {n}") for n in several]
 
 
 def has_place(out: Path) -> bool:
@@ -268,11 +267,11 @@ def in_the_map(members: Sequence[Member], places: Path) -> list[Member]:
     return out
 
 
-@cache
-def facades_of(city: Path) -> TrueSurfaces:
-    """The true facades along all drives of a simulated city."""
-    settings = json.loads((city / "simulation.json").read_text())["preset"]["city"]
-    track = np.concatenate([open_truth(log).T_enu_cam[::5, :3, 3] for log in sorted(city.iterdir()) if has_truth(log)])
+def facades_of(folders: tuple[Path, ...]) -> TrueSurfaces:
+    """The true facades along all drives of a simulated city, whose logs lie below one folder or several."""
+    settings = json.loads((folders[0] / "simulation.json").read_text())["preset"]["city"]
+    logs = [log for folder in folders for log in sorted(folder.iterdir()) if has_truth(log)]
+    track = np.concatenate([open_truth(log).T_enu_cam[::5, :3, 3] for log in logs])
     return true_surfaces(build_city(CitySettings(**settings), Models()), track, 70.0, (BUILDING,))
 
 
