@@ -4,7 +4,7 @@ python benchmarks/upload_drills.py [--count 1000] [--seed 0] [--write]
 
 Cuts: `link` (every connection breaks after so many bytes), `client` (the call is left and made again, as by the next process),
 `server` (kill -9), `flip` (one bit on the way). Half of the uploads are one file (tus), half are packs. Each sends 1 MB in chunks
-of at most 256 KiB.
+of at most 256 KiB. Client and server are cut behind the chunk in which the byte lies: progress is told there.
 """
 
 import argparse
