@@ -27,7 +27,7 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
         "name": log.name,
         "rejected": {str(frame): one.model_dump(mode="json") for frame, one in sorted(rejected.items())},
         "digests": {part: digest(kept, context.reader_version) for part, digest in LOG_PARTS.items()},
-        "log": report.model_dump(mode="json"),
+        "log": report.model_copy(update={"missing": list(kept.missing)}).model_dump(mode="json"),
     }
     (out_dir / LOG_FILE).write_text(json.dumps(content, indent=1) + "\n")
     left_out = f", {len(rejected)} were left out" if rejected else ""
