@@ -91,6 +91,7 @@ def test_ingest_leaves_out_what_cannot_be_decoded_and_all_later_stages_see_the_s
     ingest.run(context, tmp_path / "stages/ingest", lambda share, what, /: None)
     content = read_log_file(tmp_path / "stages/ingest")
     assert {frame: one["reason"] for frame, one in content["rejected"].items()} == {"8": "image.undecodable"}
+    assert "frames that were left out: 8 (image.undecodable, 000009.png)" in content["log"]["missing"]
     for seen in (context, StageContext(LogSource(drive), tmp_path / "stages", ProcessSettings())):
         assert seen.log.t_ns.tolist() == [frame.t_ns for frame in made_frames(COUNT, True) if frame.index not in (4, 9)]
     assert inspect_log(seen.log).usable

@@ -38,6 +38,13 @@ def without_frames(log: DriveLog, damaged: dict[int, LogError]) -> DriveLog:
     return log.kept(rows, (described(damaged),))
 
 
+def told_again(problem: str, file: str, reason: str) -> LogError:
+    """The error whose whole message, file and reason were kept."""
+    error = LogError(problem, reason=reason)
+    error.file = file
+    return error
+
+
 def described(damaged: dict[int, LogError]) -> str:
     """In words: which frames were left out, why, and for which file."""
     shown = [

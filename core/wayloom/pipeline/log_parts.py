@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import LogError, StageError
+from wayloom.logs.damage import told_again
 from wayloom.logs.types import DriveLog
 from wayloom.pipeline.digests import digest_of_files, sha256_of_json
 
@@ -44,7 +45,7 @@ def rejected_frames(folder: Path) -> dict[int, LogError]:
     if not (folder / LOG_FILE).is_file():
         return {}
     rejected = read_log_file(folder).get("rejected", {})
-    return {int(frame): LogError(one["problem"], file=one["file"], reason=one["reason"]) for frame, one in rejected.items()}
+    return {int(frame): told_again(one["problem"], one["file"], one["reason"]) for frame, one in rejected.items()}
 
 
 def images_digest(log: DriveLog, reader_version: str) -> str:

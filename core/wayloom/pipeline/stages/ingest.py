@@ -8,8 +8,7 @@ import json
 from pathlib import Path
 
 from wayloom.config.progress import Progress
-from wayloom.errors import LogError
-from wayloom.logs.damage import without_frames
+from wayloom.logs.damage import told_again, without_frames
 from wayloom.logs.inspection import inspect_log
 from wayloom.pipeline.log_parts import FORMAT_VERSION, LOG_FILE, LOG_PARTS
 from wayloom.pipeline.stage_context import StageContext
@@ -20,14 +19,14 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     log = context.source.log
     report = inspect_log(log, decode=True, progress=lambda share, what: progress(0.9 * share, what))
     rejected = {one.frame: one for one in reversed(report.damaged)}
-    errors = {frame: LogError(one.problem, reason=one.reason) for frame, one in rejected.items()}
+    errors = {frame: told_again(one.problem, one.file, one.reason) for frame, one in rejected.items()}
     kept = without_frames(log, errors)
     content = {
         "format_version": FORMAT_VERSION,
         "name": log.name,
         "rejected": {str(frame): one.model_dump(mode="json") for frame, one in sorted(rejected.items())},
         "digests": {part: digest(kept, context.reader_version) for part, digest in LOG_PARTS.items()},
-        "log": report.model_dump(mode="json"),
+        "log": report.model_copy(update={"missing": list(kept.missing)}).model_dump(mode="json"),
     }
     (out_dir / LOG_FILE).write_text(json.dumps(content, indent=1) + "\n")
     left_out = f", {len(rejected)} were left out" if rejected else ""
