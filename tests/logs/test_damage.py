@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from logs.made_drives import WRITERS, made_frames, made_poses, write_drive
+from wayloom.client.manifests import pack
 from wayloom.errors import InputError, LogError
 from wayloom.logs.damage import MOST_DAMAGED, without_damage, without_frames
 from wayloom.logs.inspection import inspect_log
@@ -116,3 +117,14 @@ def test_what_is_damaged_beside_the_images_is_no_frames_fault(tmp_path: Path) ->
     log = open_log(write_drive(tmp_path, "mcap"))
     with pytest.raises(InputError, match="wrong check sum"):
         without_frames(log, {-1: LogError("wrong check sum")})
+
+
+def test_a_drive_with_a_damaged_image_is_sent_whole_and_one_with_many_is_not(tmp_path: Path) -> None:
+    drive = write_drive(tmp_path, "kitti-odometry", count=COUNT)
+    sound = {file.path for file in pack(drive).manifest.files}
+    cut(drive / "image_3" / "000011.png")
+    assert {file.path for file in pack(drive).manifest.files} == sound
+    for number in range(4):
+        cut(drive / "image_2" / f"{number:06d}.png")
+    with pytest.raises(LogError, match="5 of 24 frames cannot be used"):
+        pack(drive)

@@ -11,7 +11,8 @@ from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
 from wayloom.files.links import leading_out
 from wayloom.files.regular import open_regular
-from wayloom.logs.registry import open_log
+from wayloom.logs.damage import without_damage
+from wayloom.logs.registry import open_log_unchecked
 from wayloom.logs.types import DriveLog
 from wayloom.store.manifest import Manifest, ManifestFile
 
@@ -34,9 +35,10 @@ def pack(
 ) -> PackedDrive:
     """Open the log, which refuses a bad one before a byte is sent, and hash its files.
 
+    Single damaged images are sent as they are: the drive goes on without their frames, and says so.
     Raises InputError.
     """
-    log = open_log(log_path, gnss=gnss)
+    log = without_damage(open_log_unchecked(log_path, gnss=gnss))
     sources = {f"log/{name}": log.root / name for name in log.files}
     _refuse_links_out(sources, log.root)
     gnss_name, gnss_sources = _gnss_files(log, gnss)
