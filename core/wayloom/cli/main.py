@@ -13,7 +13,7 @@ from wayloom.errors import InputError, WayloomError
 
 COMMANDS = {
     "One drive": ("inspect", "process", "odometry", "calibrate", "export", "convert"),
-    "A fleet's service": ("demo", "up", "upload", "sync", "drives", "rigs", "areas", "keys", "users", "audit"),
+    "A fleet's service": ("demo", "up", "upload", "sync", "drives", "rigs", "areas", "keys", "users", "audit", "selftest"),
     "Made and measured": ("simulate", "benchmark", "models"),
     "This installation": ("config", "doctor"),
 }

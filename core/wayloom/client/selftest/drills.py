@@ -1,0 +1,124 @@
+"""Drills of what happens on the way: links that break, chunks that come twice or at once, bytes that are not the file's."""
+
+import random
+import socket
+import ssl
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final
+from urllib.parse import urlsplit
+
+from wayloom.client.selftest.subject import CONTENT_TYPE, VERSION, Subject, expect
+from wayloom.client.selftest.tus_checks import Check
+from wayloom.errors import ServiceError
+
+CUTS: Final = 5
+PATIENCE_S: Final = 10.0
+"""For a service that still receives from a link of which it has not heard that it broke."""
+
+
+def cut_links(subject: Subject) -> None:
+    """A link that breaks at random bytes, again and again."""
+    path, content = subject.new_file()
+    address = subject.begun(path, len(content))
+    stored, sent = 0, 0
+    for _ in range(CUTS):
+        ends = random.randrange(stored + 1, len(content))
+        _sent_and_cut(subject, address, stored, content[stored:], ends - stored)
+        sent = max(sent, ends)
+        before, stored = stored, _settled_offset(subject, address)
+        expect(before <= stored <= sent, f"after {sent} bytes were sent {stored} are stored, {before} were before")
+    answer = subject.patch(address, stored, content[stored:])
+    expect(answer.status_code == 204, f"the rest after {CUTS} cuts was answered {answer.status_code}")
+    expect(not subject.is_missing(path), "the file came whole in the end, and is asked for again")
+
+
+def twice_delivered(subject: Subject) -> None:
+    """A chunk whose answer was lost comes once more."""
+    path, content = subject.new_file()
+    address, half = subject.begun(path, len(content)), len(content) // 2
+    subject.patch(address, 0, content[:half])
+    again = subject.patch(address, 0, content[:half])
+    expect(again.status_code == 409, f"a chunk that came twice was answered {again.status_code}, not 409")
+    subject.patch(address, half, content[half:])
+    last = subject.patch(address, half, content[half:])
+    expect(last.status_code in (204, 409), f"the last chunk, twice, was answered {last.status_code}")
+    expect(not subject.is_missing(path), "the file is whole and is asked for again")
+
+
+def at_once(subject: Subject) -> None:
+    """Two clients continue one upload at the same time."""
+    path, content = subject.new_file()
+    address = subject.begun(path, len(content))
+    with ThreadPoolExecutor(2) as pool:
+        answers = [pool.submit(subject.patch, address, 0, content) for _ in range(2)]
+    statuses = [answer.result().status_code for answer in answers if answer.exception() is None]
+    expect(all(status in (204, 409, 423) or status == 408 for status in statuses), f"two at once were answered {statuses}")
+    stored = _settled_offset(subject, address)
+    if stored < len(content):
+        subject.patch(address, stored, content[stored:])
+    expect(not subject.is_missing(path), "the file came twice at once and is asked for again")
+
+
+def flipped_byte(subject: Subject) -> None:
+    """A file that differs by one bit from what was announced."""
+    path, content = subject.new_file()
+    wrong = bytearray(content)
+    wrong[len(content) // 2] ^= 1
+    address = subject.begun(path, len(content))
+    answer = subject.patch(address, 0, bytes(wrong))
+    expect(answer.status_code >= 400, f"a file with another SHA-256 was answered {answer.status_code}")
+    expect(subject.is_missing(path), "a file with another SHA-256 was taken")
+    renewed = subject.begun(path, len(content))
+    expect(subject.patch(renewed, 0, content).status_code == 204, "the right file is not taken after the wrong one")
+    expect(not subject.is_missing(path), "the right file after the wrong one is asked for again")
+
+
+def finished_once_more(subject: Subject) -> None:
+    """A file that has arrived is sent once more by a client that forgot."""
+    path, content = subject.new_file()
+    subject.patch(subject.begun(path, len(content)), 0, content)
+    again = subject.create(path, len(content))
+    expect(again.status_code in (201, 409), f"a file that is there was answered {again.status_code}")
+    expect(not subject.is_missing(path), "a file that is there is asked for once more")
+
+
+def _sent_and_cut(subject: Subject, address: str, offset: int, content: bytes, sent: int) -> None:
+    """The head of a PATCH with all of content, and only so many of its bytes; then the link is gone."""
+    parts = urlsplit(subject.url)
+    path = urlsplit(address).path if "://" in address else f"{parts.path}{address}"
+    head = {
+        "Host": parts.netloc, "Tus-Resumable": VERSION, "Content-Type": CONTENT_TYPE, "Upload-Offset": str(offset),
+        "Content-Length": str(len(content)), **subject.headers,
+    }  # fmt: skip
+    lines = [f"PATCH {path} HTTP/1.1", *(f"{name}: {value}" for name, value in head.items()), "", ""]
+    secure = parts.scheme == "https"
+    try:
+        link = socket.create_connection((parts.hostname or "", parts.port or (443 if secure else 80)), timeout=PATIENCE_S)
+        with ssl.create_default_context().wrap_socket(link, server_hostname=parts.hostname) if secure else link as open_link:
+            open_link.sendall("\r\n".join(lines).encode() + content[:sent])
+    except OSError as error:
+        raise ServiceError(f"{subject.url} does not answer: {error}") from error
+
+
+def _settled_offset(subject: Subject, address: str) -> int:
+    """The offset when nothing is received any more."""
+    ends = time.monotonic() + PATIENCE_S
+    while subject.head(address).status_code == 423 and time.monotonic() < ends:
+        time.sleep(0.1)
+    stored = subject.offset(address)
+    while time.monotonic() < ends:
+        time.sleep(0.1)
+        before, stored = stored, subject.offset(address)
+        if stored == before:
+            break
+    return stored
+
+
+DRILLS: Final = (
+    Check("cut links", f"a link that breaks {CUTS} times at random bytes costs no byte that was stored", cut_links),
+    Check("twice", "a chunk that comes twice counts once", twice_delivered),
+    Check("at once", "two clients at once leave one whole file", at_once),
+    Check("flipped bit", "a file with another SHA-256 is refused, and the right one taken after it", flipped_byte),
+    Check("forgotten", "a file that is there is not asked for once more", finished_once_more),
+)

@@ -1,0 +1,100 @@
+"""`wayloom selftest`: a service that does as tus asks passes, one that does not is told where."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import pytest
+
+from service_kit.running import ApiAlone, environment
+from wayloom.client.selftest.report import tried
+from wayloom.client.selftest.subject import Subject
+
+Answer = httpx2.Response
+Lie = Callable[[str, Answer], None]
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ApiAlone]:
+    process = ApiAlone(tmp_path_factory.mktemp("selftest") / "data")
+    yield process
+    process.close()
+
+
+def selftest(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "wayloom.cli.main", "selftest", *map(str, arguments)]
+    return subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=120)
+
+
+def test_our_service_passes_every_check_and_drill(alone: ApiAlone, tmp_path: Path) -> None:
+    done = selftest(alone.url, "--json", tmp_path / "report.json")
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert [one for one in report["checks"] if one["verdict"] != "passed"] == []
+    assert done.returncode == 0
+    assert report["drive_removed"]
+    assert done.stdout.splitlines()[-1] == f"{len(report['checks'])} passed, 0 failed, 0 not offered"
+
+
+def silent_about_its_version(_: str, answer: Answer) -> None:
+    answer.headers.pop("tus-resumable", None)
+
+
+def taking_any_offset(_: str, answer: Answer) -> None:
+    answer.status_code = 204 if answer.status_code == 409 else answer.status_code
+
+
+def one_byte_ahead(method: str, answer: Answer) -> None:
+    if method == "HEAD" and answer.headers.get("upload-offset", "0") != "0":
+        answer.headers["upload-offset"] = str(int(answer.headers["upload-offset"]) + 1)
+
+
+def blind_to_sums(_: str, answer: Answer) -> None:
+    answer.status_code = 204 if answer.status_code == 460 else answer.status_code
+
+
+def without_expiry(_: str, answer: Answer) -> None:
+    answer.headers.pop("upload-expires", None)
+
+
+@pytest.mark.parametrize(
+    ("lie", "failing"),
+    [
+        (silent_about_its_version, {"stated version"}),
+        (taking_any_offset, {"wrong offsets", "twice", "forgotten"}),
+        (one_byte_ahead, {"wrong offsets", "method override", "first bytes", "cut links"}),
+        (blind_to_sums, {"wrong sums", "flipped bit"}),
+        (without_expiry, {"expiry"}),
+    ],
+)
+def test_a_service_that_does_not_is_told_where(alone: ApiAlone, lie: Lie, failing: set[str]) -> None:
+    class Lying(Subject):
+        """The same service behind a proxy that changes what it answers."""
+
+        def send(self, method: str, path: str, headers: dict[str, str] | None = None, **more: Any) -> Answer:
+            answer = super().send(method, path, headers, **more)
+            lie(method, answer)
+            return answer
+
+    with Lying(alone.url) as subject:
+        verdicts = list(tried(subject))
+        subject.remove()
+    assert {one.name for one in verdicts if one.verdict == "failed"} == failing
+
+
+def test_an_extension_that_is_not_offered_is_not_asked_for(alone: ApiAlone) -> None:
+    with Subject(alone.url) as subject:
+        subject.extensions -= {"checksum", "termination"}
+        missing = {one.name for one in tried(subject) if one.verdict == "not offered"}
+        subject.remove()
+    assert missing == {"right sums", "wrong sums", "termination"}
+
+
+def test_where_no_service_answers_one_line_says_so() -> None:
+    done = selftest("http://127.0.0.1:9")
+    assert done.returncode == 1
+    assert done.stderr.startswith("wayloom: http://127.0.0.1:9 does not answer")
+    assert done.stderr.count("\n") == 1
