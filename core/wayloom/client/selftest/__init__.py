@@ -1,1 +1,1 @@
-"""A service tried from outside: does it speak tus, and is nothing lost when links break."""
+"""One service tried from outside: does it speak tus, and is nothing lost when links break."""

@@ -1,4 +1,4 @@
-"""Drills of what happens on the way: links that break, chunks that come twice or at once, bytes that are not the file's."""
+"""Drills of the way: links that break, chunks that come twice or at once, bytes that are not the file's."""
 
 import random
 import socket

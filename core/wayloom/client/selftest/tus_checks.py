@@ -1,4 +1,4 @@
-"""What tus 1.0.0 asks of a server, clause by clause: the core protocol, and the extensions that the server says it has."""
+"""The clauses of tus 1.0.0 that a server must keep: those of the core protocol, and of the extensions that it says it has."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
