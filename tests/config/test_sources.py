@@ -184,6 +184,7 @@ def changed(model: type[BaseModel]) -> dict[tuple[str, ...], Any]:
         ("segmentation", "device"): "cpu", ("labelling", "votes"): "hard", ("tiles", "min_zoom"): 11, ("steps",): "a:B",
         ("map_id",): "town", ("data_dir",): "/data", ("merge", "voxel_m"): 0.11, ("merge", "reach_m"): 1.9,
         ("merge", "surface_cell_m"): 0.7, ("uploads", "retention"): 14.0,
+        ("excluded_areas",): "/areas.geojson",
     }  # fmt: skip
     return {key: own.get(key, other(info)) for key, info in leaves(model).items()}
 

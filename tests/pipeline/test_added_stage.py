@@ -69,7 +69,7 @@ def counting(monkeypatch, owner, name):
 
 def test_an_added_stage_runs_embedded_and_the_log_is_opened_once(clip_a, room, tmp_path, monkeypatch):
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:2], ENTRY, *stages.STAGES[2:]))
-    opened = counting(monkeypatch, log_source, "open_log")
+    opened = counting(monkeypatch, log_source, "open_log_unchecked")
     matched = counting(monkeypatch, frame_source, "first_matches")
     matched_first = counting(monkeypatch, drive, "first_matches")
     log_path, out = first_frames(clip_a, tmp_path / "street", 8), tmp_path / "out"

@@ -33,7 +33,7 @@ OF_ONE = ("/v1/drives/{drive_id}", "/v1/uploads/{upload_id}")
 PLACES = {
     "map_id": "city", "number": "1", "layer": "semantic", "z": "0", "x": "0", "y": "0", "ext": "png", "name": "objects",
     "feature_id": "1", "base": "0", "east": "0", "north": "0", "part": "voxels", "digest": "0" * 64, "key": "0" * 32,
-    "picture": "track", "prefix": "0" * 12,
+    "picture": "track", "prefix": "0" * 12, "area_id": "0" * 32, "overlay": "parked",
 }  # fmt: skip
 MATRIX = [
     pytest.param(template, method, need, caller, id=f"{method} {template} by {caller}")

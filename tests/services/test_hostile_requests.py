@@ -12,6 +12,10 @@ import pytest
 
 from service_kit.running import ApiAlone
 from service_kit.tus import create, offset, register
+from wayloom.store import maps
+from wayloom.store.database import Database
+from wayloom_workers.submap_rows import submap_row
+from workers.test_stitching import placed
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +120,13 @@ def test_an_object_store_that_is_away_is_said(tmp_path: Path, monkeypatch: pytes
             ready = client.get("/readyz")
             assert ready.status_code == 503
             assert ready.json()["checks"]["objects"] != "ok"
-            answer = client.get(f"/v1/submaps/{'a' * 64}")
+            drive_id = register(client, "away", a=b"away")
+            item = placed(drive_id, 1)
+            database = Database(f"sqlite:///{alone.data / 'wayloom.db'}")
+            with database.write() as session:
+                maps.place_submaps(session, drive_id, [submap_row(drive_id, "city", 0, item)])
+            database.close()
+            answer = client.get(f"/v1/submaps/{item.submap.digest}")
             assert (answer.status_code, answer.json()["code"]) == (503, "away")
     finally:
         alone.close()

@@ -41,10 +41,11 @@ def read_log_file(folder: Path) -> dict[str, Any]:
 
 
 def rejected_frames(folder: Path) -> dict[int, LogError]:
-    """The frames that the ingest stage could not decode, and why; none where it has not run."""
-    if not (folder / LOG_FILE).is_file():
+    """The frames that the ingest stage could not decode, and why; none where it has not run, or has to run again."""
+    try:
+        rejected = read_log_file(folder).get("rejected", {})
+    except StageError:
         return {}
-    rejected = read_log_file(folder).get("rejected", {})
     return {int(frame): told_again(one["problem"], one["file"], one["reason"]) for frame, one in rejected.items()}
 
 

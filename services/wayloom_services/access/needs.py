@@ -27,8 +27,9 @@ DRIVE, UPLOAD = "/v1/drives/{drive_id}", "/v1/uploads/{upload_id}"
 
 OF_BOTH: Final = (
     "/tiles/{layer}/{z}/{x}/{y}@2x.{ext}", "/tiles/{layer}/{z}/{x}/{y}.{ext}", "/tiles/{layer}/tilejson.json", "/wmts.xml",
-    "/style.json", "/3dtiles/tileset.json", "/changes", "/ogc", "/ogc/conformance", "/ogc/collections", "/ogc/collections/{name}",
-    "/ogc/collections/{name}/items", "/ogc/collections/{name}/items/{feature_id}", "",
+    "/style.json", "/3dtiles/tileset.json", "/3dtiles/{overlay}/tileset.json", "/changes", "/ogc", "/ogc/conformance",
+    "/ogc/collections", "/ogc/collections/{name}", "/ogc/collections/{name}/items", "/ogc/collections/{name}/items/{feature_id}",
+    "",
 )  # fmt: skip
 """What there is of a map's newest version and of each that is kept, below either's path."""
 
