@@ -146,7 +146,7 @@ def test_addresses_beyond_their_zoom_are_refused_before_the_database_is_asked(ht
 def test_the_style_names_layers_that_the_version_has_and_nothing_from_elsewhere(api: ApiAlone, http: httpx2.Client) -> None:
     style = http.get("/style.json").json()
     assert style["version"] == 8
-    assert set(style["sources"]) == {"semantic", "features"}
+    assert set(style["sources"]) == {"semantic", "features", "parked"}
     assert {layer["source"] for layer in style["layers"] if "source" in layer} == set(style["sources"])
     assert not {"sprite", "glyphs"} & set(style)
     assert all(
