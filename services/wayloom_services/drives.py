@@ -19,20 +19,20 @@ from wayloom_services.access import own
 from wayloom_services.collector import paused_collector
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem, ProtocolError
-from wayloom_services.schemas import (
+from wayloom_services.schemas.drives import (
     DriveList,
     DriveOut,
     DriveState,
-    Feature,
     MissingFile,
     OpenPack,
     Registration,
     ReleaseIn,
     ReprocessIn,
     RetryIn,
-    RunList,
-    inlined_schema,
-)  # fmt: skip
+)
+from wayloom_services.schemas.inlining import inlined_schema
+from wayloom_services.schemas.lineage import RunList
+from wayloom_services.schemas.maps import Feature
 from wayloom_services.views import drives_out, run_detail
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {status: {"model": Problem} for status in (400, 401, 404, 408, 409, 422)}

@@ -14,7 +14,7 @@ from wayloom.store.tables import ExcludedArea
 from wayloom_services.context import ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS
 from wayloom_services.errors import ProtocolError
-from wayloom_services.privacy_schemas import ExcludedAreaList, ExcludedAreaOut
+from wayloom_services.schemas.privacy import ExcludedAreaList, ExcludedAreaOut
 
 AreaId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 BODY: Final[dict[str, Any]] = {

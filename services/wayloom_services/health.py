@@ -14,7 +14,7 @@ from wayloom.store import counts, migrate
 from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseError, Session
 from wayloom_services.context import Service, ServiceDep, require_key
-from wayloom_services.schemas import ClassOut, Health, Info
+from wayloom_services.schemas.about import ClassOut, Health, Info
 
 router = APIRouter(tags=["service"])
 

@@ -22,7 +22,7 @@ from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS
 from wayloom_services.errors import ProtocolError
 from wayloom_services.maps import MapId, Number
-from wayloom_services.schemas import DriveLineage, LineageOut, RegionOut, VoxelOut
+from wayloom_services.schemas.lineage import DriveLineage, LineageOut, RegionOut, VoxelOut
 from wayloom_services.views import run_out
 
 COARSEST_ZOOM: Final = 14

@@ -16,7 +16,7 @@ from wayloom.tiles.grid import TileAddress, tile_bounds
 from wayloom_services.context import ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS
 from wayloom_services.errors import ProtocolError
-from wayloom_services.schemas import (
+from wayloom_services.schemas.maps import (
     ChangedTile,
     ChangeList,
     Feature,
@@ -27,7 +27,7 @@ from wayloom_services.schemas import (
     TileName,
     VersionList,
     VersionOut,
-)  # fmt: skip
+)
 from wayloom_services.submap_points import submap_bytes
 from wayloom_services.tile_answers import TileAsked, forever, tile_answer
 from wayloom_services.views import submap_out, version_out

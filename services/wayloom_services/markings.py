@@ -15,7 +15,7 @@ from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS
 from wayloom_services.maps import BBox, MapId, Number, box_of_query
 from wayloom_services.region_features import Place, features_from, page_of, place_of, regions_in
-from wayloom_services.schemas import Feature, MarkingPage
+from wayloom_services.schemas.maps import Feature, MarkingPage
 
 MOST: Final = 5000
 AFTER: Final = "`next` of the page before: column and row of a region, and how many of its features were given"

@@ -15,7 +15,7 @@ from wayloom_services.context import ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS
 from wayloom_services.errors import ProtocolError
 from wayloom_services.maps import BBox, MapId, Number, box_of_query
-from wayloom_services.schemas import Feature, FeatureCollection, RegionParts, RegionPartsList
+from wayloom_services.schemas.maps import Feature, FeatureCollection, RegionParts, RegionPartsList
 from wayloom_services.tile_answers import forever
 
 Step = Annotated[int, Path(ge=-(2**31), lt=2**31)]

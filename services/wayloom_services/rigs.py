@@ -11,7 +11,7 @@ from wayloom.store.database import Session
 from wayloom.store.tables import Rig, RigEvidence, RigVersion
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem
-from wayloom_services.schemas import ReceiverEpochOut, RigDriveOut, RigEpochOut, RigList, RigOut, RigVersionOut
+from wayloom_services.schemas.rigs import ReceiverEpochOut, RigDriveOut, RigEpochOut, RigList, RigOut, RigVersionOut
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {404: {"model": Problem}, 401: {"model": Problem}}
 RigKey = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]

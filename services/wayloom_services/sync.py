@@ -19,7 +19,7 @@ from wayloom_services.context import ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS
 from wayloom_services.errors import ProtocolError
 from wayloom_services.maps import BBox, MapId, Number, box_of_query
-from wayloom_services.sync_schemas import (
+from wayloom_services.schemas.sync import (
     After,
     DiffOut,
     RegionDiff,

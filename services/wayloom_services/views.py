@@ -12,22 +12,10 @@ from wayloom.store.database import Session
 from wayloom.store.drives import Received
 from wayloom.store.gate import STATE_OUTSIDE, passes
 from wayloom.store.tables import Drive, DriveRun, Job, MapVersion, SubmapRow
-from wayloom_services.privacy_schemas import ImagesOut
-from wayloom_services.schemas import (
-    DriveOut,
-    LossOut,
-    MadeBy,
-    MapVerdictOut,
-    NetworkOut,
-    QualityOut,
-    ReleaseOut,
-    ReprocessOut,
-    RunDetail,
-    RunOut,
-    StageOut,
-    SubmapOut,
-    VersionOut,
-)  # fmt: skip
+from wayloom_services.schemas.drives import DriveOut, LossOut, MapVerdictOut, QualityOut, ReleaseOut, ReprocessOut, StageOut
+from wayloom_services.schemas.lineage import MadeBy, NetworkOut, RunDetail, RunOut
+from wayloom_services.schemas.maps import SubmapOut, VersionOut
+from wayloom_services.schemas.privacy import ImagesOut
 
 
 def drives_out(session: Session, rows: Sequence[Drive]) -> list[DriveOut]:

@@ -6,7 +6,7 @@ import pytest
 
 from wayloom.store.drives import Received
 from wayloom.store.tables import Drive, Job
-from wayloom_services.schemas import DriveOut
+from wayloom_services.schemas.drives import DriveOut
 from wayloom_services.views import drive_out
 
 
