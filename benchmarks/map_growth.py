@@ -31,7 +31,7 @@ from wayloom.store import drives, gate, maps  # noqa: E402
 from wayloom.store.jobs import Claim  # noqa: E402
 from wayloom.store.manifest import Manifest, ManifestFile  # noqa: E402
 from wayloom.store.migrate import upgrade  # noqa: E402
-from wayloom.store.tables import RegionRow, TileRow  # noqa: E402
+from wayloom.store.tables.maps import RegionRow, TileRow  # noqa: E402
 from wayloom.submaps.submap import PlacedSubmap, Submap  # noqa: E402
 from wayloom_workers.__main__ import make_context  # noqa: E402
 from wayloom_workers.publishing import publish  # noqa: E402

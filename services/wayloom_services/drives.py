@@ -14,7 +14,7 @@ from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.manifest import Manifest
 from wayloom.store.manifest_text import parse_manifest
-from wayloom.store.tables import Drive
+from wayloom.store.tables.drives import Drive
 from wayloom_services.access import own
 from wayloom_services.collector import paused_collector
 from wayloom_services.context import Service, ServiceDep, require_key

@@ -12,7 +12,7 @@ from sse_starlette import EventSourceResponse, ServerSentEvent
 
 from wayloom.store import drives, map_versions, maps
 from wayloom.store.database import DatabaseError, Session
-from wayloom.store.tables import TileRow
+from wayloom.store.tables.maps import TileRow
 from wayloom_services.access.streams import stream_for
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.views import drives_out

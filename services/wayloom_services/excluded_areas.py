@@ -10,7 +10,7 @@ from wayloom.exclusion.areas import areas_of_geojson
 from wayloom.store import excluded
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
-from wayloom.store.tables import ExcludedArea
+from wayloom.store.tables.maps import ExcludedArea
 from wayloom_services.context import ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS
 from wayloom_services.errors import ProtocolError

@@ -16,7 +16,7 @@ from wayloom.stitching.region_grid import RegionKey, regions_of_box
 from wayloom.stitching.voxel_map import VoxelMap
 from wayloom.store import lineage, maps
 from wayloom.store.database import Session
-from wayloom.store.tables import MapVersion, RegionRow
+from wayloom.store.tables.maps import MapVersion, RegionRow
 from wayloom.tiles.grid import check_tile, tile_bounds
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS

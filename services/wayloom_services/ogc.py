@@ -6,7 +6,7 @@ from fastapi import APIRouter, Depends, Path, Request
 from fastapi.responses import JSONResponse
 
 from wayloom.store import maps
-from wayloom.store.tables import MapVersion
+from wayloom.store.tables.maps import MapVersion
 from wayloom_services import ogc_documents as documents
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS

@@ -11,7 +11,8 @@ from wayloom.stitching.marking_files import read_features
 from wayloom.stitching.region_grid import RegionKey
 from wayloom.store import map_versions, maps
 from wayloom.store.database import Session
-from wayloom.store.tables import Drive, MapVersion
+from wayloom.store.tables.drives import Drive
+from wayloom.store.tables.maps import MapVersion
 from wayloom_services.context import Service
 from wayloom_services.ogc_queries import Span, Wanted
 from wayloom_services.region_features import Content, features_from, page_of, place_of, reaches

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from typing import Any, Final
 from urllib.parse import quote, urlencode
 
-from wayloom.store.tables import MapVersion
+from wayloom.store.tables.maps import MapVersion
 from wayloom_services.ogc_collections import COLLECTIONS, Feature
 
 GEOJSON: Final = "application/geo+json"

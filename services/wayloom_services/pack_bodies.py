@@ -7,7 +7,7 @@ from wayloom.store.arrivals import Pieces
 from wayloom.store.jobs import JobMessage
 from wayloom.store.pack_arrivals import PackArrival
 from wayloom.store.packs import Pack
-from wayloom.store.tables import Upload
+from wayloom.store.tables.drives import Upload
 from wayloom_services import upload_faults
 from wayloom_services.context import Service
 from wayloom_services.errors import ProtocolError

@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 from wayloom.store import packs, uploads
 from wayloom.store.database import Session
 from wayloom.store.packs import PackedFile
-from wayloom.store.tables import Upload
+from wayloom.store.tables.drives import Upload
 from wayloom_services.access import own
 from wayloom_services.context import ServiceDep, require_key
 from wayloom_services.drives import DriveId

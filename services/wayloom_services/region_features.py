@@ -11,7 +11,7 @@ from wayloom.stitching.region_grid import RegionKey, region_box
 from wayloom.store import map_versions
 from wayloom.store.database import Session
 from wayloom.store.maps import Box
-from wayloom.store.tables import MapVersion
+from wayloom.store.tables.maps import MapVersion
 
 Place = tuple[RegionKey, int]
 """A region, and how many of its features lie before."""

@@ -10,7 +10,7 @@ from wayloom.geodesy.map_frame import MapFrame
 from wayloom.stitching.region_grid import region_box
 from wayloom.store import lineage, maps
 from wayloom.store.database import Session
-from wayloom.store.tables import RegionRow
+from wayloom.store.tables.maps import RegionRow
 from wayloom_services.context import ServiceDep, require_key
 from wayloom_services.drives import PROBLEMS
 from wayloom_services.errors import ProtocolError

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Path, Response
 from wayloom.calibration.receiver import ReceiverEvidence, receiver_facts
 from wayloom.store import rigs
 from wayloom.store.database import Session
-from wayloom.store.tables import Rig, RigEvidence, RigVersion
+from wayloom.store.tables.rigs import Rig, RigEvidence, RigVersion
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem
 from wayloom_services.schemas.rigs import ReceiverEpochOut, RigDriveOut, RigEpochOut, RigList, RigOut, RigVersionOut

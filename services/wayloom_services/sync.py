@@ -11,7 +11,7 @@ from wayloom.stitching.region_grid import RegionKey, region_box
 from wayloom.store import maps, version_diff
 from wayloom.store.database import Session
 from wayloom.store.map_versions import TileKey
-from wayloom.store.tables import RegionRow, TileRow
+from wayloom.store.tables.maps import RegionRow, TileRow
 from wayloom.store.version_diff import FILES_OF_REGION, NOTHING, TileChange, TileChoice
 from wayloom.tiles.descriptions import SUFFIXES
 from wayloom.tiles.formats import SERVED_LAYERS

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Query, Request, Response
 
 from wayloom.store import maps
-from wayloom.store.tables import MapVersion
+from wayloom.store.tables.maps import MapVersion
 from wayloom.tiles.descriptions import LARGE_LAYERS, Box, tile_json, wmts_capabilities
 from wayloom.tiles.formats import SERVED_LAYERS
 from wayloom.tiles.style import map_style

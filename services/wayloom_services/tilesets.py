@@ -9,7 +9,7 @@ from wayloom.geodesy.map_frame import MapFrame
 from wayloom.stitching.layer_names import LAYERS, OVERLAYS, STATIC
 from wayloom.store import maps
 from wayloom.store.database import Session
-from wayloom.store.tables import MapVersion
+from wayloom.store.tables.maps import MapVersion
 from wayloom.tiles.cloud_pyramid import root_of
 from wayloom.tiles.formats import tile_layer
 from wayloom_services.context import Service, ServiceDep, require_key

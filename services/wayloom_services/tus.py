@@ -14,7 +14,7 @@ from fastapi import APIRouter, Depends, Request, Response
 from wayloom.errors import ChecksumMismatchError, OffsetConflictError
 from wayloom.store import uploads
 from wayloom.store.database import Session
-from wayloom.store.tables import Upload
+from wayloom.store.tables.drives import Upload
 from wayloom_services.access import own
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem, ProtocolError

@@ -11,7 +11,7 @@ from wayloom.store import drives, packs, uploads
 from wayloom.store.arrivals import Arrival, PieceArrival, Pieces, StagedArrival
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
-from wayloom.store.tables import Upload
+from wayloom.store.tables.drives import Upload
 from wayloom_services import upload_faults
 from wayloom_services.context import Service
 from wayloom_services.errors import ProtocolError

@@ -11,7 +11,8 @@ from wayloom.store.coming import shown_verdict
 from wayloom.store.database import Session
 from wayloom.store.drives import Received
 from wayloom.store.gate import STATE_OUTSIDE, passes
-from wayloom.store.tables import Drive, DriveRun, Job, MapVersion, SubmapRow
+from wayloom.store.tables.drives import Drive, DriveRun, Job, SubmapRow
+from wayloom.store.tables.maps import MapVersion
 from wayloom_services.schemas.drives import DriveOut, LossOut, MapVerdictOut, QualityOut, ReleaseOut, ReprocessOut, StageOut
 from wayloom_services.schemas.lineage import MadeBy, NetworkOut, RunDetail, RunOut
 from wayloom_services.schemas.maps import SubmapOut, VersionOut

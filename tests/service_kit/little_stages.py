@@ -22,7 +22,7 @@ from wayloom.pipeline.digests import sha256_of_json
 from wayloom.store import coming, drives, gate, map_versions, maps, reprocessing
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
-from wayloom.store.tables import SubmapRow
+from wayloom.store.tables.drives import SubmapRow
 from wayloom.tiles.png import png_bytes
 from wayloom_workers import production
 from wayloom_workers.publishing import TILES_FILE, publish, request_publish, tidy

@@ -20,7 +20,7 @@ from wayloom.store.database import Database
 from wayloom.store.manifest import Manifest
 from wayloom.store.map_versions import NewVersion, TileEntry, publish
 from wayloom.store.migrate import upgrade
-from wayloom.store.tables import SubmapRow
+from wayloom.store.tables.drives import SubmapRow
 from wayloom_services import events
 from workers.test_stitching import placed
 

@@ -5,7 +5,7 @@ import time
 import pytest
 
 from wayloom.store.drives import Received
-from wayloom.store.tables import Drive, Job
+from wayloom.store.tables.drives import Drive, Job
 from wayloom_services.schemas.drives import DriveOut
 from wayloom_services.views import drive_out
 

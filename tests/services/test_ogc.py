@@ -22,7 +22,7 @@ from wayloom.store.database import Database
 from wayloom.store.folders import Folders
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.map_versions import NewVersion, RegionEntry, publish
-from wayloom.store.tables import Drive
+from wayloom.store.tables.drives import Drive
 
 FRAME = MapFrame(8.4, 49.0, 100.0)
 HOME = "/v1/maps/town/ogc"

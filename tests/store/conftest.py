@@ -9,7 +9,7 @@ import pytest
 from service_kit import postgres
 from wayloom.store.database import Database
 from wayloom.store.migrate import upgrade
-from wayloom.store.tables import Base
+from wayloom.store.tables.base import Base
 
 
 @pytest.fixture(scope="session")

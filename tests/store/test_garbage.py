@@ -12,7 +12,7 @@ from wayloom.store.database import Database
 from wayloom.store.garbage import drop_unused
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.map_versions import NewVersion, TileEntry
-from wayloom.store.tables import SubmapRow
+from wayloom.store.tables.drives import SubmapRow
 
 
 @pytest.fixture(params=["folder", "memory"])

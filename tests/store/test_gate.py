@@ -12,7 +12,7 @@ from wayloom.store.database import Database
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.map_versions import NewVersion
 from wayloom.store.migrate import migrations_dir, upgrade
-from wayloom.store.tables import SubmapRow
+from wayloom.store.tables.drives import SubmapRow
 from wayloom_workers.completion import complete_drive
 
 

@@ -13,7 +13,7 @@ from wayloom.store.database import Database
 from wayloom.store.jobs import Claim
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.processes import identity
-from wayloom.store.tables import Drive, Job
+from wayloom.store.tables.drives import Drive, Job
 
 LEASE_S = 60.0
 

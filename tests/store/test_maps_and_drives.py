@@ -13,7 +13,8 @@ from wayloom.store.database import Database
 from wayloom.store.folders import Folders
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.map_versions import OUT_OF_REACH, NewVersion, RegionEntry, TileEntry, TileKey
-from wayloom.store.tables import ChangedBox, MapDrive, RegionRow, SubmapRow, TileRow
+from wayloom.store.tables.drives import SubmapRow
+from wayloom.store.tables.maps import ChangedBox, MapDrive, RegionRow, TileRow
 
 TILE = TileEntry("semantic", 18, 1, 2, "a" * 64, "image/png", 100)
 

@@ -8,7 +8,7 @@ from sqlalchemy import Column, Integer, Table
 from wayloom.store import migrate
 from wayloom.store.database import Database
 from wayloom.store.migrate import differences, is_current, migrations_dir, upgrade
-from wayloom.store.tables import Base
+from wayloom.store.tables.base import Base
 
 
 def test_the_migrations_make_exactly_the_tables_of_the_models(empty_database: Database) -> None:

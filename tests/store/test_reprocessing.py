@@ -9,7 +9,7 @@ from wayloom.store import coming, drives, gate, jobs, maps, reprocessing, runs
 from wayloom.store.database import Database, Session
 from wayloom.store.jobs import Claim
 from wayloom.store.manifest import Manifest, ManifestFile
-from wayloom.store.tables import Drive, Job, SubmapRow
+from wayloom.store.tables.drives import Drive, Job, SubmapRow
 
 
 def row(drive_id: str, digest: str) -> SubmapRow:

@@ -12,7 +12,7 @@ from wayloom.store.folders import Folders
 from wayloom.store.images import ImagesDeletedError
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.map_versions import NewVersion
-from wayloom.store.tables import Drive, Job
+from wayloom.store.tables.drives import Drive, Job
 
 AT_ONCE, WEEK, KEEP = UploadSettings(), UploadSettings(retention=7), UploadSettings(retention="keep")
 MANIFEST = Manifest(name="drive", files=(ManifestFile(path="log/a.png", size=1, sha256="0" * 64),))

@@ -10,7 +10,7 @@ from wayloom.store import maps
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.map_versions import NewVersion, TileEntry, publish
-from wayloom.store.tables import MapVersion
+from wayloom.store.tables.maps import MapVersion
 from wayloom.store.tile_reads import FoundTile, HeldBlobs, TileReads
 
 

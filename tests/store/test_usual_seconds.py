@@ -4,7 +4,7 @@ import pytest
 
 from wayloom.store.database import Database
 from wayloom.store.drives import usual_seconds
-from wayloom.store.tables import Job
+from wayloom.store.tables.drives import Job
 
 
 def add(database: Database, stage: str, state: str, seconds: float | None, count: int = 1) -> None:

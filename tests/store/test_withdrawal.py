@@ -12,7 +12,7 @@ from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.map_versions import NewVersion, RegionEntry, TileEntry
-from wayloom.store.tables import ForgottenBlob, MapDrive, MapVersion, RegionRow, TileRow
+from wayloom.store.tables.maps import ForgottenBlob, MapDrive, MapVersion, RegionRow, TileRow
 
 
 @pytest.fixture

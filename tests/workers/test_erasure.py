@@ -10,7 +10,10 @@ from wayloom.store import drives, gate, maps, meetings, rigs, runs
 from wayloom.store.erasure import NOBODY, unnamed
 from wayloom.store.jobs import new_job
 from wayloom.store.rigs import Evidence, EvidenceEpoch, NewRigVersion
-from wayloom.store.tables import Base, Drive, ForgottenBlob, Job, MapVersion, MeetingRow, Rig, RigVersion, Vehicle
+from wayloom.store.tables.base import Base
+from wayloom.store.tables.drives import Drive, Job, Vehicle
+from wayloom.store.tables.maps import ForgottenBlob, MapVersion, MeetingRow
+from wayloom.store.tables.rigs import Rig, RigVersion
 from wayloom_workers.broker import make_app
 from wayloom_workers.production import stage_hooks
 from wayloom_workers.removal import remove_files

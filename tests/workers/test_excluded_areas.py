@@ -20,7 +20,7 @@ from wayloom.objects import files as sighting_files
 from wayloom.places.files import PLACES_FILE, load_places, save_places
 from wayloom.stitching.region_files import decode_region
 from wayloom.store import drives, excluded, garbage, map_versions, maps
-from wayloom.store.tables import Job
+from wayloom.store.tables.drives import Job
 from wayloom.submaps.files import load_submaps, save_submaps
 from wayloom.submaps.submap import PlacedSubmap, decode_submap
 from wayloom.tiles.grid import pixel_from_lonlat

@@ -19,7 +19,7 @@ from wayloom.objects.types import POLE, SIGN
 from wayloom.stitching.marking_files import lines_of, read_features
 from wayloom.stitching.region_grid import REGION_M, RegionKey
 from wayloom.store import drives, garbage, map_versions, maps
-from wayloom.store.tables import Job
+from wayloom.store.tables.drives import Job
 from wayloom.tiles.feature_layers import AREAS, OBJECTS
 from wayloom_workers import region_merging
 from wayloom_workers.drive_sightings import OBJECTS as OBJECTS_STAGE

@@ -11,7 +11,7 @@ from wayloom.store import drives, jobs
 from wayloom.store.jobs import Claim
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.migrate import upgrade
-from wayloom.store.tables import Job
+from wayloom.store.tables.drives import Job
 from wayloom_workers.__main__ import make_context
 from wayloom_workers.finished_stages import finished_stages
 from wayloom_workers.stage_hooks import StageAttempt

@@ -20,7 +20,7 @@ from wayloom.pipeline.stages.submaps import PREVIEW_FILE
 from wayloom.store import drives, garbage, gate, map_versions, maps
 from wayloom.store.jobs import Claim
 from wayloom.store.manifest import Manifest, ManifestFile
-from wayloom.store.tables import Job
+from wayloom.store.tables.drives import Job
 from wayloom.store.withdrawal import NOTHING
 from wayloom.submaps.files import save_submaps
 from wayloom.submaps.submap import PlacedSubmap, Submap

@@ -20,7 +20,7 @@ from wayloom.segmentation.overlay import overlay, without_persons
 from wayloom.stitching.region_files import decode_region
 from wayloom.store import drives, gate, maps
 from wayloom.store.manifest import Manifest, ManifestFile
-from wayloom.store.tables import TileRow
+from wayloom.store.tables.maps import TileRow
 from wayloom.submaps.settings import SubmapSettings
 from wayloom.submaps.split import make_submaps
 from wayloom.submaps.submap import PlacedSubmap, decode_submap

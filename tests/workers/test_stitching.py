@@ -20,7 +20,7 @@ from wayloom.store import drives, garbage, gate, jobs, map_versions, maps, meeti
 from wayloom.store.jobs import Claim, JobMessage
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.migrate import upgrade
-from wayloom.store.tables import MeetingRow, TileRow
+from wayloom.store.tables.maps import MeetingRow, TileRow
 from wayloom.submaps.submap import PlacedSubmap, Submap
 from wayloom_workers import region_merging
 from wayloom_workers.__main__ import make_context

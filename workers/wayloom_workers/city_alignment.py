@@ -25,7 +25,8 @@ from wayloom.stitching.settings import CityGraphSettings
 from wayloom.stitching.types import City, DrivePlaces, Meeting
 from wayloom.store import maps, meetings
 from wayloom.store.map_versions import MovedSubmap
-from wayloom.store.tables import MeetingRow, SubmapRow
+from wayloom.store.tables.drives import SubmapRow
+from wayloom.store.tables.maps import MeetingRow
 from wayloom.submaps.submap import PlacedSubmap, StepBefore, decode_submap
 from wayloom_workers.drive_pairs import Candidates, register_pairs
 from wayloom_workers.stage_hooks import StageAttempt

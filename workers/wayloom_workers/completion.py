@@ -3,7 +3,7 @@
 from wayloom.store import gate, jobs, maps, reprocessing
 from wayloom.store.database import Session, now_s
 from wayloom.store.jobs import JobMessage
-from wayloom.store.tables import Drive
+from wayloom.store.tables.drives import Drive
 
 
 def complete_drive(session: Session, drive_id: str) -> list[JobMessage]:

@@ -24,7 +24,7 @@ from wayloom.stitching.meeting_files import encode_meetings
 from wayloom.stitching.meetings import find_meetings
 from wayloom.stitching.placed_drive import PlacedDrive
 from wayloom.store import jobs, maps, meetings
-from wayloom.store.tables import MeetingRow
+from wayloom.store.tables.maps import MeetingRow
 from wayloom.submaps.files import load_submaps
 from wayloom.submaps.submap import PlacedSubmap
 from wayloom_workers.stage_hooks import StageAttempt

@@ -40,7 +40,7 @@ from wayloom.pipeline.stages.submaps import PREVIEW_FILE
 from wayloom.places.files import PLACES_FILE, load_places, save_places
 from wayloom.store import excluded, gate, jobs, maps, runs
 from wayloom.store.coming import facts_of, note
-from wayloom.store.tables import SubmapRow
+from wayloom.store.tables.drives import SubmapRow
 from wayloom.store.withdrawal import forget_blobs
 from wayloom.submaps.files import load_submaps, save_submaps
 from wayloom.submaps.submap import PlacedSubmap, Submap, decode_submap

@@ -19,7 +19,7 @@ from wayloom.store import map_versions, maps
 from wayloom.store.database import Session
 from wayloom.store.map_versions import MovedSubmap
 from wayloom.store.maps import Box, SubmapPlace
-from wayloom.store.tables import SubmapRow
+from wayloom.store.tables.drives import SubmapRow
 from wayloom_workers.city_alignment import Alignment
 from wayloom_workers.drive_pairs import Candidates
 

@@ -15,7 +15,7 @@ from wayloom.store.garbage import drop_unused
 from wayloom.store.jobs import JobMessage
 from wayloom.store.map_versions import REGION_FEATURES, MovedSubmap, NewVersion, RegionEntry, TileEntry
 from wayloom.store.spatial.shown_features import show
-from wayloom.store.tables import Job
+from wayloom.store.tables.drives import Job
 from wayloom_workers.stage_hooks import StageAttempt
 
 log = structlog.get_logger()

@@ -10,7 +10,7 @@ from wayloom.geodesy.antimeridian import box_of
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.georeference.uncertainty import position_covariance
 from wayloom.store.maps import Box
-from wayloom.store.tables import SubmapRow
+from wayloom.store.tables.drives import SubmapRow
 from wayloom.submaps.submap import PlacedSubmap
 
 FloatArray = NDArray[np.float64]

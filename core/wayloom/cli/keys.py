@@ -9,7 +9,7 @@ from wayloom.cli.options import ConfigOption
 from wayloom.config.roles import Role
 
 if TYPE_CHECKING:
-    from wayloom.store.access.tables import AccessKey
+    from wayloom.store.tables.access import AccessKey
 
 DAY_S = 86400.0
 group = typer.Typer(help="Keys of vehicles and programs, in the database of the service. Prints JSON.", no_args_is_help=True)

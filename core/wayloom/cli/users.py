@@ -10,7 +10,7 @@ from wayloom.cli.options import ConfigOption
 from wayloom.config.roles import Role
 
 if TYPE_CHECKING:
-    from wayloom.store.access.tables import User
+    from wayloom.store.tables.access import User
 
 group = typer.Typer(help="People who sign in to the dashboard. Prints JSON.", no_args_is_help=True)
 Name = Annotated[str, typer.Argument(metavar="NAME", help="Small letters, digits, dots, dashes.")]

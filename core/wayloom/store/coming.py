@@ -15,7 +15,7 @@ other, so that the hooks of the stages need not know.
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from wayloom.store.tables import Drive
+from wayloom.store.tables.drives import Drive
 
 KEEPS_ITS_STATE: Final = ("done", "held", "quarantined")
 """Of a drive that has a result: it stays what it is while it is processed anew, and where that fails."""

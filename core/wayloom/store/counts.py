@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from sqlalchemy import func, select
 
 from wayloom.store.database import Session
-from wayloom.store.tables import Drive, Job, Map
+from wayloom.store.tables.drives import Drive, Job
+from wayloom.store.tables.maps import Map
 
 
 def jobs(session: Session) -> Sequence[tuple[str, str, int]]:

@@ -17,7 +17,7 @@ from wayloom.store.jobs import JobMessage, create_drive_jobs, create_removal_job
 from wayloom.store.manifest import Manifest
 from wayloom.store.maps import ensure_map, mark_changed
 from wayloom.store.returning import ask_again, returned
-from wayloom.store.tables import Drive, DriveFile, Job, Vehicle
+from wayloom.store.tables.drives import Drive, DriveFile, Job, Vehicle
 from wayloom.store.withdrawal import forget_drive
 
 ROWS_AT_ONCE: Final = 2000

@@ -9,7 +9,9 @@ from typing import Any, Final
 from sqlalchemy import delete, exists, or_, select
 from sqlalchemy.orm import Session
 
-from wayloom.store.tables import Drive, Job, MapVersion, Rig, RigEvidence, RigVersion, Vehicle
+from wayloom.store.tables.drives import Drive, Job, Vehicle
+from wayloom.store.tables.maps import MapVersion
+from wayloom.store.tables.rigs import Rig, RigEvidence, RigVersion
 from wayloom.store.withdrawal import forget_blobs
 
 SHORT: Final = 12

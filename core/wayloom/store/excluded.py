@@ -15,7 +15,8 @@ from wayloom.store.database import now_s
 from wayloom.store.jobs import JobMessage, request_stitch
 from wayloom.store.maps import Box, of_version
 from wayloom.store.spatial.boxes import indexed
-from wayloom.store.tables import Drive, ExcludedArea, Job, MapVersion, SubmapRow, TileRow
+from wayloom.store.tables.drives import Drive, Job, SubmapRow
+from wayloom.store.tables.maps import ExcludedArea, MapVersion, TileRow
 from wayloom.store.withdrawal import withdraw_versions
 from wayloom.tiles.grid import TILE_PX, pixel_from_lonlat
 

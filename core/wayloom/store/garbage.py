@@ -12,7 +12,9 @@ from sqlalchemy import delete, select, text
 
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database, Session
-from wayloom.store.tables import Drive, ForgottenBlob, Job, MeetingRow, RegionRow, RigEvidence, RigVersion, SubmapRow, TileRow
+from wayloom.store.tables.drives import Drive, Job, SubmapRow
+from wayloom.store.tables.maps import ForgottenBlob, MeetingRow, RegionRow, TileRow
+from wayloom.store.tables.rigs import RigEvidence, RigVersion
 
 STORING: Final = ("odometry", "georeference", "objects", "stitch", "remove")
 """The stages that store blobs."""

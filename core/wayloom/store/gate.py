@@ -18,7 +18,8 @@ from wayloom.store import drives, maps
 from wayloom.store.database import now_s
 from wayloom.store.jobs import JobMessage, request_stitch
 from wayloom.store.maps import mark_changed
-from wayloom.store.tables import Drive, Map
+from wayloom.store.tables.drives import Drive
+from wayloom.store.tables.maps import Map
 
 STATE_OUTSIDE: Final = {"merge": "done", "hold": "held", "quarantine": "quarantined"}
 """State of a finished drive that is not merged, by its gate."""

@@ -7,7 +7,7 @@ values. The state is written before the first file goes, so that nothing begins 
 from typing import Final
 
 from wayloom.errors import ConflictError
-from wayloom.store.tables import Drive
+from wayloom.store.tables.drives import Drive
 
 KEPT: Final = "kept"
 DELETING: Final = "deleting"

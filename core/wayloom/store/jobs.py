@@ -17,7 +17,8 @@ from wayloom.errors import ConflictError, LeaseLostError
 from wayloom.store import coming
 from wayloom.store.database import Database, now_s
 from wayloom.store.images import check_kept
-from wayloom.store.tables import Drive, DriveRun, Job, Map
+from wayloom.store.tables.drives import Drive, DriveRun, Job
+from wayloom.store.tables.maps import Map
 
 ERROR_LENGTH = 4000
 CANCELLED = "cancelled"

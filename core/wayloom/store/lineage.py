@@ -9,7 +9,8 @@ from sqlalchemy.orm import Session
 from wayloom.store import runs
 from wayloom.store.map_versions import RegionKey
 from wayloom.store.maps import of_version
-from wayloom.store.tables import Drive, DriveRun, MapVersion, RegionRow
+from wayloom.store.tables.drives import Drive, DriveRun
+from wayloom.store.tables.maps import MapVersion, RegionRow
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,8 @@ from wayloom.errors import ConflictError
 from wayloom.store import maps
 from wayloom.store.database import now_s
 from wayloom.store.maps import Box, box_of_row
-from wayloom.store.tables import ChangedBox, Drive, Map, MapDrive, MapVersion, RegionRow, SubmapRow, TileRow
+from wayloom.store.tables.drives import Drive, SubmapRow
+from wayloom.store.tables.maps import ChangedBox, Map, MapDrive, MapVersion, RegionRow, TileRow
 from wayloom.store.withdrawal import withdraw
 from wayloom.tiles.formats import SERVED_LAYERS
 

@@ -11,7 +11,8 @@ from wayloom.errors import NotFoundError, WithdrawnError
 from wayloom.store.database import now_s
 from wayloom.store.spatial.boxes import TURNS, indexed, indexed_near
 from wayloom.store.spatial.boxes import Box as Box  # its home for readers of this module
-from wayloom.store.tables import ChangedBox, Drive, Map, MapDrive, MapVersion, RegionRow, SubmapRow, TileRow
+from wayloom.store.tables.drives import Drive, SubmapRow
+from wayloom.store.tables.maps import ChangedBox, Map, MapDrive, MapVersion, RegionRow, TileRow
 from wayloom.tiles.formats import STATIC_TILES
 
 PASSES: Final = or_(Drive.gate == "merge", Drive.released_at.is_not(None))

@@ -5,7 +5,8 @@ from collections.abc import Collection, Sequence
 from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
-from wayloom.store.tables import Drive, MeetingRow
+from wayloom.store.tables.drives import Drive
+from wayloom.store.tables.maps import MeetingRow
 from wayloom.store.withdrawal import forget_meetings
 
 BATCH = 400

@@ -11,11 +11,10 @@ from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 
-import wayloom.store.access.tables  # noqa: F401 - the models of these tables
 from wayloom.store.database import Database
 from wayloom.store.spatial.derived import is_of_models, missing
 from wayloom.store.spatial.readers import grant_again
-from wayloom.store.tables import Base
+from wayloom.store.tables.base import Base
 
 
 def migrations_dir() -> Path:

@@ -24,7 +24,7 @@ from wayloom.store.database import now_s
 from wayloom.store.drives import queue_if_complete
 from wayloom.store.folders import Folders
 from wayloom.store.jobs import JobMessage
-from wayloom.store.tables import Drive, DriveFile, Upload
+from wayloom.store.tables.drives import Drive, DriveFile, Upload
 from wayloom.store.uploads import Part, sync_folder
 
 T = TypeVar("T")

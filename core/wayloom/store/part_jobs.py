@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 from wayloom.errors import StageError
 from wayloom.store.database import now_s
 from wayloom.store.jobs import Claim, JobMessage, new_job, put_back
-from wayloom.store.tables import Job
+from wayloom.store.tables.drives import Job
 
 
 def await_parts(session: Session, held: Claim, parts: Sequence[int], key: str, max_attempts: int) -> list[JobMessage]:

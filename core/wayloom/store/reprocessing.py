@@ -13,7 +13,7 @@ from wayloom.store.coming import VERDICT
 from wayloom.store.database import now_s
 from wayloom.store.images import check_kept
 from wayloom.store.jobs import JobMessage, create_drive_jobs
-from wayloom.store.tables import Drive, Job, SubmapRow
+from wayloom.store.tables.drives import Drive, Job, SubmapRow
 
 
 def begin(session: Session, drive_id: str, asked: Mapping[str, Any], facts: Mapping[str, Any] | None = None) -> JobMessage:

@@ -20,7 +20,8 @@ from wayloom.store.database import Database, now_s
 from wayloom.store.folders import Folders
 from wayloom.store.images import DELETED, DELETING, KEPT, RETURNING
 from wayloom.store.manifest import FOLDERS
-from wayloom.store.tables import Drive, DriveFile, Job, MapDrive, Upload
+from wayloom.store.tables.drives import Drive, DriveFile, Job, Upload
+from wayloom.store.tables.maps import MapDrive
 
 OF_IMAGES: Final = ("stages/segmentation", "stages/labelling", "stages/odometry", "parts", "attempts")
 """What stages made of single images and the map does not read: classes of pixels, points with their grey values."""

@@ -7,7 +7,7 @@ from wayloom.errors import ConflictError
 from wayloom.store.database import now_s
 from wayloom.store.images import DELETED, DELETING, KEPT, RETURNING
 from wayloom.store.jobs import JobMessage, create_drive_jobs
-from wayloom.store.tables import Drive, DriveFile, Job
+from wayloom.store.tables.drives import Drive, DriveFile, Job
 
 
 def ask_again(session: Session, drive: Drive) -> None:

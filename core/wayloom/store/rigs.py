@@ -17,7 +17,8 @@ from sqlalchemy.orm import Session
 from wayloom.errors import ConflictError, NotFoundError
 from wayloom.store.coming import note
 from wayloom.store.database import now_s
-from wayloom.store.tables import Drive, Rig, RigEvidence, RigVersion
+from wayloom.store.tables.drives import Drive
+from wayloom.store.tables.rigs import Rig, RigEvidence, RigVersion
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from wayloom.store.database import now_s
-from wayloom.store.tables import Drive, DriveRun
+from wayloom.store.tables.drives import Drive, DriveRun
 
 BATCH = 400
 

@@ -12,7 +12,7 @@ from wayloom.errors import LeaseLostError
 from wayloom.store.database import Database, now_s
 from wayloom.store.jobs import Claim, JobMessage, fail, lose, release
 from wayloom.store.processes import is_dead, name_of
-from wayloom.store.tables import Job
+from wayloom.store.tables.drives import Job
 
 AT_ONCE: Final = Backoff(0.0, 0.0)
 TOLD: Final = 5

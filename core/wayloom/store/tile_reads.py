@@ -13,7 +13,7 @@ from wayloom.errors import NotFoundError
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.maps import nothing_published, withdrawn_version
-from wayloom.store.tables import Map, MapVersion, TileRow
+from wayloom.store.tables.maps import Map, MapVersion, TileRow
 
 LARGEST_HELD: Final = 2**20
 """Bytes of a blob that is kept in memory."""

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from wayloom.errors import ConflictError, NotFoundError
 from wayloom.store.database import now_s
 from wayloom.store.folders import Folders
-from wayloom.store.tables import DriveFile, Upload
+from wayloom.store.tables.drives import DriveFile, Upload
 
 BLOCK = 1 << 20
 

@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from wayloom.store.map_versions import REGION_FEATURES, RegionKey, TileKey
 from wayloom.store.maps import Box, of_version
-from wayloom.store.tables import RegionRow, TileRow
+from wayloom.store.tables.maps import RegionRow, TileRow
 from wayloom.tiles.grid import MAX_ZOOM, spans_of_box
 
 NOTHING: Final = 0

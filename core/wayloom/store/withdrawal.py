@@ -12,18 +12,9 @@ from sqlalchemy import ColumnElement, delete, exists, or_, select, update
 from sqlalchemy.orm import Session
 
 from wayloom.store.database import now_s
-from wayloom.store.tables import (
-    Drive,
-    ForgottenBlob,
-    Map,
-    MapDrive,
-    MapVersion,
-    MeetingRow,
-    RegionRow,
-    RigEvidence,
-    SubmapRow,
-    TileRow,
-)  # fmt: skip
+from wayloom.store.tables.drives import Drive, SubmapRow  # fmt: skip
+from wayloom.store.tables.maps import ForgottenBlob, Map, MapDrive, MapVersion, MeetingRow, RegionRow, TileRow  # fmt: skip
+from wayloom.store.tables.rigs import RigEvidence  # fmt: skip
 
 BATCH: Final = 200
 NOTHING: Final = ""

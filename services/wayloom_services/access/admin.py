@@ -7,8 +7,8 @@ from fastapi import APIRouter, Depends, Query, Request
 
 from wayloom.config.roles import Role
 from wayloom.store.access import audit, keys
-from wayloom.store.access.tables import AccessKey
 from wayloom.store.database import Session
+from wayloom.store.tables.access import AccessKey
 from wayloom_services.access.guard import OBJECT
 from wayloom_services.access.schemas import AuditOut, AuditPage, KeyIn, KeyList, KeyOut, NewKey, Prefix, RotateIn
 from wayloom_services.context import Service, ServiceDep, require_key

@@ -6,7 +6,7 @@ from fastapi import Path
 from pydantic import BaseModel, ConfigDict, Field
 
 from wayloom.config.roles import Right, Role
-from wayloom.store.access.tables import AccessKey, AuditEntry
+from wayloom.store.tables.access import AccessKey, AuditEntry
 
 Prefix = Annotated[str, Path(pattern="^[0-9a-f]{12}$", description="the public part of a key")]
 

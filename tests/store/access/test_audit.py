@@ -6,8 +6,8 @@ import pytest
 from sqlalchemy import delete, update
 
 from wayloom.store.access.audit import Noted, append, page
-from wayloom.store.access.tables import AuditEntry
 from wayloom.store.database import Database, DatabaseError
+from wayloom.store.tables.access import AuditEntry
 
 ENTRY = Noted(1.0, "key 0123456789ab", "operator", "POST /v1/drives/{drive_id}/retry", "d" * 64, "10.0.0.1", 200, "done")
 

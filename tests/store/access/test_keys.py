@@ -9,8 +9,8 @@ from sqlalchemy import update
 from wayloom.config.roles import Role
 from wayloom.errors import ConfigError, ConflictError, NotFoundError
 from wayloom.store.access import keys, secrets
-from wayloom.store.access.tables import AccessKey
 from wayloom.store.database import Database
+from wayloom.store.tables.access import AccessKey
 
 
 def made(database: Database, **more: float | str) -> tuple[str, str]:

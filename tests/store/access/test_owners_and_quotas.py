@@ -11,7 +11,7 @@ from wayloom.store.access.owners import Owner, owner_of
 from wayloom.store.access.quotas import QuotaError
 from wayloom.store.database import Database, Session
 from wayloom.store.manifest import Manifest
-from wayloom.store.tables import Drive
+from wayloom.store.tables.drives import Drive
 
 OURS, THEIRS = owner_of("0" * 12, "van-1"), owner_of("1" * 12, None)
 SIZE = 100

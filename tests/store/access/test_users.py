@@ -9,8 +9,8 @@ from wayloom.config.roles import Role
 from wayloom.errors import ConfigError, ConflictError, NotFoundError
 from wayloom.store.access import users
 from wayloom.store.access.passwords import is_right
-from wayloom.store.access.tables import UserSession
 from wayloom.store.database import Database
+from wayloom.store.tables.access import UserSession
 
 PASSWORD = "correct horse battery staple"
 

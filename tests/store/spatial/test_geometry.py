@@ -28,7 +28,7 @@ from wayloom.store.spatial import readers
 from wayloom.store.spatial.feature_tables import FEATURE_TABLES, ShownRegion
 from wayloom.store.spatial.shown_features import show, show_all
 from wayloom.store.spatial.wkb import wkb_as
-from wayloom.store.tables import SubmapRow
+from wayloom.store.tables.drives import SubmapRow
 
 WIDE = 0.001
 """Degrees that a submap of these tests is wide."""

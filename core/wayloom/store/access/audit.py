@@ -7,7 +7,7 @@ from typing import Any
 from sqlalchemy import insert, select
 from sqlalchemy.orm import Session
 
-from wayloom.store.access.tables import AuditEntry
+from wayloom.store.tables.access import AuditEntry
 
 
 @dataclass(frozen=True, slots=True)

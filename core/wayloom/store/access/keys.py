@@ -10,8 +10,8 @@ from sqlalchemy.orm import Session
 from wayloom.config.roles import Role
 from wayloom.errors import ConfigError, ConflictError, NotFoundError
 from wayloom.store.access.secrets import NO_SECRET, hash_of, is_same, key_text, new_prefix, new_token, prefix_of
-from wayloom.store.access.tables import AccessKey
 from wayloom.store.database import now_s
+from wayloom.store.tables.access import AccessKey
 
 USED_EVERY_S: Final = 300.0
 """How exactly it is known when a key was last used: a write each time would make reads writes."""

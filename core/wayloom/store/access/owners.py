@@ -10,7 +10,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from wayloom.errors import NotFoundError
-from wayloom.store.tables import Drive, Upload
+from wayloom.store.tables.drives import Drive, Upload
 
 
 @dataclass(frozen=True, slots=True)

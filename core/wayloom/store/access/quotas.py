@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 from wayloom.config.access import DAY_S, AccessSettings
 from wayloom.errors import WayloomError
 from wayloom.store.database import now_s
-from wayloom.store.tables import Drive, DriveFile, Upload
+from wayloom.store.tables.drives import Drive, DriveFile, Upload
 
 ASK_AGAIN_S: Final = 60.0
 """When bytes that are on their way may have come."""

@@ -13,8 +13,8 @@ from wayloom.config.roles import Role
 from wayloom.errors import ConfigError, ConflictError, NotFoundError
 from wayloom.store.access.passwords import password_hash
 from wayloom.store.access.secrets import hash_of, new_token
-from wayloom.store.access.tables import User, UserSession
 from wayloom.store.database import now_s
+from wayloom.store.tables.access import User, UserSession
 
 NAME: Final = re.compile(r"[a-z0-9][a-z0-9._-]{0,63}")
 FREE_FAILURES: Final = 5

@@ -11,7 +11,7 @@ from sqlalchemy import ColumnElement, Select, and_, column, func, literal_column
 from sqlalchemy.orm import Session
 from sqlalchemy.orm.util import AliasedClass
 
-from wayloom.store.tables import SubmapRow
+from wayloom.store.tables.drives import SubmapRow
 
 Box = tuple[float, float, float, float]
 """West, south, east, north in degrees; across the antimeridian east is over 180."""

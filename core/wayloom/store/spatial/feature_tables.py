@@ -16,7 +16,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 from sqlalchemy.types import TypeEngine
 
 from wayloom.store.spatial.geometry_column import geometry
-from wayloom.store.tables import DIGEST, Base
+from wayloom.store.tables.base import DIGEST, Base
 
 INTEGER: Final = BigInteger().with_variant(Integer(), "sqlite")
 COLUMN_OF: Final[dict[type, TypeEngine[Any]]] = {str: Text(), float: Float(53), int: INTEGER, bool: Boolean()}

@@ -11,7 +11,7 @@ from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.spatial.feature_tables import FEATURE_TABLES, PROPERTY_OF, FeatureTable, ShownRegion
 from wayloom.store.spatial.wkb import wkb_as
-from wayloom.store.tables import Map, RegionRow
+from wayloom.store.tables.maps import Map, RegionRow
 
 RegionKey = tuple[int, int]
 ROWS: Final = 1000

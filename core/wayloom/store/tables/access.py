@@ -3,7 +3,7 @@
 from sqlalchemy import ForeignKey, Index, String
 from sqlalchemy.orm import Mapped, mapped_column
 
-from wayloom.store.tables import DIGEST, Base
+from wayloom.store.tables.base import DIGEST, Base
 
 
 class AccessKey(Base):
