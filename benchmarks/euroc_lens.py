@@ -74,17 +74,18 @@ class First:
 def write_bent(log: DriveLog, out: Path, count: int) -> None:
     """The log's first frames as an EuRoC folder of bent images."""
     cameras = bent_cameras(log)
-    T_left_right = [np.zeros(3), -np.array(log.rig.t_right_left)]
+    t_left_cam_m = [np.zeros(3), -np.array(log.rig.t_right_left)]
     maps = []
-    for (lens, R), _ in zip(cameras, T_left_right, strict=True):
+    for lens, R in cameras:
         u, v = source_pixels(log.rig.camera, lens, R)
         maps.append((u.astype(np.float32), v.astype(np.float32)))
     sensors = SensorExtrinsics(T_cam_imu=None if log.T_cam_imu is None else turn(cameras[0][1].T) @ log.T_cam_imu)
     with EurocWriter(out, log.rig, rig_id=log.rig_id, extrinsics=sensors, encoding=ImageEncoding(colour=log.colour)) as writer:
-        writer.cameras = tuple(  # type: ignore[assignment]
+        left, right = (
             EurocCamera(lens, T_BODY_CAM @ se3.from_rotation_translation(R, t))
-            for (lens, R), t in zip(cameras, T_left_right, strict=True)
+            for (lens, R), t in zip(cameras, t_left_cam_m, strict=True)
         )
+        writer.cameras = left, right
         for frame in log.frames(0, count):
             sides = [
                 cv2.remap(image, *pair, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
