@@ -126,5 +126,5 @@ def _is_shown(box: Box) -> ColumnElement[bool]:
             TileRow.x.between(max(first + turn, 0), last + turn) for turn in ((0, 1 << zoom, -(1 << zoom)) if zoom else (0,))
         ]
         touching.append(and_(TileRow.z == zoom, or_(*columns), TileRow.y.between(int(low[1]), int(high[1]))))
-    here = (TileRow.map_id == MapVersion.map_id, of_version(TileRow, MapVersion.version))  # type: ignore[arg-type]
+    here = (TileRow.map_id == MapVersion.map_id, of_version(TileRow, MapVersion.version))
     return exists().where(*here, or_(*touching))

@@ -142,8 +142,8 @@ def holds(session: Session, map_id: str, drive_id: str) -> bool:
     return session.scalars(query.limit(1)).first() is not None
 
 
-def of_version(table: type[TileRow | RegionRow | MapDrive], number: int) -> ColumnElement[bool]:
-    """Of rows that versions share: they belong to this one."""
+def of_version(table: type[TileRow | RegionRow | MapDrive], number: int | InstrumentedAttribute[int]) -> ColumnElement[bool]:
+    """Of rows that versions share: they belong to this one, or to the version of each row of another table."""
     since: InstrumentedAttribute[int] = table.since
     until: InstrumentedAttribute[int | None] = table.until
     return (since <= number) & (until.is_(None) | (until > number))
