@@ -120,6 +120,16 @@ def test_images_stay_for_as_long_as_the_setting_says(database: Database, folders
     assert retention.delete_due(database, folders, WEEK) == 1
 
 
+def test_images_of_a_drive_in_the_map_stay_longer_than_those_outside_where_the_setting_says_so(
+    database: Database, folders: Folders
+) -> None:
+    drive_id = published(database, folders)
+    quarter = UploadSettings(retention=90)
+    for days, deleted in ((31.0, 0), (58.0, 0), (2.0, 1)):
+        later(database, drive_id, days)
+        assert retention.delete_due(database, folders, quarter) == deleted
+
+
 @pytest.mark.parametrize("state", ["held", "quarantined", "failed"])
 def test_images_of_a_drive_outside_of_the_map_go_at_their_greatest_age(database: Database, folders: Folders, state: str) -> None:
     drive_id = arrived(database, folders)
