@@ -75,7 +75,8 @@ async def _announce(service: Service, request: Request, content: bytes, again: b
         drive, created = drives.register(session, manifest, service.settings.map_id, own.owner_of(request), again)
         first_job = drives.queue_if_complete(session, drive)
         (view,) = drives_out(session, [drive])
-        open_ones = [OpenPack(upload=f"/v1/uploads/{pack.id}", length=pack.length) for pack in packs.unfinished(session, drive.id)]
+        begun = packs.unfinished(session, service.folders, drive.id)
+        open_ones = [OpenPack(upload=f"/v1/uploads/{pack.id}", length=pack.length) for pack in begun]
         return Registration(id=drive.id, created=created, drive=view, packs=open_ones, missing=[]), first_job
 
     return await service.write(change)
