@@ -157,12 +157,7 @@ async def revoke(drive_id: DriveId, service: ServiceDep) -> DriveOut:
 async def retry(drive_id: DriveId, service: ServiceDep, wanted: RetryIn = GO_ON) -> DriveOut:
     """Try the failed stage again, with a fresh set of attempts. Finished stages are kept; where `stage` is given, it and those
     after it are made anew."""
-
-    def change(session: Session) -> list[JobMessage]:
-        drives.get(session, drive_id)
-        return jobs.retry(session, drive_id, wanted.stage)
-
-    await service.notify(*await service.write(change))
+    await service.notify(*await service.write(lambda session: reprocessing.retry(session, drive_id, wanted.stage)))
     return await one(drive_id, service)
 
 
