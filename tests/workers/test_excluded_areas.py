@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sqlalchemy import event
 
 from places.made_places import random_places
 from wayloom.dense.files import LOOKS_FILE, LookFile, save_looks
@@ -19,7 +20,7 @@ from wayloom.ground.sheet import CELL_M
 from wayloom.objects import files as sighting_files
 from wayloom.places.files import PLACES_FILE, load_places, save_places
 from wayloom.stitching.region_files import decode_region
-from wayloom.store import drives, excluded, garbage, map_versions, maps
+from wayloom.store import drives, excluded, garbage, jobs, map_versions, maps
 from wayloom.store.tables.drives import Job
 from wayloom.submaps.files import load_submaps, save_submaps
 from wayloom.submaps.submap import PlacedSubmap, decode_submap
@@ -220,6 +221,31 @@ def test_versions_that_show_nothing_of_an_area_stay(context: WorkerContext) -> N
     with context.database.read() as session:
         assert [row.version for row in maps.versions(session, "city")] == [2, 1]
     assert map_inside(context)["voxels"] > 0
+
+
+def test_a_version_takes_down_what_areas_show_with_statements_that_do_not_grow_with_their_number(context: WorkerContext) -> None:
+    values: list[int] = []
+
+    def count(_connection: Any, _cursor: Any, _statement: str, parameters: Any, *_: Any) -> None:
+        values.append(len(parameters))
+
+    with context.database.write() as session:
+        maps.ensure_map(session, "city")
+        for number in range(20):
+            excluded.add(session, "city", "far away", polygon(west=5000.0 + 30.0 * number, east=5010.0 + 30.0 * number))
+        excluded.add(session, "city", "here", polygon())
+        for base in range(2):
+            version = map_versions.NewVersion(base, (8.4, 49.0, 100.0), (), 2, None, [tile_of_area()])
+            map_versions.publish(session, "city", version, kept=20)
+        job = jobs.request_stitch(session, "city")
+        job.started_at = drives.now_s(session) + 1.0
+        session.flush()
+        event.listen(context.database.engine, "before_cursor_execute", count)
+        excluded.published(session, "city", job.id)
+        event.remove(context.database.engine, "before_cursor_execute", count)
+        assert {row.since for row in excluded.of_map(session, "city")} == {2}
+        assert [row.version for row in maps.versions(session, "city")] == [2]
+    assert 50 < max(values) < 200  # of one area
 
 
 @pytest.mark.parametrize("dies", ["_of_each", "_of_looks", "_of_places", "_write_rows"])
