@@ -1,5 +1,9 @@
 """An excluded area has nothing in the map, in what drives left, and in versions of before."""
 
+import json
+import threading
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +13,7 @@ from sqlalchemy import event
 from places.made_places import random_places
 from wayloom.dense.files import LOOKS_FILE, LookFile, save_looks
 from wayloom.dense.types import Looks
-from wayloom.errors import NotFoundError, WithdrawnError
+from wayloom.errors import ConfigError, NotFoundError, WithdrawnError
 from wayloom.exclusion.areas import area_of_geometry
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame
@@ -21,10 +25,12 @@ from wayloom.objects import files as sighting_files
 from wayloom.places.files import PLACES_FILE, load_places, save_places
 from wayloom.stitching.region_files import decode_region
 from wayloom.store import drives, excluded, garbage, jobs, map_versions, maps
+from wayloom.store.database import DatabaseError
 from wayloom.store.tables.drives import Job
 from wayloom.submaps.files import load_submaps, save_submaps
 from wayloom.submaps.submap import PlacedSubmap, decode_submap
 from wayloom.tiles.grid import pixel_from_lonlat
+from wayloom_workers import sweeper
 from wayloom_workers.exclusion import exclude
 from wayloom_workers.publishing import listed_tiles
 from wayloom_workers.stage_hooks import WorkerContext
@@ -289,3 +295,33 @@ def test_the_areas_of_the_settings_follow_their_file(context: WorkerContext) -> 
         assert {row.name: row.id for row in excluded.of_map(session, "city")} == {"asked for": own, "works": names["works"]}
         with pytest.raises(NotFoundError):
             excluded.remove(session, names["yard"])
+
+
+def test_a_sweeper_that_starts_while_the_database_is_away_excludes_the_areas_of_the_settings_later(
+    context: WorkerContext, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    file, sync, tries = tmp_path / "areas.geojson", excluded.sync, []
+    file.write_text(json.dumps({"type": "Feature", "properties": {"name": "yard"}, "geometry": polygon()}))
+    with context.database.write() as session:
+        maps.ensure_map(session, "city")
+
+    def away_at_first(*asked: Any) -> None:
+        tries.append(asked)
+        if len(tries) == 1:
+            raise DatabaseError("away")
+        sync(*asked)
+
+    monkeypatch.setattr(sweeper.excluded, "sync", away_at_first)
+    monkeypatch.setattr(sweeper, "sweep_once", lambda *_: sweeper.stop_requested.set())
+    monkeypatch.setattr(sweeper, "stop_requested", threading.Event())
+    sweeper.sweep_until_stopped(
+        replace(context, settings=context.settings.model_copy(update={"excluded_areas": file, "sweep_s": 0.01}))
+    )
+    with context.database.read() as session:
+        assert [row.name for row in excluded.of_map(session, "city")] == ["yard"]
+
+
+def test_a_sweeper_does_not_start_with_a_file_of_areas_that_cannot_be_read(context: WorkerContext, tmp_path: Path) -> None:
+    settings = context.settings.model_copy(update={"excluded_areas": tmp_path / "nowhere.geojson"})
+    with pytest.raises(ConfigError, match="excluded_areas"):
+        sweeper.sweep_until_stopped(replace(context, settings=settings))
