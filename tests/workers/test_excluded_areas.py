@@ -30,7 +30,7 @@ from wayloom.store.tables.drives import Job
 from wayloom.submaps.files import load_submaps, save_submaps
 from wayloom.submaps.submap import PlacedSubmap, decode_submap
 from wayloom.tiles.grid import pixel_from_lonlat
-from wayloom_workers import sweeper
+from wayloom_workers import exclusion, sweeper
 from wayloom_workers.exclusion import exclude
 from wayloom_workers.publishing import listed_tiles
 from wayloom_workers.stage_hooks import WorkerContext
@@ -252,6 +252,19 @@ def test_a_version_takes_down_what_areas_show_with_statements_that_do_not_grow_w
         assert {row.since for row in excluded.of_map(session, "city")} == {2}
         assert [row.version for row in maps.versions(session, "city")] == [2]
     assert 50 < max(values) < 200  # of one area
+
+
+def test_one_drive_is_rewritten_before_the_next_one_is_read(context: WorkerContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Submaps of a whole city do not fit into memory."""
+    names = [driven(context, "a"), driven(context, "b", t_s=5000, seed=7)]
+    exclude_area(context, polygon())
+    steps: list[tuple[str, str]] = []
+    clip, rewrite = exclusion._clipped, exclusion._rewrite
+    monkeypatch.setattr(exclusion, "_clipped", lambda *asked: (steps.append(("read", asked[1].drive_id)), clip(*asked))[1])
+    monkeypatch.setattr(exclusion, "_rewrite", lambda *asked: (steps.append(("rewrite", asked[1])), rewrite(*asked))[1])
+    assert exclude(context, "city") >= 2
+    assert [*dict.fromkeys(steps)] == [(what, name) for name in sorted(names) for what in ("read", "rewrite")]
+    assert all(set(left_inside(context, name).values()) == {0} for name in names)
 
 
 @pytest.mark.parametrize("dies", ["_of_each", "_of_looks", "_of_places", "_write_rows"])
