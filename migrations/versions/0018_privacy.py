@@ -38,8 +38,8 @@ def downgrade() -> None:
     """Back."""
     op.drop_index("ix_submaps_digest", "submaps")
     op.drop_table("excluded_areas")
-    op.drop_column("submaps", "clipped_with")  # not in a batch, which would make the table anew, without its triggers
-    with op.batch_alter_table("drives") as drives:
-        drives.drop_index("ix_drives_images")
-        drives.drop_column("images_since")
-        drives.drop_column("images")
+    # no batch: it would make a table anew, without its triggers, and dropping the old one deletes what refers to its rows
+    op.drop_column("submaps", "clipped_with")
+    op.drop_index("ix_drives_images", "drives")
+    op.drop_column("drives", "images_since")
+    op.drop_column("drives", "images")

@@ -75,7 +75,8 @@ async def _announce(service: Service, request: Request, content: bytes, again: b
         drive, created = drives.register(session, manifest, service.settings.map_id, own.owner_of(request), again)
         first_job = drives.queue_if_complete(session, drive)
         (view,) = drives_out(session, [drive])
-        open_ones = [OpenPack(upload=f"/v1/uploads/{pack.id}", length=pack.length) for pack in packs.unfinished(session, drive.id)]
+        begun = packs.unfinished(session, service.folders, drive.id)
+        open_ones = [OpenPack(upload=f"/v1/uploads/{pack.id}", length=pack.length) for pack in begun]
         return Registration(id=drive.id, created=created, drive=view, packs=open_ones, missing=[]), first_job
 
     return await service.write(change)
@@ -156,12 +157,7 @@ async def revoke(drive_id: DriveId, service: ServiceDep) -> DriveOut:
 async def retry(drive_id: DriveId, service: ServiceDep, wanted: RetryIn = GO_ON) -> DriveOut:
     """Try the failed stage again, with a fresh set of attempts. Finished stages are kept; where `stage` is given, it and those
     after it are made anew."""
-
-    def change(session: Session) -> list[JobMessage]:
-        drives.get(session, drive_id)
-        return jobs.retry(session, drive_id, wanted.stage)
-
-    await service.notify(*await service.write(change))
+    await service.notify(*await service.write(lambda session: reprocessing.retry(session, drive_id, wanted.stage)))
     return await one(drive_id, service)
 
 

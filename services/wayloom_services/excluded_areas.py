@@ -5,7 +5,7 @@ from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Path, Request, Response
 
-from wayloom.config.retention import MAX_AREA_BYTES
+from wayloom.config.retention import MAX_AREA_BYTES, MAX_AREAS
 from wayloom.exclusion.areas import areas_of_geojson
 from wayloom.store import excluded
 from wayloom.store.database import Session
@@ -44,9 +44,13 @@ async def add(request: Request, service: ServiceDep) -> ExcludedAreaList:
         found = areas_of_geojson(json.loads(content))
     except (ValueError, RecursionError) as error:
         raise ProtocolError(400, "bad-input", f"the body is no JSON: {error}") from error
+    if len(found) > MAX_AREAS:
+        raise ProtocolError(
+            413, "too-large", f"these are {len(found)} areas, {MAX_AREAS} are allowed: send them in several requests"
+        )
 
     def change(session: Session) -> tuple[list[ExcludedAreaOut], list[JobMessage]]:
-        made = [excluded.add(session, service.settings.map_id, name[:256], geometry) for name, geometry in found]
+        made = [excluded.add(session, service.settings.map_id, name, geometry) for name, geometry in found]
         return [_out(row) for row, _ in made], [message for _, message in made]
 
     added, messages = await service.write(change)

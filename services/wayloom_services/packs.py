@@ -15,6 +15,7 @@ from wayloom_services.context import ServiceDep, require_key
 from wayloom_services.drives import DriveId
 from wayloom_services.errors import Problem, ProtocolError
 from wayloom_services.tus import check_space
+from wayloom_services.tus_body import forget
 
 PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
     status: {"model": Problem} for status in (400, 401, 404, 408, 409, 413, 422, 507)
@@ -55,19 +56,24 @@ async def begin(drive_id: DriveId, wanted: PackIn, request: Request, response: R
     """Its bytes are those of the files, one behind the other; they are sent with PATCH to `upload`, from the offset that HEAD
     tells, with `Upload-Pieces` if they are to be verified on the way. Each file is verified and stored as soon as it is whole."""
 
-    def make(session: Session) -> tuple[Upload, Sequence[PackedFile]]:
-        upload, files = packs.create(session, drive_id, wanted.paths, service.settings.upload_expiry_s)
-        own.check_upload(request, session, service.settings.access, drive_id, upload.length)
-        return upload, files
+    def make(session: Session) -> tuple[Upload | None, Sequence[PackedFile]]:
+        files = packs.lacking(session, drive_id, wanted.paths)
+        if not files:
+            return None, files
+        own.check_upload(request, session, service.settings.access, drive_id, sum(file.size for file in files))
+        return packs.create(session, drive_id, files, service.settings.upload_expiry_s), files
 
     upload, files = await service.write(make)
     kept = {file.path for file in files}
     skipped = [path for path in wanted.paths if path not in kept]
-    if not files:
-        await service.write(lambda session: uploads.remove(session, upload.id))
+    if upload is None:
         return PackOut(upload=None, length=0, skipped=skipped)
-    await check_space(service, upload.length)
-    await service.in_thread(lambda: packs.index(service.folders, upload, files))
+    try:
+        await check_space(service, upload.length)
+        await service.in_thread(lambda: packs.index(service.folders, upload, files))
+    except BaseException:  # a row without an index is of no use, and counts
+        await forget(service, upload)
+        raise
     address = f"/v1/uploads/{upload.id}"
     response.headers["Location"] = address
     return PackOut(upload=address, length=upload.length, skipped=skipped)

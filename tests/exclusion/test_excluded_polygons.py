@@ -55,6 +55,20 @@ def test_features_bring_their_names() -> None:
     assert [geometry for _, geometry in found] == 2 * [feature["geometry"]]
 
 
+def test_what_is_stored_has_two_numbers_a_corner_closed_rings_and_a_name_that_every_database_takes() -> None:
+    ring = [[8, 49, float("nan")], [9, 49, "high"], [9, 50]]
+    feature = {
+        "type": "Feature",
+        "properties": {"name": "ya\0rd\ud800" + "x" * 300},
+        "geometry": {"type": "Polygon", "coordinates": [ring]},
+    }
+    ((name, geometry),) = areas_of_geojson(feature)
+    assert name == "yard" + "x" * 252
+    assert geometry == {"type": "Polygon", "coordinates": [[[8.0, 49.0], [9.0, 49.0], [9.0, 50.0], [8.0, 49.0]]]}
+    many = {"type": "MultiPolygon", "coordinates": [[ring], [ring]]}
+    assert areas_of_geojson(many)[0][1]["coordinates"] == 2 * [geometry["coordinates"]]
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [

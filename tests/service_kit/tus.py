@@ -15,12 +15,15 @@ def b64(content: bytes | str) -> str:
     return base64.b64encode(content.encode() if isinstance(content, str) else content).decode()
 
 
+def manifest(name: str, **contents: bytes) -> dict[str, Any]:
+    """Of a drive whose files are `log/NAME`."""
+    sums = {path: hashlib.sha256(data).hexdigest() for path, data in contents.items()}
+    return {"name": name, "files": [{"path": f"log/{path}", "size": len(contents[path]), "sha256": sums[path]} for path in sums]}
+
+
 def register(http: httpx2.Client, name: str, **contents: bytes) -> str:
     """Announce a drive whose files are `log/NAME`. Returns its id."""
-    files = [
-        {"path": f"log/{path}", "size": len(data), "sha256": hashlib.sha256(data).hexdigest()} for path, data in contents.items()
-    ]
-    answer = http.post("/v1/drives", json={"name": name, "files": files})
+    answer = http.post("/v1/drives", json=manifest(name, **contents))
     assert answer.status_code in (200, 201), answer.text
     return str(answer.json()["id"])
 

@@ -9,6 +9,7 @@ import httpx2
 import pytest
 
 from service_kit.running import ApiAlone, environment
+from wayloom.config.retention import MAX_AREAS
 
 YARD = {"type": "Polygon", "coordinates": [[[8.4, 49.0], [8.41, 49.0], [8.41, 49.01], [8.4, 49.0]]]}
 
@@ -37,6 +38,22 @@ def test_areas_are_added_listed_and_removed(http: httpx2.Client) -> None:
 def test_a_body_that_is_no_area_is_refused(http: httpx2.Client, body: bytes) -> None:
     answer = http.post("/v1/excluded-areas", content=body)
     assert (answer.status_code, answer.json()["code"]) == (400, "bad-input")
+
+
+def test_a_third_coordinate_that_is_no_number_is_not_stored(http: httpx2.Client) -> None:
+    body = json.dumps(YARD).replace("[8.41, 49.0]", "[8.41, 49.0, NaN]")
+    added = http.post("/v1/excluded-areas", content=body)
+    assert added.status_code == 201
+    (one,) = added.json()["features"]
+    assert one["geometry"] == YARD
+    assert http.delete(f"/v1/excluded-areas/{one['id']}").status_code == 204
+
+
+def test_a_request_of_too_many_areas_is_refused(http: httpx2.Client) -> None:
+    feature = {"type": "Feature", "properties": {}, "geometry": YARD}
+    answer = http.post("/v1/excluded-areas", json={"type": "FeatureCollection", "features": [feature] * (MAX_AREAS + 1)})
+    assert (answer.status_code, answer.json()["code"]) == (413, "too-large")
+    assert http.get("/v1/excluded-areas").json()["features"] == []
 
 
 def test_operators_exclude_areas_from_the_command_line(api_process: ApiAlone, tmp_path: Path) -> None:

@@ -19,12 +19,13 @@ from wayloom.config.service import ServiceSettings
 from wayloom.errors import ConfigError
 from wayloom.store.access import keys
 from wayloom.store.access.audit import Noted, page
-from wayloom.store.database import Database, Session
+from wayloom.store.database import Database, DatabaseError, Session
 from wayloom.store.migrate import upgrade
 from wayloom_services.access.buckets import TokenBuckets
 from wayloom_services.access.callers import Callers, Credential
-from wayloom_services.access.streams import while_allowed
+from wayloom_services.access.streams import _as_soon_as_it_answers, while_allowed
 from wayloom_services.access.trail import Trail
+from wayloom_services.errors import ProtocolError
 
 ENTRY = Noted(1.0, "nobody", None, "GET /v1/drives", "", "10.0.0.1", 401, "refused")
 
@@ -99,6 +100,39 @@ def test_a_stream_ends_soon_after_its_listener_may_hear_no_more(is_silent: bool)
     count = asyncio.run(asyncio.wait_for(heard(), 20.0))
     assert (count == 0) == is_silent
     assert allowed == []
+
+
+def test_a_stream_goes_on_while_nobody_can_say_whether_its_listener_may_still_hear() -> None:
+    answers: list[bool | Exception] = [True, ProtocolError(503, "away", "the database does not answer"), True, False]
+
+    async def messages() -> AsyncIterator[ServerSentEvent]:
+        while True:
+            await asyncio.sleep(0.001)
+            yield ServerSentEvent(str(len(answers)), event="drive")
+
+    async def is_still() -> bool:
+        answer = answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    async def heard() -> set[str]:
+        return {str(message.data) async for message in while_allowed(messages(), is_still, 0.05)}
+
+    assert asyncio.run(asyncio.wait_for(heard(), 20.0)) >= {"2", "1"}
+    assert answers == []
+
+
+def test_a_message_waits_for_a_database_that_is_away() -> None:
+    answers: list[bool | Exception] = [DatabaseError("away"), DatabaseError("away"), True]
+
+    async def ask() -> bool:
+        answer = answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    assert asyncio.run(_as_soon_as_it_answers(ask, 0.001))
 
 
 @pytest.fixture

@@ -5,10 +5,20 @@ from alembic import command
 from alembic.config import Config
 from sqlalchemy import Column, Integer, Table
 
-from wayloom.store import migrate
+from wayloom.store import drives, migrate
 from wayloom.store.database import Database
+from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.migrate import differences, is_current, migrations_dir, upgrade
 from wayloom.store.tables.base import Base
+
+
+def downgrade(database: Database, revision: str) -> None:
+    config = Config()
+    config.set_main_option("script_location", str(migrations_dir()))
+    with database.engine.connect() as connection:
+        config.attributes["connection"] = connection
+        command.downgrade(config, revision)
+        connection.commit()
 
 
 def test_the_migrations_make_exactly_the_tables_of_the_models(empty_database: Database) -> None:
@@ -43,14 +53,21 @@ def test_migrating_twice_changes_nothing(empty_database: Database) -> None:
     assert differences(empty_database) == []
 
 
+def test_taking_back_the_columns_of_images_leaves_drives_and_what_belongs_to_them(empty_database: Database) -> None:
+    upgrade(empty_database)
+    with empty_database.write() as session:
+        drives.register(session, Manifest(name="drive", files=(ManifestFile(path="log/a", size=1, sha256="0" * 64),)), "city")
+    downgrade(empty_database, "0017")
+    with empty_database.engine.connect() as connection:
+        counts = [connection.exec_driver_sql(f"SELECT count(*) FROM {table}").scalar() for table in ("drives", "drive_files")]
+    assert counts == [1, 1]
+    upgrade(empty_database)
+    assert differences(empty_database) == []
+
+
 def test_every_migration_can_be_taken_back(empty_database: Database) -> None:
     upgrade(empty_database)
-    config = Config()
-    config.set_main_option("script_location", str(migrations_dir()))
-    with empty_database.engine.connect() as connection:
-        config.attributes["connection"] = connection
-        command.downgrade(config, "base")
-        connection.commit()
+    downgrade(empty_database, "base")
     assert not is_current(empty_database)
     upgrade(empty_database)
     assert differences(empty_database) == []

@@ -1,5 +1,6 @@
 """Images go when their time is over, never while a job needs them, and may be sent once more."""
 
+import threading
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from wayloom.config.retention import UploadSettings
 from wayloom.store import drives, gate, jobs, map_versions, maps, reprocessing, retention
 from wayloom.store.database import Database
 from wayloom.store.folders import Folders
-from wayloom.store.images import ImagesDeletedError
+from wayloom.store.images import DELETING, ImagesDeletedError
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.map_versions import NewVersion
 from wayloom.store.tables.drives import Drive, Job
@@ -120,6 +121,16 @@ def test_images_stay_for_as_long_as_the_setting_says(database: Database, folders
     assert retention.delete_due(database, folders, WEEK) == 1
 
 
+def test_images_of_a_drive_in_the_map_stay_longer_than_those_outside_where_the_setting_says_so(
+    database: Database, folders: Folders
+) -> None:
+    drive_id = published(database, folders)
+    quarter = UploadSettings(retention=90)
+    for days, deleted in ((31.0, 0), (58.0, 0), (2.0, 1)):
+        later(database, drive_id, days)
+        assert retention.delete_due(database, folders, quarter) == deleted
+
+
 @pytest.mark.parametrize("state", ["held", "quarantined", "failed"])
 def test_images_of_a_drive_outside_of_the_map_go_at_their_greatest_age(database: Database, folders: Folders, state: str) -> None:
     drive_id = arrived(database, folders)
@@ -145,6 +156,49 @@ def test_a_drive_that_did_not_arrive_whole_leaves_nothing_and_may_still_arrive(d
     with database.read() as session:
         assert [path for path, _, _ in drives.missing_files(session, drive_id)] == ["log/a.png", "log/b.png"]
         assert drives.get(session, drive_id).state == "uploading"
+
+
+def test_a_drive_whose_last_file_comes_while_its_images_are_being_deleted_is_not_queued(
+    database: Database, folders: Folders
+) -> None:
+    both = Manifest(name="drive", files=(*MANIFEST.files, ManifestFile(path="log/b.png", size=1, sha256="1" * 64)))
+    with database.write() as session:
+        drive_id = drives.register(session, both, "city")[0].id
+        send(session, folders, drive_id)
+    later(database, drive_id, 31)
+    with database.write() as session:
+        retention._mark(session, drive_id, AT_ONCE)
+    with database.write() as session:
+        assert drives.mark_complete(session, drive_id, "log/b.png") is None
+    assert retention.delete_due(database, folders, AT_ONCE) == 1
+    with database.read() as session:
+        assert drives.get(session, drive_id).state == "uploading"
+        assert [path for path, _, _ in drives.missing_files(session, drive_id)] == ["log/a.png", "log/b.png"]
+
+
+def test_a_retry_waits_for_a_sweeper_that_marks_the_images(database: Database, folders: Folders) -> None:
+    drive_id = arrived(database, folders)
+    end_jobs(database, drive_id, "failed")
+    begun, said = threading.Event(), []
+
+    def retry() -> None:
+        begun.set()
+        with database.write() as session:
+            try:
+                said.append(reprocessing.retry(session, drive_id))
+            except ImagesDeletedError as error:
+                said.append(error)
+
+    other = threading.Thread(target=retry)
+    with database.write() as session:
+        gate.lock(session, drive_id).images = DELETING
+        session.flush()
+        other.start()
+        begun.wait()
+        other.join(0.3)
+        assert said == []
+    other.join()
+    assert [type(one) for one in said] == [ImagesDeletedError]
 
 
 def test_a_run_anew_without_images_is_refused_until_they_are_sent_once_more(database: Database, folders: Folders) -> None:

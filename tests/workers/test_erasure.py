@@ -6,10 +6,14 @@ from typing import Any
 from sqlalchemy import select
 
 from service_kit.packed_drives import packed_drive_of
+from wayloom.config.roles import Role
 from wayloom.store import drives, gate, maps, meetings, rigs, runs
+from wayloom.store.access import audit, keys
+from wayloom.store.access.audit import Noted
 from wayloom.store.erasure import NOBODY, unnamed
 from wayloom.store.jobs import new_job
 from wayloom.store.rigs import Evidence, EvidenceEpoch, NewRigVersion
+from wayloom.store.tables.access import AccessKey, AuditEntry
 from wayloom.store.tables.base import Base
 from wayloom.store.tables.drives import Drive, Job, Vehicle
 from wayloom.store.tables.maps import ForgottenBlob, MapVersion, MeetingRow
@@ -24,6 +28,8 @@ from wayloom_workers.sweeper import sweep_once
 from workers.test_stitching import placed, publish_next, requested, run
 
 VEHICLE, DRIVE_NAME, IMAGE = "canary-van-7719", "canary street at dawn", b"canary pixels \x00\x01\x02 of a street"
+STAYS = {"audit_log": ("object",), "access_keys": ("name", "vehicle_id")}
+"""Columns that keep the id of a drive and the name of its vehicle, as docs/privacy.md says."""
 
 
 def stay(context: WorkerContext) -> str:
@@ -96,6 +102,13 @@ def words_of_others(context: WorkerContext, goes: str, stays: str) -> None:
     (context.folders.uploads / f"{'a' * 32}.part").write_bytes(IMAGE)
 
 
+def asked_for(context: WorkerContext, goes: str) -> None:
+    """The vehicle's key, and the audit log's entry of the drive that it has announced."""
+    with context.database.write() as session:
+        key, _ = keys.create(session, VEHICLE, Role.VEHICLE, VEHICLE)
+        audit.append(session, [Noted(0.0, f"key {key.prefix}", "vehicle", "POST /v1/drives", goes, "10.0.0.1", 201, "done")])
+
+
 def remove(context: WorkerContext, drive_id: str) -> None:
     """As `DELETE` does, and all that follows from it."""
     with context.database.write() as session:
@@ -115,14 +128,28 @@ def _hooks(stage: str) -> StageHooks:
     return StageHooks(hooks.prepare, remove_files, hooks.record)
 
 
+def kept_values(context: WorkerContext) -> list[bytes]:
+    """What stands in the columns that stay."""
+    with context.database.read() as session:
+        tables = [(table, STAYS[table.name]) for table in Base.metadata.sorted_tables if table.name in STAYS]
+        rows = [row for table, names in tables for row in session.execute(select(*(table.columns[name] for name in names)))]
+    return [str(value).encode() for row in rows for value in row]
+
+
 def traces(context: WorkerContext, *words: str | bytes) -> list[str]:
-    """Files and rows that hold any of these, in whatever column or place."""
+    """Files and rows that hold any of these, in whatever column or place, but for what stays as often as it does."""
     wanted = [word.encode() if isinstance(word, str) else word for word in words]
-    files = [path for path in context.folders.root.rglob("*") if path.is_file()]
-    found = [str(path) for path in files if any(word in str(path).encode() or word in path.read_bytes() for word in wanted)]
+    stays = kept_values(context)
+    found = []
+    for path in context.folders.root.rglob("*"):
+        content = path.read_bytes() if path.is_file() else b""
+        for value in stays if path.suffix == ".db" else ():
+            content = content.replace(value, b"", 1)
+        found += [str(path)] if path.is_file() and any(word in str(path).encode() or word in content for word in wanted) else []
     with context.database.read() as session:
         for table in Base.metadata.sorted_tables:
-            for row in session.execute(select(table)):
+            looked_at = [column for column in table.columns if column.name not in STAYS.get(table.name, ())]
+            for row in session.execute(select(*looked_at)):
                 text = json.dumps([str(value) for value in row], ensure_ascii=False).encode()
                 found += [f"{table.name}: {text!r}" for word in wanted if word in text]
     return found
@@ -133,6 +160,7 @@ def test_after_a_drive_is_removed_no_file_and_no_row_tells_of_it(context: Worker
     manifest = drives_manifest(context, DRIVE_NAME, VEHICLE, IMAGE)
     goes = in_map(context, manifest, 2)
     words_of_others(context, goes, stays)
+    asked_for(context, goes)
     with context.database.read() as session:
         hashes = [row.digest for row in maps.submaps_of(session, goes)] + [manifest.files[0].sha256]
     canaries = (goes, goes[:12], VEHICLE, DRIVE_NAME, IMAGE, *hashes)
@@ -142,6 +170,8 @@ def test_after_a_drive_is_removed_no_file_and_no_row_tells_of_it(context: Worker
     assert traces(context, *canaries) == []
     with context.database.read() as session:
         assert session.scalars(select(ForgottenBlob)).all() == []
+        assert session.scalars(select(AuditEntry.object)).all() == [goes]
+        assert session.execute(select(AccessKey.name, AccessKey.vehicle_id)).all() == [(VEHICLE, VEHICLE)]
         assert [row.id for row in session.scalars(select(Vehicle))] == ["van-1"]
         assert [row.vehicle_id for row in session.scalars(select(Rig))] == ["van-1"]
         assert [row.drives for row in session.scalars(select(RigVersion))] == [[stays]]

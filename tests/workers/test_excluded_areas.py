@@ -1,14 +1,19 @@
 """An excluded area has nothing in the map, in what drives left, and in versions of before."""
 
+import json
+import threading
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from sqlalchemy import event
 
 from places.made_places import random_places
 from wayloom.dense.files import LOOKS_FILE, LookFile, save_looks
 from wayloom.dense.types import Looks
-from wayloom.errors import NotFoundError, WithdrawnError
+from wayloom.errors import ConfigError, NotFoundError, WithdrawnError
 from wayloom.exclusion.areas import area_of_geometry
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame
@@ -19,11 +24,13 @@ from wayloom.ground.sheet import CELL_M
 from wayloom.objects import files as sighting_files
 from wayloom.places.files import PLACES_FILE, load_places, save_places
 from wayloom.stitching.region_files import decode_region
-from wayloom.store import drives, excluded, garbage, map_versions, maps
+from wayloom.store import drives, excluded, garbage, jobs, map_versions, maps
+from wayloom.store.database import DatabaseError
 from wayloom.store.tables.drives import Job
 from wayloom.submaps.files import load_submaps, save_submaps
 from wayloom.submaps.submap import PlacedSubmap, decode_submap
 from wayloom.tiles.grid import pixel_from_lonlat
+from wayloom_workers import exclusion, sweeper
 from wayloom_workers.exclusion import exclude
 from wayloom_workers.publishing import listed_tiles
 from wayloom_workers.stage_hooks import WorkerContext
@@ -222,6 +229,44 @@ def test_versions_that_show_nothing_of_an_area_stay(context: WorkerContext) -> N
     assert map_inside(context)["voxels"] > 0
 
 
+def test_a_version_takes_down_what_areas_show_with_statements_that_do_not_grow_with_their_number(context: WorkerContext) -> None:
+    values: list[int] = []
+
+    def count(_connection: Any, _cursor: Any, _statement: str, parameters: Any, *_: Any) -> None:
+        values.append(len(parameters))
+
+    with context.database.write() as session:
+        maps.ensure_map(session, "city")
+        for number in range(20):
+            excluded.add(session, "city", "far away", polygon(west=5000.0 + 30.0 * number, east=5010.0 + 30.0 * number))
+        excluded.add(session, "city", "here", polygon())
+        for base in range(2):
+            version = map_versions.NewVersion(base, (8.4, 49.0, 100.0), (), 2, None, [tile_of_area()])
+            map_versions.publish(session, "city", version, kept=20)
+        job = jobs.request_stitch(session, "city")
+        job.started_at = drives.now_s(session) + 1.0
+        session.flush()
+        event.listen(context.database.engine, "before_cursor_execute", count)
+        excluded.published(session, "city", job.id)
+        event.remove(context.database.engine, "before_cursor_execute", count)
+        assert {row.since for row in excluded.of_map(session, "city")} == {2}
+        assert [row.version for row in maps.versions(session, "city")] == [2]
+    assert 50 < max(values) < 200  # of one area
+
+
+def test_one_drive_is_rewritten_before_the_next_one_is_read(context: WorkerContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Submaps of a whole city do not fit into memory."""
+    names = [driven(context, "a"), driven(context, "b", t_s=5000, seed=7)]
+    exclude_area(context, polygon())
+    steps: list[tuple[str, str]] = []
+    clip, rewrite = exclusion._clipped, exclusion._rewrite
+    monkeypatch.setattr(exclusion, "_clipped", lambda *asked: (steps.append(("read", asked[1].drive_id)), clip(*asked))[1])
+    monkeypatch.setattr(exclusion, "_rewrite", lambda *asked: (steps.append(("rewrite", asked[1])), rewrite(*asked))[1])
+    assert exclude(context, "city") >= 2
+    assert [*dict.fromkeys(steps)] == [(what, name) for name in sorted(names) for what in ("read", "rewrite")]
+    assert all(set(left_inside(context, name).values()) == {0} for name in names)
+
+
 @pytest.mark.parametrize("dies", ["_of_each", "_of_looks", "_of_places", "_write_rows"])
 def test_whoever_is_killed_is_followed_by_one_who_finds_the_rest(
     context: WorkerContext, monkeypatch: pytest.MonkeyPatch, dies: str
@@ -263,3 +308,33 @@ def test_the_areas_of_the_settings_follow_their_file(context: WorkerContext) -> 
         assert {row.name: row.id for row in excluded.of_map(session, "city")} == {"asked for": own, "works": names["works"]}
         with pytest.raises(NotFoundError):
             excluded.remove(session, names["yard"])
+
+
+def test_a_sweeper_that_starts_while_the_database_is_away_excludes_the_areas_of_the_settings_later(
+    context: WorkerContext, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    file, sync, tries = tmp_path / "areas.geojson", excluded.sync, []
+    file.write_text(json.dumps({"type": "Feature", "properties": {"name": "yard"}, "geometry": polygon()}))
+    with context.database.write() as session:
+        maps.ensure_map(session, "city")
+
+    def away_at_first(*asked: Any) -> None:
+        tries.append(asked)
+        if len(tries) == 1:
+            raise DatabaseError("away")
+        sync(*asked)
+
+    monkeypatch.setattr(sweeper.excluded, "sync", away_at_first)
+    monkeypatch.setattr(sweeper, "sweep_once", lambda *_: sweeper.stop_requested.set())
+    monkeypatch.setattr(sweeper, "stop_requested", threading.Event())
+    sweeper.sweep_until_stopped(
+        replace(context, settings=context.settings.model_copy(update={"excluded_areas": file, "sweep_s": 0.01}))
+    )
+    with context.database.read() as session:
+        assert [row.name for row in excluded.of_map(session, "city")] == ["yard"]
+
+
+def test_a_sweeper_does_not_start_with_a_file_of_areas_that_cannot_be_read(context: WorkerContext, tmp_path: Path) -> None:
+    settings = context.settings.model_copy(update={"excluded_areas": tmp_path / "nowhere.geojson"})
+    with pytest.raises(ConfigError, match="excluded_areas"):
+        sweeper.sweep_until_stopped(replace(context, settings=settings))

@@ -138,3 +138,14 @@ def test_a_service_keeps_no_persons_whatever_its_settings_say(context: WorkerCon
     of_drive = attempt(replace(context, settings=asked), "submaps", tmp_path)
     told = production._settings(replace(of_drive, claim=replace(of_drive.claim, drive_id=drive_id))).submaps
     assert (told.keep_persons, told.length_m) == (False, 60.0)
+
+
+def test_what_is_asked_of_submaps_when_processing_anew_counts_but_for_persons(context: WorkerContext, tmp_path: Path) -> None:
+    with context.database.write() as session:
+        manifest = Manifest(name="drive", files=(ManifestFile(path="log/a", size=1, sha256="0" * 64),))
+        drive = drives.register(session, manifest, "city")[0]
+        drive.coming = {"asked": {"submaps": {"length_m": 60.0, "keep_persons": True}}, "since": 0.0, "facts": {}}
+        drive_id = drive.id
+    of_drive = attempt(context, "submaps", tmp_path)
+    told = production._settings(replace(of_drive, claim=replace(of_drive.claim, drive_id=drive_id))).submaps
+    assert (told.keep_persons, told.length_m) == (False, 60.0)

@@ -81,20 +81,33 @@ class _Clipped:
 
 
 def exclude(context: WorkerContext, map_id: str) -> int:
-    """Drop what lies in the map's excluded areas from all that the service has. Returns from how many submaps."""
-    with context.database.read() as session:
-        areas = {row.id: excluded.area_of(row) for row in excluded.of_map(session, map_id)}
-        near = [(row, area.id) for area in excluded.of_map(session, map_id) for row in excluded.rows_near(session, area)]
-    rows = {(row.drive_id, row.position): row for row, _ in near}
-    of_drive: dict[str, list[_Clipped]] = {}
-    for name, row in sorted(rows.items()):
-        ids = sorted(area_id for other, area_id in near if (other.drive_id, other.position) == name)
-        if row.clipped_with != _token(ids, row.digest, row):
-            of_drive.setdefault(row.drive_id, []).append(_clipped(context, row, {area_id: areas[area_id] for area_id in ids}))
-    for drive_id, items in of_drive.items():
+    """Drop what lies in the map's excluded areas from all that the service has, drive by drive. Returns from how many submaps."""
+    count = 0
+    areas, of_drive = _near_areas(context, map_id)
+    for drive_id, near in of_drive.items():
+        items = [_clipped(context, row, {area_id: areas[area_id] for area_id in ids}) for row, ids in near]
         _rewrite(context, drive_id, items)
         log.info("areas excluded", drive_id=drive_id, submaps=len(items))
-    return sum(map(len, of_drive.values()))
+        count += len(items)
+    return count
+
+
+def _near_areas(context: WorkerContext, map_id: str) -> tuple[dict[str, Area], dict[str, list[tuple[SubmapRow, list[str]]]]]:
+    """The map's areas, and for each drive those of its submaps that are not clipped with what is near them, and what that is."""
+    rows: dict[tuple[str, int], SubmapRow] = {}
+    near: dict[tuple[str, int], list[str]] = {}
+    with context.database.read() as session:
+        areas = {row.id: excluded.area_of(row) for row in excluded.of_map(session, map_id)}
+        for area in excluded.of_map(session, map_id):
+            for row in excluded.rows_near(session, area):
+                rows[row.drive_id, row.position] = row
+                near.setdefault((row.drive_id, row.position), []).append(area.id)
+    of_drive: dict[str, list[tuple[SubmapRow, list[str]]]] = {}
+    for name, row in sorted(rows.items()):
+        ids = sorted(near[name])
+        if row.clipped_with != _token(ids, row.digest, row):
+            of_drive.setdefault(row.drive_id, []).append((row, ids))
+    return areas, of_drive
 
 
 def _token(areas: Sequence[str], digest: str, row: SubmapRow) -> str:

@@ -45,7 +45,9 @@ def _settings(attempt: StageAttempt) -> ProcessSettings:
     Persons are never kept."""
     with attempt.context.database.read() as session:
         asked = (drives.get(session, str(attempt.claim.drive_id)).coming or {}).get("asked", {})
-    return with_asked(attempt.context.settings.of_drives(), {**asked, "submaps": {"keep_persons": False}})
+    return with_asked(
+        attempt.context.settings.of_drives(), {**asked, "submaps": {**asked.get("submaps", {}), "keep_persons": False}}
+    )
 
 
 def _prepare(attempt: StageAttempt) -> PreparedStage:

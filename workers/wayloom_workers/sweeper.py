@@ -1,6 +1,7 @@
 """Sweeper: every few seconds it looks for lost jobs, unsent messages and expired uploads. Two at once do no harm."""
 
 import json
+from typing import Any
 
 import structlog
 from celery import Celery
@@ -10,6 +11,7 @@ from redis.exceptions import RedisError
 from wayloom.config.backoff import Backoff
 from wayloom.errors import ConfigError, WayloomError
 from wayloom.exclusion.areas import areas_of_geojson
+from wayloom.pipeline.settings import WayloomSettings
 from wayloom.store import excluded, garbage, jobs, retention, sweep, uploads
 from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseError
@@ -63,23 +65,31 @@ def exclude_late(context: WorkerContext) -> None:
             jobs.request_stitch(session, map_id)  # sent as one that has not gone out
 
 
-def exclude_by_settings(context: WorkerContext) -> None:
-    """Make the excluded areas of the settings those of their file. Raises InputError."""
-    file = context.settings.excluded_areas
+def areas_of(settings: WayloomSettings) -> list[tuple[str, dict[str, Any]]]:
+    """Name and geometry of the excluded areas that the settings' file has. Raises InputError."""
+    file = settings.excluded_areas
     try:
-        found = [] if file is None else areas_of_geojson(json.loads(file.read_text(encoding="utf-8")))
+        return [] if file is None else areas_of_geojson(json.loads(file.read_text(encoding="utf-8")))
     except (OSError, ValueError) as error:
         raise ConfigError(f"excluded_areas: cannot be read ({error})", file=file, remedy="name a GeoJSON file") from error
+
+
+def exclude_by_settings(context: WorkerContext, found: list[tuple[str, dict[str, Any]]]) -> None:
+    """Make the excluded areas of the settings these."""
     with context.database.write() as session:
         excluded.sync(session, context.settings.map_id, found)
 
 
 def sweep_until_stopped(context: WorkerContext) -> None:
-    """Sweep until this process is told to stop, whatever is away meanwhile."""
-    exclude_by_settings(context)
+    """Sweep until this process is told to stop, whatever is away meanwhile. Raises InputError where the settings' file of areas
+    cannot be read."""
+    areas: list[tuple[str, dict[str, Any]]] | None = areas_of(context.settings)
     app = make_app(context.settings)
     while not stop_requested.is_set():
         try:
+            if areas is not None:
+                exclude_by_settings(context, areas)
+                areas = None
             sweep_once(context, app)
         except (BlobError, DatabaseError, OperationalError, RedisError, OSError) as error:
             log.warning("sweep failed", error=str(error))

@@ -24,3 +24,5 @@ class UploadSettings(Settings):
 
 MAX_AREA_BYTES = 4 * 2**20
 """Of GeoJSON with excluded areas."""
+MAX_AREAS = 1000
+"""Of one request: each is looked for in every version."""

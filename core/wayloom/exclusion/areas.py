@@ -15,6 +15,7 @@ Box = tuple[float, float, float, float]
 METRES_A_DEGREE: Final = 111_000.0
 """Of latitude, and of longitude at the equator: a little less than anywhere, so that margins are a little wide."""
 MOST_CORNERS: Final = 10_000
+LONGEST_NAME: Final = 256
 FURTHEST_LAT_DEG: Final = 89.0
 WIDEST_DEG: Final = 90.0
 
@@ -70,7 +71,7 @@ def _inside(places: FloatArray, rings: Sequence[FloatArray], margin_m: float) ->
 
 
 def areas_of_geojson(content: Any) -> list[tuple[str, dict[str, Any]]]:
-    """Name and geometry of each area of a geometry, a feature or a collection of features. Raises InputError."""
+    """Name and geometry of each area of a geometry, a feature or a collection of features, as stored. Raises InputError."""
     kind = content.get("type") if isinstance(content, Mapping) else None
     if kind == "FeatureCollection":
         features = content.get("features")
@@ -80,22 +81,26 @@ def areas_of_geojson(content: Any) -> list[tuple[str, dict[str, Any]]]:
     if kind == "Feature":
         properties = content.get("properties") or {}
         name = properties.get("name", "") if isinstance(properties, Mapping) else ""
-        return [(str(name), geometry) for _, geometry in areas_of_geojson(content.get("geometry"))]
+        return [(_name(name), geometry) for _, geometry in areas_of_geojson(content.get("geometry"))]
     area_of_geometry(content)
-    return [("", {"type": content["type"], "coordinates": content["coordinates"]})]
+    return [("", plain_geometry(content))]
+
+
+def plain_geometry(geometry: Any) -> dict[str, Any]:
+    """The Polygon or MultiPolygon in two finite numbers a corner and closed rings, whatever else it has. Raises InputError."""
+    polygons = _polygons(geometry)
+    rings = [[[*corners.tolist(), corners[0].tolist()] for corners in polygon] for polygon in polygons]
+    return {"type": geometry["type"], "coordinates": rings[0] if geometry["type"] == "Polygon" else rings}
+
+
+def _name(name: Any) -> str:
+    """Without what a database takes in no text: NUL, and halves of surrogate pairs."""
+    return str(name).replace("\0", "").encode(errors="ignore").decode()[:LONGEST_NAME]
 
 
 def area_of_geometry(geometry: Any) -> Area:
     """The area of a Polygon or MultiPolygon. Raises InputError that says what is wrong."""
-    kind = geometry.get("type") if isinstance(geometry, Mapping) else None
-    if kind not in ("Polygon", "MultiPolygon"):
-        raise _bad(f"the geometry is {kind!r}, no Polygon or MultiPolygon")
-    coordinates = geometry.get("coordinates")
-    polygons = [coordinates] if kind == "Polygon" else coordinates
-    try:
-        rings = [_ring(ring) for polygon in polygons for ring in polygon]
-    except (TypeError, ValueError, IndexError) as error:
-        raise _bad(f"its coordinates are not rings of longitude and latitude ({error})") from error
+    rings = [ring for polygon in _polygons(geometry) for ring in polygon]
     if not rings:
         raise _bad("it has no ring")
     if sum(map(len, rings)) > MOST_CORNERS:
@@ -107,6 +112,19 @@ def area_of_geometry(geometry: Any) -> Area:
     if east - west > WIDEST_DEG:
         raise _bad(f"it is {east - west:.0f} degrees wide, {WIDEST_DEG:.0f} are allowed")
     return area
+
+
+def _polygons(geometry: Any) -> list[list[FloatArray]]:
+    """For each polygon its rings, without their closing points. Raises InputError."""
+    kind = geometry.get("type") if isinstance(geometry, Mapping) else None
+    if kind not in ("Polygon", "MultiPolygon"):
+        raise _bad(f"the geometry is {kind!r}, no Polygon or MultiPolygon")
+    coordinates = geometry.get("coordinates")
+    polygons = [coordinates] if kind == "Polygon" else coordinates
+    try:
+        return [[_ring(ring) for ring in polygon] for polygon in polygons]
+    except (TypeError, ValueError, IndexError, KeyError, OverflowError) as error:
+        raise _bad(f"its coordinates are not rings of longitude and latitude ({error})") from error
 
 
 def _ring(ring: Any) -> FloatArray:

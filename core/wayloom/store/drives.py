@@ -12,7 +12,7 @@ from wayloom.errors import ConflictError, NotFoundError
 from wayloom.store.access.owners import Owner
 from wayloom.store.database import now_s
 from wayloom.store.erasure import forget_names, forget_rig
-from wayloom.store.images import RETURNING
+from wayloom.store.images import DELETING, RETURNING
 from wayloom.store.jobs import JobMessage, create_drive_jobs, create_removal_job
 from wayloom.store.manifest import Manifest
 from wayloom.store.maps import ensure_map, mark_changed
@@ -43,7 +43,7 @@ def register(
     Raises ConflictError where it is another's: who holds a manifest of so many hashes learns nothing by that.
     """
     drive_id = manifest.drive_id
-    if (known := session.get(Drive, drive_id)) is not None:
+    if (known := session.get(Drive, drive_id, with_for_update=True)) is not None:  # a sweeper may be about to delete its images
         if owner is not None and known.owner != owner.name:
             raise ConflictError(f"drive {drive_id[:12]} was announced by another key")
         if known.state == "removing":
@@ -131,7 +131,10 @@ def mark_complete(session: Session, drive_id: str, path: str) -> JobMessage | No
 
 
 def queue_if_complete(session: Session, drive: Drive) -> JobMessage | None:
-    """Start the drive's jobs when all of its files are there and they have not been started."""
+    """Start the drive's jobs when all of its files are there and they have not been started: not while these are being deleted,
+    after which they are asked for again."""
+    if drive.images == DELETING:
+        return None
     if drive.images == RETURNING and not missing_any(session, drive.id):
         return returned(session, drive)
     if drive.state != "uploading" or missing_any(session, drive.id):

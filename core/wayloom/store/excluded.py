@@ -9,7 +9,7 @@ from sqlalchemy import ColumnElement, and_, delete, exists, or_, select
 from sqlalchemy.orm import Session
 
 from wayloom.errors import NotFoundError
-from wayloom.exclusion.areas import Area, area_of_geometry
+from wayloom.exclusion.areas import Area, area_of_geometry, plain_geometry
 from wayloom.store import maps, runs
 from wayloom.store.database import now_s
 from wayloom.store.jobs import JobMessage, request_stitch
@@ -60,7 +60,7 @@ def of_map(session: Session, map_id: str) -> Sequence[ExcludedArea]:
 
 def sync(session: Session, map_id: str, found: Iterable[tuple[str, dict[str, Any]]]) -> None:
     """Make the areas of the settings these, by name and geometry."""
-    known = {(row.name, str(row.geometry)): row for row in of_map(session, map_id) if row.source == SETTINGS}
+    known = {(row.name, str(plain_geometry(row.geometry))): row for row in of_map(session, map_id) if row.source == SETTINGS}
     wanted = {(name, str(geometry)): (name, geometry) for name, geometry in found}
     gone = [row.id for key, row in known.items() if key not in wanted]
     session.execute(delete(ExcludedArea).where(ExcludedArea.id.in_(gone)))
@@ -96,16 +96,17 @@ def show_no_more(session: Session, drive_id: str, area_ids: Iterable[str]) -> No
             row.since = None
 
 
-def published(session: Session, map_id: str, stitch_job_id: int) -> list[int]:
+def published(session: Session, map_id: str, stitch_job_id: int) -> None:
     """A version is published: the areas that were there when this job began are not in it, and older versions that show any of them
-    are withdrawn. Returns their numbers."""
+    are withdrawn."""
     job = session.get(Job, stitch_job_id)
     new = [row for row in of_map(session, map_id) if row.since is None and row.created_at <= ((job and job.started_at) or 0.0)]
     number = maps.get(session, map_id).version
     for row in new:
         row.since = number
-    shown = [_is_shown((row.min_lon, row.min_lat, row.max_lon, row.max_lat)) for row in new]
-    return withdraw_versions(session, map_id, or_(*shown)) if shown else []
+    boxes = [(row.min_lon, row.min_lat, row.max_lon, row.max_lat) for row in new]  # before a withdrawal has all rows read anew
+    for box in boxes:  # one statement for all would be deeper than a database reads
+        withdraw_versions(session, map_id, _is_shown(box))
 
 
 def _grown(box: Box) -> Box:

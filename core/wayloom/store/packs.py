@@ -70,21 +70,24 @@ class Progress:
     bytes: int
 
 
-def create(session: Session, drive_id: str, paths: Sequence[str], expiry_s: float) -> tuple[Upload, Sequence[PackedFile]]:
-    """A new pack, and those of the files that have not arrived yet, in the order given: to be indexed when the row is committed,
-    since what has no row is swept away. Raises NotFoundError, ConflictError."""
+def lacking(session: Session, drive_id: str, paths: Sequence[str]) -> Sequence[PackedFile]:
+    """Those of the files that have not arrived yet, in the order given. Raises NotFoundError, ConflictError."""
     found = {file.path: file for some in _batches(paths, ROWS_AT_ONCE) for file in _files(session, drive_id, some)}
     if unknown := [path for path in paths if path not in found]:
         raise NotFoundError(f"drive {drive_id[:12]!r} has no file {unknown[0][:200]!r} in its manifest")
     if len(found) < len(paths):
         raise ConflictError("a pack names each file once")
-    files = [PackedFile(path, found[path].size, found[path].sha256) for path in paths if not found[path].complete]
+    return [PackedFile(path, found[path].size, found[path].sha256) for path in paths if not found[path].complete]
+
+
+def create(session: Session, drive_id: str, files: Sequence[PackedFile], expiry_s: float) -> Upload:
+    """A new pack of these files: to be indexed when the row is committed, since what has no row is swept away."""
     upload = Upload(
         id=uuid.uuid4().hex, drive_id=drive_id, path="", length=sum(file.size for file in files), metadata_header="",
         complete=False, expires_at=now_s(session) + expiry_s, files_done=0,
     )  # fmt: skip
     session.add(upload)
-    return upload, files
+    return upload
 
 
 def index(folders: Folders, upload: Upload, files: Sequence[PackedFile]) -> Pack:
@@ -171,10 +174,11 @@ def drop(folders: Folders, upload_id: str) -> None:
         path.unlink(missing_ok=True)
 
 
-def unfinished(session: Session, drive_id: str) -> Sequence[Upload]:
-    """The packs of a drive that can be continued, oldest expiry first."""
+def unfinished(session: Session, folders: Folders, drive_id: str) -> Sequence[Upload]:
+    """The packs of a drive that can be continued, oldest expiry first: not one whose server died before it wrote the index."""
     query = select(Upload).where(Upload.drive_id == drive_id, Upload.complete.is_(False), Upload.expires_at > now_s(session))
-    return session.scalars(query.where(Upload.files_done.is_not(None)).order_by(Upload.expires_at)).all()
+    found = session.scalars(query.where(Upload.files_done.is_not(None)).order_by(Upload.expires_at))
+    return [upload for upload in found if _place_of_index(folders, upload.id).exists()]
 
 
 def _batches(all_of_them: Sequence[T], size: int) -> Iterator[Sequence[T]]:

@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from wayloom.config.gate import Gate
 from wayloom.errors import ConflictError
-from wayloom.store import gate, maps
+from wayloom.store import gate, jobs, maps
 from wayloom.store.coming import VERDICT
 from wayloom.store.database import now_s
 from wayloom.store.images import check_kept
@@ -31,6 +31,12 @@ def begin(session: Session, drive_id: str, asked: Mapping[str, Any], facts: Mapp
     if drive.state == "failed":
         drive.state, drive.error, drive.finished_at = "queued", None, None
     return create_drive_jobs(session, drive_id)
+
+
+def retry(session: Session, drive_id: str, stage: str | None = None) -> list[JobMessage]:
+    """`jobs.retry`, while nobody else changes the drive: a sweeper may be about to delete its images. Raises NotFoundError."""
+    gate.lock(session, drive_id)
+    return jobs.retry(session, drive_id, stage)
 
 
 def judge(session: Session, drive_id: str, grade: str | None, reasons: Sequence[str], verdict: Gate, sound: bool = False) -> None:

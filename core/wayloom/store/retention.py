@@ -11,7 +11,7 @@ import uuid
 from pathlib import Path
 from typing import Final
 
-from sqlalchemy import ColumnElement, and_, delete, exists, func, null, or_, select, update
+from sqlalchemy import ColumnElement, and_, delete, exists, false, func, null, or_, select, update
 from sqlalchemy.orm import Session
 
 from wayloom.config.retention import UploadSettings
@@ -54,16 +54,14 @@ def _is_due(now: float, settings: UploadSettings) -> ColumnElement[bool]:
     days = 0.0 if settings.retention == "until-published" else float(settings.retention)  # "keep" is not asked
     at_work = exists().where(Job.drive_id == Drive.id, Job.state.in_(("queued", "running", "waiting")))
     held = exists().where(MapDrive.map_id == Drive.map_id, MapDrive.drive_id == Drive.id, MapDrive.until.is_(None))
-    published = and_(
-        Drive.state == "done", Drive.coming.is_(null()), held, Drive.finished_at >= Drive.uploaded_at,
-        Drive.finished_at <= now - DAY_S * days,
-    )  # fmt: skip
+    in_map = and_(Drive.state == "done", Drive.coming.is_(null()), held, Drive.finished_at >= Drive.uploaded_at)
+    published = and_(in_map, Drive.finished_at <= now - DAY_S * days)
     since = now - DAY_S * settings.held_days
     sent = exists().where(Upload.drive_id == Drive.id, Upload.complete.is_(False), Upload.expires_at > now)
     arriving = or_(Drive.state == "uploading", Drive.images == RETURNING)
     tried = exists().where(Job.drive_id == Drive.id, Job.finished_at >= since)
     ended = and_(Drive.state.in_(("done", "held", "quarantined", "failed")), func.coalesce(Drive.finished_at, 0.0) < since, ~tried)
-    old = and_(ended, func.coalesce(Drive.uploaded_at, 0.0) < since)
+    old = and_(ended, ~func.coalesce(in_map, false()), func.coalesce(Drive.uploaded_at, 0.0) < since)
     given_up = and_(arriving, func.coalesce(Drive.images_since, Drive.created_at) < since, ~sent)
     return and_(Drive.images.in_((KEPT, RETURNING)), ~at_work, or_(and_(Drive.images == KEPT, or_(published, old)), given_up))
 

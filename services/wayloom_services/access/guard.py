@@ -152,7 +152,8 @@ def _is_of_another_page(scope: Scope, caller: Caller, route: Asked) -> bool:
     header that only our own pages can send; and no change comes from an origin that is not this host.
     """
     headers = Headers(scope=scope)
-    if "authorization" in headers:
+    given = credential_of(headers, scope.get("scheme") == "https")
+    if given is not None and not given.is_cookie:
         return False
     origin = headers.get("origin")
     if origin is not None and urlsplit(origin).netloc.lower() != headers.get("host", "").lower():

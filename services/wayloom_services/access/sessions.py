@@ -1,6 +1,7 @@
 """Endpoints of the operators' sign-in: a session in the database, its token in a cookie that no script reads."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import anyio.to_thread
 from fastapi import APIRouter, Depends, Request, Response
@@ -18,14 +19,16 @@ from wayloom_services.errors import ProtocolError, no_key
 
 router = APIRouter(prefix=SESSION, tags=["access"], dependencies=[Depends(require_key)])
 
+WRONG: Final = "name or password is wrong; after some wrong ones the right one has to wait too, five minutes at most"
+"""Of a user who has to wait the same, so that nobody learns which names there are."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Tried:
-    """The end of a try to sign in: the token of the new session, or none; seconds to wait, where too many passwords were wrong."""
+    """The end of a try to sign in: the token of the new session, or none."""
 
     role: Role | None = None
     token: str | None = None
-    wait_s: float = 0.0
 
 
 @router.get("")
@@ -39,7 +42,8 @@ async def who(request: Request) -> Me:
 
 @router.post("")
 async def sign_in(wanted: SignIn, request: Request, response: Response, service: ServiceDep) -> Me:
-    """Begin a session: the answer sets its cookie. 401 where name or password is wrong, 429 after some of these."""
+    """Begin a session: the answer sets its cookie. 401 where name or password is wrong, and for a while after some of these;
+    429 where too many come from an address."""
     address, settings = address_of(request.scope), service.settings.access
     if wait_s := service.sign_ins.take(address):
         raise too_many("too many sign-ins from this address", wait_s)
@@ -54,10 +58,8 @@ async def sign_in(wanted: SignIn, request: Request, response: Response, service:
         return _tried(session, wanted.name, right, address, settings.session_s, brought)
 
     tried = await service.write(change)
-    if tried.wait_s:
-        raise too_many("too many wrong passwords", tried.wait_s)
     if tried.token is None or tried.role is None:
-        raise ProtocolError(401, "wrong-sign-in", "name or password is wrong")
+        raise ProtocolError(401, "wrong-sign-in", WRONG)
     service.callers.forget()
     response.set_cookie(
         cookie, tried.token, max_age=int(settings.session_s), path="/", secure=cookie == COOKIE_OF_HTTPS, httponly=True,
@@ -91,11 +93,9 @@ def _password_of(session: Session, name: str) -> str | None:
 def _tried(session: Session, name: str, right: bool, address: str, session_s: float, brought: str | None) -> _Tried:
     """Count a wrong password or begin a session. While a user is blocked the right password is no better than a wrong one: of
     guesses that come at once the later ones find it blocked too."""
-    user = users.named(session, name)
-    if user is None:
+    user = users.held(session, name)
+    if user is None or (user.blocked_until is not None and user.blocked_until > now_s(session)):
         return _Tried()
-    if user.blocked_until is not None and (wait_s := user.blocked_until - now_s(session)) > 0:
-        return _Tried(wait_s=wait_s)
     if not right:
         users.note_failure(session, user)
         return _Tried()

@@ -11,12 +11,16 @@ from sse_starlette import ServerSentEvent
 
 from wayloom.store.access import owners
 from wayloom.store.access.owners import Owner
+from wayloom.store.database import DatabaseError
 from wayloom_services.access.callers import caller_of
 from wayloom_services.access.guard import find_caller
 from wayloom_services.context import Service
+from wayloom_services.errors import ProtocolError
 
 CHECK_S: Final = 10.0
 """How often it is asked whether the listener may still hear."""
+PAUSE_S: Final = 2.0
+"""Until a database that was away is asked again."""
 
 
 async def stream_for(
@@ -38,14 +42,15 @@ async def stream_for(
 async def while_allowed(
     messages: AsyncIterator[ServerSentEvent], is_still: Callable[[], Awaitable[bool]], check_s: float
 ) -> AsyncIterator[ServerSentEvent]:
-    """The messages, until it is not so any more; asked every `check_s`, whether there are messages or not."""
+    """The messages, until it is not so any more; asked every `check_s`, whether there are messages or not. While the database is
+    away nobody can say: it is asked again."""
     clock = asyncio.get_running_loop().time
     checked, following = clock(), asyncio.ensure_future(anext(messages))
     try:
         while True:
             done, _ = await asyncio.wait([following], timeout=max(0.0, checked + check_s - clock()))
             if clock() - checked >= check_s:
-                if not await is_still():
+                if not await _unless_away(is_still):
                     return
                 checked = clock()
             if done:
@@ -53,6 +58,13 @@ async def while_allowed(
                 yield message
     finally:
         following.cancel()
+
+
+async def _unless_away(is_still: Callable[[], Awaitable[bool]]) -> bool:
+    try:
+        return await is_still()
+    except ProtocolError:
+        return True
 
 
 async def _is_of(owner: Owner, message: ServerSentEvent, service: Service, seen: dict[str, bool]) -> bool:
@@ -63,5 +75,16 @@ async def _is_of(owner: Owner, message: ServerSentEvent, service: Service, seen:
     if message.event == "removed":
         return seen.pop(drive_id, False)
     if drive_id not in seen:
-        seen[drive_id] = await service.read(lambda session: owners.is_of(session, drive_id, owner.name))
+        seen[drive_id] = await _as_soon_as_it_answers(
+            lambda: service.read(lambda session: owners.is_of(session, drive_id, owner.name))
+        )
     return seen[drive_id]
+
+
+async def _as_soon_as_it_answers(ask: Callable[[], Awaitable[bool]], pause_s: float = PAUSE_S) -> bool:
+    """What the database says, when it is there again."""
+    while True:
+        try:
+            return await ask()
+        except DatabaseError:
+            await asyncio.sleep(pause_s)

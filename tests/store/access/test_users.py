@@ -1,6 +1,7 @@
 """Users, their passwords and sessions in the database."""
 
 import hashlib
+import threading
 
 import pytest
 from sqlalchemy import select, update
@@ -108,3 +109,22 @@ def test_wrong_passwords_cost_waiting_that_doubles_and_a_right_one_ends_it(datab
         assert lengths == pytest.approx([min(2.0 * 2**k, 300.0) for k in range(12)], abs=5.0)
         users.sign_in(session, user, "", 60.0)
         assert (user.failures, user.blocked_until) == (0, None)
+
+
+def test_looking_a_user_up_waits_for_nobody_who_changes_it(database: Database) -> None:
+    add(database)
+    names: list[str] = []
+
+    def look() -> None:
+        with database.read() as session:
+            user = users.named(session, "anna")
+            names.append("nobody" if user is None else user.name)
+
+    other = threading.Thread(target=look)
+    with database.write() as session:
+        users.note_failure(session, users.get(session, "anna"))
+        session.flush()
+        other.start()
+        other.join(5.0)
+        assert names == ["anna"]
+    other.join()

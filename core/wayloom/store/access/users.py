@@ -54,14 +54,19 @@ def every(session: Session) -> Sequence[User]:
 
 def get(session: Session, name: str) -> User:
     """The user. Raises NotFoundError."""
-    row = named(session, name)
+    row = held(session, name)
     if row is None:
         raise NotFoundError(f"there is no user {name[:80]!r}")
     return row
 
 
 def named(session: Session, name: str) -> User | None:
-    """The user of a name, None where there is none; held until the transaction ends."""
+    """The user of a name, None where there is none."""
+    return session.scalars(select(User).where(User.name == name)).first() if NAME.fullmatch(name) else None
+
+
+def held(session: Session, name: str) -> User | None:
+    """As `named`; nobody else may change the user until this transaction ends."""
     return session.scalars(select(User).where(User.name == name).with_for_update()).first() if NAME.fullmatch(name) else None
 
 

@@ -1,0 +1,50 @@
+"""Packs that are begun: counted once, and left behind by nobody who could not write down what they are made of."""
+
+from contextlib import closing
+from pathlib import Path
+
+import httpx2
+from sqlalchemy import func, select
+
+from service_kit import tus
+from service_kit.guarded import OURS, Guarded, bearer
+from service_kit.running import ApiAlone
+from wayloom.config.roles import Role
+from wayloom.store.tables.drives import Upload
+
+OUT_OF_SPACE = {"WAYLOOM_MIN_FREE_BYTES": str(1 << 60)}
+
+
+def begin(http: httpx2.Client, drive: str, key: str | None = None) -> httpx2.Response:
+    return http.post(f"/v1/drives/{drive}/packs", json={"paths": ["log/a"]}, headers=bearer(key))
+
+
+def packs_of(http: httpx2.Client, name: str, **contents: bytes) -> list[str]:
+    """Those that a registration lists."""
+    registration = http.post("/v1/drives", json=tus.manifest(name, **contents)).json()
+    return [pack["upload"] for pack in registration["packs"]]
+
+
+def test_a_pack_counts_once_in_what_an_owner_may_have_open(tmp_path: Path) -> None:
+    with closing(Guarded(tmp_path / "data", WAYLOOM_ACCESS__OPEN_BYTES="15")) as service:
+        ours = service.key(Role.VEHICLE, OURS)
+        drive = service.drive(ours)  # of 10 bytes
+        assert begin(service.http, drive, ours).status_code == 201
+        assert (begin(service.http, drive, ours).status_code, begin(service.http, "f" * 64, ours).status_code) == (429, 404)
+
+
+def test_a_pack_for_which_there_is_no_space_leaves_no_row(tmp_path: Path) -> None:
+    with closing(Guarded(tmp_path / "data", **OUT_OF_SPACE)) as service:
+        ours = service.key(Role.VEHICLE, OURS)
+        assert begin(service.http, service.drive(ours), ours).status_code == 507
+        with service.database.read() as session:
+            assert session.scalar(select(func.count()).select_from(Upload)) == 0
+
+
+def test_a_registration_lists_no_pack_whose_index_was_never_written(http: httpx2.Client, api_process: ApiAlone) -> None:
+    name = "a pack without an index"
+    drive = tus.register(http, name, a=b"aaa")
+    lost, good = (begin(http, drive).json()["upload"] for _ in range(2))
+    (api_process.data / "uploads" / f"{lost.rpartition('/')[2]}.pack").unlink()  # as if the server had died before
+    assert packs_of(http, name, a=b"aaa") == [good]
+    assert tus.patch(http, good, 0, b"aaa").status_code == 204
