@@ -46,7 +46,9 @@ async def receive(request: Request, service: Service, upload: Upload, start: int
     if announced.isdigit() and int(announced) > room:
         raise ProtocolError(413, "too-large", f"the chunk has {announced} bytes, the file only {room} more")
     if upload.files_done is not None:
-        return await receive_pack(service, upload, checks, lambda arrival: _pour(request, service, upload, arrival, room, hold))
+        return await receive_pack(
+            service, upload, start, checks, lambda arrival: _pour(request, service, upload, arrival, room, hold)
+        )
     with upload_faults.told():
         arrival = await service.in_thread(lambda: _arrival(service, upload, start, checks))
         try:

@@ -19,6 +19,7 @@ from wayloom.client.streams import TUS, OneFile, PackOfFiles, Stream
 from wayloom.config.backoff import Backoff
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import ServiceError
+from wayloom.store.pack_sizes import LARGEST_PACKED
 
 CONNECTIONS: Final = 4
 CONTENT: Final = {"Content-Type": "application/offset+octet-stream"}
@@ -30,8 +31,6 @@ LOST: Final = frozenset({404, 410})
 """Answers of a server that does not know an upload any more."""
 ROUNDS: Final = 3
 """How often the server is asked what it lacks: a file that was damaged on the way is sent again."""
-SMALL: Final = 4 << 20
-"""Bytes up to which a file goes into a pack: a file of its own costs some 15 ms, in which a pack moves as much."""
 LARGEST_PACK: Final = 10_000
 """Files of one pack, which is what servers take."""
 
@@ -99,13 +98,13 @@ def _streams(api: Api, packed_drive: PackedDrive, registration: dict[str, Any], 
             here = sum(file["size"] for file in files if missing.pop(file["path"], None) is None)
             found.append(_Begun(PackOfFiles(drive_id, files, sources), pack["upload"], here))
     is_small = "packs" in registration and packs
-    small = [file for file in missing.values() if is_small and file["size"] <= SMALL and file["upload"] is None]
+    small = [file for file in missing.values() if is_small and file["size"] <= LARGEST_PACKED and file["upload"] is None]
     if len(small) > 1:
         found += [
             _Begun(PackOfFiles(drive_id, small[start : start + LARGEST_PACK], sources))
             for start in range(0, len(small), LARGEST_PACK)
         ]
-        missing = {path: file for path, file in missing.items() if file["size"] > SMALL or file["upload"] is not None}
+        missing = {path: file for path, file in missing.items() if file["size"] > LARGEST_PACKED or file["upload"] is not None}
     alone = [_Begun(OneFile(drive_id, file, sources[path]), file["upload"], int(file["offset"])) for path, file in missing.items()]
     return found + alone
 
