@@ -11,6 +11,7 @@ from typing import Any
 import httpx2
 import pytest
 
+from logs.made_drives import write_drive
 from service_kit import tus
 from service_kit.links import BadLink
 from service_kit.packed_drives import packed_drive_of
@@ -285,3 +286,15 @@ def test_a_log_with_a_link_that_leads_out_of_its_folder_is_refused(clip_a: Path,
     (few / "image_0" / last.name).symlink_to(tmp_path / "elsewhere.png")
     with pytest.raises(LogError, match="leads out of"):
         pack(few)
+
+
+def test_a_lent_gnss_log_with_a_link_that_leads_out_of_its_folder_is_refused(tmp_path: Path) -> None:
+    drive = write_drive(tmp_path / "log", "kitti-odometry", gnss=False)
+    lender = write_drive(tmp_path / "lender", "kitti-raw")
+    packet = lender / "oxts/data/0000000002.txt"
+    assert any(name.endswith(packet.name) for name in pack(drive, gnss=lender).sources)
+    packet.rename(tmp_path / "secret.txt")
+    packet.symlink_to(tmp_path / "secret.txt")
+    with pytest.raises(LogError, match=r"0000000002\.txt: .*leads out of") as refused:
+        pack(drive, gnss=lender)
+    assert refused.value.reason == "file.outside"
