@@ -296,3 +296,15 @@ def test_samples_on_another_clock_are_refused_and_stale_ones_left_out(tmp_path: 
     table.write_text("\n".join([lines[0], *(f"2{line[1:]}" for line in lines[1:])]) + "\n")
     with pytest.raises(LogError, match="never meet the frames"):
         open_log(drive)
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("../x.png", "file.outside"), (".hidden.png", "file.outside"), (f"{START_NS}.txt", "log.invalid")],
+)
+def test_only_a_name_that_leads_elsewhere_is_said_to(tmp_path: Path, name: str, reason: str) -> None:
+    drive = copied(tmp_path)
+    replace("cam0/data.csv", f",{START_NS}.png", f",{name}")(drive / "mav0")
+    with pytest.raises(LogError, match="no name of an image") as refused:
+        open_log(drive)
+    assert refused.value.reason == reason

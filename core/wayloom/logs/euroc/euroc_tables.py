@@ -42,10 +42,11 @@ def read_image_list(file: Path, folder: Path) -> ImageList:
         if len(words) != 2:
             raise LogError(f"{len(words)} fields where 2 belong", file=file, record=record, remedy="a line is: stamp,file name")
         name = words[1]
-        if "/" in name or "\\" in name or "\0" in name or not name.lower().endswith(IMAGE_SUFFIXES) or name.startswith("."):
+        leads_out = "/" in name or "\\" in name or "\0" in name or name.startswith(".")
+        if leads_out or not name.lower().endswith(IMAGE_SUFFIXES):
             what = f"{quoted(name)} is no name of an image in {folder.name}"
             remedy = f"give the file's name alone ({', '.join(IMAGE_SUFFIXES)})"
-            raise LogError(what, file=file, record=record, remedy=remedy, reason="file.outside")
+            raise LogError(what, file=file, record=record, remedy=remedy, reason="file.outside" if leads_out else None)
         t_ns.append(_stamp(words[0], file, record))
         files.append(folder / name)
         lines.append(number)
