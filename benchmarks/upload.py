@@ -24,14 +24,14 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from pages import put_between_marks
+from pages import DOCS, put_between_marks
 from service_kit.running import ApiAlone, until
 from wayloom.client.api import Api
 from wayloom.client.manifests import PackedDrive, hash_file
 from wayloom.client.upload import upload
 from wayloom.store.manifest import Manifest, ManifestFile
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "benchmarks" / "upload.md"
+PAGE = DOCS / "benchmarks" / "upload.md"
 CASES = {"1 x 500 MB": (1, 500_000_000), "2000 x 250 kB": (2000, 250_000), "2000 x 20 kB": (2000, 20_000)}
 HEAD = "| files | way | copy, s | upload, s | ratio | MB/s | API's CPU, ms a file | API's CPU, ms a MB | client's CPU, ms a MB |"
 RULE = "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"

@@ -15,10 +15,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from pages import put_between_marks
+from pages import DOCS, put_between_marks
 from service_kit.cut_uploads import Drill, drills
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "benchmarks" / "upload.md"
+PAGE = DOCS / "benchmarks" / "upload.md"
 
 
 def table(found: list[Drill]) -> list[str]:

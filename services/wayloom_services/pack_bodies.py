@@ -2,6 +2,7 @@
 
 from collections.abc import Awaitable, Callable
 
+from wayloom.errors import OffsetConflictError
 from wayloom.store import packs, uploads
 from wayloom.store.arrivals import Pieces
 from wayloom.store.jobs import JobMessage
@@ -25,14 +26,17 @@ def stored_bytes(service: Service, upload: Upload) -> int:
     return pack.starts[at.files] + at.bytes
 
 
-async def receive_pack(service: Service, upload: Upload, checks: Checks, pour: Pour) -> int:
-    """Store a request's bytes, which `pour` hands on. Returns the offset afterwards. Every whole file is in its place then."""
+async def receive_pack(service: Service, upload: Upload, start: int, checks: Checks, pour: Pour) -> int:
+    """Store a request's bytes from `start` on, which `pour` hands on. Returns the offset afterwards. Every whole file is in its
+    place then. Raises OffsetConflictError where another process has stored more since `start` was compared."""
     if isinstance(checks, tuple):
         raise ProtocolError(400, "unknown-checksum", "a pack's chunk is verified by Upload-Pieces, not by Upload-Checksum")
     messages: list[JobMessage] = []
     with upload_faults.told():
         arrival = await service.in_thread(lambda: _arrival(service, upload, checks, messages))
         try:
+            if arrival.offset != start:
+                raise OffsetConflictError(f"{arrival.offset} bytes are stored, the chunk starts at {start}: ask with HEAD")
             if await pour(arrival):
                 await service.in_thread(arrival.end)
         finally:
@@ -49,14 +53,13 @@ async def complete_pack(service: Service, upload: Upload) -> None:
 
     current = await service.read(lambda session: uploads.find(session, upload.id))
     if not current.complete:
-        await receive_pack(service, current, None, nothing)
+        await receive_pack(service, current, current.length, None, nothing)
 
 
 def _arrival(service: Service, upload: Upload, pieces: Pieces | None, messages: list[JobMessage]) -> PackArrival:
     done = upload.files_done or 0
     pack = packs.of(service.folders, upload)
-    at = packs.stored(service.folders, pack, done)
-    arrival = PackArrival(service.folders, pack, at, pieces, _Commit(service, pack, done, messages))
+    arrival = PackArrival(service.folders, pack, pieces, _Commit(service, pack, done, messages))
     arrival.begin(done)
     return arrival
 

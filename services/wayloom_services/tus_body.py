@@ -46,7 +46,9 @@ async def receive(request: Request, service: Service, upload: Upload, start: int
     if announced.isdigit() and int(announced) > room:
         raise ProtocolError(413, "too-large", f"the chunk has {announced} bytes, the file only {room} more")
     if upload.files_done is not None:
-        return await receive_pack(service, upload, checks, lambda arrival: _pour(request, service, upload, arrival, room, hold))
+        return await receive_pack(
+            service, upload, start, checks, lambda arrival: _pour(request, service, upload, arrival, room, hold)
+        )
     with upload_faults.told():
         arrival = await service.in_thread(lambda: _arrival(service, upload, start, checks))
         try:
@@ -140,9 +142,20 @@ class _Pipe:
         self._storing = asyncio.ensure_future(self._service.in_thread(lambda: self._arrival.take(content)))
 
     async def _stored(self) -> None:
-        if self._storing is not None:
-            storing, self._storing = self._storing, None
-            await storing
+        """Wait for the thread that stores, also when the request is cancelled: what it writes to is closed next. Raises what
+        storing has raised."""
+        if self._storing is None:
+            return
+        storing, self._storing = self._storing, None
+        cancelled: asyncio.CancelledError | None = None
+        while not storing.done():
+            try:
+                await asyncio.wait([storing])
+            except asyncio.CancelledError as error:
+                cancelled = error
+        failure = cancelled or storing.exception()
+        if failure is not None:
+            raise failure
 
 
 async def complete(service: Service, upload: Upload) -> None:

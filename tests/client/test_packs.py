@@ -11,13 +11,14 @@ from typing import Any
 import httpx2
 import pytest
 
+from logs.made_drives import write_drive
 from service_kit import tus
 from service_kit.links import BadLink
 from service_kit.packed_drives import packed_drive_of
 from service_kit.running import ApiAlone, until
 from wayloom.client.api import AnswerError, Api
 from wayloom.client.manifests import PackedDrive, pack
-from wayloom.client.upload import upload
+from wayloom.client.upload import CONTENT, upload
 from wayloom.errors import LogError
 
 MIB = 1 << 20
@@ -229,6 +230,46 @@ def test_a_server_that_knows_no_packs_gets_the_files_one_by_one(alone: ApiAlone,
     check_arrived(alone, drive)
 
 
+@pytest.mark.parametrize("status", [404, 410])
+def test_a_pack_that_the_server_has_lost_is_gone_on_without(
+    http: httpx2.Client, alone: ApiAlone, tmp_path: Path, status: int
+) -> None:
+    class Forgetful(Api):
+        """A server that names the pack, and does not know its files any more."""
+
+        def once(self, method: str, path: str, **request: Any) -> httpx2.Response:
+            if path.endswith("/files"):
+                raise AnswerError(status, "not-found", "the pack's index is gone")
+            return super().once(method, path, **request)
+
+    drive = small_files(tmp_path / f"lost {status}", 5, 1000)
+    with Forgetful(alone.url) as api:
+        registered = api.json("POST", "/v1/drives", json=drive.manifest.model_dump(mode="json", exclude_none=True))
+        assert begin(http, registered["id"], *drive.sources).status_code == 201
+        assert upload(api, drive)["missing"] == []
+    check_arrived(alone, drive)
+
+
+def test_files_that_another_client_has_sent_meanwhile_are_counted(alone: ApiAlone, tmp_path: Path) -> None:
+    drive = small_files(tmp_path / "meanwhile", 5, 1000)
+    told: list[str] = []
+
+    class OtherClientFirst(Api):
+        """Another client sends two of the files just before the pack is made."""
+
+        def once(self, method: str, path: str, **request: Any) -> httpx2.Response:
+            if path.endswith("/packs"):
+                address = super().once(method, path, json={"paths": ["log/0001", "log/0003"]}).json()["upload"]
+                content = b"".join(drive.sources[f"log/{name}"].read_bytes() for name in ("0001", "0003"))
+                super().once("PATCH", address, headers=tus.V | CONTENT | {"Upload-Offset": "0"}, content=content)
+            return super().once(method, path, **request)
+
+    with OtherClientFirst(alone.url) as api:
+        upload(api, drive, lambda _share, what: told.append(what))
+    before_the_server_was_asked = told[-2]
+    assert "5 of 5 files" in before_the_server_was_asked
+
+
 @pytest.mark.real_data
 def test_a_log_with_a_link_that_leads_out_of_its_folder_is_refused(clip_a: Path, tmp_path: Path) -> None:
     few = tmp_path / "few"
@@ -245,3 +286,15 @@ def test_a_log_with_a_link_that_leads_out_of_its_folder_is_refused(clip_a: Path,
     (few / "image_0" / last.name).symlink_to(tmp_path / "elsewhere.png")
     with pytest.raises(LogError, match="leads out of"):
         pack(few)
+
+
+def test_a_lent_gnss_log_with_a_link_that_leads_out_of_its_folder_is_refused(tmp_path: Path) -> None:
+    drive = write_drive(tmp_path / "log", "kitti-odometry", gnss=False)
+    lender = write_drive(tmp_path / "lender", "kitti-raw")
+    packet = lender / "oxts/data/0000000002.txt"
+    assert any(name.endswith(packet.name) for name in pack(drive, gnss=lender).sources)
+    packet.rename(tmp_path / "secret.txt")
+    packet.symlink_to(tmp_path / "secret.txt")
+    with pytest.raises(LogError, match=r"0000000002\.txt: .*leads out of") as refused:
+        pack(drive, gnss=lender)
+    assert refused.value.reason == "file.outside"

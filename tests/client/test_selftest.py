@@ -11,8 +11,10 @@ import httpx2
 import pytest
 
 from service_kit.running import ApiAlone, environment
+from wayloom.client.selftest.drills import at_once
 from wayloom.client.selftest.report import tried
-from wayloom.client.selftest.subject import Subject
+from wayloom.client.selftest.subject import FailedCheckError, Subject
+from wayloom.errors import ServiceError
 
 Answer = httpx2.Response
 Lie = Callable[[str, Answer], None]
@@ -60,6 +62,16 @@ def without_expiry(_: str, answer: Answer) -> None:
     answer.headers.pop("upload-expires", None)
 
 
+def without_location(method: str, answer: Answer) -> None:
+    if method == "POST" and answer.headers.get("upload-offset") == "1000":
+        answer.headers.pop("location", None)
+
+
+def knowing_a_sum_that_we_do_not(_: str, answer: Answer) -> None:
+    if "tus-checksum-algorithm" in answer.headers:
+        answer.headers["tus-checksum-algorithm"] = answer.headers["tus-checksum-algorithm"].replace(",", " , ") + ", crc0"
+
+
 @pytest.mark.parametrize(
     ("lie", "failing"),
     [
@@ -68,6 +80,8 @@ def without_expiry(_: str, answer: Answer) -> None:
         (one_byte_ahead, {"wrong offsets", "method override", "first bytes", "cut links"}),
         (blind_to_sums, {"wrong sums", "flipped bit"}),
         (without_expiry, {"expiry"}),
+        (without_location, {"first bytes"}),
+        (knowing_a_sum_that_we_do_not, set()),
     ],
 )
 def test_a_service_that_does_not_is_told_where(alone: ApiAlone, lie: Lie, failing: set[str]) -> None:
@@ -83,6 +97,20 @@ def test_a_service_that_does_not_is_told_where(alone: ApiAlone, lie: Lie, failin
         verdicts = list(tried(subject))
         subject.remove()
     assert {one.name for one in verdicts if one.verdict == "failed"} == failing
+
+
+def test_two_at_once_that_are_not_answered_fail(alone: ApiAlone) -> None:
+    class Silent(Subject):
+        """The same service, which answers no chunk."""
+
+        def patch(self, address: str, offset: int, content: bytes, **more: str) -> Answer:
+            super().patch(address, offset, content, **more)
+            raise ServiceError("does not answer")
+
+    with Silent(alone.url) as subject:
+        with pytest.raises(FailedCheckError, match="neither of two"):
+            at_once(subject)
+        subject.remove()
 
 
 def test_an_extension_that_is_not_offered_is_not_asked_for(alone: ApiAlone) -> None:

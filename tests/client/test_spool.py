@@ -1,18 +1,23 @@
 """Spool of a vehicle: what is complete is sent, and nothing is deleted before the server has accepted it."""
 
+import errno
+import os
+import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import httpx2
 import pytest
 
 from service_kit.running import ApiAlone, until
 from wayloom.client import spooling
-from wayloom.client.api import Api
+from wayloom.client.api import AnswerError, Api
 from wayloom.client.manifests import PackedDrive, hash_file
 from wayloom.client.rates import RateLimit, bytes_a_second
-from wayloom.client.spool import Spool, Then
+from wayloom.client.spool import Record, Spool, Then, signature_of
 from wayloom.client.spooling import Watching, watch
 from wayloom.config.backoff import Backoff
 from wayloom.errors import ConfigError, InputError, LogError
@@ -116,6 +121,133 @@ def test_a_log_is_moved_and_one_of_the_same_name_is_not_overwritten(alone: ApiAl
         accepted(alone, lambda: watch(api, Spool(spool, 60), watching(Then.MOVE, tmp_path / "sent"), once=True))
     assert not (spool / "moved").exists()
     assert len(list((tmp_path / "sent" / "moved-2").iterdir())) == 4
+
+
+def packed(log: Path) -> PackedDrive:
+    return spooling.pack(log)
+
+
+@pytest.fixture
+def another_file_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first rename is one to another file system."""
+    rename, failed = os.rename, list[bool]()
+
+    def fails_once(source: Path, target: Path) -> None:
+        if not failed:
+            failed.append(True)
+            raise OSError(errno.EXDEV, "Invalid cross-device link")
+        rename(source, target)
+
+    monkeypatch.setattr(os, "rename", fails_once)
+
+
+@pytest.mark.usefixtures("another_file_system")
+def test_a_log_is_moved_to_another_file_system(spool: Path, tmp_path: Path) -> None:
+    log, looks = log_in(spool, "far"), Spool(spool, 60)
+    with looks.locked():
+        assert looks.finish(log, signature_of(log), packed(log), Then.MOVE, tmp_path / "sent")
+    assert sorted(path.name for path in (tmp_path / "sent" / "far").iterdir()) == ["0.png", "1.png", "2.png", "notes.txt"]
+    assert [path.name for path in spool.iterdir()] == [".wayloom"]
+    assert [path.name for path in (spool / ".wayloom").iterdir()] == ["lock"]
+
+
+@pytest.mark.usefixtures("another_file_system")
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_a_log_that_grows_while_it_is_copied_stays_whole(
+    spool: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str
+) -> None:
+    log, looks, copytree = log_in(spool, "grows"), Spool(spool, 60), shutil.copytree
+
+    def copying(source: Path, target: Path, symlinks: bool) -> None:
+        if when == "before":
+            (log / "late.png").write_bytes(b"late")
+        copytree(source, target, symlinks=symlinks)
+        (log / "late.png").write_bytes(b"late")
+
+    monkeypatch.setattr(shutil, "copytree", copying)
+    with looks.locked():
+        assert not looks.finish(log, signature_of(log), packed(log), Then.MOVE, tmp_path / "sent")
+        assert [path.name for path, _ in looks.complete()] == ["grows"]
+    assert len(list(log.iterdir())) == 5
+    assert list((tmp_path / "sent").iterdir()) == []
+
+
+@pytest.mark.usefixtures("another_file_system")
+def test_a_copy_that_a_reboot_cut_short_leaves_a_log_that_is_sent_again(
+    spool: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, looks = log_in(spool, "cut"), Spool(spool, 60)
+
+    def dies(source: Path, target: Path, symlinks: bool) -> None:
+        target.mkdir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(shutil, "copytree", dies)
+    with pytest.raises(KeyboardInterrupt), looks.locked():
+        looks.finish(log, signature_of(log), packed(log), Then.MOVE, tmp_path / "sent")
+    with Spool(spool, 60).locked():
+        assert [path.name for path, _ in Spool(spool, 60).complete()] == ["cut"]
+
+
+def test_deleting_that_a_reboot_cut_short_goes_on(spool: Path) -> None:
+    log, looks = log_in(spool, "half"), Spool(spool, 60)
+    before = signature_of(log)
+    with looks.locked():
+        looks.record(log, Record(before, "a" * 64, None, deleting=("0.png", "1.png", "2.png")))
+    (log / "0.png").unlink()
+    with looks.locked():
+        assert [path.name for path in log.iterdir()] == ["notes.txt"]
+        assert looks.complete() == []
+        assert not looks.settling()
+
+
+@pytest.mark.parametrize("status", [403, 409, 413, 422])
+def test_a_log_that_the_server_refuses_holds_up_no_other(alone: ApiAlone, spool: Path, status: int) -> None:
+    class Refusing(Api):
+        """A server that does not take one of the logs, whatever comes of it."""
+
+        def once(self, method: str, path: str, **request: Any) -> httpx2.Response:
+            if method == "POST" and path.startswith("/v1/drives") and request["json"].get("name", "").startswith("a refused"):
+                raise AnswerError(status, "refused", "not this one")
+            return super().once(method, path, **request)
+
+    for name in (f"a refused {status}", f"b taken {status}"):
+        log_in(spool, name)
+    said: list[str] = []
+    with Refusing(alone.url) as api:
+        accepted(alone, lambda: watch(api, Spool(spool, 60), watching(said=said), once=True))
+    assert len(said) == 2
+    assert said[0].endswith(f"refused and left where it is: the server answered {status}: not this one")
+    assert "accepted" in said[1]
+
+
+def test_a_key_that_is_not_known_is_no_refusal_of_a_log(spool: Path) -> None:
+    class Closed(Api):
+        """A server that does not know the key."""
+
+        def once(self, method: str, path: str, **request: Any) -> httpx2.Response:
+            raise AnswerError(401, "no-key", "give a key")
+
+    log_in(spool, "waits for a key")
+    said: list[str] = []
+    with Closed("http://127.0.0.1:9") as api, pytest.raises(KeyboardInterrupt):
+        watch(api, Spool(spool, 60), Watching(offline=QUICK, say=_StopAfter(said, 2)))
+    assert all("trying again" in line for line in said)
+
+
+def test_a_log_is_sent_while_the_server_has_yet_to_open_the_one_before(alone: ApiAlone, spool: Path) -> None:
+    for name in ("first of two", "second of two"):
+        log_in(spool, name)
+
+    def both_wait(api: Api) -> bool:
+        drives = [drive for drive in api.json("GET", "/v1/drives")["drives"] if drive["name"].endswith("of two")]
+        return [drive["state"] for drive in drives] == ["queued", "queued"]
+
+    with Api(alone.url) as api:
+        task = threading.Thread(target=watch, args=(api, Spool(spool, 60), watching()), kwargs={"once": True}, daemon=True)
+        task.start()
+        until(lambda: both_wait(api))
+        accepted(alone, task.join)
 
 
 def test_a_log_that_was_kept_is_sent_once_also_by_the_next_process(alone: ApiAlone, spool: Path) -> None:

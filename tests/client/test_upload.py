@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import httpx2
 import pytest
@@ -132,6 +133,42 @@ def test_a_file_that_changes_on_the_way_is_said(api: Api, tmp_path: Path) -> Non
     sent.sources["log/a"].unlink()
     with pytest.raises(LogError, match="cannot be read"):
         upload(api, sent)
+
+
+def test_a_refusal_that_does_not_pass_soon_is_not_tried_again(alone: ApiAlone, tmp_path: Path) -> None:
+    tried: list[str] = []
+
+    class UsedUp(Api):
+        """A server whose quota is used up for an hour when bytes come."""
+
+        def once(self, method: str, path: str, **request: Any) -> httpx2.Response:
+            if method == "PATCH":
+                tried.append(path)
+                raise AnswerError(429, "quota", "used up", after_s=3600.0)
+            return super().once(method, path, **request)
+
+    with UsedUp(alone.url) as api, pytest.raises(AnswerError, match="used up"):
+        upload(api, packed_drive_of(tmp_path, "used up", {"log/a": b"a"}))
+    assert len(tried) == 1
+
+
+def test_a_file_that_was_rewritten_is_said_though_the_server_is_away_after_its_refusal(alone: ApiAlone, tmp_path: Path) -> None:
+    asked: list[str] = []
+
+    class AwayOnce(Api):
+        """A server that does not answer the first HEAD."""
+
+        def once(self, method: str, path: str, **request: Any) -> httpx2.Response:
+            asked.append(method)
+            if method == "HEAD" and asked.count("HEAD") == 1:
+                raise AnswerError(503, "away", "is being restarted")
+            return super().once(method, path, **request)
+
+    sent = packed_drive_of(tmp_path, "rewritten", {"log/a": b"before"})
+    sent.sources["log/a"].write_bytes(b"after!")
+    with AwayOnce(alone.url) as api, pytest.raises(LogError, match="has changed since it was announced"):
+        upload(api, sent)
+    assert asked.count("PATCH") == 1
 
 
 def test_a_server_that_is_not_there_is_said() -> None:

@@ -96,3 +96,11 @@ def test_a_quaternion_turns_points_as_its_motion_does(xi: np.ndarray) -> None:
     R = (w * w - q @ q) * np.eye(3) + 2 * np.outer(q, q) + 2 * w * se3.hat(q)
     np.testing.assert_allclose(R, T[0, :3, :3], atol=1e-9)
     assert w >= 0
+    np.testing.assert_allclose(se3.from_quaternion_wxyz(-3.0 * se3.quaternion_wxyz(T), T[:, :3, 3]), T, atol=1e-9)
+    np.testing.assert_array_equal(se3.from_quaternion_wxyz(se3.quaternion_wxyz(T)[0], T[0, :3, 3]).shape, (4, 4))
+
+
+def test_a_quaternion_of_no_length_is_nan() -> None:
+    found = se3.from_quaternion_wxyz(np.zeros((1, 4)), np.ones((1, 3)))
+    assert np.isnan(found[0, :3, :3]).all()
+    np.testing.assert_array_equal(found[0, :, 3], 1.0)

@@ -1,5 +1,6 @@
 """Frames whose images are damaged are left out of a drive, as long as they are few, and told with a code."""
 
+import json
 import zlib
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from wayloom.logs.damage import MOST_DAMAGED, without_damage, without_frames
 from wayloom.logs.inspection import inspect_log
 from wayloom.logs.registry import open_log, open_log_unchecked
 from wayloom.logs.types import StoredLog
-from wayloom.pipeline.log_parts import read_log_file
+from wayloom.pipeline import log_source
+from wayloom.pipeline.log_parts import FORMAT_VERSION, LOG_FILE, read_log_file, rejected_frames
 from wayloom.pipeline.log_source import LogSource
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stage_context import StageContext
@@ -128,3 +130,22 @@ def test_a_drive_with_a_damaged_image_is_sent_whole_and_one_with_many_is_not(tmp
         cut(drive / "image_2" / f"{number:06d}.png")
     with pytest.raises(LogError, match="5 of 24 frames cannot be used"):
         pack(drive)
+
+
+def test_what_ingest_left_out_is_read_once_and_anew_when_it_has_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ingest, read = tmp_path / "ingest", list[Path]()
+
+    def reading(folder: Path) -> dict[int, LogError]:
+        read.append(folder)
+        return rejected_frames(folder)
+
+    monkeypatch.setattr(log_source, "rejected_frames", reading)
+    source = LogSource(write_drive(tmp_path / "drive", "kitti-odometry", count=COUNT))
+    whole = [source.log_after(ingest) for _ in range(3)]
+    assert len(read) == 1
+    assert all(log is source.log for log in whole)
+    one = {"problem": "is cut", "file": "image_2/000001.png", "reason": "image.truncated"}
+    ingest.mkdir()
+    (ingest / LOG_FILE).write_text(json.dumps({"format_version": FORMAT_VERSION, "rejected": {"1": one}}))
+    assert [len(source.log_after(ingest)) for _ in range(3)] == [len(source.log) - 1] * 3
+    assert len(read) == 2

@@ -142,6 +142,12 @@ def test_frames_without_truth_stay_without_or_the_poses_are_left_out_and_named(t
     elif target == "mcap":
         assert log.truth is not None
         assert np.isfinite(log.truth).all(axis=(1, 2)).tolist() == [True, True, False, True, True, True]
+        assert done.left_out == ()
+    else:
+        lines = (done.path / "mav0/state_groundtruth_estimate0/data.csv").read_text().splitlines()
+        stamps = [int(line.split(",")[0]) for line in lines if not line.startswith("#")]
+        assert stamps == np.delete(before.t_ns, 2).tolist()
+        assert done.left_out == ()
 
 
 def test_images_of_two_kinds_become_one_kind_or_are_refused(tmp_path: Path) -> None:

@@ -24,7 +24,6 @@ def inspect_command(
     """Print what is in a log, what is missing, rates, gaps, duration, distance. Exit status 2 where it cannot be used."""
     from wayloom.errors import LogError
     from wayloom.files.atomic import write_atomically
-    from wayloom.files.links import leading_out
     from wayloom.logs.inspection import inspect_log
     from wayloom.logs.registry import check_outside, open_log_unchecked
     from wayloom.pipeline.folders import writing_to
@@ -36,8 +35,6 @@ def inspect_command(
         with writing_to(json):
             write_atomically(json, (report.model_dump_json(indent=2) + "\n").encode())
     print_report(report)
-    for file in leading_out((drive.root / name for name in drive.files), drive.root):
-        print(f"link: {file} leads out of {drive.root}: `wayloom upload` refuses the log")
     if not report.usable:
         count = len(report.damaged)
         raise LogError(f"{count} of {2 * report.frames.count} images cannot be used, the first: {report.damaged[0].problem}")

@@ -9,10 +9,9 @@ from pathlib import Path, PurePosixPath
 
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
-from wayloom.files.links import leading_out
 from wayloom.files.regular import open_regular
 from wayloom.logs.damage import without_damage
-from wayloom.logs.registry import open_log_unchecked
+from wayloom.logs.registry import open_log_unchecked, refuse_links_out
 from wayloom.logs.types import DriveLog
 from wayloom.store.manifest import Manifest, ManifestFile
 
@@ -40,11 +39,10 @@ def pack(
     """
     log = without_damage(open_log_unchecked(log_path, gnss=gnss))
     sources = {f"log/{name}": log.root / name for name in log.files}
-    _refuse_links_out(sources, log.root)
     gnss_name, gnss_sources = _gnss_files(log, gnss)
     if gnss is not None:
         beside = gnss.resolve().parent
-        _refuse_links_out(gnss_sources, beside.parent if gnss.name == "oxts" else beside)
+        refuse_links_out(gnss_sources.values(), beside.parent if gnss.name == "oxts" else beside)
     sources |= gnss_sources
     if not sources:
         raise LogError("has no files", file=log_path, remedy="give a drive log")
@@ -53,16 +51,6 @@ def pack(
         name=log.name, vehicle_id=vehicle_id or log.vehicle_id, format=log.format, log=_log_name(log), gnss=gnss_name, files=files
     )
     return PackedDrive(manifest, sources)
-
-
-def _refuse_links_out(sources: dict[str, Path], root: Path) -> None:
-    """Raise LogError where a file of the log is a link to one that is none of its files: nobody has asked for that to be sent."""
-    if (file := next(leading_out(sources.values(), root), None)) is not None:
-        raise LogError(
-            f"is or lies behind a symbolic link that leads out of {root}, to {os.path.realpath(file)}",
-            file=file,
-            remedy="copy into the log what it leads to, or take the link away",
-        )
 
 
 def _log_name(log: DriveLog) -> str:

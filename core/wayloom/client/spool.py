@@ -105,21 +105,31 @@ class Spool:
         except (OSError, ValueError, KeyError, TypeError):
             return None
 
-    def finish(self, log: Path, signature: Signature, drive: PackedDrive, then: Then, target: Path | None) -> None:
-        """Do what is to be done with a log that was accepted. Deleted are files that were sent, and folders that are empty then."""
+    def finish(self, log: Path, signature: Signature, drive: PackedDrive, then: Then, target: Path | None) -> bool:
+        """Do what is to be done with a log that was accepted. Deleted are files that were sent, and folders that are empty then.
+
+        Whether it is done: not where the log has changed while it was copied, which leaves everything as it was.
+        """
         accepted = Record(signature, drive.manifest.drive_id, None)
-        root = log.resolve()
-        sent = [source.resolve() for source in drive.sources.values()]
-        gone = [path.relative_to(root).as_posix() for path in sent if path.is_relative_to(root)]
         if then is Then.MOVE and target is not None:
-            if not _renamed(log, target):
-                self.record(log, accepted)
-                _copy(log, target)
-                gone = [Path(path).relative_to(log).as_posix() for path in _files(log)]
-                self.record(log, replace(accepted, deleting=tuple(gone)))
-        else:
-            self.record(log, replace(accepted, deleting=tuple(gone) if then is Then.DELETE else ()))
+            return self._move(log, accepted, target)
+        self.record(log, replace(accepted, deleting=_sent(log, drive) if then is Then.DELETE else ()))
         self._delete(log)
+        return True
+
+    def _move(self, log: Path, accepted: Record, target: Path) -> bool:
+        """Move it, to another file system by a copy. Nothing is deleted before that is whole, durable and of the log as it is."""
+        if not _renamed(log, target):
+            found = tuple(os.path.relpath(path, log) for path in _files(log))
+            copied = _copy(log, target)
+            if signature_of(log) != accepted.signature:
+                _remove(copied)
+                return False
+            os.rename(copied, _free_name(target / log.name))
+            os.sync()
+            self.record(log, replace(accepted, deleting=found))
+        self._delete(log)
+        return True
 
     def _delete(self, log: Path) -> None:
         """Delete what is marked for it; what is left then is known, and no new log."""
@@ -182,6 +192,13 @@ def _files(log: Path) -> Iterator[str]:
             yield from (os.path.join(folder, name) for name in names)
 
 
+def _sent(log: Path, drive: PackedDrive) -> tuple[str, ...]:
+    """The files in the log, by path, that the drive was made of."""
+    root = log.resolve()
+    sources = [source.resolve() for source in drive.sources.values()]
+    return tuple(path.relative_to(root).as_posix() for path in sources if path.is_relative_to(root))
+
+
 def _remove_empty(log: Path) -> None:
     for folder, _, _ in os.walk(log, topdown=False):
         if not os.listdir(folder):
@@ -199,17 +216,24 @@ def _renamed(log: Path, target: Path) -> bool:
     return True
 
 
-def _copy(log: Path, target: Path) -> None:
-    """Under a hidden name until it is whole and durable."""
+def _copy(log: Path, target: Path) -> Path:
+    """A copy beside its place, durable, under the hidden name that it has until it is known to be whole."""
     unfinished = target / f".{log.name}.unfinished"
-    shutil.rmtree(unfinished, ignore_errors=True)
-    unfinished.unlink(missing_ok=True)
+    target.mkdir(parents=True, exist_ok=True)
+    _remove(unfinished)
     if log.is_dir():
         shutil.copytree(log, unfinished, symlinks=True)
     else:
         shutil.copy2(log, unfinished)
     os.sync()
-    os.rename(unfinished, _free_name(target / log.name))
+    return unfinished
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _free_name(wanted: Path) -> Path:

@@ -1,4 +1,7 @@
-"""Watching of a spool folder: each complete log is uploaded, and dealt with when the server has accepted it."""
+"""Watching of a spool folder: each complete log is uploaded, and dealt with when the server has accepted it.
+
+No log waits for another: not for one that the server refuses, nor for one that it has yet to open.
+"""
 
 import time
 from collections.abc import Callable
@@ -6,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from wayloom.client.api import Api
+from wayloom.client.api import AnswerError, Api
 from wayloom.client.manifests import PackedDrive, pack
 from wayloom.client.rates import UNLIMITED, RateLimit
 from wayloom.client.spool import Record, Signature, Spool, Then, signature_of
@@ -16,6 +19,10 @@ from wayloom.config.progress import NamedProgress, silent_for_each
 from wayloom.errors import InputError, NotFoundError, ServiceError
 
 OFFLINE: Final = Backoff(first_s=5.0, longest_s=300.0)
+OF_EVERY_LOG: Final = frozenset({401, 404})
+"""Refusals that do not depend on the log: the key, the address."""
+FOR_NOW: Final = frozenset({408, 410, 423, 425, 429, 460})
+"""Refusals that end by themselves, be it in an hour."""
 ACCEPTED: Final = "ingest"
 """The stage that opens a log and refuses a bad one: a drive that is past it is accepted."""
 
@@ -39,14 +46,28 @@ class Watching:
     say: Callable[[str], None] = field(default=lambda line: None)
 
 
+@dataclass(frozen=True, slots=True)
+class _Sent:
+    """A log that the server has, as it was then, and has not opened yet."""
+
+    log: Path
+    signature: Signature
+    drive: PackedDrive
+
+
 def watch(api: Api, spool: Spool, watching: Watching, once: bool = False) -> None:
     """Upload what is complete, again and again; with `once` until nothing is left to be sent or waited for. Raises InputError."""
-    failures = 0
+    failures, waiting = 0, dict[str, _Sent]()
     with spool.locked():
         while True:
             try:
                 for log, signature in spool.complete():
-                    _deal_with(api, spool, log, signature, watching)
+                    if log.name not in waiting and (sent := _send(api, spool, log, signature, watching)) is not None:
+                        waiting[log.name] = sent
+                    failures = 0
+                for name in list(waiting):
+                    if _is_dealt_with(api, spool, waiting[name], watching):
+                        del waiting[name]
                     failures = 0
             except ServiceError as error:
                 failures += 1
@@ -54,40 +75,51 @@ def watch(api: Api, spool: Spool, watching: Watching, once: bool = False) -> Non
                 watching.say(f"{error}; trying again in {pause_s:g} s")
                 time.sleep(pause_s)
                 continue
-            if once and not spool.settling():
+            if once and not (waiting or spool.settling() or spool.complete()):
                 return
             time.sleep(watching.poll_s)
 
 
-def _deal_with(api: Api, spool: Spool, log: Path, signature: Signature, watching: Watching) -> None:
-    """Upload one log, wait until it is accepted, then do with it what is to be done. Raises ServiceError."""
+def _send(api: Api, spool: Spool, log: Path, signature: Signature, watching: Watching) -> _Sent | None:
+    """Upload one log; None where it is no log or the server refuses it. Raises ServiceError for what is not the log's fault."""
     try:
         drive = pack(log, vehicle_id=watching.vehicle, progress=watching.progress(f"{log.name}, reading"))
         upload(api, drive, watching.progress(f"{log.name}, sending"), watching.connections, limit=watching.limit)
-        refusal = _refusal(api, drive, watching.poll_s)
     except InputError as error:
-        refusal, drive = str(error), None
-    if drive is None or refusal is not None:
-        spool.record(log, Record(signature, None, refusal))
-        watching.say(f"{log.name}: refused and left where it is: {refusal}")
-        return
-    if signature_of(log) != signature:
+        _refuse(spool, log, signature, str(error), watching)
+    except AnswerError as error:
+        if not is_final(error):
+            raise
+        _refuse(spool, log, signature, str(error), watching)
+    else:
+        return _Sent(log, signature, drive)
+    return None
+
+
+def is_final(error: AnswerError) -> bool:
+    """Whether the server has refused this log, and will again: neither every log alike, nor for now."""
+    return 400 <= error.status < 500 and error.status not in OF_EVERY_LOG and error.status not in FOR_NOW
+
+
+def _is_dealt_with(api: Api, spool: Spool, sent: _Sent, watching: Watching) -> bool:
+    """Do with a log what is to be done, once the server has opened it. Raises ServiceError."""
+    log, signature = sent.log, sent.signature
+    try:
+        found = api.drive(sent.drive.manifest.drive_id)
+    except NotFoundError:
+        _refuse(spool, log, signature, "it was removed on the server", watching)
+        return True
+    if not any(stage["stage"] == ACCEPTED and stage["state"] == "done" for stage in found["stages"]):
+        if found["state"] not in ("failed", "removing"):
+            return False
+        _refuse(spool, log, signature, str(found["error"] or found["state"]), watching)
+    elif signature_of(log) == signature and spool.finish(log, signature, sent.drive, watching.then, watching.target):
+        watching.say(f"{log.name}: accepted as drive {sent.drive.manifest.drive_id[:12]}")
+    else:
         watching.say(f"{log.name}: has changed while it was sent, and is sent again when it is complete")
-        return
-    spool.finish(log, signature, drive, watching.then, watching.target)
-    watching.say(f"{log.name}: accepted as drive {drive.manifest.drive_id[:12]}")
+    return True
 
 
-def _refusal(api: Api, drive: PackedDrive, poll_s: float) -> str | None:
-    """Wait until the server has opened the drive. Returns why it does not take it; None where it does."""
-    while True:
-        try:
-            found = api.drive(drive.manifest.drive_id)
-        except NotFoundError:
-            return "it was removed on the server"
-        accepted = any(stage["stage"] == ACCEPTED and stage["state"] == "done" for stage in found["stages"])
-        if accepted:
-            return None
-        if found["state"] in ("failed", "removing"):
-            return str(found["error"] or found["state"])
-        time.sleep(poll_s)
+def _refuse(spool: Spool, log: Path, signature: Signature, refusal: str, watching: Watching) -> None:
+    spool.record(log, Record(signature, None, refusal))
+    watching.say(f"{log.name}: refused and left where it is: {refusal}")

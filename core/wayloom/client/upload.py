@@ -10,7 +10,7 @@ from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from wayloom.client.api import RETRIED_STATUS, AnswerError, Api
+from wayloom.client.api import AnswerError, Api
 from wayloom.client.chunks import FIRST, LARGEST, ChunkSize
 from wayloom.client.counting import Counter
 from wayloom.client.manifests import PackedDrive
@@ -19,6 +19,7 @@ from wayloom.client.streams import TUS, OneFile, PackOfFiles, Stream
 from wayloom.config.backoff import Backoff
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import ServiceError
+from wayloom.store.pack_sizes import LARGEST_PACKED
 
 CONNECTIONS: Final = 4
 CONTENT: Final = {"Content-Type": "application/offset+octet-stream"}
@@ -26,10 +27,10 @@ RETRIES: Final = Backoff(first_s=0.125, longest_s=16.0, tries=10)
 """Of one file, after failures that brought no byte."""
 GOES_ON: Final = frozenset({404, 408, 409, 410, 460})
 """Answers after which the server is asked how far the upload is."""
+LOST: Final = frozenset({404, 410})
+"""Answers of a server that does not know an upload any more."""
 ROUNDS: Final = 3
 """How often the server is asked what it lacks: a file that was damaged on the way is sent again."""
-SMALL: Final = 4 << 20
-"""Bytes up to which a file goes into a pack: a file of its own costs some 15 ms, in which a pack moves as much."""
 LARGEST_PACK: Final = 10_000
 """Files of one pack, which is what servers take."""
 
@@ -92,20 +93,31 @@ def _streams(api: Api, packed_drive: PackedDrive, registration: dict[str, Any], 
     missing = {file["path"]: file for file in registration["missing"]}
     found = []
     for pack in registration.get("packs") or ():
-        files = api.json("GET", f"{pack['upload']}/files")["files"]
+        files = _files_of(api, pack["upload"])
         if any(file["path"] in missing for file in files):
             here = sum(file["size"] for file in files if missing.pop(file["path"], None) is None)
             found.append(_Begun(PackOfFiles(drive_id, files, sources), pack["upload"], here))
     is_small = "packs" in registration and packs
-    small = [file for file in missing.values() if is_small and file["size"] <= SMALL and file["upload"] is None]
+    small = [file for file in missing.values() if is_small and file["size"] <= LARGEST_PACKED and file["upload"] is None]
     if len(small) > 1:
         found += [
             _Begun(PackOfFiles(drive_id, small[start : start + LARGEST_PACK], sources))
             for start in range(0, len(small), LARGEST_PACK)
         ]
-        missing = {path: file for path, file in missing.items() if file["size"] > SMALL or file["upload"] is not None}
+        missing = {path: file for path, file in missing.items() if file["size"] > LARGEST_PACKED or file["upload"] is not None}
     alone = [_Begun(OneFile(drive_id, file, sources[path]), file["upload"], int(file["offset"])) for path, file in missing.items()]
     return found + alone
+
+
+def _files_of(api: Api, pack: str) -> list[dict[str, Any]]:
+    """The files of a pack that was begun, none where the server has lost it: they go without it then. Raises ServiceError."""
+    try:
+        files: list[dict[str, Any]] = api.json("GET", f"{pack}/files")["files"]
+    except AnswerError as error:
+        if error.status in LOST:
+            return []
+        raise
+    return files
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,9 +164,9 @@ def _send(api: Api, begun: _Begun, sending: _Sending) -> None:
                     stream.check_unchanged(offset)
                     doubted = False
             if address is None:
-                before = stream.length
+                count, files = stream.length, stream.files_before(stream.length)
                 address = stream.create(api)
-                sending.counter.add(before - stream.length)
+                sending.counter.add(count - stream.length, files - stream.files_before(stream.length))
                 if address is None:
                     return
             elif unsure and offset == stream.length:
@@ -168,8 +180,8 @@ def _send(api: Api, begun: _Begun, sending: _Sending) -> None:
             if isinstance(error, AnswerError):
                 if error.status == 409 and error.code == "conflict":
                     return  # complete already, by another client
-                doubted = error.code == "file-mismatch"
-                if error.status not in RETRIED_STATUS and (address is None or error.status not in GOES_ON):
+                doubted = doubted or error.code == "file-mismatch"
+                if not error.is_passing and (address is None or error.status not in GOES_ON):
                     raise
             failures = 1 if offset > at else failures + 1
             if failures > RETRIES.tries:
@@ -201,6 +213,6 @@ def _continue_at(api: Api, address: str | None, offset: int) -> tuple[str | None
     try:
         return address, int(api.once("HEAD", address, headers=TUS).headers["Upload-Offset"])
     except AnswerError as error:
-        if error.status in (404, 410):
+        if error.status in LOST:
             return None, 0
         raise

@@ -117,13 +117,7 @@ def _information(upper: FloatArray, planar: bool) -> FloatArray:
 
 def _pose_of_quaternion(values: FloatArray) -> FloatArray:
     """x y z qx qy qz qw (..., 7) to (..., 4, 4)."""
-    x, y, z, w = np.moveaxis(values[:, 3:] / np.linalg.norm(values[:, 3:], axis=1, keepdims=True), 1, 0)
-    R = np.stack([
-        np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], -1),
-        np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], -1),
-        np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], -1),
-    ], 1)  # fmt: skip
-    return se3.from_rotation_translation(R, values[:, :3])
+    return se3.from_quaternion_wxyz(values[..., [6, 3, 4, 5]], values[..., :3])
 
 
 def as_gtsam_reads(information: FloatArray) -> tuple[FloatArray, int]:

@@ -93,7 +93,4 @@ def _from_quaternion(values: FloatArray, file: Path, record: str) -> FloatArray:
     norm = float(np.linalg.norm(values[3:]))
     if not 0.9 < norm < 1.1:
         raise LogError(f"a quaternion of length {norm:.3g}", file=file, record=record, remedy="quaternions have length 1")
-    x, y, z, w = values[3:] / norm
-    q = np.array([x, y, z])
-    R = (w * w - q @ q) * np.eye(3) + 2.0 * np.outer(q, q) + 2.0 * w * se3.hat(q)
-    return np.asarray(se3.from_rotation_translation(R, values[:3]), dtype=np.float64)
+    return se3.from_quaternion_wxyz(values[[6, 3, 4, 5]], values[:3])

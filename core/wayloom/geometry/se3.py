@@ -109,3 +109,19 @@ def quaternion_wxyz(T: Array) -> Array:
     M[:, 2, 3] = M[:, 3, 2] = R[:, 1, 2] + R[:, 2, 1]
     q = np.linalg.eigh(M)[1][:, :, -1]
     return np.where(q[:, :1] < 0, -q, q)
+
+
+def from_quaternion_wxyz(q_wxyz: Array, t: Array) -> Array:
+    """Quaternions (..., 4) in (w, x, y, z) order, of any length but 0, and translations (..., 3) m to T (..., 4, 4).
+
+    A quaternion of length 0 gives NaN.
+    """
+    with np.errstate(invalid="ignore"):
+        q = q_wxyz / np.linalg.norm(q_wxyz, axis=-1, keepdims=True)
+    w, x, y, z = (q[..., k] for k in range(4))
+    T = np.zeros((*q.shape[:-1], 4, 4))
+    T[..., 0, 0], T[..., 0, 1], T[..., 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
+    T[..., 1, 0], T[..., 1, 1], T[..., 1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
+    T[..., 2, 0], T[..., 2, 1], T[..., 2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+    T[..., :3, 3], T[..., 3, 3] = t, 1.0
+    return T

@@ -1,10 +1,12 @@
 """Stereo rectification of two calibrated lenses: the common orientation and pinhole of the pair (Fusiello et al. 2000)."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.errors import CalibrationError
 from wayloom.geometry import se3
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.rectification import LensCamera, distorted_rays
@@ -38,11 +40,12 @@ def stands_beside(T_left_right: Array) -> bool:
     return bool(np.linalg.norm(t) > 0 and abs(t[0]) > LEAST_ALONG * np.linalg.norm(t))
 
 
-def rectify_stereo(left: LensCamera, right: LensCamera, T_left_right: Array) -> Rectification:
+def rectify_stereo(left: LensCamera, right: LensCamera, T_left_right: Array, file: Path | None = None) -> Rectification:
     """The pair as one pinhole of the left image's size: x along the baseline, z the mean of both views as near as that allows.
 
     T_left_right (4, 4), m; the right camera must stand to the right (`is_left`). The focal length is the least with which both
     rectified images hold nothing that the lenses did not see, so that no border of black is taken for an edge.
+    Raises CalibrationError, which names the calibration's `file`, where the lenses see nothing together.
     """
     if (given := _given(left, right, T_left_right)) is not None:
         return given
@@ -55,6 +58,10 @@ def rectify_stereo(left: LensCamera, right: LensCamera, T_left_right: Array) -> 
     width, height = left.camera.width, left.camera.height
     low, high = zip(_seen(left, R_left), _seen(right, R_right), strict=True)
     first, last = np.max(low, axis=0), np.min(high, axis=0)
+    if not np.all(last > first):
+        span = last - first
+        what = f"the two cameras see nothing together: their common view is {span[0]:.3g} by {span[1]:.3g} at a distance of 1"
+        raise CalibrationError(what, file=file, remedy="calibrate the cameras as a pair that looks the same way")
     f = float(max((width - 1) / (last[0] - first[0]), (height - 1) / (last[1] - first[1])))
     cx, cy = (0.5 * (size - 1) - 0.5 * f * (a + b) for size, a, b in zip((width, height), first, last, strict=True))
     camera = PinholeCamera(f, f, float(cx), float(cy), width, height)

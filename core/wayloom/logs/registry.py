@@ -1,12 +1,13 @@
 """Registry of the drive log formats (`LOG_FORMATS`), and recognition of a log's format from its files."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from wayloom.errors import ConfigError, LogError, UnknownFormatError
+from wayloom.files.links import leading_out
 from wayloom.logs.euroc import euroc_log
 from wayloom.logs.kitti import kitti_360, kitti_odometry, kitti_raw
 from wayloom.logs.ros2 import mcap_log
@@ -56,24 +57,19 @@ def open_log_unchecked(path: Path, *, gnss: Path | None = None) -> StoredLog:
 
 def check_inside(log: DriveLog) -> None:
     """Raises LogError where a file of the log is a symbolic link, or lies behind one, that leads out of the log's folder."""
-    root = os.path.realpath(log.root)
-    folders: dict[str, bool] = {}
-    for name in log.files:
-        path = log.root / name
-        parent = str(path.parent)
-        if parent not in folders:
-            folders[parent] = _is_within(os.path.realpath(parent), root)
-        if not folders[parent] or (path.is_symlink() and not _is_within(os.path.realpath(path), root)):
-            raise LogError(
-                "is a symbolic link that leads out of the log",
-                file=path,
-                remedy="put the file itself there",
-                reason="file.outside",
-            )
+    refuse_links_out((log.root / name for name in log.files), log.root)
 
 
-def _is_within(path: str, root: str) -> bool:
-    return path == root or path.startswith(root.rstrip(os.sep) + os.sep)
+def refuse_links_out(files: Iterable[Path], root: Path) -> None:
+    """Raises LogError where one of the files below `root` is a link, or lies behind one, to what lies elsewhere: nobody has asked
+    for that to be read or sent."""
+    if (file := next(leading_out(files, root), None)) is not None:
+        raise LogError(
+            f"is or lies behind a symbolic link that leads out of {root}, to {os.path.realpath(file)}",
+            file=file,
+            remedy="put the file itself there, or take the link away",
+            reason="file.outside",
+        )
 
 
 def absolute(path: Path) -> Path:

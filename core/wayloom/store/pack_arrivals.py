@@ -10,7 +10,7 @@ from typing import Final
 from wayloom.errors import ChecksumMismatchError
 from wayloom.store.arrivals import PieceCheck, Pieces
 from wayloom.store.folders import Folders
-from wayloom.store.packs import Pack, Progress, install
+from wayloom.store.packs import Pack, install, stored
 from wayloom.store.uploads import write_at
 
 BATCH_BYTES: Final = 64 << 20
@@ -31,10 +31,10 @@ class PackArrival:
     commit : called with how many of the pack's files lie in their places, after each batch
     """
 
-    def __init__(self, folders: Folders, pack: Pack, at: Progress, pieces: Pieces | None, commit: Callable[[int], None]) -> None:
+    def __init__(self, folders: Folders, pack: Pack, pieces: Pieces | None, commit: Callable[[int], None]) -> None:
         self._folders, self._pack, self._commit = folders, pack, commit
         self._check = None if pieces is None else PieceCheck(pieces, self._keep)
-        self._number, self._within, self._fd = at.files, at.bytes, -1
+        self._number, self._within, self._fd = 0, 0, -1
         self._whole: list[int] = []
         self._lock = (folders.uploads / f"{pack.upload_id}.pack").open("r+b")
         try:
@@ -51,9 +51,17 @@ class PackArrival:
         return self._pack.starts[self._number] + self._within
 
     def begin(self, files_done: int) -> None:
-        """Take up files that are whole but were not told to the database, and the beginning of the next one."""
-        self._whole = list(range(files_done, self._number))
-        self._open_next()
+        """Take up files that are whole but were not told to the database, and the beginning of the next one, as they are now that
+        nobody else writes. Raises OSError and lets go of everything then."""
+        try:
+            at = stored(self._folders, self._pack, files_done)
+            self._number, self._within = at.files, at.bytes
+            self._whole = list(range(files_done, self._number))
+            self._open_next()
+        except BaseException:
+            self._close_file()
+            self._let_go()
+            raise
 
     def take(self, content: memoryview) -> None:
         """The next bytes. Raises ChecksumMismatchError, OSError."""
@@ -74,8 +82,11 @@ class PackArrival:
             self._install()
             self._wait()
         finally:
-            self._installer.shutdown()
-            self._lock.close()
+            self._let_go()
+
+    def _let_go(self) -> None:
+        self._installer.shutdown()
+        self._lock.close()
 
     def _keep(self, content: memoryview) -> None:
         while content:
@@ -111,8 +122,8 @@ class PackArrival:
                 break
             self._finish()
         if self._within:
-            with part.path.open("rb") as stored:
-                self._sha.update(stored.read(self._within))
+            with part.path.open("rb") as come:
+                self._sha.update(come.read(self._within))
 
     def _close_file(self) -> None:
         if self._fd >= 0:

@@ -24,11 +24,14 @@ from logs.euroc.euroc_kit import (
 from logs.made_drives import START_NS, made_imu, made_poses, write_drive
 from wayloom.errors import CalibrationError, InputError, LogError
 from wayloom.geometry import se3
+from wayloom.geometry.camera import PinholeCamera
+from wayloom.geometry.rectification import DistortedCamera
 from wayloom.geometry.stereo_rectification import rectify_stereo
 from wayloom.logs.euroc.euroc_calibration import EurocCamera
 from wayloom.logs.inspection import inspect_log
 from wayloom.logs.kitti.image_folder_log import ImageFolderLog
 from wayloom.logs.registry import open_log
+from wayloom.logs.sidecars.exposure_csv import write_exposure_csv
 
 Pair = Callable[[], tuple[EurocCamera, EurocCamera]]
 
@@ -90,6 +93,28 @@ def test_the_rectified_orientation_is_that_of_opencv() -> None:
     assert 420 < found.rig.camera.fx < 460
 
 
+@pytest.mark.parametrize("turn_rad", [0.5, -0.5])
+def test_lenses_that_see_nothing_together_are_refused(turn_rad: float) -> None:
+    lens = DistortedCamera(PinholeCamera(500.0, 500.0, 50.0, 30.0, 100, 60), (0.0,) * 5)  # of 11 degrees
+    T_left_right = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, turn_rad, 0.0]))
+    T_left_right[0, 3] = 0.1
+    with pytest.raises(CalibrationError, match=r"sensor.yaml: .*see nothing together.*; .") as refused:
+        rectify_stereo(lens, lens, T_left_right, Path("cam1/sensor.yaml"))
+    assert refused.value.remedy
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_cameras_turned_against_each_other_by_more_than_an_eighth_of_a_circle_are_refused(tmp_path: Path, axis: int) -> None:
+    left, right = radtan_pair()
+    turn = np.zeros(6)
+    turn[3 + axis] = np.radians(50.0)
+    T_left_right = se3.inverse(left.T_body_cam) @ right.T_body_cam
+    T_left_right[:3, :3] = se3.exp(turn)[:3, :3]
+    turned = EurocCamera(right.lens, left.T_body_cam @ T_left_right)
+    with pytest.raises(CalibrationError, match="turned against each other by more than 45°"):
+        open_log(write_euroc(tmp_path / "V9_01_made", (left, turned)))
+
+
 def test_imu_and_truth_are_told_in_the_rectified_camera(tmp_path: Path) -> None:
     log = open_log(copied(tmp_path))
     assert log.imu is not None
@@ -123,6 +148,23 @@ def test_images_without_a_partner_and_listed_ones_that_are_not_there_are_left_ou
         "1 of 5 images that cam0/data.csv lists", "cam1 image for 1 of 4 of cam0", "cam0 image for 1 of 4 of cam1", "GNSS",
     }  # fmt: skip
     assert inspect_log(log).usable
+
+
+def test_packets_and_exposures_stay_with_their_frames_where_an_image_is_missing(tmp_path: Path) -> None:
+    drive = copied(tmp_path)
+    (drive / "mav0/cam1/data" / f"{START_NS + STEP_NS}.png").unlink()
+    exposures = np.column_stack([np.arange(1, FRAMES + 1), np.arange(1, FRAMES + 1)]) * 1e-3
+    write_exposure_csv(drive / "exposure.csv", exposures)
+    lender = write_drive(tmp_path / "lender", "kitti-raw", count=FRAMES)
+    lent = open_log(lender).gnss
+    (lender / "oxts/timestamps.txt").unlink()  # its frames come at half the pace
+    log = open_log(drive, gnss=lender)
+    there = [0, *range(2, FRAMES)]
+    assert log.gnss is not None
+    assert lent is not None
+    np.testing.assert_array_equal(log.gnss.lon_lat_height, lent.lon_lat_height[there])
+    np.testing.assert_array_equal(log.gnss.t_ns, log.t_ns)
+    assert [frame.exposure_s for frame in log.frames()] == [tuple(exposures[row]) for row in there]
 
 
 def test_stamps_of_both_cameras_may_differ_by_what_a_trigger_jitters(tmp_path: Path) -> None:
@@ -254,3 +296,15 @@ def test_samples_on_another_clock_are_refused_and_stale_ones_left_out(tmp_path: 
     table.write_text("\n".join([lines[0], *(f"2{line[1:]}" for line in lines[1:])]) + "\n")
     with pytest.raises(LogError, match="never meet the frames"):
         open_log(drive)
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("../x.png", "file.outside"), (".hidden.png", "file.outside"), (f"{START_NS}.txt", "log.invalid")],
+)
+def test_only_a_name_that_leads_elsewhere_is_said_to(tmp_path: Path, name: str, reason: str) -> None:
+    drive = copied(tmp_path)
+    replace("cam0/data.csv", f",{START_NS}.png", f",{name}")(drive / "mav0")
+    with pytest.raises(LogError, match="no name of an image") as refused:
+        open_log(drive)
+    assert refused.value.reason == reason

@@ -70,6 +70,15 @@ def test_a_recording_whose_end_alone_is_damaged_is_whole(tmp_path: Path, recordi
     assert "an index, and what should follow at its end" in log.missing[0]
 
 
+@pytest.mark.parametrize("chunked", [True, False])
+def test_records_that_an_application_has_added_for_itself_are_passed_over(tmp_path: Path, recording: Path, chunked: bool) -> None:
+    data = rewritten(recording, tmp_path / "small.mcap", CompressionType.NONE, chunked=chunked).read_bytes()
+    after_header = 8 + 9 + int.from_bytes(data[9:17], "little")
+    private = bytes([0x80]) + (5).to_bytes(8, "little") + b"ours!"
+    (tmp_path / "private.mcap").write_bytes(data[:after_header] + private + data[after_header:-37])  # without the footer
+    assert len(open_log(tmp_path / "private.mcap")) == FRAMES
+
+
 def test_messages_outside_of_chunks_are_read(tmp_path: Path, recording: Path) -> None:
     log = open_log(rewritten(recording, tmp_path / "flat.mcap", CompressionType.NONE, chunked=False))
     assert len(log) == FRAMES

@@ -61,6 +61,34 @@ def test_json_that_is_none_of_these_messages_is_told(data: bytes, what: str) -> 
         found.to_ros(data)
 
 
+@pytest.mark.parametrize(
+    ("schema", "data", "what"),
+    [
+        (
+            "LocationFix",
+            b'{"timestamp": {"sec": 1}, "position_covariance": [0, 0, 0, 0, 0, 0, 0, 0, 0], "position_covariance_type": 300}',
+            "does not fit",
+        ),
+        ("CompressedImage", b'{"timestamp": {"sec": 1}, "frame_id": "\\ud800"}', "no Unicode"),
+    ],
+)
+def test_values_that_a_ros_message_cannot_hold_are_told(schema: str, data: bytes, what: str) -> None:
+    found = foxglove.translator(f"foxglove.{schema}", "json", b"")
+    assert found is not None
+    with pytest.raises(CdrError, match=what):
+        found.to_ros(data)
+
+
+def test_a_width_of_more_than_32_bits_is_told() -> None:
+    number = next(number for name, _, number in FIELDS["RawImage"] if name == "width")
+    assert number < 16  # so that the field's key is one byte
+    varint = bytes([0x80, 0x80, 0x80, 0x80, 0x10])  # 2**32
+    found = foxglove.translator("foxglove.RawImage", "protobuf", descriptor_set().SerializeToString())
+    assert found is not None
+    with pytest.raises(CdrError, match="does not fit"):
+        found.to_ros(bytes([number << 3]) + varint)
+
+
 def test_a_schema_that_does_not_describe_its_message_is_refused(tmp_path: Path) -> None:
     with (tmp_path / "x.mcap").open("wb") as stream:
         writer = Writer(stream)

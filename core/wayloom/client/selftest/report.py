@@ -35,6 +35,8 @@ def _verdict(subject: Subject, kind: str, check: Check) -> Verdict:
         check.run(subject)
     except (FailedCheckError, ServiceError) as error:
         return Verdict(kind, check.name, check.asks, "failed", str(error))
+    except (ValueError, KeyError) as error:  # of what the service has answered: no JSON, no number, no header
+        return Verdict(kind, check.name, check.asks, "failed", f"an answer could not be read: {type(error).__name__}: {error}")
     return Verdict(kind, check.name, check.asks, "passed")
 
 

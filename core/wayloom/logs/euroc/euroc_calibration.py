@@ -80,10 +80,10 @@ def find_rig(folder: Path) -> EurocRig:
         x, y, z = T_first_second[:3, 3]
         what = f"{names[1]} stands at {x:.3f}, {y:.3f}, {z:.3f} m of {names[0]}, which is not beside it"
         raise CalibrationError(what, file=files[1], record="T_BS", remedy="a pair that looks the same way, side by side, is read")
-    if not T_first_second[2, 2] > np.cos(np.pi / 4):
-        what = f"{names[0]} and {names[1]} look more than 45° apart"
+    if not np.diag(T_first_second)[:3].min() > np.cos(np.pi / 4):
+        what = f"{names[0]} and {names[1]} are turned against each other by more than 45°"
         raise CalibrationError(what, file=files[1], record="T_BS", remedy=CALIBRATE)
-    return EurocRig(names, cameras, rectify_stereo(cameras[0].lens, cameras[1].lens, T_first_second))
+    return EurocRig(names, cameras, rectify_stereo(cameras[0].lens, cameras[1].lens, T_first_second, files[1]))
 
 
 def _lens(settings: AslSettings, camera: PinholeCamera) -> LensCamera:

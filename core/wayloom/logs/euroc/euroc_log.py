@@ -45,7 +45,7 @@ def open_euroc(path: Path, gnss: Path | None = None) -> ImageFolderLog:
             remedy = "a stereo log needs both cameras' images"
             raise LogError("no such folder", file=body / name, remedy=remedy, reason="image.missing")
     rig = find_rig(body)
-    pairs, t_ns, lacking = paired_images(body, rig.names)
+    pairs, t_ns, listed, lacking = paired_images(body, rig.names)
     header = first_header(pairs.left)
     sizes = [(camera.lens.camera.width, camera.lens.camera.height) for camera in rig.cameras]
     check_size(header, sizes[0], pairs.left[0])
@@ -55,21 +55,26 @@ def open_euroc(path: Path, gnss: Path | None = None) -> ImageFolderLog:
     truth, truth_files = read_truth(body, rig, t_ns)
     tables = [body / name / file for name in rig.names for file in ("sensor.yaml", "data.csv")]
     location = LogFiles(path, path, [*tables, *truth_files], sidecars=path)
-    sequence = StereoSequence(rig.rectification.rig, t_ns, pairs, header, (sizes[0], sizes[1]), rectifier_of(rig))
+    sequence = StereoSequence(rig.rectification.rig, t_ns, pairs, header, (sizes[0], sizes[1]), rectifier_of(rig), listed)
     missing = (*lacking, *(() if truth is not None else ("truth poses",)))
     log = assemble(FORMAT, location, sequence, positioning, sidecar, truth, missing)
     return log if path.name != BODY else replace(log, name=utf8_text(path.parent.name or BODY))
 
 
-def paired_images(body: Path, names: tuple[str, str]) -> tuple[ImagePairs, NDArray[np.int64], tuple[str, ...]]:
-    """The pairs, their time stamps (N,), and what is missing, in words. Images that are listed but not there, and images
-    without a partner, are left out. Raises LogError where no pair is left."""
-    sides, lacking = [], []
+def paired_images(body: Path, names: tuple[str, str]) -> tuple[ImagePairs, NDArray[np.int64], int, tuple[str, ...]]:
+    """The pairs, their time stamps (N,), how many images the left list has, and what is missing, in words.
+
+    A pair's number is its row in the left list, by which packets and exposures know it. Images that are listed but not there,
+    and images without a partner, are left out. Raises LogError where no pair is left.
+    """
+    sides, lacking, numbers, counts = [], [], [], []
     for name in names:
         listed = read_image_list(body / name / "data.csv", body / name / "data")
         there = [row for row, file in enumerate(listed.files) if file.exists()]
         if len(there) < len(listed.files):
             lacking.append(f"{len(listed.files) - len(there)} of {len(listed.files)} images that {name}/data.csv lists")
+        numbers.append(there)
+        counts.append(len(listed.files))
         sides.append(ImageList(listed.t_ns[there], tuple(listed.files[row] for row in there)))
     left, right = sides
     rows = taken_together(left.t_ns, right.t_ns)
@@ -86,9 +91,11 @@ def paired_images(body: Path, names: tuple[str, str]) -> tuple[ImagePairs, NDArr
         if without:
             lacking.append(f"{names[other]} image for {without} of {len(sides[side].files)} of {names[side]}")
     pairs = ImagePairs(
-        tuple(range(len(rows[0]))), tuple(left.files[row] for row in rows[0]), tuple(right.files[row] for row in rows[1])
+        tuple(numbers[0][row] for row in rows[0]),
+        tuple(left.files[row] for row in rows[0]),
+        tuple(right.files[row] for row in rows[1]),
     )
-    return pairs, left.t_ns[rows[0]], tuple(lacking)
+    return pairs, left.t_ns[rows[0]], counts[0], tuple(lacking)
 
 
 def rectifier_of(rig: EurocRig) -> Rectifier | None:

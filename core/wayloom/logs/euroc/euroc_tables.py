@@ -42,10 +42,11 @@ def read_image_list(file: Path, folder: Path) -> ImageList:
         if len(words) != 2:
             raise LogError(f"{len(words)} fields where 2 belong", file=file, record=record, remedy="a line is: stamp,file name")
         name = words[1]
-        if "/" in name or "\\" in name or "\0" in name or not name.lower().endswith(IMAGE_SUFFIXES) or name.startswith("."):
+        leads_out = "/" in name or "\\" in name or "\0" in name or name.startswith(".")
+        if leads_out or not name.lower().endswith(IMAGE_SUFFIXES):
             what = f"{quoted(name)} is no name of an image in {folder.name}"
             remedy = f"give the file's name alone ({', '.join(IMAGE_SUFFIXES)})"
-            raise LogError(what, file=file, record=record, remedy=remedy, reason="file.outside")
+            raise LogError(what, file=file, record=record, remedy=remedy, reason="file.outside" if leads_out else None)
         t_ns.append(_stamp(words[0], file, record))
         files.append(folder / name)
         lines.append(number)
@@ -74,7 +75,7 @@ def read_poses(file: Path) -> tuple[IntArray, FloatArray]:
     if len(bad):
         what = f"a quaternion of length {norm[bad[0]]:.3g}"
         raise LogError(what, file=file, record=f"line {lines[int(bad[0])]}", remedy="correct the line")
-    return t_ns, _poses(values[:, :3], values[:, 3:] / norm[:, None])
+    return t_ns, se3.from_quaternion_wxyz(values[:, 3:], values[:, :3])
 
 
 def poses_at(times_ns: IntArray, t_ns: IntArray, T: FloatArray) -> FloatArray:
@@ -87,20 +88,11 @@ def poses_at(times_ns: IntArray, t_ns: IntArray, T: FloatArray) -> FloatArray:
     q1 = np.where((q0 * q1).sum(axis=1, keepdims=True) < 0, -q1, q1)
     q = (1.0 - share[:, None]) * q0 + share[:, None] * q1
     place = (1.0 - share[:, None]) * T[before, :3, 3] + share[:, None] * T[after, :3, 3]
-    out = _poses(place, q / np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-12))
+    out = se3.from_quaternion_wxyz(q, place)
     out[times_ns == t_ns[before]] = T[before[times_ns == t_ns[before]]]
     out[times_ns == t_ns[after]] = T[after[times_ns == t_ns[after]]]
     outside = (share < 0) | (share > 1) | ((span > LONGEST_BRIDGE_NS) & (share > 0) & (share < 1))
     out[outside] = np.nan
-    return out
-
-
-def _poses(places: FloatArray, q_wxyz: FloatArray) -> FloatArray:
-    w, v = q_wxyz[:, 0], q_wxyz[:, 1:]
-    out = np.tile(np.eye(4), (len(places), 1, 1))
-    out[:, :3, :3] = (w * w - (v * v).sum(axis=1))[:, None, None] * np.eye(3) + 2.0 * v[:, :, None] * v[:, None, :]
-    out[:, :3, :3] += 2.0 * w[:, None, None] * se3.hat(v)
-    out[:, :3, 3] = places
     return out
 
 

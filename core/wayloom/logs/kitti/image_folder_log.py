@@ -159,6 +159,7 @@ class StereoSequence:
     header        of the first left image
     stored_sizes  (width, height) of left and right images as they lie on disk
     rectifier     None where images are stored rectified
+    listed        how many frames exposure.csv has, of which the pairs are those with their numbers; None: exactly the pairs
     """
 
     rig: StereoRig
@@ -167,6 +168,7 @@ class StereoSequence:
     header: ImageHeader
     stored_sizes: tuple[tuple[int, int], tuple[int, int]]
     rectifier: Rectifier | None = None
+    listed: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,7 +199,6 @@ def assemble(
     """Put a log together from its parts. truth : (N, 4, 4) T_world_cam, NaN where unknown; missing : in words."""
     root, pairs = location.root, sequence.pairs
     exposures = location.sidecars / EXPOSURE_NAME
-    has_exposures = exposures.is_file()
     files = [*location.files, *(file for file in (location.sidecars / SIDECAR_NAME, exposures) if file.is_file())]
     inside = {file for file in (*files, *pairs.left, *pairs.right, *positioning.files) if file.is_relative_to(root)}
     return ImageFolderLog(
@@ -221,5 +222,12 @@ def assemble(
         pairs=pairs,
         stored_sizes=sequence.stored_sizes,
         rectifier=sequence.rectifier,
-        exposure_s=read_exposure_csv(exposures, len(sequence.t_ns)) if has_exposures else None,
+        exposure_s=_exposures(exposures, sequence) if exposures.is_file() else None,
     )
+
+
+def _exposures(file: Path, sequence: StereoSequence) -> FloatArray:
+    """(N, 2) s, left and right, of the frames that are there."""
+    if sequence.listed is None:
+        return read_exposure_csv(file, len(sequence.t_ns))
+    return read_exposure_csv(file, sequence.listed)[list(sequence.pairs.numbers)]

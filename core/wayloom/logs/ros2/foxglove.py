@@ -6,6 +6,7 @@ A message is translated when it is read, so that rig, sensors and images of a re
 import base64
 import binascii
 import json
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
@@ -48,9 +49,21 @@ def translator(schema: str, encoding: str, description: bytes) -> Translator | N
         return None
     kind, build = SCHEMAS[schema]
     if encoding == "json":
-        return Translator(kind, lambda data: JsonRecord(data).t_ns(), lambda data: build(JsonRecord(data)))
+        return Translator(kind, lambda data: JsonRecord(data).t_ns(), lambda data: _built(build, JsonRecord(data)))
     numbers = protobuf.field_numbers(description, schema)
-    return Translator(kind, lambda data: ProtobufRecord(data, numbers).t_ns(), lambda data: build(ProtobufRecord(data, numbers)))
+    return Translator(
+        kind, lambda data: ProtobufRecord(data, numbers).t_ns(), lambda data: _built(build, ProtobufRecord(data, numbers))
+    )
+
+
+def _built(build: Callable[[Record], bytes], record: Record) -> bytes:
+    """The ROS 2 message of a record. Raises CdrError also for values that the message's types cannot hold."""
+    try:
+        return build(record)
+    except struct.error as problem:
+        raise CdrError(f"has a number that does not fit ({problem})") from None
+    except UnicodeEncodeError:
+        raise CdrError("has a text that is no Unicode") from None
 
 
 class ProtobufRecord:

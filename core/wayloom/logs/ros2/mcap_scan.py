@@ -14,6 +14,8 @@ from mcap.records import Channel, Schema
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 HEADER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 0x01, 0x03, 0x04, 0x05, 0x06, 0x0F
+PRIVATE: Final = 0x80
+"""First opcode of records that applications add for themselves: readers pass over them."""
 RECORD_HEAD: Final = 9
 CHUNK_HEAD: Final = 8 + 8 + 8 + 4
 MOST_BYTES: Final = 16 << 20
@@ -41,7 +43,7 @@ def scan_file(handle: int, unpack: Callable[[Place, int], bytes | None]) -> Scan
     while at + RECORD_HEAD <= size:
         opcode, length = struct.unpack("<BQ", os.pread(handle, RECORD_HEAD, at))
         start, end = at + RECORD_HEAD, at + RECORD_HEAD + length
-        if opcode == 0 or opcode > DATA_END or (opcode == HEADER and at > len(MAGIC)):
+        if opcode == 0 or DATA_END < opcode < PRIVATE or (opcode == HEADER and at > len(MAGIC)):
             break
         if opcode == CHUNK:
             if not _take_chunk(handle, out, start, min(end, size), end > size, unpack):

@@ -164,9 +164,7 @@ def read_motion(message: CdrReader) -> FloatArray:
     norm = math.hypot(x, y, z, w)
     if not 0.9 < norm < 1.1:
         raise CdrError(f"a quaternion of length {norm:.3g}")
-    q, w = np.array([x, y, z]) / norm, w / norm
-    R = (w * w - q @ q) * np.eye(3) + 2.0 * np.outer(q, q) + 2.0 * w * se3.hat(q)
-    return np.asarray(se3.from_rotation_translation(R, t))
+    return se3.from_quaternion_wxyz(np.array([w, x, y, z]), t)
 
 
 def header_of(t_ns: int, frame_id: str) -> CdrWriter:
