@@ -81,9 +81,9 @@ def merge_sheets(placed: Iterable[PlacedSheet], low: FloatArray, edge_m: float) 
     square = _surveyed(canonical_sheets(placed), tiles[:2] * TILE_BLOCKS, int(tiles[2]) * TILE_BLOCKS)
     if not square.sheets:
         return None
-    ranking, here = square.ranking(), slice(CHOICE_BLOCKS, -CHOICE_BLOCKS)
-    here_and_next = slice(CHOICE_BLOCKS - 1, 1 - CHOICE_BLOCKS)
-    made = _painted(square, ranking.order[:, here, here], ranking.allowed[here, here], ranking.gain[:, here_and_next, here_and_next])
+    ranking = square.ranking()
+    here, and_next = slice(CHOICE_BLOCKS, -CHOICE_BLOCKS), slice(CHOICE_BLOCKS - 1, 1 - CHOICE_BLOCKS)
+    made = _painted(square, ranking.order[:, here, here], ranking.allowed[here, here], ranking.gain[:, and_next, and_next])
     return None if made.is_empty else made
 
 
