@@ -16,19 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pages import DOCS, put_between_marks
-from wayloom.evaluation.areas import NONE, AreaScores, class_raster, score_areas
+from wayloom.evaluation.areas import NONE, AreaScores, score_areas
 from wayloom.evaluation.ground import NEAR_TRACK_M, true_ground, true_place
-from wayloom.ground.areas.find import Area, find_areas
 from wayloom.ground.areas.settings import AreaSettings
 from wayloom.ground.files import load_sheet, read_index
 from wayloom.ground.ground_map import GroundMap
 from wayloom.ground.merge import merge_sheets
 from wayloom.ground.placed_sheet import PlacedSheet, reach
-from wayloom.ground.sheet import CELL_M, GROUND_CLASSES
+from wayloom.ground.sheet import GROUND_CLASSES
 from wayloom.logs.registry import open_log
 from wayloom.logs.simulated_truth import open_truth
-from wayloom.stitching.ground_mosaic import mosaic, neighbourhood
-from wayloom.stitching.marking_files import AROUND_M
+from wayloom.stitching.region_areas import areas_of
 from wayloom.stitching.region_grid import REGION_M, RegionKey, region_edges, regions_within
 from wayloom.submaps.files import load_submaps
 
@@ -90,42 +88,27 @@ def sheets_of(pairs: list[tuple[Path, Path]]) -> list[PlacedSheet]:
     return out
 
 
-def score(sheets: list[PlacedSheet], corner: NDArray[np.int64], true: NDArray[np.uint8]) -> tuple[AreaScores, float, float]:
-    """Scores of the map of sheets; the share of the known truth that it has areas of, and the iou of road where it has."""
+def score(sheets: list[PlacedSheet], corner: NDArray[np.int64], true: NDArray[np.uint8]) -> AreaScores:
+    """Scores of the map of sheets."""
     boxes = [reach(one.read(), one.T_map_submap) for one in sheets]
     keys = sorted({key for low, high in boxes for key in regions_within(low, high, 0.0)})
     made = {key: merge_sheets(sheets, region_edges(key)[0], REGION_M) for key in keys}
     source = Regions({key: one for key, one in made.items() if one is not None})
-    areas = [area for key in source.made for area in areas_of(key, source)]
-    found = class_raster(areas, corner, true.shape)
-    known = true != NONE
-    both = known & (found != NONE)
-    return (
-        score_areas(areas, true, corner, ROAD, (SIDEWALK, TERRAIN)),
-        float(both.sum() / known.sum()),
-        float((found == true)[both].mean()),
-    )
+    areas = [area for key in source.made for area in areas_of(key, source, AreaSettings())]
+    return score_areas(areas, true, corner, ROAD, (SIDEWALK, TERRAIN))
 
 
-def areas_of(key: RegionKey, source: Regions) -> list[Area]:
-    """As `region_areas` finds them."""
-    keys = [one for one in neighbourhood(key) if one in source.made]
-    low, high = region_edges(key)
-    first, last = (np.rint(edge / CELL_M).astype(np.int64) for edge in (low - AROUND_M, high + AROUND_M))
-    return find_areas(mosaic(keys, source, "votes", first, last, CELL_M), first, round(AROUND_M / CELL_M), AreaSettings())
-
-
-def table(rows: dict[str, tuple[AreaScores, float, float]]) -> str:
+def table(rows: dict[str, AreaScores]) -> str:
     """Markdown, a row a map."""
     lines = [
         "| map | IoU road | IoU sidewalk | IoU terrain | truth covered | right class where covered | edge of the road,"
         " median, p95 | true edge found within 0.3 m |",
         "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
     ]
-    for name, (one, covered, right) in rows.items():
+    for name, one in rows.items():
         iou = " | ".join(f"{one.iou.get(k, np.nan):.3f}" for k in (ROAD, SIDEWALK, TERRAIN))
         border = f"{100 * np.median(one.border_m):.1f} cm, {100 * np.percentile(one.border_m, 95):.0f} cm"
-        lines.append(f"| {name} | {iou} | {covered:.3f} | {right:.3f} | {border} | {one.found:.2f} |")
+        lines.append(f"| {name} | {iou} | {one.covered:.3f} | {one.right:.3f} | {border} | {one.found:.2f} |")
     return "\n".join(lines)
 
 

@@ -226,7 +226,7 @@ def step_seconds() -> dict[str, float]:
 
     street, settings = MadeStreet(count=TWIN_VIEWS), GroundSettings(reach_m=TWIN_REACH_M)
     odometry = street.odometry()
-    exposure = DriveExposure(np.ones(TWIN_VIEWS), np.zeros(TWIN_VIEWS), 255.0)
+    exposure = DriveExposure(np.ones(TWIN_VIEWS), np.zeros(TWIN_VIEWS), 255.0, 0.0)
     chosen, about = chosen_keyframes(odometry, settings), (street.rig, 0.0)
     seen = views_of(street, odometry, street, street.submaps()[0], chosen, exposure, settings)
     views = [view for _, view in seen]

@@ -202,7 +202,7 @@ def light_sheets(weather: str) -> list[GroundSheet]:
     for place in (nodes[12], (nodes[6] + nodes[7]) / 2, (nodes[12] + nodes[13]) / 2):
         sheet = made_sheet(world, (float(place[0]), float(place[1])), (80.0, 40.0))
         white = float(np.percentile(sheet.colour[sheet.sharpness > 0], WHITE_PERCENTILE))
-        tone = DriveExposure(np.ones(1), np.zeros(1), white).tone(sheet.colour)
+        tone = DriveExposure(np.ones(1), np.zeros(1), white, 0.0).tone(sheet.colour)
         sheets.append(replace(sheet, colour=np.rint(tone).clip(0, 255).astype(np.uint8)))
     return sheets
 

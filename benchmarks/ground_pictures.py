@@ -135,11 +135,11 @@ def seams(out: Path, log_path: Path) -> str:
 
 
 def vignette(pairs: list[tuple[Path, Path]]) -> str:
-    """Markdown table: the exponent p of (1 + r^2)^-p, r = tan of the angle from the axis, that is taken out of a drive, and what
+    """Markdown table: the fall-off p of (1 + r^2)^-p, r = tan of the angle from the axis, that is taken out of a drive, and what
     the views of each stretch of VIGNETTE_VIEWS tell of it on the sheets' own surface, with a power of the depth beside it, for
     near and far views of ground differ by themselves: as the images are, and as sheets show them."""
     lines = [
-        "| drive | taken out | | stretches | exponent: median, lowest, highest | brightness at r = 0.86 |"
+        "| drive | taken out | | stretches | fall-off: median, lowest, highest | brightness at r = 0.86 |"
         " views of a place differ by (%) |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
@@ -155,18 +155,18 @@ def vignette(pairs: list[tuple[Path, Path]]) -> str:
                 fits["as it is"].append(light_fall([replace(view, fall_off=0.0) for view in stretch], odometry, settings))
                 fits["undone"].append(light_fall(stretch, odometry, settings))
         for which, found in fits.items():
-            power, apart = np.array(found).T
-            middle, name = float(np.median(power)), f"{log_path.parent.name}/{log_path.name}"
+            fall_off, apart = np.array(found).T
+            middle, name = float(np.median(fall_off)), f"{log_path.parent.name}/{log_path.name}"
             lines.append(
-                f"| {name} | {exposure.fall_off:.2f} | {which} | {len(power)} |"
-                f" {middle:.2f}, {power.min():.2f}, {power.max():.2f} |"
+                f"| {name} | {exposure.fall_off:.2f} | {which} | {len(fall_off)} |"
+                f" {middle:.2f}, {fall_off.min():.2f}, {fall_off.max():.2f} |"
                 f" {(1 + 0.86**2) ** -middle:.2f} | {100 * np.median(apart):.1f} |"
             )
     return "\n".join(lines) + "\n"
 
 
 def light_fall(views: list[GroundView], odometry: OdometryResult, settings: GroundSettings) -> tuple[float, float]:
-    """The exponent that the views of one stretch tell, and by how much (median, log) those of a place differ from their mean."""
+    """The fall-off that the views of one stretch tell, and by how much (median, log) those of a place differ from their mean."""
     raster, about = raster_around(views, settings.reach_m), (odometry.rig, odometry.disparity_bias_px, settings)
     height = surface_of(views, raster, *about).height
     place, fall, depth, level = [], [], [], []

@@ -40,6 +40,7 @@ def test_areas_that_are_right_have_no_errors(true: np.ndarray) -> None:
     found = score_areas([square(0, 0.0, 4.0), square(1, 4.0, 8.0)], true, CORNER, ROAD, (SIDEWALK,))
     assert found.iou == {ROAD: pytest.approx(1.0, abs=0.02), SIDEWALK: pytest.approx(1.0, abs=0.02)}
     assert np.percentile(found.border_m, 95) <= 0.05  # half a step between the middles of the true edges
+    assert (found.covered, found.right) == (1.0, pytest.approx(1.0, abs=0.01))
     assert found.found == 1.0
 
 
@@ -54,9 +55,17 @@ def test_what_the_truth_does_not_show_is_not_judged_and_what_has_no_area_is_miss
     true[:, 60:] = NONE
     found = score_areas([square(0, 0.0, 4.0)], true, CORNER, ROAD, (SIDEWALK,))
     assert found.iou == {ROAD: pytest.approx(1.0, abs=0.02), SIDEWALK: 0.0}
+    assert found.covered == pytest.approx(4.0 / 6.0, abs=0.01)
     assert (len(found.border_m), found.found) == (0, 0.0)
     unseen = score_areas([square(0, 0.0, 4.0), square(1, 4.0, 6.0), square(2, 6.0, 8.0)], true, CORNER, ROAD, (SIDEWALK,))
     assert unseen.iou[SIDEWALK] == pytest.approx(1.0, abs=0.03)
+
+
+def test_where_there_is_no_true_border_none_is_missed(true: np.ndarray) -> None:
+    true[:] = ROAD
+    found = score_areas([square(0, 0.0, 4.0), square(1, 4.0, 8.0)], true, CORNER, ROAD, (SIDEWALK,))
+    assert len(found.border_m) == 0
+    assert np.isnan(found.found)
 
 
 def test_the_true_border_lies_between_the_cells(true: np.ndarray) -> None:

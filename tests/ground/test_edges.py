@@ -37,7 +37,7 @@ class WrongLabels(MadeStreet):
 
 def seen(street):
     odometry, n = street.odometry(), street.count
-    exposure = DriveExposure(np.ones(n), np.zeros(n), 255.0)
+    exposure = DriveExposure(np.ones(n), np.zeros(n), 255.0, 0.0)
     found = views_of(street, odometry, street, street.submaps()[0], chosen_keyframes(odometry, SETTINGS), exposure, SETTINGS)
     views = [view for _, view in found]
     raster = raster_around(views, SETTINGS.reach_m)

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from made_ground import MadeStreet
-from wayloom.ground.exposure import DriveExposure
+from wayloom.ground import exposure as exposure_module
+from wayloom.ground.exposure import DriveExposure, drive_exposure
 from wayloom.ground.making import chosen_keyframes, raster_around, views_of
 from wayloom.ground.picture import picture_of
 from wayloom.ground.settings import GroundSettings
 from wayloom.ground.surface import surface_of
-from wayloom.ground.vignetting import LARGEST, LEAST_STRETCHES, agreed, exponent_of, stretch_exponents, stretches
+from wayloom.ground.vignetting import LARGEST, LEAST_STRETCHES, agreed, fall_off_of, stretch_fall_offs, stretches
 
 SETTINGS = GroundSettings(reach_m=15.0)
 
@@ -20,15 +21,15 @@ def drive_of(**how):
 
 
 def test_the_views_of_a_street_tell_how_its_camera_darkens_the_border():
-    """The made street's grain is coarse: over patches of three pixels it moves the exponent of a stretch by a tenth."""
+    """The made street's grain is coarse: over patches of three pixels it moves the fall-off of a stretch by a tenth."""
     gains = np.random.default_rng(4).uniform(0.7, 1.0, 24)
     balance = np.ones(24), np.zeros(24)  # the odometry followed nothing: exposures are told beside it
     told = []
     for fall_off in (0.0, 0.6):
-        exponents, information = stretch_exponents(*drive_of(fall_off=fall_off, gains=gains), balance)
-        assert len(exponents) == 2
+        told_here, information = stretch_fall_offs(*drive_of(fall_off=fall_off, gains=gains), balance)
+        assert len(told_here) == 2
         assert (information > 0.0).all()
-        told.append(exponents)
+        told.append(told_here)
     np.testing.assert_allclose(told[0], 0.0, atol=0.15)
     np.testing.assert_allclose(told[1] - told[0], 0.6, atol=0.03)
 
@@ -39,12 +40,12 @@ def test_a_camera_without_vignetting_under_a_skewed_light_is_told_from_one_with(
     depth = np.log(rng.uniform(4.0, 16.0, (6, 300)))
     fall = np.log1p(rng.uniform(0.0, 0.8, (6, 300)))
     level = 4.5 + rng.normal(0.0, 0.2, 300) - 0.3 * depth + 0.1 * np.arange(6)[:, None] + rng.normal(0.0, 0.02, (6, 300))
-    for power in (0.0, 0.5):
-        told = exponent_of(level - power * fall, fall, depth)
+    for fall_off in (0.0, 0.5):
+        told = fall_off_of(level - fall_off * fall, fall, depth)
         assert told is not None
-        assert told[0] == pytest.approx(power, abs=0.02)
+        assert told[0] == pytest.approx(fall_off, abs=0.02)
     level[:, 30:] = np.nan
-    assert exponent_of(level, fall, depth) is None
+    assert fall_off_of(level, fall, depth) is None
 
 
 def test_stretches_that_disagree_or_are_few_leave_the_picture_as_it_is():
@@ -83,3 +84,17 @@ def test_an_orthophoto_of_a_camera_with_vignetting_is_that_of_one_without():
     share = [one.colour[both] / plain.colour[both] for one in (told, left)]
     assert np.percentile(np.abs(share[0] - 1.0), 90) < 0.02
     assert np.median(share[1]) < 0.95
+
+
+def test_what_vignetting_is_told_goes_to_every_view_and_lifts_the_white_of_the_drive(monkeypatch: pytest.MonkeyPatch):
+    exposures = []
+    for fall_off, told in ((0.0, 0.0), (0.6, 0.6), (0.6, 0.0)):
+        street, odometry, labels = drive_of(fall_off=fall_off)
+        monkeypatch.setattr(exposure_module, "drive_fall_off", lambda *of, told=told: told)
+        exposures.append(drive_exposure(street, odometry, labels))
+    plain, lifted, dark = exposures
+    assert (plain.fall_off, lifted.fall_off) == (0.0, 0.6)
+    assert lifted.white == pytest.approx(plain.white, rel=0.02)
+    assert dark.white < 0.96 * plain.white
+    views = views_of(street, odometry, labels, street.submaps()[0], chosen_keyframes(odometry, SETTINGS), lifted, SETTINGS)
+    assert [view.fall_off for _, view in views] == [0.6] * len(views) != []

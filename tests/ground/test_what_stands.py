@@ -25,7 +25,7 @@ def street():
 @pytest.fixture(scope="module")
 def views(street):
     odometry, n = street.odometry(), street.count
-    exposure = DriveExposure(np.ones(n), np.zeros(n), 255.0)
+    exposure = DriveExposure(np.ones(n), np.zeros(n), 255.0, 0.0)
     return views_of(street, odometry, street, street.submaps()[0], chosen_keyframes(odometry, SETTINGS), exposure, SETTINGS)
 
 
@@ -67,7 +67,7 @@ def test_the_sheet_of_a_street_with_a_missed_person_is_as_dark_as_that_without(s
 def test_ground_where_nothing_stands_is_shown_as_before(street):
     clean = MadeStreet()
     odometry, n = clean.odometry(), clean.count
-    exposure = DriveExposure(np.ones(n), np.zeros(n), 255.0)
+    exposure = DriveExposure(np.ones(n), np.zeros(n), 255.0, 0.0)
     seen = views_of(clean, odometry, clean, clean.submaps()[0], chosen_keyframes(odometry, SETTINGS), exposure, SETTINGS)
     views = [view for _, view in seen]
     raster = raster_around(views, SETTINGS.reach_m)

@@ -22,6 +22,8 @@ from wayloom.tiles.grid import TileAddress
 from wayloom.tiles.settings import TileSettings
 from wayloom.tiles.tileset import decode_tileset, encode_tileset, node_of
 
+FOLDERS = ("cloud", "tilesets")
+
 
 @pytest.fixture(scope="module")
 def city():
@@ -140,13 +142,13 @@ def test_damaged_contents_and_tilesets_are_refused(damage):
     with pytest.raises(InputError, match="is no 3D tile"):
         decode_glb(damage(encode_glb(made_points(10))))
     with pytest.raises(InputError, match="is no tileset"):
-        decode_tileset(damage(encode_tileset(node_of(TileAddress(18, 1, 2), made_points(10)))))
+        decode_tileset(damage(encode_tileset(node_of(TileAddress(18, 1, 2), made_points(10)), FOLDERS)))
 
 
 def test_a_tileset_is_read_back_as_it_was_written():
     below = [node_of(TileAddress(19, 2 * 70 + k, 90), made_points(5 - 2 * k, k)) for k in (0, 1, 2)]
     tree = node_of(TileAddress(18, 70, 45), joined_cloud([made_points(50)], 64), below)
-    assert decode_tileset(encode_tileset(tree)) == tree
+    assert decode_tileset(encode_tileset(tree, FOLDERS)) == tree
 
 
 def test_files_are_small_and_cover_three_zooms_each(root):

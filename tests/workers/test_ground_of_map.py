@@ -11,9 +11,10 @@ import pytest
 from ground.made_sheets import Street, cut
 from wayloom.config.progress import silent
 from wayloom.config.stages import drive_stages
+from wayloom.files.submap_folder import INDEX
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.ground.files import INDEX, save_sheets
+from wayloom.ground.files import save_sheets
 from wayloom.ground.ground_map import GroundFile
 from wayloom.ground.placed_sheet import PlacedSheet
 from wayloom.pipeline.stages.submaps import PREVIEW_FILE

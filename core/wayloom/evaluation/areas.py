@@ -17,18 +17,25 @@ IntArray = NDArray[np.int64]
 Classes = NDArray[np.uint8]
 NONE: Final = 255
 SAMPLE_M: Final = 0.05
-SIDE_CELLS: Final = 2.0
-"""A place on an outline is looked at so far to both sides of it; nearer, cells of the truth hold both classes."""
+KNOWN_CELLS: Final = 2
+"""A place on an outline is judged where the truth is known of all cells so many columns and rows around it."""
 FOUND_M: Final = 0.3
 """A true border is found where an outline passes so near."""
 
 
 @dataclass(frozen=True, slots=True)
 class AreaScores:
-    """iou by class id, over the cells whose true class is known; border_m (B,) m from places on the outlines between a class and
-    others to the nearest true border between them; found the share of the true border that an outline passes within FOUND_M."""
+    """Over the cells whose true class is known, and over borders of a class with others.
+
+    iou      by class id
+    covered  share of the cells that areas cover; right: share of these that have their true class, NaN without any
+    border_m (B,) m from places on the outlines to the nearest true border
+    found    share of the true border that an outline passes within FOUND_M, NaN without a true border
+    """
 
     iou: dict[int, float]
+    covered: float
+    right: float
     border_m: FloatArray
     found: float
 
@@ -37,7 +44,11 @@ def class_raster(areas: Iterable[Area], corner: IntArray, shape: tuple[int, int]
     """(H, W) class id of the area in which the middle of each cell of CELL_M lies, NONE without one; corner (2,) column, row."""
     out = np.full(shape, NONE, np.uint8)
     for area in areas:
-        out[_inside(area.rings, corner, shape)] = GROUND_CLASSES[area.column]
+        places = np.vstack(area.rings) / CELL_M - corner
+        box = np.array([np.floor(places.min(axis=0)), np.ceil(places.max(axis=0))]).astype(np.int64).clip(0, shape[::-1])
+        (left, low), (right, high) = box
+        here = out[low:high, left:right]
+        here[_inside(area.rings, corner + box[0], here.shape)] = GROUND_CLASSES[area.column]
     return out
 
 
@@ -69,13 +80,19 @@ def score_areas(areas: Sequence[Area], true: Classes, corner: IntArray, first: i
         one, other = known & (said == class_id), true == class_id
         if other.any():
             iou[class_id] = float((one & other).sum() / (one | other).sum())
+    both = known & (said != NONE)
+    of_cells = _share(both, known), _share(both & (said == true), both)
     border, outline = true_border(true, corner, first, beyond), _between(areas, said, corner, first, beyond)
     outline = outline[_known_around(known, corner, outline)]
     if not len(border) or not len(outline):
-        return AreaScores(iou, np.zeros(0), 0.0)
+        return AreaScores(iou, *of_cells, np.zeros(0), 0.0 if len(border) else np.nan)
     off, _ = cKDTree(border).query(outline)
     back, _ = cKDTree(outline).query(border)
-    return AreaScores(iou, np.asarray(off, np.float64), float((back <= FOUND_M).mean()))
+    return AreaScores(iou, *of_cells, np.asarray(off, np.float64), float((back <= FOUND_M).mean()))
+
+
+def _share(part: NDArray[np.bool_], whole: NDArray[np.bool_]) -> float:
+    return float(part.sum() / whole.sum()) if whole.any() else np.nan
 
 
 def true_border(true: Classes, corner: IntArray, first: int, beyond: Sequence[int]) -> FloatArray:
@@ -114,7 +131,7 @@ def _class_at(classes: Classes, corner: IntArray, places: FloatArray) -> Classes
 
 
 def _known_around(known: NDArray[np.bool_], corner: IntArray, places: FloatArray) -> NDArray[np.bool_]:
-    """Whether the truth is known SIDE_CELLS around each of places."""
-    size = 2 * round(SIDE_CELLS) + 1
+    """Whether the truth is known KNOWN_CELLS around each of places."""
+    size = 2 * KNOWN_CELLS + 1
     around = cv2.erode(known.astype(np.uint8), np.ones((size, size), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
     return np.asarray(_class_at(np.where(around > 0, 1, NONE).astype(np.uint8), corner, places) == 1)

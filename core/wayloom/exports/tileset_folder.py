@@ -13,9 +13,8 @@ from wayloom.geodesy.antimeridian import Box
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.tiles.cloud_pyramid import root_of, top_zoom
 from wayloom.tiles.descriptions import SUFFIXES
-from wayloom.tiles.formats import SERVED_LAYERS, Tile
+from wayloom.tiles.formats import SERVED_LAYERS, TILE_FORMATS, Tile
 from wayloom.tiles.settings import TileSettings
-from wayloom.tiles.tileset import TILESETS
 
 ROOT: Final = "tileset.json"
 PROVENANCE: Final = "provenance.json"
@@ -29,7 +28,7 @@ def write_tileset(folder: Path, source: MapSource, box: Box | None, provenance: 
         for tile in MapPyramid(source, frame, box, settings).cloud_tiles():
             _put(new, tile)
             count += 1
-            if tile.layer == TILESETS and tile.z == top_zoom(settings):
+            if tile.layer == TILE_FORMATS["tileset"].layer and tile.z == top_zoom(settings):
                 tops.append(tile.data)
         if not tops:
             raise InputError("there is nothing in the box", file=folder, remedy="give a box that the drives have seen")

@@ -27,6 +27,9 @@ MEDIAN_TILES, MEDIAN_STRIDE, SMOOTH_TILES = 4, 2, 1
 CHOICE_TILES: Final = 3
 """How far around a block fields bear on what shows it (`wayloom.ground.choice`): on who is shown over 7 blocks, on the gains with
 which patches meet over 5 more (`wayloom.ground.levelling`, and the next block for interpolation)."""
+CHOICE_BLOCKS: Final = 16
+"""How far around a block sheets bear on what shows it, at least: on who is shown over 9 blocks (the score over 5, what is outdated
+by most around over 2, one ground by the steps around over 2), on the gains over 4 more, and the next block for interpolation."""
 HALO_TILES: Final = CHOICE_TILES + 1 + max(MEDIAN_TILES + SMOOTH_TILES, COVER_TILES)
 """Around a window: what the choice asks for, the next tile for interpolation, and what the field there depends on."""
 LEAST_SAMPLES: Final = 16

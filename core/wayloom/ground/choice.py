@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.ground.balance import at_blocks, box_sum
+from wayloom.ground.balance import box_sum
 from wayloom.ground.kernels.detail import step_agreement
 from wayloom.ground.kernels.merging import COLOURS, HEIGHT, HEIGHTS, SAMPLES, SEEN, SHARPNESS, SIGMA
 from wayloom.ground.levelling import seam_gains
@@ -62,14 +62,15 @@ class Ranking:
     gain: FloatArray
 
 
-def ranked_sheets(sums: IntArray, fields: FloatArray, age: IntArray, detail: Callable[[int], NDArray[np.int16]]) -> Ranking:
+def ranked_sheets(sums: IntArray, balance: FloatArray, age: IntArray, detail: Callable[[int], NDArray[np.int16]]) -> Ranking:
     """Who shows the blocks of a window.
 
-    sums (S, N, N, 8); fields (S, 4, n, n) of `balance.balance_fields`; age (S,) ranks, the newest has the highest
+    sums (S, N, N, 8); balance (S, 4, N, N): the fields of `balance.balance_fields` at blocks
+    age (S,) ranks, the newest has the highest
     detail : of a sheet's row the detail (N, N, SAMPLES, SAMPLES) of its blocks (`kernels.detail`), asked where brightness differs
     """
-    seen, colour = sums[..., SEEN] >= LEAST_SAMPLES, balanced_colours(sums, fields)
-    outdated, dimmer = _compared(sums, fields, colour, age, detail)
+    seen, colour = sums[..., SEEN] >= LEAST_SAMPLES, balanced_colours(sums, balance)
+    outdated, dimmer = _compared(sums, balance, colour, age, detail)
     score = box_sum(np.where(outdated, 0, sums[..., SHARPNESS]), PATCH_BLOCKS)
     allowed = ~outdated & ((sums[..., SEEN] > 0) | (sums[..., HEIGHTS] > 0))
     shaded = _shaded(dimmer, outdated)
@@ -81,19 +82,19 @@ def ranked_sheets(sums: IntArray, fields: FloatArray, age: IntArray, detail: Cal
     return Ranking(order, count, seam_gains(colour, seen, alike, shown))
 
 
-def balanced_colours(sums: IntArray, fields: FloatArray) -> FloatArray:
+def balanced_colours(sums: IntArray, balance: FloatArray) -> FloatArray:
     """(S, N, N, 3) mean colours of blocks, brought to what all say together."""
-    gain = np.moveaxis(at_blocks(fields[:, :3]), 1, -1)
+    gain = np.moveaxis(balance[:, :3], 1, -1)
     return np.asarray(gain * sums[..., COLOURS] / np.maximum(16.0 * sums[..., SEEN], 1.0)[..., None])
 
 
 def _compared(
-    sums: IntArray, fields: FloatArray, colour: FloatArray, age: IntArray, detail: Callable[[int], NDArray[np.int16]]
+    sums: IntArray, balance: FloatArray, colour: FloatArray, age: IntArray, detail: Callable[[int], NDArray[np.int16]]
 ) -> tuple[BoolArray, list[_Dimmer]]:
     """(S, N, N): the newest sheet there is newer, and shows another ground or height than this one, here and around; and which
     sheets show one ground in another light."""
     seen, known = sums[..., SEEN] >= LEAST_SAMPLES, sums[..., HEIGHTS] >= LEAST_SAMPLES
-    height = sums[..., HEIGHT] / np.maximum(sums[..., HEIGHTS], 1) + at_blocks(fields[:, 3])
+    height = sums[..., HEIGHT] / np.maximum(sums[..., HEIGHTS], 1) + balance[:, 3]
     sigma2 = (sums[..., SIGMA] / np.maximum(sums[..., HEIGHTS], 1)) ** 2
     newest_seen, newest_known = _newest(seen, age), _newest(known, age)
     other_ground, dimmer = np.zeros(seen.shape, np.bool_), []
@@ -106,14 +107,14 @@ def _compared(
         older, newer = (s, t) if age[s] < age[t] else (t, s)
         other_ground[older] |= differs & ~one_ground & (newest_seen == newer)
         less = colour[s].sum(axis=-1) < colour[t].sum(axis=-1)
-        dimmer += [_Dimmer(s, t, differs & one_ground & less, one_ground), _Dimmer(t, s, differs & one_ground & ~less, one_ground)]
+        for dark, lit, darker in ((s, t, less), (t, s, ~less)):
+            dimmed = differs & one_ground & darker
+            dimmer += [_Dimmer(dark, lit, dimmed, one_ground)] if dimmed.any() else []
     far = np.abs(height - _at(height, newest_known))
     limit = np.maximum(CHANGED_MM, SIGMAS * np.sqrt(sigma2 + _at(sigma2, newest_known)))
-    outdated = [
-        there & (age[:, None, None] < age[newest]) & _mostly(changed, there & (age[:, None, None] < age[newest]))
-        for there, newest, changed in ((seen, newest_seen, other_ground), (known, newest_known, far > limit))
-    ]
-    return outdated[0] | outdated[1], dimmer
+    older_seen, older_known = seen & (age[:, None, None] < age[newest_seen]), known & (age[:, None, None] < age[newest_known])
+    outdated = (older_seen & _mostly(other_ground, older_seen)) | (older_known & _mostly(far > limit, older_known))
+    return outdated, dimmer
 
 
 def _shaded(dimmer: list[_Dimmer], outdated: BoolArray) -> BoolArray:

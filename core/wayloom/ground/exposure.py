@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wayloom.geometry.camera import PinholeCamera
 from wayloom.ground.view import may_be_shown
-from wayloom.ground.vignetting import fall_off
+from wayloom.ground.vignetting import drive_fall_off
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.tracking.pyramid import grey
 from wayloom.odometry.types import OdometryResult
@@ -32,7 +32,7 @@ class DriveExposure:
     gain: FloatArray
     offset: FloatArray
     white: float
-    fall_off: float = 0.0
+    fall_off: float
 
     def tone(self, values: NDArray[Any]) -> NDArray[Any]:
         """0 to 255 of values in the drive's exposure: their root, so that shade shows beside sun."""
@@ -47,19 +47,19 @@ def drive_exposure(log: DriveLog, odometry: OdometryResult, labels: LeftLabels) 
     a, b = odometry.keyframes.affine[:, 0], odometry.keyframes.affine[:, 1]
     gain = np.exp(np.median(a) - a)
     offset = np.median(b) - gain * b
-    power, tones = fall_off(log, odometry, labels, (gain, offset)), []
-    lift = unfallen(log.rig.camera, power)[::PIXEL_STEP, ::PIXEL_STEP]
+    fall_off, tones = drive_fall_off(log, odometry, labels, (gain, offset)), []
+    lift = unfallen(log.rig.camera, fall_off)[::PIXEL_STEP, ::PIXEL_STEP]
     for row in np.unique(np.linspace(0, len(a) - 1, SAMPLED).round().astype(np.int64)).tolist():
         left = grey(log.frame(int(odometry.keyframes.frame[row])).left)
         ground = may_be_shown(labels.left(row), 0.0)[::PIXEL_STEP, ::PIXEL_STEP] > 0.0
         tones.append((gain[row] * left[::PIXEL_STEP, ::PIXEL_STEP][ground] + offset[row]) * lift[ground])
     pooled = np.concatenate(tones)
     white = float(np.percentile(pooled, WHITE_PERCENTILE)) if len(pooled) else 255.0
-    return DriveExposure(gain, offset, max(white, 1.0), power)
+    return DriveExposure(gain, offset, max(white, 1.0), fall_off)
 
 
-def unfallen(camera: PinholeCamera, power: float) -> FloatArray:
-    """(h, w) factors that undo a fall of brightness by (1 + r^2)^-power."""
+def unfallen(camera: PinholeCamera, fall_off: float) -> FloatArray:
+    """(h, w) factors that undo a fall of brightness by (1 + r^2)^-fall_off."""
     x = (np.arange(camera.width) - camera.cx) / camera.fx
     y = (np.arange(camera.height) - camera.cy) / camera.fy
-    return np.asarray((1.0 + x[None] ** 2 + y[:, None] ** 2) ** power)
+    return np.asarray((1.0 + x[None] ** 2 + y[:, None] ** 2) ** fall_off)

@@ -2,11 +2,17 @@
 
 from typing import Final
 
-from wayloom.files.submap_folder import INDEX, SubmapFolder
+from wayloom.files.submap_folder import SubmapFolder
 from wayloom.ground.sheet import GroundSheet, decode_sheet
 
 SHEETS: Final[SubmapFolder[GroundSheet]] = SubmapFolder(
-    "wayloom-ground", 1, "sheets", "sheet", ".ground", decode_sheet, "ground sheets", "run the stage ground again"
+    format="wayloom-ground",
+    version=1,
+    entries="sheets",
+    entry="sheet",
+    suffix=".ground",
+    decode=decode_sheet,
+    words="ground sheets",
+    remedy="run the stage ground again",
 )
-save_sheets, sheet_file, read_index, load_sheet = SHEETS.save, SHEETS.file, SHEETS.read_index, SHEETS.load
-__all__ = ["INDEX", "SHEETS", "load_sheet", "read_index", "save_sheets", "sheet_file"]
+save_sheets, read_index, load_sheet = SHEETS.save, SHEETS.read_index, SHEETS.load

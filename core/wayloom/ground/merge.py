@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.ground.balance import HALO_TILES, balance_fields
-from wayloom.ground.choice import ranked_sheets
+from wayloom.ground.balance import CHOICE_BLOCKS, HALO_TILES, at_blocks, balance_fields
+from wayloom.ground.choice import Ranking, ranked_sheets
 from wayloom.ground.ground_map import LARGEST_SIGMA_MM, NO_HEIGHT, GroundMap
 from wayloom.ground.kernels import merging
 from wayloom.ground.kernels.detail import block_detail
@@ -26,6 +26,7 @@ from wayloom.ground.sheet import CELL_M
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 TILE_M: Final = TILE_BLOCKS * BLOCK * CELL_M
+HALO_BLOCKS: Final = HALO_TILES * TILE_BLOCKS
 HALO_M: Final = HALO_TILES * TILE_M
 """How far around a square sheets bear on it."""
 HELD_SHEETS: Final = 32
@@ -54,16 +55,18 @@ class _Square:
         """Of the fields, in the map's grid."""
         return self.corner // TILE_BLOCKS - HALO_TILES
 
-    def detail(self, row: int) -> NDArray[np.int16]:
-        """(N, N, 4, 4) of the blocks of one sheet, with the halo (`kernels.detail`)."""
-        out = np.empty((*self.sums.shape[1:3], SAMPLES, SAMPLES), np.int16)
-        block_detail(self.arrays(row), self.corner - HALO_TILES * TILE_BLOCKS, out)
-        return out
+    def ranking(self) -> Ranking:
+        """Of the sheets, in the blocks of the square and CHOICE_BLOCKS around: what the halo holds beyond is for the fields."""
+        part = slice(HALO_BLOCKS - CHOICE_BLOCKS, CHOICE_BLOCKS - HALO_BLOCKS)
+        balance = at_blocks(self.fields)[..., part, part]
+        return ranked_sheets(self.sums[:, part, part], balance, self.ages, lru_cache(None)(self.detail))
 
-    def inside(self, values: NDArray[Any], margin: int = 0) -> NDArray[Any]:
-        """What lies in the square and so many blocks around, of blocks (..., N, N)."""
-        part = slice(HALO_TILES * TILE_BLOCKS - margin, HALO_TILES * TILE_BLOCKS + self.blocks + margin)
-        return values[..., part, part]
+    def detail(self, row: int) -> NDArray[np.int16]:
+        """(n, n, 4, 4) of one sheet, of the blocks of the square and CHOICE_BLOCKS around (`kernels.detail`)."""
+        wide = self.blocks + 2 * CHOICE_BLOCKS
+        out = np.empty((wide, wide, SAMPLES, SAMPLES), np.int16)
+        block_detail(self.arrays(row), self.corner - CHOICE_BLOCKS, out)
+        return out
 
 
 def merge_sheets(placed: Iterable[PlacedSheet], low: FloatArray, edge_m: float) -> GroundMap | None:
@@ -78,17 +81,16 @@ def merge_sheets(placed: Iterable[PlacedSheet], low: FloatArray, edge_m: float) 
     square = _surveyed(canonical_sheets(placed), tiles[:2] * TILE_BLOCKS, int(tiles[2]) * TILE_BLOCKS)
     if not square.sheets:
         return None
-    ranking = ranked_sheets(square.sums, square.fields, square.ages, lru_cache(None)(square.detail))
-    order, allowed = (square.inside(one) for one in (ranking.order, ranking.allowed))
-    made = _painted(square, order, allowed, np.moveaxis(square.inside(np.moveaxis(ranking.gain, -1, 1), 1), 1, -1))
+    ranking = square.ranking()
+    here, and_next = slice(CHOICE_BLOCKS, -CHOICE_BLOCKS), slice(CHOICE_BLOCKS - 1, 1 - CHOICE_BLOCKS)
+    made = _painted(square, ranking.order[:, here, here], ranking.allowed[here, here], ranking.gain[:, and_next, and_next])
     return None if made.is_empty else made
 
 
 def _surveyed(sheets: Sequence[PlacedSheet], corner: IntArray, blocks: int) -> _Square:
     """The sheets near a square with their sums and fields."""
     near, sums, sigmas, times, channels = [], [], [], [], []
-    halo = HALO_TILES * TILE_BLOCKS
-    wide, first = blocks + 2 * halo, corner - halo
+    wide, first = blocks + 2 * HALO_BLOCKS, corner - HALO_BLOCKS
     for one in sheets:
         sheet = one.read()
         low, high = reach(sheet, one.T_map_submap)

@@ -53,7 +53,7 @@ class GroundView:
     shown: NDArray[np.float32]
     gain: float
     offset: float
-    fall_off: float = 0.0
+    fall_off: float
 
     @property
     def group(self) -> Image:
@@ -76,7 +76,10 @@ def see_ground(
     exposure: tuple[float, float, float],
     settings: GroundSettings,
 ) -> GroundView | None:
-    """The view of one frame; None where it shows too little ground. Raises LogError where an image cannot be read."""
+    """The view of one frame; None where it shows too little ground. Raises LogError where an image cannot be read.
+
+    exposure : gain, offset and fall_off of the view (`GroundView`)
+    """
     pair, rig = log.frame(frame), log.rig
     left, right = grey(pair.left), rectifier.align(grey(pair.right))
     shown = may_be_shown(label, settings.mover_margin_share)

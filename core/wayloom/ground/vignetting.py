@@ -7,7 +7,7 @@ steeply is as bright as it likes. So the logarithms of what the views k of a str
     log I_ik = s_i - p log(1 + r_ik^2) + q log z_ik + g_k,
 
 z the depth, g the view's exposure that the odometry has left; p, q and g by weights of Cauchy, the patch's own s_i taken out. The
-exponent of the drive is the median of those of its stretches, weighted by what each knows of it, and 0 unless they agree on one.
+fall-off p of the drive is the median of those of its stretches, weighted by what each knows of it, and 0 unless they agree on one.
 """
 
 from typing import Final
@@ -48,23 +48,23 @@ LARGEST: Final = 1.0
 DECIMALS: Final = 2
 
 
-def fall_off(log: DriveLog, odometry: OdometryResult, labels: LeftLabels, balance: Balance) -> float:
-    """The exponent p of the drive, 0 to LARGEST; 0 where its views do not tell one.
+def drive_fall_off(log: DriveLog, odometry: OdometryResult, labels: LeftLabels, balance: Balance) -> float:
+    """The fall-off of the drive, 0 to LARGEST; 0 where its views do not tell one.
 
     balance : (K,) gain and offset that take each keyframe to the drive's exposure
 
     Raises StageError where an image's labels are missing, LogError where an image cannot be read.
     """
-    return agreed(*stretch_exponents(log, odometry, labels, balance))
+    return agreed(*stretch_fall_offs(log, odometry, labels, balance))
 
 
-def agreed(exponents: FloatArray, information: FloatArray) -> float:
-    """Of the exponents (n,) of stretches and what each knows (n,): their median, 0 unless it is SIGMAS of its own sigma and there
+def agreed(fall_offs: FloatArray, information: FloatArray) -> float:
+    """Of the fall-offs (n,) of stretches and what each knows (n,): their median, 0 unless it is SIGMAS of its own sigma and there
     are enough stretches. 1.4826 and 1.2533 are those of the normal distribution, for deviations and for medians."""
-    if len(exponents) < LEAST_STRETCHES:
+    if len(fall_offs) < LEAST_STRETCHES:
         return 0.0
-    middle = _median(exponents, information)
-    scatter = 1.4826 * _median(np.abs(exponents - middle), information)
+    middle = _median(fall_offs, information)
+    scatter = 1.4826 * _median(np.abs(fall_offs - middle), information)
     sigma = 1.2533 * scatter * float(np.sqrt((information**2).sum()) / information.sum())
     return round(min(middle, LARGEST), DECIMALS) if middle > SIGMAS * sigma else 0.0
 
@@ -75,18 +75,18 @@ def _median(values: FloatArray, weight: FloatArray) -> float:
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
-def stretch_exponents(
+def stretch_fall_offs(
     log: DriveLog, odometry: OdometryResult, labels: LeftLabels, balance: Balance
 ) -> tuple[FloatArray, FloatArray]:
-    """(n,) exponents of the stretches that tell one, and the information (n,) of each."""
+    """(n,) fall-offs of the stretches that tell one, and the information (n,) of each."""
     rectifier, found = right_rectifier(odometry), []
     with one_opencv_thread():
         for rows in stretches(odometry):
             samples = _samples(log, odometry, labels, rows, balance, rectifier)
-            exponent = None if samples is None else exponent_of(*samples)
-            found += [] if exponent is None else [exponent]
-    exponents, information = np.array(found, np.float64).reshape(-1, 2).T
-    return exponents, information
+            fall_off = None if samples is None else fall_off_of(*samples)
+            found += [] if fall_off is None else [fall_off]
+    fall_offs, information = np.array(found, np.float64).reshape(-1, 2).T
+    return fall_offs, information
 
 
 def stretches(odometry: OdometryResult) -> list[list[int]]:
@@ -145,8 +145,8 @@ def on_plane(plane: GroundPlane, rig: StereoRig, bias_px: float) -> FloatArray:
     return np.column_stack([x, y, z])
 
 
-def exponent_of(level: FloatArray, fall: FloatArray, depth: FloatArray) -> tuple[float, float] | None:
-    """The exponent that the patches (V, N) of a stretch tell and its information; None where LEAST_VIEWS see too few of them."""
+def fall_off_of(level: FloatArray, fall: FloatArray, depth: FloatArray) -> tuple[float, float] | None:
+    """The fall-off that the patches (V, N) of a stretch tell and its information; None where LEAST_VIEWS see too few of them."""
     seen = np.isfinite(level) & (np.isfinite(level).sum(axis=0) >= LEAST_VIEWS)
     if seen.any(axis=0).sum() < LEAST_PATCHES:
         return None

@@ -79,8 +79,10 @@ def unseen_views(track: Track, seen: Measurements, views: list[ObjectView], came
 
 def carries(track: Track, seen: Measurements, others: Sequence[Track]) -> bool:
     """Whether one of other tracks is a sign or light over a pole."""
+    if track.kind != POLE:
+        return False
     low = float(np.median(seen.low[track.rows]))
-    return track.kind == POLE and any(
+    return any(
         one.kind not in STANDING and one.place[2] > low and np.hypot(*(one.place - track.place)[:2]) < CARRIED_M for one in others
     )
 

@@ -1,6 +1,7 @@
 """Direction in which a sign's face looks, out of the normals that drives saw.
 
-Who sees a sign's back takes it for a face that looks the other way: normals are one axis first, then the likelier of its ends.
+A drive that sees a sign's back tells it by the post before it, mostly: where drives contradict each other, normals are one axis
+first, then the likelier of its ends.
 """
 
 from typing import Final

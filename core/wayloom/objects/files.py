@@ -6,6 +6,13 @@ from wayloom.files.submap_folder import SubmapFolder
 from wayloom.objects.types import ObjectSightings, decode_sightings
 
 SIGHTINGS: Final[SubmapFolder[ObjectSightings]] = SubmapFolder(
-    "wayloom-objects", 1, "sightings", "sightings", ".objects", decode_sightings, "object sightings", "run the stage objects again"
+    format="wayloom-objects",
+    version=1,
+    entries="sightings",
+    entry="sightings",
+    suffix=".objects",
+    decode=decode_sightings,
+    words="object sightings",
+    remedy="run the stage objects again",
 )
 save_all, sightings_file, read_index, load_one = SIGHTINGS.save, SIGHTINGS.file, SIGHTINGS.read_index, SIGHTINGS.load

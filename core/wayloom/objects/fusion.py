@@ -131,7 +131,7 @@ def _looks_at(seen: AllSightings, places: FloatArray) -> IntArray:
 
 def _without_doubles(found: list[Fused], odds: FloatArray) -> IntArray:
     """Which to keep so that no two that may be taken for each other lie near each other: the likelier stays."""
-    kept = np.ones(len(found), bool)
+    kept, widest = np.ones(len(found), bool), max(NEAR_OF_KIND_M.values())
     for kinds in (STANDING, tuple(set(range(len(KINDS))) - set(STANDING))):
         rows = np.array([k for k, one in enumerate(found) if one.kind in kinds], np.int64)
         if not len(rows):
@@ -142,8 +142,8 @@ def _without_doubles(found: list[Fused], odds: FloatArray) -> IntArray:
         rank = np.lexsort((*places.T, -odds[rows]))
         for at in rank.tolist():
             if kept[rows[at]]:
-                kind, wide = found[rows[at]].kind, float(NEAR_OF_KIND_M.max())
-                for other in tree.query_ball_point(places[at], wide):
+                kind = found[rows[at]].kind
+                for other in tree.query_ball_point(places[at], widest):
                     limit = NEAR_OF_KIND_M[kind] if found[rows[other]].kind == kind else NEAR_M
                     if other != at and np.linalg.norm(places[other] - places[at]) <= limit:
                         kept[rows[other]] = False

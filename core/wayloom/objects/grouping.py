@@ -9,13 +9,13 @@ from scipy.spatial import cKDTree
 
 from wayloom.objects.placed import AllSightings
 from wayloom.objects.settings import ObjectFusionSettings
-from wayloom.objects.types import KINDS, STANDING
+from wayloom.objects.types import KINDS, LIGHT, POLE, SIGN, STANDING, TRUNK
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 NEAR_M: Final = 0.35
 """Things of two kinds that lie nearer may be taken for each other."""
-NEAR_OF_KIND_M: Final = np.array([0.35, 0.35, 0.6, 0.35])
+NEAR_OF_KIND_M: Final = {POLE: 0.35, SIGN: 0.35, LIGHT: 0.6, TRUNK: 0.35}
 """Sightings of one kind that lie nearer are of one object, whatever their sigmas say: of a light's head, 1 m tall, different sides
 are seen."""
 SLACK_M: Final = 0.05

@@ -17,7 +17,7 @@ from wayloom.ground.areas.settings import AreaSettings
 from wayloom.ground.ground_map import NO_HEIGHT
 from wayloom.ground.markings.exports import DEGREES, MILLIMETRES
 from wayloom.ground.sheet import CELL_M, GROUND_CLASSES
-from wayloom.stitching.ground_mosaic import GroundOfRegions, mosaic, neighbourhood, place_sigma
+from wayloom.stitching.ground_mosaic import GroundOfRegions, RasterSource, mosaic, neighbourhood, place_sigma
 from wayloom.stitching.marking_files import AROUND_M, encode_features
 from wayloom.stitching.region_grid import RegionKey, region_edges
 
@@ -33,14 +33,24 @@ def region_areas(key: RegionKey, source: GroundOfRegions, frame: MapFrame, setti
     """The feature collection of a region's areas, as JSON; None where it has none."""
     if source.raster(key, "height_mm") is None:
         return None
-    keys = [one for one in neighbourhood(key) if source.raster(one, "height_mm") is not None]
-    low, high = region_edges(key)
-    first, last = (np.rint(edge / CELL_M).astype(np.int64) for edge in (low - AROUND_M, high + AROUND_M))
-    votes, height_mm = (mosaic(keys, source, name, first, last, CELL_M) for name in ("votes", "height_mm"))
-    areas = find_areas(votes, first, round(AROUND_M / CELL_M), settings)
-    heights = _CornerHeights(height_mm, first)
+    keys, first, last = _around(key, source)
+    heights = _CornerHeights(mosaic(keys, source, "height_mm", first, last, CELL_M), first)
+    areas = areas_of(key, source, settings)
     features = [_feature(one, heights, frame, place_sigma(np.vstack(one.rings), key, source)) for one in areas]
     return encode_features(features) if features else None
+
+
+def areas_of(key: RegionKey, source: RasterSource, settings: AreaSettings) -> list[Area]:
+    """The areas of a region, in the map's frame."""
+    keys, first, last = _around(key, source)
+    return find_areas(mosaic(keys, source, "votes", first, last, CELL_M), first, round(AROUND_M / CELL_M), settings)
+
+
+def _around(key: RegionKey, source: RasterSource) -> tuple[list[RegionKey], IntArray, IntArray]:
+    """Those of a region and the ones beside it that have ground, and (2,) the first cell and the end of what bears on it."""
+    low, high = region_edges(key)
+    first, last = (np.rint(edge / CELL_M).astype(np.int64) for edge in (low - AROUND_M, high + AROUND_M))
+    return [one for one in neighbourhood(key) if source.raster(one, "height_mm") is not None], first, last
 
 
 class _CornerHeights:

@@ -66,7 +66,7 @@ def cloud_tiles(changed: Collection[TileAddress], source: CloudSource, settings:
 
 def root_of(tilesets: Iterable[bytes], frame: MapFrame, up: str = ".", of: str = LAYERS[STATIC]) -> bytes:
     """The tileset of a layer of a map from the files of its top zoom; their folders lie in `up`, relative to it."""
-    return encode_root([without_children(decode_tileset(data)) for data in tilesets], frame, up, folders_of(of))
+    return encode_root([without_children(decode_tileset(data)) for data in tilesets], frame, folders_of(of), up)
 
 
 def folders_of(of: str) -> tuple[str, str]:
@@ -140,7 +140,7 @@ class CloudUpdate:
             yield self._tileset(tree, linked)
 
     def _tileset(self, tree: CloudNode, linked: frozenset[TileAddress] = frozenset()) -> Tile:
-        return tile_of("tileset", tree.address, encode_tileset(tree, linked, folders_of(self._of)), self._of)
+        return tile_of("tileset", tree.address, encode_tileset(tree, folders_of(self._of), linked), self._of)
 
     def _tree(self, address: TileAddress, links: int) -> CloudNode:
         """A tile and all below it, down to the links of its file."""

@@ -18,9 +18,6 @@ from wayloom.geodesy.map_frame import MapFrame
 from wayloom.tiles.gltf_points import UNITS_PER_M, CloudPoints, Place
 from wayloom.tiles.grid import TileAddress
 
-CLOUD, TILESETS = "cloud", "tilesets"
-FOLDERS: Final = (CLOUD, TILESETS)
-"""The layers of point content and of tilesets, of the static layer of the map: files refer to each other across them."""
 ERROR_EDGES: Final = 4.0
 """Geometric error in edges of the cells in which voxels were joined: at the 16 pixels that viewers allow, a point every four."""
 
@@ -68,11 +65,11 @@ def _place(values: NDArray[Any]) -> Place:
     return int(east), int(north), int(up)
 
 
-def encode_tileset(node: CloudNode, linked: frozenset[TileAddress] = frozenset(), folders: tuple[str, str] = FOLDERS) -> bytes:
+def encode_tileset(node: CloudNode, folders: tuple[str, str], linked: frozenset[TileAddress] = frozenset()) -> bytes:
     """The file of a tree.
 
-    linked  : tiles of it that stand for files of their own: `TILESETS/z/x/y.json`, where this one lies too
-    folders : layers of contents and of tilesets
+    folders : layers of contents and of tilesets, across which files refer to each other
+    linked  : tiles of it that stand for files of their own: `z/x/y.json` of the tilesets, where this one lies too
     """
     root = _tile(node, node.origin_m, linked, "../../..", folders)
     return _file(root, node, {"origin_m": list(node.origin_m)})
@@ -88,12 +85,12 @@ def decode_tileset(data: bytes, name: str = "tileset") -> CloudNode:
         raise InputError(f"is no tileset of a map ({error})", file=name, remedy="have the map stitched anew") from error
 
 
-def encode_root(nodes: Sequence[CloudNode], frame: MapFrame, up: str = ".", folders: tuple[str, str] = FOLDERS) -> bytes:
+def encode_root(nodes: Sequence[CloudNode], frame: MapFrame, folders: tuple[str, str], up: str = ".") -> bytes:
     """The tileset of a whole map, at least one file of `encode_tileset`.
 
     nodes   : the roots of these files
-    up      : where the folders lie, relative to it
     folders : layers of contents and of tilesets
+    up      : where they lie, relative to it
     """
     low, high = _around([(node.low, node.high) for node in nodes])
     whole = CloudNode(TileAddress(0, 0, 0), (0, 0, 0), low, high, 2 * max(node.edge for node in nodes))
