@@ -10,6 +10,7 @@ from service_kit import tus
 from service_kit.guarded import OURS, Guarded, bearer
 from service_kit.running import ApiAlone
 from wayloom.config.roles import Role
+from wayloom.store.packs import LARGEST_PACKED
 from wayloom.store.tables.drives import Upload
 
 OUT_OF_SPACE = {"WAYLOOM_MIN_FREE_BYTES": str(1 << 60)}
@@ -48,3 +49,11 @@ def test_a_registration_lists_no_pack_whose_index_was_never_written(http: httpx2
     (api_process.data / "uploads" / f"{lost.rpartition('/')[2]}.pack").unlink()  # as if the server had died before
     assert packs_of(http, name, a=b"aaa") == [good]
     assert tus.patch(http, good, 0, b"aaa").status_code == 204
+
+
+def test_a_file_that_is_too_large_for_a_pack_is_named(http: httpx2.Client) -> None:
+    files = [{"path": f"log/{name}", "size": size, "sha256": "0" * 64} for name, size in (("a", 1), ("b", LARGEST_PACKED + 1))]
+    drive = http.post("/v1/drives", json={"name": "large", "files": files}).json()["id"]
+    refused = http.post(f"/v1/drives/{drive}/packs", json={"paths": ["log/a", "log/b"]})
+    assert (refused.status_code, "log/b" in refused.json()["detail"]) == (409, True)
+    assert http.post(f"/v1/drives/{drive}/packs", json={"paths": ["log/a"]}).status_code == 201

@@ -5,10 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from wayloom.errors import ConflictError
 from wayloom.store.folders import Folders
 from wayloom.store.pack_arrivals import PackArrival
-from wayloom.store.pack_sizes import LARGEST_PACKED, check_sizes
 from wayloom.store.packs import Pack, PackedFile
 
 CONTENTS = (b"first", b"second")
@@ -50,9 +48,3 @@ def test_an_arrival_that_cannot_begin_lets_the_next_one_have_the_pack(folders: F
     again = arrival(folders, pack)  # raises BlockingIOError where the lock is still held
     again.begin(0)
     again.close()
-
-
-def test_a_file_that_is_too_large_for_a_pack_is_named() -> None:
-    check_sizes([PackedFile("log/a", LARGEST_PACKED, "")])
-    with pytest.raises(ConflictError, match="log/b"):
-        check_sizes([PackedFile("log/a", 1, ""), PackedFile("log/b", LARGEST_PACKED + 1, "")])

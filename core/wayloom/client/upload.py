@@ -19,7 +19,7 @@ from wayloom.client.streams import TUS, OneFile, PackOfFiles, Stream
 from wayloom.config.backoff import Backoff
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import ServiceError
-from wayloom.store.pack_sizes import LARGEST_PACKED
+from wayloom.store.packs import LARGEST_PACKED
 
 CONNECTIONS: Final = 4
 CONTENT: Final = {"Content-Type": "application/offset+octet-stream"}
@@ -97,14 +97,15 @@ def _streams(api: Api, packed_drive: PackedDrive, registration: dict[str, Any], 
         if any(file["path"] in missing for file in files):
             here = sum(file["size"] for file in files if missing.pop(file["path"], None) is None)
             found.append(_Begun(PackOfFiles(drive_id, files, sources), pack["upload"], here))
-    is_small = "packs" in registration and packs
-    small = [file for file in missing.values() if is_small and file["size"] <= LARGEST_PACKED and file["upload"] is None]
+    may_pack = "packs" in registration and packs
+    small = [file for file in missing.values() if may_pack and file["size"] <= LARGEST_PACKED and file["upload"] is None]
     if len(small) > 1:
         found += [
             _Begun(PackOfFiles(drive_id, small[start : start + LARGEST_PACK], sources))
             for start in range(0, len(small), LARGEST_PACK)
         ]
-        missing = {path: file for path, file in missing.items() if file["size"] > LARGEST_PACKED or file["upload"] is not None}
+        packed = {file["path"] for file in small}
+        missing = {path: file for path, file in missing.items() if path not in packed}
     alone = [_Begun(OneFile(drive_id, file, sources[path]), file["upload"], int(file["offset"])) for path, file in missing.items()]
     return found + alone
 

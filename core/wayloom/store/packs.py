@@ -30,6 +30,9 @@ from wayloom.store.uploads import Part, sync_folder
 T = TypeVar("T")
 MOST_FILES: Final = 10_000
 """Of one pack: a drive of more goes in several."""
+LARGEST_PACKED: Final = 4 << 20
+"""Bytes of one file of a pack, of which a request that continues it reads again what has come. A file of its own costs some 15 ms,
+in which a pack moves as much."""
 ROWS_AT_ONCE: Final = 500
 FEW: Final = 4
 """So many files are made durable one by one, more of them with their file system."""
@@ -77,6 +80,8 @@ def lacking(session: Session, drive_id: str, paths: Sequence[str]) -> Sequence[P
         raise NotFoundError(f"drive {drive_id[:12]!r} has no file {unknown[0][:200]!r} in its manifest")
     if len(found) < len(paths):
         raise ConflictError("a pack names each file once")
+    if large := next((file for file in found.values() if file.size > LARGEST_PACKED), None):
+        raise ConflictError(f"{large.path[:200]!r} has more than the {LARGEST_PACKED} bytes of a file of a pack: send it by itself")
     return [PackedFile(path, found[path].size, found[path].sha256) for path in paths if not found[path].complete]
 
 
