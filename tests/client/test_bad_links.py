@@ -26,13 +26,6 @@ from wayloom.store.folders import Folders
 MIB = 1 << 20
 
 
-@pytest.fixture(scope="module")
-def alone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ApiAlone]:
-    server = ApiAlone(tmp_path_factory.mktemp("server") / "data")
-    yield server
-    server.close()
-
-
 def one_file(folder: Path, size: int) -> PackedDrive:
     """A drive of one file of random bytes."""
     folder.mkdir(parents=True, exist_ok=True)

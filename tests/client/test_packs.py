@@ -26,13 +26,6 @@ HEAD = 4096
 """Bytes of the heads and answers of a few requests."""
 
 
-@pytest.fixture(scope="module")
-def alone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ApiAlone]:
-    server = ApiAlone(tmp_path_factory.mktemp("server") / "data")
-    yield server
-    server.close()
-
-
 @pytest.fixture
 def http(alone: ApiAlone) -> Iterator[httpx2.Client]:
     with httpx2.Client(base_url=alone.url, timeout=30.0, trust_env=False) as client:

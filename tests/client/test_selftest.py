@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,6 @@ from wayloom.errors import ServiceError
 
 Answer = httpx2.Response
 Lie = Callable[[str, Answer], None]
-
-
-@pytest.fixture(scope="module")
-def alone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ApiAlone]:
-    process = ApiAlone(tmp_path_factory.mktemp("selftest") / "data")
-    yield process
-    process.close()
 
 
 def selftest(*arguments: object) -> subprocess.CompletedProcess[str]:

@@ -5,7 +5,7 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +26,6 @@ from wayloom.store.database import Database
 from wayloom.store.manifest import Manifest, ManifestFile
 
 QUICK = Backoff(0.05, 0.1)
-
-
-@pytest.fixture(scope="module")
-def alone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ApiAlone]:
-    server = ApiAlone(tmp_path_factory.mktemp("server") / "data")
-    yield server
-    server.close()
 
 
 @pytest.fixture

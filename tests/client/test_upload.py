@@ -25,13 +25,6 @@ from wayloom.config.backoff import Backoff
 from wayloom.errors import LogError, ServiceError
 
 
-@pytest.fixture(scope="module")
-def alone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ApiAlone]:
-    server = ApiAlone(tmp_path_factory.mktemp("server") / "data")
-    yield server
-    server.close()
-
-
 @pytest.fixture
 def api(alone: ApiAlone) -> Iterator[Api]:
     with Api(alone.url) as found:
