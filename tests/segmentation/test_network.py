@@ -151,6 +151,21 @@ def test_the_upsampling_kernel_agrees_with_its_twin(stride: int, height: int, wi
     assert np.array_equal(labels, upsampled_argmax.py_func(logits, gh * stride, gw * stride, height, width))
 
 
+@pytest.mark.parametrize("step", [0.0, 0.5, 1.0])
+def test_where_a_class_leads_in_two_columns_it_leads_between_them(step: float) -> None:
+    """Patches of classes, with ties (step 0.5 and 1 round the logits) and values far apart, beside every pixel weighed in full."""
+    rng = np.random.default_rng(7)
+    logits = np.repeat(np.repeat(rng.normal(0, 4, (4, 5, 6)), 4, axis=0), 4, axis=1) + rng.normal(0, 0.3, (16, 20, 6))
+    logits = (np.round(logits / step) * step if step else logits * 10 ** rng.uniform(-3, 3, (16, 20, 1))).astype(np.float32)
+    labels = upsampled_argmax(logits, 128, 160, 121, 157)
+    av, v0 = np.modf(np.clip((np.arange(121) + 0.5) / 8 - 0.5, 0, 15))
+    au, u0 = np.modf(np.clip((np.arange(157) + 0.5) / 8 - 0.5, 0, 19))
+    v, u = v0.astype(int), u0.astype(int)
+    av, au = av.astype(np.float32)[:, None, None], au.astype(np.float32)[:, None]
+    rows = logits[v] + av * (logits[np.minimum(v + 1, 15)] - logits[v])
+    assert np.array_equal(labels, (rows[:, u] + au * (rows[:, np.minimum(u + 1, 19)] - rows[:, u])).argmax(axis=2))
+
+
 def test_tiles_cover_everything_once_and_overlap() -> None:
     for length, across in [(1408, 376), (1241, 376), (704, 188), (480, 360), (100, 100), (90, 100)]:
         tiles = tiles_along(length, across)
