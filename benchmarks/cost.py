@@ -54,6 +54,10 @@ class Tree:
             raise SystemExit(f"{self.name}: {' '.join(map(str, words))} failed:\n{run.stderr[-2000:]}")
         return run.stdout
 
+    def wayloom(self, *words: str | Path) -> None:
+        """Run a command of the tree's own."""
+        self.call("-c", "from wayloom.cli.main import main; main()", *words)
+
     def network(self, name: str) -> str:
         """What `--model` takes: EfficientViT is converted by the tree itself, since its file is the converter's."""
         if name != "efficientvit-b0":
@@ -61,7 +65,7 @@ class Tree:
         onnx = self.scratch / "efficientvit-b0.onnx"
         if not onnx.exists():
             weights = Path(os.environ.get("WAYLOOM_MODELS", ROOT.parent / "shared" / "models")) / WEIGHTS
-            self.call("-m", "wayloom", "models", "convert", name, weights, "--out", onnx)
+            self.wayloom("models", "convert", name, weights, "--out", onnx)
         return str(onnx.with_suffix(".toml"))
 
 
@@ -172,7 +176,7 @@ def main() -> None:
         scratch = args.scratch or Path(folder)
         here = Tree("this tree", ROOT, _made(scratch / "now"))
         if "city" in args.drives and not (scratch / "city").exists():
-            here.call("-m", "wayloom", "simulate", "loop", "--size", "full", "--out", scratch / "city")
+            here.wayloom("simulate", "loop", "--size", "full", "--out", scratch / "city")
         with _trees(here, args.against, scratch) as trees:
             wanted = cases(args.drives, args.networks, args.data, scratch)
             for tree in trees:

@@ -151,9 +151,9 @@ class _Builder:
         return self.graph.node("Add", x, y)
 
     def _enlarged(self, x: str, times: int) -> str:
-        """Bicubic, half a pixel aligned by area: R_v X R_h^T, since onnxruntime's Resize weighs all 16 neighbours of each value anew.
+        """Bicubic, half a pixel aligned by area, as R_v X R_h^T, R being the enlarged identity: Resize but for rounding.
 
-        R is the enlarged identity, of which Resize makes little. The result is that of Resize but for rounding.
+        onnxruntime's Resize weighs all 16 neighbours of each value anew and takes as long as all convolutions.
         """
         graph = self.graph
         rows, columns = graph.nodes("Split", 2, graph.node("Shape", x, start=2), graph.constant([1, 1]), axis=0)

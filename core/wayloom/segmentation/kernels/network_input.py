@@ -1,6 +1,5 @@
 """Images in the order and scale of a network's input."""
 
-import numpy as np
 from numba import njit
 
 
