@@ -1,7 +1,7 @@
 """Extraction of a drive's looks from its images: one pass over keyframes along the road."""
 
 from dataclasses import replace
-from typing import Final
+from typing import Final, TypeVar
 
 import cv2
 import numpy as np
@@ -21,6 +21,7 @@ from wayloom.places.stereo_pair import LeftLabels, StereoPair, read_pair, right_
 
 Image = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
+Number = TypeVar("Number", np.float64, np.uint8)
 SIGMA_PX: Final = 0.5
 """Of a disparity, of the images that are matched: what is worse than the sub-pixel noise is the pull of neighbours."""
 Look = tuple[Image, Image, Image]
@@ -42,7 +43,7 @@ def make_looks(
     with one_opencv_thread():
         for count, k in enumerate(chosen.tolist()):
             pair = read_pair(log, int(keyframes.frame[k]), images.left(k), rectifier)
-            depth = dense_depth(pair, odometry.rig, odometry.disparity_bias_px, settings)
+            depth = matched_depth(pair, odometry.rig, odometry.disparity_bias_px, settings)
             found.append(look_of(depth, pair.label, camera, edge, settings.sure_share))
             progress(count / len(chosen), f"look {count + 1} of {len(chosen)}")
     shape = (len(found), camera.height, camera.width)
@@ -56,6 +57,11 @@ def dense_depth(pair: StereoPair, rig: StereoRig, bias_px: float, settings: Look
 
     bias_px : of the disparities, at the full size of the images
     """
+    return _at_full_size(matched_depth(pair, rig, bias_px, settings), pair.left.shape, np.nan)
+
+
+def matched_depth(pair: StereoPair, rig: StereoRig, bias_px: float, settings: LookSettings) -> FloatArray:
+    """`dense_depth` at the size at which the images are matched: halved as often as it takes to be `match_width_px` wide."""
     left, right, level = pair.left, pair.right, _level(pair.left.shape[1], settings.match_width_px)
     for _ in range(level):
         left, right = _halved(left), _halved(right)
@@ -63,7 +69,7 @@ def dense_depth(pair: StereoPair, rig: StereoRig, bias_px: float, settings: Look
     small = replace(rig, camera=rig.camera.at_level(level))
     disparity = scale * dense_disparity(left, right, search_px(small), settings.check_px) - bias_px
     depth = np.where(disparity > 0.0, rig.bf / np.where(disparity > 0.0, disparity, 1.0), np.inf)
-    return _at_full_size(np.where(np.isnan(disparity), np.nan, depth), level, pair.left.shape)
+    return np.where(np.isnan(disparity), np.nan, depth)
 
 
 def _level(width: int, match_width_px: int) -> int:
@@ -80,11 +86,13 @@ def _halved(image: Image) -> Image:
     return np.asarray(cv2.resize(even, (even.shape[1] // 2, even.shape[0] // 2), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _at_full_size(depth: FloatArray, level: int, shape: tuple[int, ...]) -> FloatArray:
-    if level == 0:
-        return depth
-    large = np.full(shape, np.nan)
-    repeated = depth.repeat(1 << level, axis=0).repeat(1 << level, axis=1)
+def _at_full_size(values: NDArray[Number], shape: tuple[int, ...], border: float) -> NDArray[Number]:
+    """Values (h >> n, w >> n), each repeated over its pixels; a border that is no whole pixel of theirs is filled."""
+    if values.shape == shape:
+        return values
+    times = shape[0] // values.shape[0]
+    large = np.full(shape, border, values.dtype)
+    repeated = values.repeat(times, axis=0).repeat(times, axis=1)
     large[: repeated.shape[0], : repeated.shape[1]] = repeated
     return large
 
@@ -97,19 +105,26 @@ def small_camera(camera: PinholeCamera, width_px: int) -> tuple[PinholeCamera, i
 
 
 def look_of(depth: FloatArray, label: Image, camera: PinholeCamera, edge: int, sure_share: float) -> Look:
-    """The look of a depth image (H, W) m and its labels (H, W).
+    """The look of a depth image m, (H, W) or halved n times, and its labels (H, W).
 
     Sky is a look to infinity where no depth says otherwise; where one does, one of the two is wrong and neither is believed.
     """
     kinds = KINDS_OF_CLASS[label]
+    near_code, far_code = (_at_full_size(code, label.shape, UNSURE) for code in _codes(depth))
     sky = kinds == OPEN_SKY
+    denied = sky & (near_code != UNSURE) & (near_code != INFINITY)
+    near_code[sky], far_code[sky] = INFINITY, INFINITY
+    near_code[denied], far_code[denied] = UNSURE, UNSURE
+    near, far, all_kinds = (np.empty((camera.height, camera.width), np.uint8) for _ in range(3))
+    reduce_patches(near_code, far_code, kinds, edge, sure_share, near, far, all_kinds)
+    return near, far, all_kinds
+
+
+def _codes(depth: FloatArray) -> tuple[Image, Image]:
+    """Of each depth the code of the next one towards the camera, and of the next one away; UNSURE for NaN."""
     near_code = np.searchsorted(DEPTHS_M, depth, side="right").clip(1)
     far_code = np.minimum(np.searchsorted(DEPTHS_M, depth, side="left") + 1, INFINITY)
-    beyond = depth > DEPTHS_M[-1]
-    near_code[beyond] = INFINITY
-    unknown = np.isnan(depth) & ~sky | sky & (depth <= DEPTHS_M[-1])
-    near_code[sky], far_code[sky] = INFINITY, INFINITY
+    near_code[depth > DEPTHS_M[-1]] = INFINITY
+    unknown = np.isnan(depth)
     near_code[unknown], far_code[unknown] = UNSURE, UNSURE
-    near, far, all_kinds = (np.empty((camera.height, camera.width), np.uint8) for _ in range(3))
-    reduce_patches(near_code.astype(np.uint8), far_code.astype(np.uint8), kinds, edge, sure_share, near, far, all_kinds)
-    return near, far, all_kinds
+    return near_code.astype(np.uint8), far_code.astype(np.uint8)
