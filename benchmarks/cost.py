@@ -2,15 +2,19 @@
 
 python benchmarks/cost.py [--drives A B city] [--networks wayloom-city efficientvit-b0] [--cores 1 2] [--against REVISION]
                           [--rounds 1] [--write] [--json FILE]
+python benchmarks/cost.py --shares 8
 
 Each run is a process of its own (`drive_cost.py`) with its cores pinned; a first run, which is not counted, compiles the kernels.
 CPU is that of the process and of those that it starts; of several rounds the least counts. Peak memory is each stage's own.
 `--against` runs a committed revision in turn with this tree, for ratios in one run. `city` is simulated first, at full size.
+`--shares` writes cost.json, by which a test tells that a stage's share of CPU has grown: of so many pairs of runs over the first
+frames of clip A the median share of the better run, and as noise the largest less the smallest.
 """
 
 import argparse
 import json
 import os
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -24,6 +28,8 @@ from pages import DOCS, put_between_marks
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = DOCS / "benchmarks" / "cost.md"
+SHARES = ROOT / "benchmarks" / "cost.json"
+SHARE_FRAMES = 40
 WEIGHTS = "efficientvit-b0-cityscapes/efficientvit_seg_b0_cityscapes.pt"
 Measured = dict[str, Any]
 
@@ -148,6 +154,31 @@ def measured_case(trees: list[Tree], case: Case, cores: list[int], rounds: int) 
     return {name: {count: best(found) for count, found in by_cores.items()} for name, by_cores in runs.items()}
 
 
+def write_shares(tree: Tree, clip: Path, gnss: Path, pairs: int) -> None:
+    """benchmarks/cost.json from runs over the first SHARE_FRAMES frames of clip A with the network that ships."""
+    log = tree.scratch / "first"
+    for side in ("image_0", "image_1"):
+        (log / side).mkdir(parents=True)
+        for image in sorted((clip / side).glob("*.png"))[:SHARE_FRAMES]:
+            (log / side / image.name).write_bytes(image.read_bytes())
+    (log / "calib.txt").write_bytes((clip / "calib.txt").read_bytes())
+    (log / "times.txt").write_text("".join((clip / "times.txt").read_text().splitlines(keepends=True)[:SHARE_FRAMES]))
+    case = Case("A", "wayloom-city", log, gnss)
+    measure(tree, case, 1)
+    shares: dict[str, list[float]] = {}
+    for _ in range(pairs):
+        stages = best([measure(tree, case, 1) for _ in range(2)])["stages"]
+        total = sum(stage["cpu_s"] for name, stage in stages.items() if name != "all")
+        for name, stage in stages.items():
+            if name != "all":
+                shares.setdefault(name, []).append(stage["cpu_s"] / total)
+    content = {
+        "shares": {name: round(statistics.median(found), 4) for name, found in shares.items()},
+        "noise": {name: round(max(found) - min(found), 4) for name, found in shares.items()},
+    }
+    SHARES.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
 def told(case: Case, trees: list[Tree], found: dict[str, dict[int, Measured]]) -> str:
     now = found[trees[0].name]
     one = now[min(now)]
@@ -170,11 +201,17 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("WAYLOOM_DATA", ROOT.parent / "shared" / "data")))
     parser.add_argument("--scratch", type=Path)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--shares", type=int, metavar="PAIRS")
     parser.add_argument("--write", action="store_true")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         scratch = args.scratch or Path(folder)
         here = Tree("this tree", ROOT, _made(scratch / "now"))
+        if args.shares:
+            case = cases(["A"], ["wayloom-city"], args.data, scratch)[0]
+            assert case.gnss
+            write_shares(here, case.log, case.gnss, args.shares)
+            return
         if "city" in args.drives and not (scratch / "city").exists():
             here.wayloom("simulate", "loop", "--size", "full", "--out", scratch / "city")
         with _trees(here, args.against, scratch) as trees:

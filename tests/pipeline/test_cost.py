@@ -1,0 +1,40 @@
+"""No stage takes a larger share of a drive's CPU than it did, beyond the noise of the committed runs (`benchmarks/cost.json`)."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pipeline.real_log import first_frames
+
+ROOT = Path(__file__).resolve().parents[2]
+COMMITTED: dict[str, Any] = json.loads((ROOT / "benchmarks" / "cost.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def shares(clip_a: Path, clip_a_gnss: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, float]:
+    """Of each stage the share of all stages' CPU in the better of two runs; the first one may have to compile kernels."""
+    folder = tmp_path_factory.mktemp("cost")
+    log = first_frames(clip_a, folder / "street")
+    runs = [_cpu_of_stages(log, folder / f"out-{run}", clip_a_gnss) for run in range(3)][1:]
+    least = {name: min(run[name] for run in runs) for name in runs[0]}
+    return {name: seconds / sum(least.values()) for name, seconds in least.items()}
+
+
+def _cpu_of_stages(log: Path, out: Path, gnss: Path) -> dict[str, float]:
+    words = [sys.executable, ROOT / "benchmarks" / "drive_cost.py", log, out, "--gnss", gnss]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    run = subprocess.run(list(map(str, words)), env=environment, capture_output=True, text=True, check=True)
+    stages = json.loads(run.stdout)["stages"]
+    return {name: stage["cpu_s"] for name, stage in stages.items() if name != "all"}
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("stage", COMMITTED["shares"])
+def test_a_stage_takes_no_larger_share_of_a_drives_cpu_than_before(stage: str, shares: dict[str, float]) -> None:
+    before, noise = COMMITTED["shares"][stage], COMMITTED["noise"][stage]
+    assert shares[stage] <= before + noise
