@@ -1,6 +1,6 @@
 """Drills of the service's processes: workers killed in every stage, brokers wiped, a database that is ended, a disk that is full.
 
-    python benchmarks/process_drills.py [--minutes 25] [--kills 200] [--seed 0] [--drives 2] [--mixed] [--database postgresql] [--write]
+    python benchmarks/process_drills.py [--minutes 25] [--kills 200] [--seed 0] [--mixed] [--database postgresql] [--write]
 
 Starts a real embedded service (API, workers, broker, sweeper; SQLite, or a PostgreSQL of its own from the machine's binaries), on a
 small disk where this process may mount one, and sends simulated drives through all stages: first undisturbed, then round after
@@ -220,7 +220,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--drives", type=int, default=2, choices=(1, 2))
     parser.add_argument("--database", choices=("sqlite", "postgresql"), default="sqlite")
-    parser.add_argument("--mixed", action="store_true", help="all faults in every round; else in every third, most have kills alone")
+    parser.add_argument("--mixed", action="store_true", help="all faults in every round, and not in every third alone")
     parser.add_argument("--logs", type=Path, default=Path(tempfile.gettempdir()) / "wayloom-drill-drives", help="simulated drives")
     parser.add_argument("--write", action="store_true", help="into the page")
     arguments = parser.parse_args()
