@@ -11,6 +11,9 @@ PROBLEM: Final = {"schema": {"$ref": "#/components/schemas/Problem"}}
 FRAMEWORK: Final = ("HTTPValidationError", "ValidationError")
 """Schemas of the framework's own errors, which are never sent."""
 
+OF_BODIES: Final = {"400": "the body cannot be read", "408": "the body paused for too long", "413": "the body is too long"}
+"""What is answered to any body, whatever the operation."""
+
 
 def describe(app: FastAPI) -> None:
     """Make the application describe itself so."""
@@ -32,6 +35,9 @@ def _with_problems(document: dict[str, Any]) -> dict[str, Any]:
     describe_access(document)
     for operations in document["paths"].values():
         for operation in operations.values():
+            if "requestBody" in operation:
+                for status, description in OF_BODIES.items():
+                    operation["responses"].setdefault(status, {"description": description})
             for status, response in operation["responses"].items():
                 if status.startswith(("4", "5")) and not _is_health(response):
                     response["content"] = {MEDIA_TYPE: PROBLEM}

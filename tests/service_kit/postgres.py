@@ -36,8 +36,7 @@ def cluster() -> Iterator[str]:
         os.chown(folder, user.pw_uid, user.pw_gid)
     try:
         _run(programs / "initdb", "-D", data, "-A", "trust", "-U", "wayloom", "-E", "UTF8", "--no-sync")
-        options = f"-k {folder} -c listen_addresses='' -c fsync=off -c full_page_writes=off -c max_connections=50"
-        _run(programs / "pg_ctl", "-D", data, "-l", folder / "log", "-o", options, "-w", "start")
+        _start(folder)
         try:
             _prepare(str(folder))
             yield str(folder)
@@ -45,6 +44,22 @@ def cluster() -> Iterator[str]:
             _run(programs / "pg_ctl", "-D", data, "-m", "immediate", "stop")
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def stopped(folder: str) -> Iterator[None]:
+    """A cluster whose processes are ended as by a loss of power, while this lasts."""
+    data = Path(folder) / "data"
+    _run(binaries() / "pg_ctl", "-D", data, "-m", "immediate", "-w", "stop")
+    try:
+        yield
+    finally:
+        _start(Path(folder))
+
+
+def _start(folder: Path) -> None:
+    options = f"-k {folder} -c listen_addresses='' -c fsync=off -c full_page_writes=off -c max_connections=50"
+    _run(binaries() / "pg_ctl", "-D", folder / "data", "-l", folder / "log", "-o", options, "-w", "start")
 
 
 def _prepare(folder: str) -> None:

@@ -86,6 +86,13 @@ def unsent(database: Database, resend_s: float, limit: int = 500) -> list[JobMes
         return [JobMessage(job_id, queue) for job_id, queue in session.execute(queued.order_by(Job.id).limit(limit))]
 
 
+def open_jobs(database: Database) -> list[JobMessage]:
+    """Every job that is queued or runs."""
+    with database.read() as session:
+        found = select(Job.id, Job.queue).where(Job.state.in_(("queued", "running"))).order_by(Job.id)
+        return [JobMessage(job_id, queue) for job_id, queue in session.execute(found)]
+
+
 def _lost(session: Session) -> list[_Lost]:
     now = now_s(session)
     lost = []

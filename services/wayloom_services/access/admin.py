@@ -1,7 +1,7 @@
 """Endpoints of admins: keys, and the audit log."""
 
 from collections.abc import Callable
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request
 
@@ -12,8 +12,9 @@ from wayloom.store.tables.access import AccessKey
 from wayloom_services.access.guard import OBJECT
 from wayloom_services.access.schemas import AuditOut, AuditPage, KeyIn, KeyList, KeyOut, NewKey, Prefix, RotateIn
 from wayloom_services.context import Service, ServiceDep, require_key
-from wayloom_services.errors import ProtocolError
+from wayloom_services.errors import Problem, ProtocolError
 
+OF_ONE_KEY: dict[int | str, dict[str, Any]] = {status: {"model": Problem} for status in (404, 409)}
 AS_SET = RotateIn(grace_s=None)
 router = APIRouter(prefix="/v1", tags=["access"], dependencies=[Depends(require_key)])
 
@@ -36,14 +37,14 @@ async def create_key(wanted: KeyIn, request: Request, service: ServiceDep) -> Ne
     return made
 
 
-@router.post("/keys/{prefix}/rotate")
+@router.post("/keys/{prefix}/rotate", responses=OF_ONE_KEY)
 async def rotate_key(prefix: Prefix, service: ServiceDep, wanted: RotateIn = AS_SET) -> NewKey:
     """Give the key a new secret. The one before is taken for a while, so that a vehicle has time to get the new one."""
     grace_s = service.settings.access.rotation_grace_s if wanted.grace_s is None else wanted.grace_s
     return await _changed(service, lambda session: keys.rotate(session, prefix, grace_s))
 
 
-@router.delete("/keys/{prefix}")
+@router.delete("/keys/{prefix}", responses=OF_ONE_KEY)
 async def revoke_key(prefix: Prefix, service: ServiceDep) -> KeyOut:
     """Revoke the key: this process refuses it from now on, others of the same service within `access.held_s` seconds."""
     found = await service.write(lambda session: KeyOut.of(keys.revoke(session, prefix)))

@@ -4,7 +4,7 @@ from typing import Any, Final
 
 from wayloom.config.roles import RIGHTS, Right
 from wayloom_services.access.callers import COOKIE_OF_HTTPS
-from wayloom_services.access.needs import Open, need_of
+from wayloom_services.access.needs import READING, Open, need_of
 
 SCHEMES: Final[dict[str, Any]] = {
     "key": {"type": "http", "scheme": "bearer", "description": "a key of `wayloom keys create`, or WAYLOOM_API_KEY"},
@@ -17,6 +17,7 @@ SCHEMES: Final[dict[str, Any]] = {
 }
 UNKNOWN: Final = {"description": "no key or session, or one that is unknown, expired or revoked"}
 FORBIDDEN: Final = {"description": "the caller's role has not the right; or a page of another origin asks for a change"}
+CROSS_SITE: Final = {"description": "a page of another origin asks for a change, or one that does not send the header"}
 FLOOD: Final = {"description": "too many requests, or more than the quota: Retry-After says when it may be tried again"}
 
 
@@ -30,6 +31,8 @@ def describe_access(document: dict[str, Any]) -> None:
             answers.setdefault("429", FLOOD)
             if need is Open.TO_ALL:
                 operation["security"] = []
+                if method.upper() not in READING:
+                    answers["403"] = CROSS_SITE
                 continue
             operation["security"] = [{"key": []}, {"session": []}]
             answers["401"] = {**answers.get("401", {}), **UNKNOWN}

@@ -15,7 +15,7 @@ from wayloom_services.access.guard import OBJECT, address_of, too_many
 from wayloom_services.access.needs import SESSION
 from wayloom_services.access.schemas import Me, SignIn
 from wayloom_services.context import ServiceDep, require_key
-from wayloom_services.errors import ProtocolError, no_key
+from wayloom_services.errors import Problem, ProtocolError, no_key
 
 router = APIRouter(prefix=SESSION, tags=["access"], dependencies=[Depends(require_key)])
 
@@ -40,7 +40,7 @@ async def who(request: Request) -> Me:
     return _me(caller.name, caller.role, caller.by_cookie)
 
 
-@router.post("")
+@router.post("", responses={401: {"model": Problem, "description": "name or password is wrong, or has to wait"}})
 async def sign_in(wanted: SignIn, request: Request, response: Response, service: ServiceDep) -> Me:
     """Begin a session: the answer sets its cookie. 401 where name or password is wrong, and for a while after some of these;
     429 where too many come from an address."""

@@ -1,8 +1,9 @@
 """ROS 2 recordings: as robots make them, and damaged."""
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -47,9 +48,14 @@ def raw_image(t_ns: int, frame: str, image: np.ndarray, encoding: str, padding: 
 
 
 def record(
-    file: Path, messages: Messages, compression: CompressionType = CompressionType.ZSTD, encoding: str = "cdr", close: bool = True
+    file: Path,
+    messages: Messages,
+    compression: CompressionType = CompressionType.ZSTD,
+    encoding: str = "cdr",
+    close: bool = True,
+    encodings: Mapping[str, str] = MappingProxyType({}),
 ) -> Path:
-    """A recording of (time, topic, type, bytes)."""
+    """A recording of (time, topic, type, bytes); some topics in encodings of their own."""
     stream = io.BytesIO()
     writer = Writer(stream, chunk_size=20_000, compression=compression)
     writer.start(profile="ros2", library="test")
@@ -57,7 +63,8 @@ def record(
     for number, (t_ns, topic, kind, data) in enumerate(messages):
         if topic not in channels:
             text = ros.schema(kind) if kind in (ros.COMPRESSED, ros.CAMERA_INFO, ros.NAV_SAT_FIX, ros.IMU, ros.TRANSFORMS) else "x"
-            channels[topic] = writer.register_channel(topic, encoding, writer.register_schema(kind, "ros2msg", text.encode()))
+            used = encodings.get(topic, encoding)
+            channels[topic] = writer.register_channel(topic, used, writer.register_schema(kind, "ros2msg", text.encode()))
         writer.add_message(channels[topic], t_ns, data, t_ns, number)
     if close:
         writer.finish()
@@ -74,6 +81,13 @@ def robot(topic: str = "image_rect_color", **changes: object) -> Messages:
             out.append((t, f"/rig/{name}/camera_info", ros.CAMERA_INFO, ros.camera_info(info(t, side, **changes))))
             out.append((t, f"/rig/{name}/{topic}", ros.RAW_IMAGE, raw_image(t, f"camera_{side}", image, "rgb8", padding=3)))
     return out
+
+
+def test_truth_in_an_encoding_that_is_not_read_is_as_none(tmp_path: Path) -> None:
+    messages = [*robot(), (1, "/truth/left_camera", ros.POSE, b"{}")]
+    log = open_log(record(tmp_path / "drive.mcap", messages, encodings={"/truth/left_camera": "json"}))
+    assert log.truth is None
+    assert "truth poses" in log.missing
 
 
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])

@@ -12,7 +12,7 @@ from wayloom.errors import ServiceError
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Of one check: `passed`, `failed` or `not offered`, and what was found where it failed."""
+    """Of one check: `passed`, `failed`, `not offered` by the service or `not tried` here, and what was found or why not."""
 
     kind: str
     name: str
@@ -41,7 +41,7 @@ def _verdict(subject: Subject, kind: str, check: Check) -> Verdict:
 
 
 def as_json(url: str, verdicts: Sequence[Verdict], removed: bool) -> dict[str, Any]:
-    """The report as it is written to a file."""
+    """The report as it is written to a file. removed : whether the service is without the drives that were sent"""
     failed = sum(one.verdict == "failed" for one in verdicts)
     return {
         "url": url,

@@ -153,7 +153,7 @@ def read_exposures(
 
 def read_truth(file: McapFile, messages: dict[str, Messages], t_ns: NDArray[np.int64], rig: McapRig) -> FloatArray | None:
     """(N, 4, 4) T_world_cam of the rectified left camera at its frames, NaN where there is none; None without any."""
-    if not any(topic.name == TRUTH_TOPIC and topic.kind == ros.POSE for topic in file.topics):
+    if not any(topic.name == TRUTH_TOPIC and topic.kind == ros.POSE and topic.encoding == "cdr" for topic in file.topics):
         return None
     poses = {header.t_ns: T for header, T in decoded(file, TRUTH_TOPIC, messages[TRUTH_TOPIC], ros.read_pose)}
     nowhere = np.full((4, 4), np.nan)
