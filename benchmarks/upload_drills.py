@@ -58,14 +58,10 @@ def main() -> None:
                 print(f"{len(found)} in {time.monotonic() - started:.0f} s", flush=True)
             if time.monotonic() - started > 60.0 * arguments.minutes:
                 break
-    took = f"in {time.monotonic() - started:.0f} s at a load average of {os.getloadavg()[1]:.1f}"
-    text = "\n".join(
-        [
-            f"{arguments.count} uploads of 4 MiB in chunks of at most 1 MiB, seed {arguments.seed}, in `{arguments.folder or tempfile.gettempdir()}`, {took}.",
-            "",
-            *table(found),
-        ]
-    )
+    took = f"{time.monotonic() - started:.0f} s at a load average of {os.getloadavg()[1]:.1f}"
+    where = arguments.folder or tempfile.gettempdir()
+    said = f"{len(found)} uploads of 4 MiB in chunks of at most 1 MiB, seed {arguments.seed}, in `{where}`, {took}."
+    text = "\n".join([said, "", *table(found)])
     print(text)
     if arguments.write:
         put_between_marks(PAGE, "drills", text)

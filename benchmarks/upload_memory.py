@@ -1,6 +1,6 @@
 """Memory of the API over many gigabytes of uploads: resident bytes after each, and their slope with its error.
 
-python benchmarks/upload_memory.py [--gigabytes 50] [--write]
+python benchmarks/upload_memory.py [--gigabytes 50] [--minutes M] [--write]
 
 Each gigabyte is a drive of its own: by turns one large file, and 4,000 of 250 kB in packs, over loopback to one API process on
 SQLite. A drive's files are deleted when it has arrived: about 3 GB of disk are used at once. The slope is that of the line of least
@@ -67,6 +67,7 @@ def lines(found: list[tuple[float, float]], seconds: float) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--gigabytes", type=int, default=50, help="at least 12")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="ends when they are over, also with fewer gigabytes")
     parser.add_argument("--folder", type=Path, help="where files and data are made; default the system's temporary folder")
     parser.add_argument("--write", action="store_true", help="into the page")
     arguments = parser.parse_args()
