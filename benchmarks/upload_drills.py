@@ -1,6 +1,6 @@
 """Drill of cut uploads: each is cut at a random byte in a random way, goes on, and has to arrive whole with little sent twice.
 
-python benchmarks/upload_drills.py [--count 1000] [--minutes M] [--seed 0] [--folder DIR] [--write]
+python benchmarks/upload_drills.py [--count 1000] [--processes 2] [--minutes M] [--seed 0] [--folder DIR] [--write]
 
 Cuts, all within a chunk: `reset` (every connection is reset after so many bytes), `client` (it ends at a byte of a file, and is
 started again), `server` (kill -9 when so many bytes have gone to it), `flip` (one bit on the way). Half of the uploads are one file
@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -41,26 +42,36 @@ def table(found: list[Drill]) -> list[str]:
     return lines
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="ends when they are over, also with fewer uploads")
-    parser.add_argument("--folder", type=Path, help="where files and data are made; default the system's temporary folder")
-    parser.add_argument("--write", action="store_true", help="into the page")
-    arguments = parser.parse_args()
+def some(worker: int, count: int, seed: int, minutes: float, folder: Path) -> list[Drill]:
+    """The drills of one process, against a server of its own. Raises AssertionError at the first that shows a fault."""
     found, started = [], time.monotonic()
-    with tempfile.TemporaryDirectory(dir=arguments.folder) as name:
-        for drill in drills(arguments.count, arguments.seed, Path(name)):
+    with tempfile.TemporaryDirectory(dir=folder) as name:
+        for drill in drills(count, seed + worker, Path(name)):
             drill.check()
             found.append(drill)
             if len(found) % TOLD_EVERY == 0:
-                print(f"{len(found)} in {time.monotonic() - started:.0f} s", flush=True)
-            if time.monotonic() - started > 60.0 * arguments.minutes:
+                print(f"process {worker}: {len(found)} in {time.monotonic() - started:.0f} s", flush=True)
+            if time.monotonic() - started > 60.0 * minutes:
                 break
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=1000)
+    parser.add_argument("--processes", type=int, default=2, help="at once, each with a server of its own")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="ends when they are over, also with fewer uploads")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()), help="where files and data are made")
+    parser.add_argument("--write", action="store_true", help="into the page")
+    arguments = parser.parse_args()
+    started, many = time.monotonic(), arguments.processes
+    with ProcessPoolExecutor(many) as pool:
+        share = -(-arguments.count // many)
+        begun = [pool.submit(some, i, share, arguments.seed, arguments.minutes, arguments.folder) for i in range(many)]
+        found = [drill for each in begun for drill in each.result()]
     took = f"{time.monotonic() - started:.0f} s at a load average of {os.getloadavg()[1]:.1f}"
-    where = arguments.folder or tempfile.gettempdir()
-    said = f"{len(found)} uploads of 4 MiB in chunks of at most 1 MiB, seed {arguments.seed}, in `{where}`, {took}."
+    said = f"{len(found)} uploads of 4 MiB in chunks of at most 1 MiB, seed {arguments.seed}, in `{arguments.folder}`, {took}."
     text = "\n".join([said, "", *table(found)])
     print(text)
     if arguments.write:

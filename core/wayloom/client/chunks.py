@@ -17,7 +17,7 @@ PIECE: Final = 64 << 10
 """Bytes of a piece: so much is sent again of what a broken link or a flipped bit has cut short."""
 BLOCK: Final = 16 * PIECE
 """Bytes that are read and handed to the link at once."""
-FIRST: Final = 4 << 20
+FIRST: Final = 8 << 20
 LARGEST: Final = 64 << 20
 
 
