@@ -1,5 +1,7 @@
-"""Connections that are not let hang, a request whose head does not come in time is dropped; that read into one buffer, and lend
-their socket to whoever receives a large body."""
+"""HTTP connections that are not let hang, read into one buffer, and lend their socket to whoever receives a large body.
+
+A request whose head does not come in time is dropped.
+"""
 
 import asyncio
 import socket

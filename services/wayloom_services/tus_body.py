@@ -116,8 +116,10 @@ async def _pour_directly(body: DirectBody, service: Service, expiry: "_Expiry", 
             raise
         await _until_done(service.in_thread(body.flush))
     finally:
-        await _until_done(service.in_thread(body.settle))
-        body.give_back()
+        try:
+            await _until_done(service.in_thread(body.settle))
+        finally:
+            body.give_back()
     return not body.broken
 
 
