@@ -108,7 +108,7 @@ def index(folders: Folders, upload: Upload, files: Sequence[PackedFile]) -> Pack
     return of(folders, upload)
 
 
-def _files(session: Session, drive_id: str, paths: Sequence[str]) -> Sequence[Row[tuple[str, int, str, bool]]]:
+def _files(session: Session, drive_id: str, paths: Sequence[str]) -> Sequence[Row[str, int, str, bool]]:
     clean = [path for path in paths if "\0" not in path]  # PostgreSQL takes no NUL in a text
     wanted = select(DriveFile.path, DriveFile.size, DriveFile.sha256, DriveFile.complete)  # objects cost more than the query
     return session.execute(wanted.where(DriveFile.drive_id == drive_id, DriveFile.path.in_(clean))).all()
