@@ -75,10 +75,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory(dir=arguments.folder) as name, servers(Path(name)) as start:
         for one in gigabytes(start(), Path(name), arguments.gigabytes):
             found.append(one)
-            print(
-                f"{len(found)} GB, {time.monotonic() - started:.0f} s: {one[0]:.1f} MB resident, {one[1]:.1f} MB at most",
-                flush=True,
-            )
+            took = time.monotonic() - started
+            print(f"{len(found)} GB, {took:.0f} s: {one[0]:.1f} MB resident, {one[1]:.1f} MB at most", flush=True)
+            if took > 60.0 * arguments.minutes:
+                break
     text = "\n".join(lines(found, time.monotonic() - started))
     print(text)
     if arguments.write:
