@@ -3,8 +3,11 @@
 import asyncio
 from collections.abc import AsyncIterable, AsyncIterator
 from contextlib import asynccontextmanager
+from typing import TypeVar
 
 from wayloom_services.errors import ProtocolError
+
+T = TypeVar("T")
 
 
 class Hold:
@@ -20,7 +23,11 @@ class Hold:
         if self._waiting is not None and self._waiting.when() is not None:
             self._waiting.reschedule(asyncio.get_running_loop().time())
 
-    async def chunks(self, body: AsyncIterable[bytes], patience_s: float) -> AsyncIterator[bytes]:
+    def is_asked(self) -> bool:
+        """Whether another request wants the upload."""
+        return self._asked
+
+    async def chunks(self, body: AsyncIterable[T], patience_s: float) -> AsyncIterator[T]:
         """The body's chunks until its end. Raises ProtocolError: 423 where another request asks for the upload, 408 where no byte
         comes for so long."""
         source = body.__aiter__()

@@ -61,7 +61,7 @@ async def begin(drive_id: DriveId, wanted: PackIn, request: Request, response: R
         if not files:
             return None, files
         own.check_upload(request, session, service.settings.access, drive_id, sum(file.size for file in files))
-        return packs.create(session, drive_id, files, service.settings.upload_expiry_s), files
+        return packs.create(session, drive_id, files), files
 
     upload, files = await service.write(make)
     kept = {file.path for file in files}
@@ -71,6 +71,7 @@ async def begin(drive_id: DriveId, wanted: PackIn, request: Request, response: R
     try:
         await check_space(service, upload.length)
         await service.in_thread(lambda: packs.index(service.folders, upload, files))
+        await service.write(lambda session: uploads.prolong(session, upload.id, service.settings.upload_expiry_s))
     except BaseException:  # a row without an index is of no use, and counts
         await forget(service, upload)
         raise

@@ -1,6 +1,7 @@
 """Upload bodies: receiving, storing, verifying, and moving a whole file into its drive."""
 
 import asyncio
+from collections.abc import Awaitable, Callable
 from types import TracebackType
 from typing import Final, Protocol, Self
 
@@ -14,6 +15,7 @@ from wayloom.store.jobs import JobMessage
 from wayloom.store.tables.drives import Upload
 from wayloom_services import upload_faults
 from wayloom_services.context import Service
+from wayloom_services.direct_bodies import DirectBody
 from wayloom_services.errors import ProtocolError
 from wayloom_services.locks import Hold
 from wayloom_services.pack_bodies import Checks, complete_pack, receive_pack
@@ -77,11 +79,17 @@ def _put_down(service: Service, upload: Upload, arrival: Arrival) -> None:
 async def _pour(request: Request, service: Service, upload: Upload, arrival: Sink, room: int, hold: Hold) -> bool:
     """Hand on the body, at most `room` bytes, a buffer at a time: while one is stored the next one comes. What has come before a
     broken link is handed on too. Returns whether the body came to its end."""
+    expiry = _Expiry(service, upload.id)
+
+    def store(content: memoryview) -> None:
+        service.metrics.upload_bytes.inc(len(content))
+        arrival.take(content)
+
+    body = DirectBody.of(request, store)
+    if body is not None:
+        return await _pour_directly(body, service, expiry, hold)
     come = 0
-    clock = asyncio.get_running_loop().time
-    every = min(PROLONG_S, service.settings.upload_expiry_s / 4)
-    prolonged = clock()
-    async with _Pipe(service, arrival) as pipe:
+    async with _Pipe(service, store) as pipe:
         try:
             async for chunk in hold.chunks(request.stream(), service.settings.body_pause_s):
                 come += len(chunk)
@@ -89,12 +97,59 @@ async def _pour(request: Request, service: Service, upload: Upload, arrival: Sin
                     pipe.drop()
                     raise ProtocolError(413, "too-large", f"the chunk has more than the {room} bytes that the file lacks")
                 await pipe.put(chunk)
-                if clock() - prolonged > every:
-                    await service.write(lambda session: uploads.prolong(session, upload.id, service.settings.upload_expiry_s))
-                    prolonged = clock()
+                await expiry.put_off()
         except ClientDisconnect:
             return False
     return True
+
+
+async def _pour_directly(body: DirectBody, service: Service, expiry: "_Expiry", hold: Hold) -> bool:
+    """As `_pour`, of a body that is received by threads: no longer than its announced length."""
+    try:
+        try:
+            async for _ in hold.chunks(body.readable(), service.settings.body_pause_s):
+                await _until_done(service.in_thread(lambda: body.receive(hold.is_asked)))
+                await expiry.put_off()
+        except ProtocolError:
+            await _until_done(service.in_thread(lambda: body.receive(hold.is_asked)))
+            await _until_done(service.in_thread(body.flush))
+            raise
+        await _until_done(service.in_thread(body.flush))
+    finally:
+        try:
+            await _until_done(service.in_thread(body.settle))
+        finally:
+            body.give_back()
+    return not body.broken
+
+
+class _Expiry:
+    """Of an upload, put off while its bytes come."""
+
+    def __init__(self, service: Service, upload_id: str) -> None:
+        self._service, self._id, self._expiry_s = service, upload_id, service.settings.upload_expiry_s
+        self._clock = asyncio.get_running_loop().time
+        self._at = self._clock()
+
+    async def put_off(self) -> None:
+        """Where the last time is long enough ago."""
+        if self._clock() - self._at > min(PROLONG_S, self._expiry_s / 4):
+            await self._service.write(lambda session: uploads.prolong(session, self._id, self._expiry_s))
+            self._at = self._clock()
+
+
+async def _until_done(work: Awaitable[None]) -> None:
+    """Wait for a thread, also when the request is cancelled: what it writes to is closed next. Raises what it has raised."""
+    future = asyncio.ensure_future(work)
+    cancelled: asyncio.CancelledError | None = None
+    while not future.done():
+        try:
+            await asyncio.wait([future])
+        except asyncio.CancelledError as error:
+            cancelled = error
+    failure = cancelled or future.exception()
+    if failure is not None:
+        raise failure
 
 
 class _Pipe:
@@ -103,8 +158,8 @@ class _Pipe:
     Whole buffers are handed on, and pieces are parts of them: no byte waits for the other half of its piece.
     """
 
-    def __init__(self, service: Service, arrival: Sink) -> None:
-        self._service, self._arrival = service, arrival
+    def __init__(self, service: Service, store: Callable[[memoryview], None]) -> None:
+        self._service, self._store = service, store
         self._filling, self._other = memoryview(bytearray(BUFFER)), memoryview(bytearray(BUFFER))
         self._filled = 0
         self._storing: asyncio.Future[None] | None = None
@@ -138,24 +193,13 @@ class _Pipe:
         await self._stored()
         content = self._filling[: self._filled]
         self._filling, self._other, self._filled = self._other, self._filling, 0
-        self._service.metrics.upload_bytes.inc(len(content))
-        self._storing = asyncio.ensure_future(self._service.in_thread(lambda: self._arrival.take(content)))
+        self._storing = asyncio.ensure_future(self._service.in_thread(lambda: self._store(content)))
 
     async def _stored(self) -> None:
-        """Wait for the thread that stores, also when the request is cancelled: what it writes to is closed next. Raises what
-        storing has raised."""
-        if self._storing is None:
-            return
-        storing, self._storing = self._storing, None
-        cancelled: asyncio.CancelledError | None = None
-        while not storing.done():
-            try:
-                await asyncio.wait([storing])
-            except asyncio.CancelledError as error:
-                cancelled = error
-        failure = cancelled or storing.exception()
-        if failure is not None:
-            raise failure
+        """Wait for the thread that stores. Raises what storing has raised."""
+        if self._storing is not None:
+            storing, self._storing = self._storing, None
+            await _until_done(storing)
 
 
 async def complete(service: Service, upload: Upload) -> None:

@@ -96,8 +96,13 @@ class MethodOverride:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on."""
+        """Pass the request on. The server below goes by the method that was sent: to a POST it sends the body of an answer."""
+        inner = scope
         if scope["type"] == "http" and scope["method"] == "POST" and scope["path"].startswith("/v1/uploads/"):
             wanted = dict(scope["headers"]).get(b"x-http-method-override", b"POST").decode("latin-1").upper()
-            scope["method"] = wanted if wanted in ("PATCH", "DELETE", "HEAD") else "POST"
-        await self._app(scope, receive, send)
+            inner = dict(scope, method=wanted if wanted in ("PATCH", "DELETE", "HEAD") else "POST")
+        try:
+            await self._app(inner, receive, send)
+        finally:
+            if "route" in inner:
+                scope["route"] = inner["route"]  # for the metrics

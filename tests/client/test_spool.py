@@ -214,6 +214,30 @@ def test_a_log_that_the_server_refuses_holds_up_no_other(alone: ApiAlone, spool:
     assert "accepted" in said[1]
 
 
+def test_a_log_for_which_the_quota_is_used_up_waits_and_holds_up_no_other(
+    alone: ApiAlone, spool: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(spooling, "LONGEST_QUOTA_S", 3.0)
+
+    class Full(Api):
+        """A server that takes the large log only when the small one has gone."""
+
+        def once(self, method: str, path: str, **request: Any) -> httpx2.Response:
+            is_large = method == "POST" and path == "/v1/drives" and request["json"]["name"] == "a large one"
+            if is_large and not any("b small one: accepted" in line for line in said):
+                raise AnswerError(429, "quota-exceeded", "too many bytes", 86_400.0)
+            return super().once(method, path, **request)
+
+    for name in ("a large one", "b small one"):
+        log_in(spool, name)
+    said: list[str] = []
+    with Full(alone.url) as api:
+        accepted(alone, lambda: watch(api, Spool(spool, 60), watching(said=said), once=True))
+    assert said[0] == "a large one: the server answered 429: too many bytes; it waits for 3 s, others do not"
+    assert "b small one: accepted" in said[1]
+    assert "a large one: accepted" in said[-1]
+
+
 def test_a_key_that_is_not_known_is_no_refusal_of_a_log(spool: Path) -> None:
     class Closed(Api):
         """A server that does not know the key."""

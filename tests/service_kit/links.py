@@ -2,7 +2,9 @@
 
 import contextlib
 import socket
+import struct
 import threading
+from collections.abc import Callable
 from urllib.parse import urlsplit
 
 BLOCK = 16 << 10
@@ -12,13 +14,23 @@ class BadLink:
     """Relays to `url`.
 
     break_after  every connection is cut after so many bytes from the client
+    resets       it is cut by a reset, as by a router that has forgotten it, not by an end
+    at, then     what is called when so many bytes from the client have gone on to the server
     flip_at      the byte that is flipped, counted over all bytes from the client
     sent         bytes that the client has sent in all
     """
 
-    def __init__(self, url: str, break_after: int | None = None, flip_at: int | None = None) -> None:
+    def __init__(
+        self,
+        url: str,
+        break_after: int | None = None,
+        flip_at: int | None = None,
+        resets: bool = False,
+        at: int | None = None,
+        then: Callable[[], None] = int,
+    ) -> None:
         self._to = (str(urlsplit(url).hostname), int(urlsplit(url).port or 80))
-        self._break_after, self._flip_at = break_after, flip_at
+        self._break_after, self._flip_at, self._resets, self._at, self._then = break_after, flip_at, resets, at, then
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._lock = threading.Lock()
         self.sent, self.broken = 0, 0
@@ -47,11 +59,21 @@ class BadLink:
         left = self._break_after
         with contextlib.suppress(OSError):
             while content := client.recv(BLOCK if left is None else min(BLOCK, left)):
-                server.sendall(self._count(content))
+                self._hand_on(content, server)
                 if left is not None and (left := left - len(content)) == 0:
                     self.broken += 1
                     break
-        _shut(client, server)
+        (_reset if self._resets and left == 0 else _shut)(client, server)
+
+    def _hand_on(self, content: bytes, server: socket.socket) -> None:
+        before = self.sent
+        counted = self._count(content)
+        if self._at is None or not before < self._at <= before + len(content):
+            server.sendall(counted)
+            return
+        server.sendall(counted[: self._at - before])
+        self.broken += 1
+        self._then()
 
     def _count(self, content: bytes) -> bytes:
         with self._lock:
@@ -72,3 +94,10 @@ def _shut(*ends: socket.socket) -> None:
     for end in ends:
         with contextlib.suppress(OSError):
             end.shutdown(socket.SHUT_RDWR)
+
+
+def _reset(*ends: socket.socket) -> None:
+    for end in ends:
+        with contextlib.suppress(OSError):
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            end.shutdown(socket.SHUT_RD)  # wakes whoever reads, and tells the other end nothing

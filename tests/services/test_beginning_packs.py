@@ -10,6 +10,8 @@ from service_kit import tus
 from service_kit.guarded import OURS, Guarded, bearer
 from service_kit.running import ApiAlone
 from wayloom.config.roles import Role
+from wayloom.store import packs, uploads
+from wayloom.store.database import now_s
 from wayloom.store.packs import LARGEST_PACKED
 from wayloom.store.tables.drives import Upload
 
@@ -32,6 +34,19 @@ def test_a_pack_counts_once_in_what_an_owner_may_have_open(tmp_path: Path) -> No
         drive = service.drive(ours)  # of 10 bytes
         assert begin(service.http, drive, ours).status_code == 201
         assert (begin(service.http, drive, ours).status_code, begin(service.http, "f" * 64, ours).status_code) == (429, 404)
+
+
+def test_a_pack_whose_server_died_before_its_index_was_written_counts_for_minutes_and_not_for_days(tmp_path: Path) -> None:
+    with closing(Guarded(tmp_path / "data")) as service:
+        ours = service.key(Role.VEHICLE, OURS)
+        drive = service.drive(ours)
+        with service.database.write() as session:
+            lost = packs.create(session, drive, packs.lacking(session, drive, ["log/a"]))
+            assert lost.expires_at - now_s(session) <= packs.UNINDEXED_S
+        address = begin(service.http, drive, ours).json()["upload"]
+        with service.database.read() as session:
+            begun = uploads.find(session, address.rpartition("/")[2])
+            assert begun.expires_at - now_s(session) > 100 * packs.UNINDEXED_S
 
 
 def test_a_pack_for_which_there_is_no_space_leaves_no_row(tmp_path: Path) -> None:

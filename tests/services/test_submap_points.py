@@ -3,6 +3,7 @@
 from typing import Any
 
 import httpx2
+import pytest
 
 from service_kit.running import ApiAlone
 from service_kit.tus import register
@@ -10,6 +11,8 @@ from wayloom.config.classes import CLASS_ID
 from wayloom.store import drives, maps
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
+from wayloom.submaps.submap import Submap, decode_submap
+from wayloom_services import submap_points
 from wayloom_workers.submap_rows import submap_row
 from workers.test_stitching import placed
 
@@ -42,3 +45,19 @@ def test_a_blob_that_is_no_submap_of_a_drive_is_not_handed_out(http: httpx2.Clie
         drives.request_removal(session, drive_id)
     database.close()
     assert http.get(f"/v1/submaps/{digest}").status_code == 404
+
+
+def test_a_submap_that_shows_nobody_is_looked_through_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    read = []
+
+    def decoding(content: bytes, digest: str) -> Submap:
+        read.append(digest)
+        return decode_submap(content, digest)
+
+    monkeypatch.setattr(submap_points, "decode_submap", decoding)
+    good, bad = placed("d" * 64, 79).submap, placed("d" * 64, 80, classes=(0, CLASS_ID["person"])).submap
+    for _ in range(2):
+        assert submap_points._checked(good.encoded, good.digest) == good.encoded
+        with pytest.raises(submap_points.WithheldError):
+            submap_points._checked(bad.encoded, bad.digest)
+    assert read == [good.digest, bad.digest, bad.digest]

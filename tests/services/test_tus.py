@@ -221,6 +221,13 @@ def test_the_method_can_be_said_in_a_header(http: httpx2.Client, address: str) -
     assert http.post(address, headers={**V, "X-HTTP-Method-Override": "DELETE"}).status_code == 204
 
 
+def test_a_head_that_is_said_in_a_header_is_answered_as_the_post_that_it_is(http: httpx2.Client, address: str) -> None:
+    said = {**V, "X-HTTP-Method-Override": "HEAD"}
+    refused = http.post(f"{address}0", headers=said)
+    assert (refused.status_code, refused.json()["code"]) == (404, "not-found")
+    assert http.post(address, headers=said).headers["Upload-Offset"] == "0"
+
+
 def test_an_empty_file_is_complete_at_its_creation(http: httpx2.Client, drive_folder: Path) -> None:
     drive = register(http, f"with an empty file {time.monotonic_ns()}", empty=b"", never=b"x")
     assert create(http, drive, "log/empty", 0).status_code == 201

@@ -23,9 +23,7 @@ class SlowSink:
 
 
 def service() -> Any:
-    return SimpleNamespace(
-        in_thread=asyncio.to_thread, metrics=SimpleNamespace(upload_bytes=SimpleNamespace(inc=lambda _count: None))
-    )
+    return SimpleNamespace(in_thread=asyncio.to_thread)
 
 
 @pytest.mark.parametrize("times", [1, 2])
@@ -33,7 +31,7 @@ def test_a_request_that_is_cancelled_ends_when_the_thread_has_stored_what_it_was
     sink = SlowSink()
 
     async def request() -> None:
-        async with _Pipe(service(), sink) as pipe:
+        async with _Pipe(service(), sink.take) as pipe:
             await pipe.put(bytes(2 * BUFFER))  # the second buffer waits for the first
 
     async def cancelled() -> None:

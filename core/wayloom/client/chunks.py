@@ -2,7 +2,6 @@
 
 import base64
 import struct
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,13 +9,15 @@ from io import FileIO
 from pathlib import Path
 from typing import Final
 
+from isal import isal_zlib
+
 from wayloom.errors import LogError
 
 PIECE: Final = 64 << 10
 """Bytes of a piece: so much is sent again of what a broken link or a flipped bit has cut short."""
-BLOCK: Final = 4 * PIECE
+BLOCK: Final = 16 * PIECE
 """Bytes that are read and handed to the link at once."""
-FIRST: Final = 4 << 20
+FIRST: Final = 8 << 20
 LARGEST: Final = 64 << 20
 
 
@@ -68,7 +69,7 @@ class Chunk:
 
     def headers(self) -> dict[str, str]:
         """What is said of the bytes: how many, and the sum of each piece."""
-        sums = [zlib.crc32(block[start : start + PIECE]) for block in self.blocks() for start in range(0, len(block), PIECE)]
+        sums = [isal_zlib.crc32(block[start : start + PIECE]) for block in self.blocks() for start in range(0, len(block), PIECE)]
         packed = base64.b64encode(struct.pack(f">{len(sums)}I", *sums)).decode()
         return {"Content-Length": str(self.count), "Upload-Pieces": f"crc32 {PIECE} {packed}"}
 

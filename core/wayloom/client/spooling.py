@@ -4,7 +4,8 @@ No log waits for another: not for one that the server refuses, nor for one that 
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -23,6 +24,10 @@ OF_EVERY_LOG: Final = frozenset({401, 404})
 """Refusals that do not depend on the log: the key, the address."""
 FOR_NOW: Final = frozenset({408, 410, 423, 425, 429, 460})
 """Refusals that end by themselves, be it in an hour."""
+QUOTA: Final = "quota-exceeded"
+LEAST_QUOTA_S: Final = 5.0
+LONGEST_QUOTA_S: Final = 3600.0
+"""However long the server says: an operator may raise a quota."""
 ACCEPTED: Final = "ingest"
 """The stage that opens a log and refuses a bad one: a drive that is past it is accepted."""
 
@@ -57,13 +62,16 @@ class _Sent:
 
 def watch(api: Api, spool: Spool, watching: Watching, once: bool = False) -> None:
     """Upload what is complete, again and again; with `once` until nothing is left to be sent or waited for. Raises InputError."""
-    failures, waiting = 0, dict[str, _Sent]()
+    failures, waiting, later = 0, dict[str, _Sent](), _Later(watching.say)
     with spool.locked():
         while True:
             try:
                 for log, signature in spool.complete():
-                    if log.name not in waiting and (sent := _send(api, spool, log, signature, watching)) is not None:
-                        waiting[log.name] = sent
+                    if log.name in waiting or later.holds(log):
+                        continue
+                    with later.on_quota(log):
+                        if (sent := _send(api, spool, log, signature, watching)) is not None:
+                            waiting[log.name] = sent
                     failures = 0
                 for name in list(waiting):
                     if _is_dealt_with(api, spool, waiting[name], watching):
@@ -78,6 +86,29 @@ def watch(api: Api, spool: Spool, watching: Watching, once: bool = False) -> Non
             if once and not (waiting or spool.settling() or spool.complete()):
                 return
             time.sleep(watching.poll_s)
+
+
+class _Later:
+    """Logs for which a quota is used up, and from when on each is tried again; another one, which is smaller, may go before."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say, self._until = say, dict[str, float]()
+
+    def holds(self, log: Path) -> bool:
+        """Whether it is not its time yet."""
+        return time.monotonic() < self._until.get(log.name, 0.0)
+
+    @contextmanager
+    def on_quota(self, log: Path) -> Iterator[None]:
+        """Around the sending of a log."""
+        try:
+            yield
+        except AnswerError as error:
+            if error.code != QUOTA:
+                raise
+            pause_s = min(max(error.after_s, LEAST_QUOTA_S), LONGEST_QUOTA_S)
+            self._until[log.name] = time.monotonic() + pause_s
+            self._say(f"{log.name}: {error}; it waits for {pause_s:.0f} s, others do not")
 
 
 def _send(api: Api, spool: Spool, log: Path, signature: Signature, watching: Watching) -> _Sent | None:

@@ -33,6 +33,8 @@ ROUNDS: Final = 3
 """How often the server is asked what it lacks: a file that was damaged on the way is sent again."""
 LARGEST_PACK: Final = 10_000
 """Files of one pack, which is what servers take."""
+LEAST_PACK: Final = 500
+"""Fewer files are not parted into two packs, of which one is received while the other one is made durable."""
 
 
 class UploadStopped(Exception):  # noqa: N818 - no error: another file's upload has failed and this one ends
@@ -100,10 +102,8 @@ def _streams(api: Api, packed_drive: PackedDrive, registration: dict[str, Any], 
     may_pack = "packs" in registration and packs
     small = [file for file in missing.values() if may_pack and file["size"] <= LARGEST_PACKED and file["upload"] is None]
     if len(small) > 1:
-        found += [
-            _Begun(PackOfFiles(drive_id, small[start : start + LARGEST_PACK], sources))
-            for start in range(0, len(small), LARGEST_PACK)
-        ]
+        each = min(LARGEST_PACK, max(LEAST_PACK, -(-len(small) // 2)))
+        found += [_Begun(PackOfFiles(drive_id, small[start : start + each], sources)) for start in range(0, len(small), each)]
         packed = {file["path"] for file in small}
         missing = {path: file for path, file in missing.items() if path not in packed}
     alone = [_Begun(OneFile(drive_id, file, sources[path]), file["upload"], int(file["offset"])) for path, file in missing.items()]

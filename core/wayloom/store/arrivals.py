@@ -10,17 +10,21 @@ StagedArrival   one digest of all of them (tus' own checksum): kept whole or not
 import fcntl
 import os
 import threading
-import zlib
 from collections import OrderedDict
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from hashlib import sha256
 from typing import Final, Protocol
 
+from isal import isal_zlib
+
 from wayloom.errors import ChecksumMismatchError
-from wayloom.store.uploads import Part, write_at
+from wayloom.store.uploads import Part, open_past_cache, write_at, write_past_cache
 
 RUNNING_DIGESTS: Final = 1024
+LEAST_PAST_CACHE: Final = 1 << 20
+"""Bytes written at once that go past the page cache: copying them there costs more than hashing, and pushes out what is read."""
 
 
 class Digest(Protocol):
@@ -87,7 +91,9 @@ class Arrival:
 
     def __init__(self, part: Part, start: int, sha: Digest | None) -> None:
         self.offset, self.sha = start, sha
-        self._fd = part.open()
+        self._path, self._fd = part.path, part.open()
+        self._direct: int | None = None
+        self._writer: ThreadPoolExecutor | None = None
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BaseException:
@@ -103,13 +109,30 @@ class Arrival:
 
     def close(self) -> None:
         """Let go of the file."""
+        if self._writer is not None:
+            self._writer.shutdown()
         os.close(self._fd)
+        if self._direct is not None:
+            os.close(self._direct)
 
     def _keep(self, content: memoryview) -> None:
-        write_at(self._fd, content, self.offset)
+        if len(content) >= LEAST_PAST_CACHE and self.sha is not None:
+            self._keep_much(content, self.sha)
+            return
+        write_past_cache(self._direct, self._fd, content, self.offset)
         self.offset += len(content)
         if self.sha is not None:
             self.sha.update(content)
+
+    def _keep_much(self, content: memoryview, sha: Digest) -> None:
+        """Write and hash at the same time."""
+        if self._writer is None:
+            self._writer, self._direct = ThreadPoolExecutor(1), open_past_cache(self._path)
+        writing = self._writer.submit(write_past_cache, self._direct, self._fd, content, self.offset)
+        self.sha = None  # it is ahead of what is stored, until that is stored
+        sha.update(content)
+        writing.result()
+        self.offset, self.sha = self.offset + len(content), sha
 
 
 class PieceCheck:
@@ -140,7 +163,7 @@ class PieceCheck:
         """Keep the pieces up to the first that is not as announced."""
         size, sums = self._pieces.size, self._pieces.sums
         for start in range(0, len(content), size):
-            if self._next >= len(sums) or zlib.crc32(content[start : start + size]) != sums[self._next]:
+            if self._next >= len(sums) or isal_zlib.crc32(content[start : start + size]) != sums[self._next]:
                 self._keep(content[:start])
                 raise ChecksumMismatchError(
                     f"piece {self._next} of the chunk does not have the sum that was sent: ask with HEAD and send it again"

@@ -1,6 +1,7 @@
 """Bytes of one request that continues a pack: verified on the way, split into files, and these stored in batches."""
 
 import fcntl
+import mmap
 import os
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -11,8 +12,11 @@ from wayloom.errors import ChecksumMismatchError
 from wayloom.store.arrivals import PieceCheck, Pieces
 from wayloom.store.folders import Folders
 from wayloom.store.packs import Pack, install, stored
-from wayloom.store.uploads import write_at
+from wayloom.store.uploads import DISK_BLOCK, open_past_cache, write_at, write_past_cache
 
+LEAST_PAST_CACHE: Final = 128 << 10
+"""Bytes of one file for which a further opened file and a copy in memory cost less than the page cache does."""
+AT_ONCE: Final = 1 << 20
 BATCH_BYTES: Final = 64 << 20
 BATCH_FILES: Final = 2000
 """Files that are made durable by one flush and told to the database in one transaction."""
@@ -36,6 +40,7 @@ class PackArrival:
         self._check = None if pieces is None else PieceCheck(pieces, self._keep)
         self._number, self._within, self._fd = 0, 0, -1
         self._whole: list[int] = []
+        self._page = memoryview(mmap.mmap(-1, AT_ONCE))
         self._lock = (folders.uploads / f"{pack.upload_id}.pack").open("r+b")
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -92,13 +97,28 @@ class PackArrival:
         while content:
             size = self._pack.files[self._number].size
             some = content[: size - self._within]
-            write_at(self._fd, some, self._within)
+            self._write(some)
             self._sha.update(some)
             self._within += len(some)
             content = content[len(some) :]
             if self._within == size:
                 self._finish()
                 self._open_next()
+
+    def _write(self, content: memoryview) -> None:
+        """At the end of the file's bytes; many of them past the page cache, for which they have to begin at a page of memory."""
+        if len(content) < LEAST_PAST_CACHE or self._within % DISK_BLOCK:
+            write_at(self._fd, content, self._within)
+            return
+        direct = open_past_cache(self._pack.part(self._folders, self._number).path)
+        try:
+            for start in range(0, len(content), len(self._page)):
+                some = content[start : start + len(self._page)]
+                self._page[: len(some)] = some
+                write_past_cache(direct, self._fd, self._page[: len(some)], self._within + start)
+        finally:
+            if direct is not None:
+                os.close(direct)
 
     def _finish(self) -> None:
         """The file is whole: verify it, and hand it over where a batch is full."""

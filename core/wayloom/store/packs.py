@@ -16,7 +16,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Final, TypeVar
 
-from sqlalchemy import select, update
+from sqlalchemy import Row, select, update
 from sqlalchemy.orm import Session
 
 from wayloom.errors import ConflictError, NotFoundError
@@ -33,6 +33,8 @@ MOST_FILES: Final = 10_000
 LARGEST_PACKED: Final = 4 << 20
 """Bytes of one file of a pack, of which a request that continues it reads again what has come. A file of its own costs some 15 ms,
 in which a pack moves as much."""
+UNINDEXED_S: Final = 300.0
+"""Until a pack expires whose index is not written."""
 ROWS_AT_ONCE: Final = 500
 FEW: Final = 4
 """So many files are made durable one by one, more of them with their file system."""
@@ -85,11 +87,12 @@ def lacking(session: Session, drive_id: str, paths: Sequence[str]) -> Sequence[P
     return [PackedFile(path, found[path].size, found[path].sha256) for path in paths if not found[path].complete]
 
 
-def create(session: Session, drive_id: str, files: Sequence[PackedFile], expiry_s: float) -> Upload:
-    """A new pack of these files: to be indexed when the row is committed, since what has no row is swept away."""
+def create(session: Session, drive_id: str, files: Sequence[PackedFile]) -> Upload:
+    """A new pack of these files: to be indexed when the row is committed, since what has no row is swept away. Then it is to be
+    prolonged: of a server that dies before that, nothing is left that counts as an open upload for days."""
     upload = Upload(
         id=uuid.uuid4().hex, drive_id=drive_id, path="", length=sum(file.size for file in files), metadata_header="",
-        complete=False, expires_at=now_s(session) + expiry_s, files_done=0,
+        complete=False, expires_at=now_s(session) + UNINDEXED_S, files_done=0,
     )  # fmt: skip
     session.add(upload)
     return upload
@@ -105,9 +108,10 @@ def index(folders: Folders, upload: Upload, files: Sequence[PackedFile]) -> Pack
     return of(folders, upload)
 
 
-def _files(session: Session, drive_id: str, paths: Sequence[str]) -> Sequence[DriveFile]:
+def _files(session: Session, drive_id: str, paths: Sequence[str]) -> Sequence[Row[str, int, str, bool]]:
     clean = [path for path in paths if "\0" not in path]  # PostgreSQL takes no NUL in a text
-    return session.scalars(select(DriveFile).where(DriveFile.drive_id == drive_id, DriveFile.path.in_(clean))).all()
+    wanted = select(DriveFile.path, DriveFile.size, DriveFile.sha256, DriveFile.complete)  # objects cost more than the query
+    return session.execute(wanted.where(DriveFile.drive_id == drive_id, DriveFile.path.in_(clean))).all()
 
 
 def of(folders: Folders, upload: Upload) -> Pack:

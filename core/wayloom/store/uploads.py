@@ -1,5 +1,6 @@
 """Repository of tus uploads: the row (which file of which drive, until when) and the stored bytes, whose number is the offset."""
 
+import errno
 import hashlib
 import os
 import shutil
@@ -17,6 +18,8 @@ from wayloom.store.folders import Folders
 from wayloom.store.tables.drives import DriveFile, Upload
 
 BLOCK = 1 << 20
+DISK_BLOCK = 4096
+"""Bytes of which writing past the page cache wants multiples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +37,12 @@ class Part:
 
     def open(self) -> int:
         """A file descriptor for writing, made with its folder where it is missing."""
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        return os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
+        try:
+            return os.open(self.path, flags, 0o640)
+        except FileNotFoundError:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            return os.open(self.path, flags, 0o640)
 
     def digest(self) -> str:
         """SHA-256 of the stored bytes."""
@@ -76,6 +83,28 @@ def sync_folder(folder: Path) -> None:
         os.fsync(fd)
     finally:
         os.close(fd)
+
+
+def open_past_cache(path: Path) -> int | None:
+    """A file descriptor that writes to the disk and not to the page cache; None where the file system has none."""
+    if not hasattr(os, "O_DIRECT"):
+        return None
+    try:
+        return os.open(path, os.O_WRONLY | os.O_DIRECT | os.O_CLOEXEC)
+    except OSError:
+        return None
+
+
+def write_past_cache(direct: int | None, fd: int, data: memoryview, offset: int) -> None:
+    """As `write_at`, of whole blocks in memory that begins at a page past the page cache, by `direct`; of all else through it."""
+    written, whole = 0, len(data) - len(data) % DISK_BLOCK
+    if direct is not None and whole and offset % DISK_BLOCK == 0:
+        try:
+            written = os.pwrite(direct, data[:whole], offset)
+        except OSError as error:
+            if error.errno != errno.EINVAL:  # the disk has larger blocks, or the memory does not begin at a page
+                raise
+    write_at(fd, data[written:], offset + written)
 
 
 def write_at(fd: int, data: bytes | memoryview, offset: int) -> None:

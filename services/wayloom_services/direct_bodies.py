@@ -1,0 +1,128 @@
+"""Request bodies that a thread receives from the connection's socket into large buffers, past the event loop and the HTTP parser.
+
+A loop that reads, parses and hands on 256 KiB at a time copies each byte five times and wakes three threads for it; that costs more
+than SHA-256 does. A thread is held only while bytes come: the loop waits for the next ones.
+"""
+
+import asyncio
+import mmap
+import select
+import socket
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Final, Self
+
+from fastapi import Request
+
+BUFFER: Final = 1 << 20
+"""Whole buffers are stored, and pieces are parts of them: no byte waits for the other half of its piece."""
+TURN: Final = 32 << 20
+"""Bytes after which a thread is given to the next request that waits for one."""
+IDLE_MS: Final = 20
+"""Nothing comes for so long: the thread is given back."""
+LEAST: Final = 256 << 10
+"""Bytes still to come of a body for which it is worth while."""
+LENT: Final = "wayloom.lent_socket"
+"""The ASGI extension by which the server lends a request's socket."""
+
+
+class LentSocket:
+    """What the server lends: asked for once, before anything of the body has been received. This one never lends."""
+
+    def lend(self, least: int) -> tuple[socket.socket, bytes, int] | None:
+        """The socket (to be closed), what has come of the body, and how many bytes are to come; None where the body has to be
+        received as usual, as fewer than `least` bytes are to come, or it has no announced length."""
+
+    def take_back(self, left: int) -> None:
+        """The server goes on with the last `left` bytes of the body."""
+
+
+class DirectBody:
+    """Two buffers: one is filled from the socket while what is in the other one is stored by a thread of its own.
+
+    left    bytes of the body that are not received yet
+    broken  the connection has ended before the body has
+    """
+
+    def __init__(self, lent: LentSocket, link: socket.socket, early: bytes, left: int, store: Callable[[memoryview], None]) -> None:
+        self.left, self.broken = left, False
+        self._lent, self._link, self._store = lent, link, store
+        self._filling, self._other = (memoryview(mmap.mmap(-1, BUFFER)) for _ in range(2))  # pages, as direct writing wants them
+        self._filling[: len(early)] = early
+        self._filled = len(early)
+        self._thread = ThreadPoolExecutor(1)
+        self._storing: Future[None] | None = None
+        self._poll = select.poll()
+        self._poll.register(link, select.POLLIN)
+
+    @classmethod
+    def of(cls, request: Request, store: Callable[[memoryview], None]) -> Self | None:
+        """That of a request, None where it has to be received as usual.
+
+        store : takes the next bytes; called from a thread, one call after the other
+        """
+        lent: LentSocket = request.scope.get("extensions", {}).get(LENT) or LentSocket()
+        found = lent.lend(LEAST)
+        return None if found is None else cls(lent, *found, store)
+
+    async def readable(self) -> AsyncIterator[bool]:
+        """An item whenever there is something to receive, until the end."""
+        loop = asyncio.get_running_loop()
+        while self.left and not self.broken:
+            ready = loop.create_future()
+            loop.add_reader(self._link, _tell, ready)
+            try:
+                await ready
+            finally:
+                loop.remove_reader(self._link)
+            yield True
+
+    def receive(self, is_asked: Callable[[], bool]) -> None:
+        """Receive and store what comes until nothing does for a moment. Where somebody else has asked for the upload, what has come
+        is taken, and nothing is waited for. Blocking. Raises what storing raises."""
+        last = max(0, self.left - TURN)
+        while self.left > last and not self.broken:
+            room = min(BUFFER - self._filled, self.left)
+            try:
+                come = self._link.recv_into(self._filling[self._filled :], room)
+            except BlockingIOError:
+                if self._poll.poll(0 if is_asked() else IDLE_MS):
+                    continue
+                return
+            except OSError:
+                come = 0
+            self.broken = come == 0
+            self.left, self._filled = self.left - come, self._filled + come
+            if self._filled == BUFFER:
+                self._hand_over()
+
+    def flush(self) -> None:
+        """Store what has come. Blocking. Raises what storing raises."""
+        if self._filled:
+            self._hand_over()
+        self._wait()
+
+    def give_back(self) -> None:
+        """Nothing is stored any more, the server has its socket again. From the event loop; `settle` first."""
+        self._link.close()
+        self._lent.take_back(self.left)
+
+    def settle(self) -> None:
+        """Wait for what is being stored. Blocking."""
+        self._thread.shutdown()
+
+    def _hand_over(self) -> None:
+        self._wait()
+        content = self._filling[: self._filled]
+        self._filling, self._other, self._filled = self._other, self._filling, 0
+        self._storing = self._thread.submit(self._store, content)
+
+    def _wait(self) -> None:
+        if self._storing is not None:
+            storing, self._storing = self._storing, None
+            storing.result()
+
+
+def _tell(ready: "asyncio.Future[None]") -> None:
+    if not ready.done():
+        ready.set_result(None)
