@@ -26,7 +26,7 @@ async function showKeys() {
     if (!key.revoked_at) acts.append(button("New secret…", "", () => rotate(key)), button("Revoke…", "danger", () => revoke(key)));
     return [key.name, element("code", "", key.prefix), key.role, key.vehicle_id ?? "", stateOf(key), moment(key.used_at), acts];
   });
-  at("keys").replaceChildren(table(rows, ["What for", "Key", "Role", "Vehicle", "State", "Last used", ""]));
+  at("keys").replaceChildren(table(rows, ["What for", "Key", "Role", "Vehicle", "State", "Last used", "Actions"]));
 }
 
 // A key's text is shown this once.
@@ -83,7 +83,7 @@ async function showAudit(before) {
   const rows = entries.map((one) => [
     moment(one.at), one.actor, one.action, one.object, element("span", `what ${one.outcome}`, `${one.outcome} (${one.status})`), one.count > 1 ? `${one.count} times` : "", one.address,
   ]);
-  at("audit").replaceChildren(table(rows, ["When", "Who", "What", "Of", "Outcome", "", "From"]));
+  at("audit").replaceChildren(table(rows, ["When", "Who", "What", "Of", "Outcome", "Times", "From"]));
 }
 
 const tell = (error) => say(at("problem"), error.message);

@@ -24,7 +24,7 @@ async function refresh() {
     name, centre(geometry), String(places(geometry)), source === "settings" ? "the settings' file" : "here", moment(at), since === null ? "is being made" : `version ${since}`,
     mayOperate && source === "service" ? button("Remove…", "danger", () => remove(id, name)) : "",
   ]);
-  at("areas").replaceChildren(table(rows, ["Name", "Centre", "Corners", "By", "Since", "Out of the map from", ""]));
+  at("areas").replaceChildren(table(rows, ["Name", "Centre", "Corners", "By", "Since", "Out of the map from", "Actions"]));
 }
 
 async function remove(id, name) {

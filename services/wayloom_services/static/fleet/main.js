@@ -48,7 +48,7 @@ function showVehicles(vehicles) {
     id, String(Object.values(drives).reduce((sum, one) => sum + one, 0)), Object.entries(drives).map(([state, number]) => `${number} ${STATES[state]}`).join(", "),
     size(bytes), moment(last), moment(since),
   ]);
-  at("vehicles").replaceChildren(table(rows, ["Vehicle", "Drives", "", "Sent", "Newest drive", "Known since"]));
+  at("vehicles").replaceChildren(table(rows, ["Vehicle", "Drives", "By state", "Sent", "Newest drive", "Known since"]));
 }
 
 async function refresh() {

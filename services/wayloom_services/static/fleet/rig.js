@@ -32,7 +32,7 @@ export function rigSection(rig) {
   section.append(element("h2", "", `Rig ${name}`), element("p", "quiet", about), ratioPlot(rig.drives, name));
   if (rig.epochs.length) {
     const rows = rig.epochs.map((one) => [moment(one.from_time), String(one.drives), one.chi_square === null ? "" : one.chi_square.toFixed(1), one.stray ? "one drive that agrees with nothing" : ""]);
-    section.append(element("h3", "", "Stretches in which its drives agree"), table(rows, ["From", "Drives", "χ² against the one before", ""]));
+    section.append(element("h3", "", "Stretches in which its drives agree"), table(rows, ["From", "Drives", "χ² against the one before", "Note"]));
   }
   if (rig.versions.length) {
     const rows = rig.versions.map((one) => [String(one.version), moment(one.created_at), one.reason, String(one.drives.length), link("RIG.toml", "", `/v1/rigs/${rig.id}/versions/${one.version}/RIG.toml`)]);

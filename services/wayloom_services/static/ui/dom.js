@@ -26,6 +26,7 @@ export const button = (text, className, work) => {
       await work(event);
     } finally {
       made.disabled = false;
+      if (document.activeElement === document.body) made.focus(); // a dialog cannot give it back to a button that is disabled
     }
   });
   return made;
