@@ -7,11 +7,12 @@ from wayloom.store.tables.drives import Drive
 from wayloom_services.schemas.drives import EtaOut, StageOut
 
 SECONDS_A_FRAME: Final[Mapping[str, float]] = {
-    "ingest": 0.01, "odometry": 0.07, "segmentation": 0.06, "labelling": 0.01, "places": 0.02, "looks": 0.09, "loops": 0.001,
-    "georeference": 0.02, "submaps": 0.003, "ground": 0.11, "objects": 0.05, "stitch": 0.4, "publish": 0.01,
+    "ingest": 0.01, "odometry": 0.074, "segmentation": 0.052, "labelling": 0.054, "places": 0.013, "looks": 0.076,
+    "loops": 0.001,
+    "georeference": 0.021, "submaps": 0.001, "ground": 0.185, "objects": 0.05, "stitch": 1.07, "publish": 0.001,
 }  # fmt: skip
-"""Prior of a stage that this service has never run: `python benchmarks/eta_prior.py` prints the shares of a demo's drives. Only
-their proportions matter once a stage of the drive is done: how long that took tells how fast this machine is."""
+"""Prior of a stage that this service has never run, as `python benchmarks/eta_prior.py` prints it of a demo on a shared machine of
+two cores. Only the proportions matter once a stage of the drive is done: how long that took tells how fast this machine is."""
 OTHER_STAGE: Final = 0.02
 USUAL_SPREAD: Final = (0.7, 1.5)
 ROUGH_SPREAD: Final = (0.4, 2.5)

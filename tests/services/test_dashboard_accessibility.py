@@ -21,7 +21,7 @@ READY = {
     "fleet": "#vehicles table", "areas": "#areas table", "access": "#keys table", "sign-in": "#sign-in",
 }  # fmt: skip
 RUN = """() => axe.run(document, { resultTypes: ["violations"] }).then(({ violations }) => violations.map((one) =>
-  [one.id, ...one.nodes.slice(0, 5).map((node) => `${node.target} ${node.any.map((check) => check.message).join(" ")}`)].join(" | ")))"""
+  [one.id, ...one.nodes.slice(0, 5).map(({ target, any }) => `${target} ${any.map((check) => check.message)}`)].join(" | ")))"""
 
 
 @pytest.fixture(scope="module")
