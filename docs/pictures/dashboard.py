@@ -5,6 +5,7 @@ python docs/pictures/dashboard.py --to http://127.0.0.1:8088 --out docs/pictures
 """
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any, Final
 
@@ -39,7 +40,7 @@ def main() -> None:
         for name, (path, scheme, size, whole) in wanted.items():
             content = picture(browser, asked.to + path, scheme, size, whole)
             (asked.out / f"{name}.webp").write_bytes(content)
-            print(f"{name}.webp  {len(content)} bytes")
+            sys.stdout.write(f"{name}.webp  {len(content)} bytes\n")
         browser.close()
 
 

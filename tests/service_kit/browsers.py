@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import httpx2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -50,9 +51,15 @@ class Watched:
         self.page.on("request", lambda asked: None if asked.url.startswith(own) else self.said.append(asked.url))
 
 
+def answering(url: str) -> None:
+    """Wait for a server that has only just been started, so that a page's patience is for the page."""
+    httpx2.get(f"{url}/healthz", timeout=60.0, trust_env=False)
+
+
 @contextmanager
 def watched(browser: Any, url: str, path: str = "/", **options: Any) -> Iterator[Any]:
     """A page of a service, which must have nothing to complain of at the end."""
+    answering(url)
     seen = Watched(browser, url, **options)
     seen.page.goto(f"{url}{path}")
     yield seen.page

@@ -49,8 +49,8 @@ def quality() -> dict[str, object]:
             "sigma": {"enu_m": sigma.tolist(), "heading_deg": (0.05 + 0.001 * t).tolist()},
         },
         "drift": {
-            "road_m": (10 * t).tolist(), "odometry_m": (0.005 * t).tolist(), "over_m": 100.0, "percent": {"median": 0.4, "worst": 1.1},
-            "deg_per_100m": {"median": 0.1, "worst": 0.3},
+            "road_m": (10 * t).tolist(), "odometry_m": (0.005 * t).tolist(), "over_m": 100.0,
+            "percent": {"median": 0.4, "worst": 1.1}, "deg_per_100m": {"median": 0.1, "worst": 0.3},
         },
     }  # fmt: skip
 

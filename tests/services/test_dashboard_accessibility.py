@@ -72,7 +72,7 @@ def test_dialogs_have_no_violation_either_and_give_the_focus_back(shown: tuple[A
     assert page.evaluate(RUN) == []
     page.keyboard.press("Escape")
     page.wait_for_selector("dialog", state="detached")
-    assert page.evaluate("document.activeElement.id") == "delete"
+    until(lambda: page.evaluate("document.activeElement.id") == "delete")
     page.close()
 
 

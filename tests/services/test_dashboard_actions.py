@@ -32,10 +32,12 @@ def test_a_drive_is_cancelled_and_tried_again_from_its_card(browser: Any, up: Up
     slow = upload(up.api(), packed_drive(tmp_path / "a", "slow street", play))["id"]
     with watched(browser, up.url) as page:
         card = page.locator(f"[data-id='{slow}']")
+        until(lambda: "odometry" in card.locator(".words").inner_text())
         card.locator("[data-action=cancel]").click()
         until(lambda: "odometry: cancelled" in card.locator(".error").inner_text())
         card.locator("[data-action=retry]").click()
         page.wait_for_selector(f"[data-id='{slow}'][data-state=running]")
+        until(lambda: "odometry" in card.locator(".words").inner_text())
         card.locator("[data-action=cancel]").click()
         page.wait_for_selector(f"[data-id='{slow}'][data-state=failed]")
     history = up.api().json("GET", f"/v1/drives/{slow}/history")["events"]
