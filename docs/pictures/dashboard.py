@@ -18,8 +18,10 @@ CHROMIUM: Final = "/usr/bin/chromium"
 ARGUMENTS: Final = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
 MOST_BYTES: Final = 150_000
 WIDE, NARROW = (1280, 800), (390, 780)
-SETTLE_MS: Final = 6000
+SETTLE_MS: Final = 2500
+PATIENCE_MS: Final = 60_000
 """A map without a graphics card takes seconds to draw."""
+DRAWN: Final = "!document.querySelector('.board') || (globalThis.wayloomMap?.areTilesLoaded() && wayloomMap.getLayer('semantic'))"
 
 
 def main() -> None:
@@ -47,7 +49,13 @@ def main() -> None:
 def picture(browser: Any, url: str, scheme: str, size: tuple[int, int], whole: bool) -> bytes:
     """A page as WebP, as good as MOST_BYTES allow. whole : all of it, not what a window shows"""
     page = browser.new_page(viewport={"width": size[0], "height": size[1]}, color_scheme=scheme)
-    page.goto(url)
+    page.goto(url, timeout=PATIENCE_MS)
+    quiet = 0
+    for _ in range(PATIENCE_MS // 500):  # asked one by one: the page's policy lets nothing else run in it
+        quiet = quiet + 1 if page.evaluate(DRAWN) else 0
+        if quiet == 6:
+            break
+        page.wait_for_timeout(500)
     page.wait_for_timeout(SETTLE_MS)
     shot = cv2.imdecode(np.frombuffer(page.screenshot(full_page=whole), np.uint8), cv2.IMREAD_COLOR)
     page.close()
