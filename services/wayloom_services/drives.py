@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
@@ -22,7 +22,7 @@ from wayloom_services.errors import Problem, ProtocolError
 from wayloom_services.schemas.drives import (
     DriveList,
     DriveOut,
-    DriveState,
+    DriveQuery,
     MissingFile,
     OpenPack,
     Registration,
@@ -83,26 +83,16 @@ async def _announce(service: Service, request: Request, content: bytes, again: b
 
 
 @router.get("")
-async def newest(
-    request: Request,
-    service: ServiceDep,
-    limit: Annotated[int, Query(ge=1, le=500)] = 100,
-    before: Annotated[float | None, Query(description="only drives registered before this time")] = None,
-    state: DriveState | None = None,
-    vehicle: Annotated[str | None, Query(max_length=128, description="only of this vehicle")] = None,
-    search: Annotated[str | None, Query(max_length=128, description="a part of name or vehicle, or the begin of an id")] = None,
-    sort: Literal["newest", "oldest", "name", "vehicle", "grade"] = "newest",
-    offset: Annotated[int, Query(ge=0, le=10_000_000, description="so many are skipped")] = 0,
-) -> DriveList:
+async def newest(request: Request, service: ServiceDep, wanted: Annotated[DriveQuery, Query()]) -> DriveList:
     """Drives, newest first where no other order is asked for; of a vehicle its own."""
     owner = own.owner_name(request)
-    asked = drive_search.Asked(owner, before, state, vehicle, search)
+    asked = drive_search.Asked(owner, wanted.before, wanted.state, wanted.vehicle, wanted.search)
 
     def read(session: Session) -> DriveList:
-        found = drives_out(session, drive_search.page(session, asked, sort, limit, offset))
-        last = found[-1].created_at if len(found) == limit and sort == "newest" else None
+        found = drives_out(session, drive_search.page(session, asked, wanted.sort, wanted.limit, wanted.offset))
+        is_whole = len(found) == wanted.limit and wanted.sort == "newest"
         total, states = drive_search.count(session, asked), drive_search.states(session, owner)
-        return DriveList(drives=found, next_before=last, total=total, states=states)
+        return DriveList(drives=found, next_before=found[-1].created_at if is_whole else None, total=total, states=states)
 
     return await service.read(read)
 

@@ -168,6 +168,18 @@ class DriveOut(BaseModel):
     finished_at: float | None
 
 
+class DriveQuery(BaseModel):
+    """Which drives are listed, and how."""
+
+    limit: int = Field(100, ge=1, le=500)
+    before: float | None = Field(None, description="only drives registered before this time")
+    state: DriveState | None = None
+    vehicle: str | None = Field(None, max_length=128, description="only of this vehicle")
+    search: str | None = Field(None, max_length=128, description="a part of name or vehicle, or the begin of an id")
+    sort: Literal["newest", "oldest", "name", "vehicle", "grade"] = "newest"
+    offset: int = Field(0, ge=0, le=10_000_000, description="so many are skipped")
+
+
 class DriveList(BaseModel):
     """Drives, newest first."""
 
