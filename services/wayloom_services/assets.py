@@ -1,4 +1,4 @@
-"""Pages of the dashboard and what they load: compressed once, and cached for good under an address that holds their content's hash.
+"""Static files of the dashboard: compressed once, and cached for good under an address that holds the hash of their content.
 
 A page is asked for anew each time, its scripts never again: wherever one of our files names `/static/…`, what is sent names
 `/static/~HASH/…`, of the hash of all files together. The plain address stays for pages of others, and is asked for each time.
