@@ -9,7 +9,7 @@ from fastapi.responses import StreamingResponse
 
 from wayloom.errors import ConflictError
 from wayloom.geodesy.antimeridian import line_geometry
-from wayloom.store import drives, gate, jobs, packs, reprocessing, rigs, runs, uploads
+from wayloom.store import drive_search, drives, gate, jobs, packs, reprocessing, rigs, runs, uploads
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.manifest import Manifest
@@ -22,7 +22,7 @@ from wayloom_services.errors import Problem, ProtocolError
 from wayloom_services.schemas.drives import (
     DriveList,
     DriveOut,
-    DriveState,
+    DriveQuery,
     MissingFile,
     OpenPack,
     Registration,
@@ -83,17 +83,18 @@ async def _announce(service: Service, request: Request, content: bytes, again: b
 
 
 @router.get("")
-async def newest(
-    request: Request,
-    service: ServiceDep,
-    limit: Annotated[int, Query(ge=1, le=500)] = 100,
-    before: Annotated[float | None, Query(description="only drives registered before this time")] = None,
-    state: DriveState | None = None,
-) -> DriveList:
-    """Drives, newest first; of a vehicle its own."""
+async def newest(request: Request, service: ServiceDep, wanted: Annotated[DriveQuery, Query()]) -> DriveList:
+    """Drives, newest first where no other order is asked for; of a vehicle its own."""
     owner = own.owner_name(request)
-    found = await service.read(lambda session: drives_out(session, drives.newest(session, limit, before, state, owner)))
-    return DriveList(drives=found, next_before=found[-1].created_at if len(found) == limit else None)
+    asked = drive_search.Asked(owner, wanted.before, wanted.state, wanted.vehicle, wanted.search)
+
+    def read(session: Session) -> DriveList:
+        found = drives_out(session, drive_search.page(session, asked, wanted.sort, wanted.limit, wanted.offset))
+        is_whole = len(found) == wanted.limit and wanted.sort == "newest"
+        total, states = drive_search.count(session, asked), drive_search.states(session, owner)
+        return DriveList(drives=found, next_before=found[-1].created_at if is_whole else None, total=total, states=states)
+
+    return await service.read(read)
 
 
 @router.get("/{drive_id}")
