@@ -95,6 +95,10 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     async def page_of_drive(drive_id: DriveId) -> FileResponse:
         return FileResponse(STATIC / "drive.html")
 
+    @app.get("/3d", include_in_schema=False)
+    async def page_in_3d() -> FileResponse:
+        return FileResponse(STATIC / "view3d.html")
+
     describe(app)
     app.add_middleware(ShortWay, service=service)
     app.add_middleware(HeadAsGet)

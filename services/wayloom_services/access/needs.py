@@ -82,6 +82,7 @@ NEEDS: Final[Mapping[str, Mapping[str, Need]]] = {
     "/readyz": {"GET": Open.TO_ALL},
     "/": {"GET": Open.TO_ALL},
     "/sign-in": {"GET": Open.TO_ALL},
+    "/3d": {"GET": Open.TO_ALL},
     "/drives/{drive_id}": {"GET": Open.TO_ALL},
 }
 """The pages and what they load (`/static/`) hold nothing of anybody: what they show they ask of /v1."""
