@@ -28,7 +28,15 @@ NS_PER_DAY: Final = 86_400 * 10**9
 MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
 POINTS_MODE, ARRAY_BUFFER = 0, 34962
 UINT8, UINT16, FLOAT32 = 5121, 5123, 5126
-OFFSETS: Final = {"POSITION": 0, "COLOR_0": 12, "_FEATURE_ID_0": 16, "_CONFIDENCE": 20, "_DRIVES": 24, "_VOXELS": 28, "_LAST_SEEN": 32}
+OFFSETS: Final = {
+    "POSITION": 0,
+    "COLOR_0": 12,
+    "_FEATURE_ID_0": 16,
+    "_CONFIDENCE": 20,
+    "_DRIVES": 24,
+    "_VOXELS": 28,
+    "_LAST_SEEN": 32,
+}
 """Each attribute of a point begins at a multiple of four bytes, as glTF asks for."""
 _FORMATS: Final = [("<f4", 3), ("|u1", 4), "|u1", "|u1", "|u1", "<f4", "<u2"]
 VERTEX: Final = np.dtype({"names": [*OFFSETS], "formats": _FORMATS, "offsets": [*OFFSETS.values()], "itemsize": 36})
