@@ -2,7 +2,7 @@
 
 import { ask, listen } from "/static/api.js";
 import { fillCard } from "/static/drives.js";
-import { CityMap } from "/static/map.js";
+import { MapHost } from "/static/map_host.js";
 import { showCaller, whoever } from "/static/session.js";
 
 const at = (id) => document.getElementById(id);
@@ -14,8 +14,6 @@ let shownVersion = 0;
 const [info, caller] = await Promise.all([ask("/v1/info"), whoever()]);
 const mayOperate = caller.rights.includes("operate");
 showCaller(caller, document.querySelector("header"));
-const city = new CityMap(at("map"), info.overlays);
-globalThis.wayloomMap = city.map;
 
 at("hint").textContent = `wayloom upload LOG --to ${location.origin}`;
 at("legend").querySelector("ul").append(
@@ -37,6 +35,7 @@ for (const name of info.overlays) {
   label.append(box, ` ${name[0].toUpperCase()}${name.slice(1)}`);
   at("tools").append(label);
 }
+const city = new MapHost(at("map"), info, at);
 const TOGGLES = ["ortho", "semantic", "areas", "markings", "objects", "tracks", "coverage", ...info.overlays];
 for (const name of TOGGLES) {
   at(`show-${name}`).addEventListener("change", (event) => city.visible(name, event.target.checked));

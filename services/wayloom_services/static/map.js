@@ -62,6 +62,13 @@ const placesOf = (feature) => {
   return coordinates.flat().map(([lon, ...rest]) => [lon < 0 ? lon + 360 : lon, ...rest]);
 };
 
+// The map of this page; about: { info } with the answer of /v1/info.
+export function mountMap(container, { info }) {
+  const city = new CityMap(container, info.overlays);
+  globalThis.wayloomMap = city.map;
+  return city;
+}
+
 const grid = () => ({ type: "raster", tiles: ["grid://{z}/{x}/{y}"], tileSize: 256, maxzoom: 22 });
 
 export class CityMap {
