@@ -16,7 +16,9 @@ from tiles.made_maps import made_map
 
 SETTLED = "!!globalThis.wayloom3d && wayloom3d.scene.isSettled && wayloom3d.scene.points > 0"
 NO_WEBGL = """const of = HTMLCanvasElement.prototype.getContext;
-HTMLCanvasElement.prototype.getContext = function (kind, ...rest) { return kind.startsWith("webgl") ? null : of.call(this, kind, ...rest); };"""
+HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+  return kind.startsWith("webgl") ? null : of.call(this, kind, ...rest);
+};"""
 
 
 @pytest.fixture(scope="module")
@@ -185,7 +187,9 @@ def test_mouse_wheel_touch_and_keys_move_turn_and_zoom(opened: Any) -> None:
 def test_a_click_on_a_point_tells_its_class_and_which_drives_saw_it(opened: Any, shown: LookedAt) -> None:
     page = opened("at=8.39,48.98,118&view=30,0,50&size=4&detail=5")
     spot = page.evaluate(
-        """() => { for (let x = 400; x < 800; x += 7) for (let y = 150; y < 600; y += 7) if (wayloom3d.scene.pick(x, y, 1)) return [x, y]; }"""
+        """() => {
+          for (let x = 400; x < 800; x += 7) for (let y = 150; y < 600; y += 7) if (wayloom3d.scene.pick(x, y, 1)) return [x, y];
+        }"""
     )
     known = page.evaluate("([x, y]) => wayloom3d.scene.pick(x, y).drives", spot)
     page.mouse.click(*spot)

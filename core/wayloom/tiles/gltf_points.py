@@ -100,7 +100,8 @@ def cloud_of(voxels: VoxelMap) -> CloudPoints:
 
 
 def joined_cloud(parts: Sequence[CloudPoints], edge: int, limit: int = MOST_POINTS) -> CloudPoints:
-    """One point for each cell and class of some parts: counts added, places and votes their means weighed by counts, most drives, last day.
+    """One point for each cell and class of some parts: counts added, places and votes their means weighed by counts, the most
+    drives, the last day.
 
     edge  : of the cells, 1/256 m; doubled until there are at most `limit` points, or one of each class
     """

@@ -3,10 +3,10 @@
 import {
   BufferAttribute, BufferGeometry, Color, Line, LineBasicMaterial, Matrix4, PerspectiveCamera, Scene, Vector3, WebGLRenderer,
 } from "/static/vendor/three/three.bundle.mjs";
-import { Orbit } from "/static/view3d_camera.js";
-import { pointMaterial, setMode, showClass } from "/static/view3d_colours.js";
-import { LocalFrame } from "/static/view3d_geo.js";
-import { TileTree } from "/static/view3d_tiles.js";
+import { Orbit } from "/static/view3d/camera.js";
+import { pointMaterial, setMode, showClass } from "/static/view3d/colours.js";
+import { LocalFrame } from "/static/view3d/geo.js";
+import { TileTree } from "/static/view3d/tiles.js";
 
 const FOV = 50;
 const RAD = Math.PI / 180;

@@ -1,7 +1,7 @@
 // The panel of the 3D page: what is chosen there goes to `act`, what is the case comes from `show`, `classes`, `drive` and so on.
 
 import { element } from "/static/drives.js";
-import { CIVIDIS, endsOf, VIRIDIS } from "/static/view3d_colours.js";
+import { CIVIDIS, endsOf, VIRIDIS } from "/static/view3d/colours.js";
 
 export class Panel {
   // act: { change(more, step), fly(), goTo(share), speed(m_s), save(), fit(), site(number), north() }.

@@ -2,7 +2,7 @@
 
 import { Frustum, Matrix4, Points, Sphere, Vector3 } from "/static/vendor/three/three.bundle.mjs";
 import { headers } from "/static/api.js";
-import { pointsOf } from "/static/view3d_glb.js";
+import { pointsOf } from "/static/view3d/glb.js";
 
 const AT_ONCE = 6;
 const USUAL_POINTS = 15_000;

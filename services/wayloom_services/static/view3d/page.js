@@ -2,14 +2,14 @@
 
 import { ask, listen } from "/static/api.js";
 import { element } from "/static/drives.js";
-import { numbersOf, readHash, writeHash } from "/static/hash_state.js";
+import { numbersOf, readHash, writeHash } from "/static/map/hash.js";
 import { showCaller, whoever } from "/static/session.js";
-import { sitesOf } from "/static/sites.js";
-import { MODES } from "/static/view3d_colours.js";
-import { Flight, wayOf } from "/static/view3d_fly.js";
-import { Panel } from "/static/view3d_panel.js";
-import { tellPoint } from "/static/view3d_point.js";
-import { PointScene } from "/static/view3d_scene.js";
+import { sitesOf } from "/static/map/sites.js";
+import { MODES } from "/static/view3d/colours.js";
+import { Flight, wayOf } from "/static/view3d/fly.js";
+import { Panel } from "/static/view3d/panel.js";
+import { tellPoint } from "/static/view3d/point.js";
+import { PointScene } from "/static/view3d/scene.js";
 
 const at = (id) => document.getElementById(id);
 const STATIC = "static";
