@@ -174,11 +174,8 @@ def visits(session: Session, map_id: str) -> list[tuple[str, float, list[list[fl
     """The ways of the newest version's drives, submap by submap: drive, seconds since 1970, longitudes and latitudes."""
     of_version_ = select(MapDrive.drive_id).where(MapDrive.map_id == map_id, of_version(MapDrive, get(session, map_id).version))
     here = (SubmapRow.map_id == map_id, SubmapRow.drive_id.in_(of_version_))
-    rows = session.execute(
-        select(SubmapRow.drive_id, SubmapRow.track_t_ns, SubmapRow.track)
-        .where(*here)
-        .order_by(SubmapRow.drive_id, SubmapRow.position)
-    )
+    ways = select(SubmapRow.drive_id, SubmapRow.track_t_ns, SubmapRow.track).where(*here)
+    rows = session.execute(ways.order_by(SubmapRow.drive_id, SubmapRow.position))
     return [(drive_id, t_ns / 1e9, [place[:2] for place in track]) for drive_id, t_ns, track in rows if track]
 
 
