@@ -44,7 +44,7 @@ BBox = Annotated[
 SINCE = "RFC 3339 time; things that the first drive noticed then or later: that saw through what has gone, that saw what is new"
 COVERAGE_ZOOM = 17
 COVERAGE_OF = (
-    "areas along the streets; squares of the tile grid: of zoom 17, or of the next coarser that has tiles; or squares of about 25 m "
+    "areas along the streets; squares of the tile grid: of zoom 17, or of the next coarser that has tiles; or squares of 25 m "
     "along the drives, with how many drives came and when the last one did"
 )
 
