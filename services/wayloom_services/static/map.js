@@ -37,7 +37,7 @@ export class CityMap {
     this.coverage = new Coverage(this.map, ask);
     this.tracks = new Tracks(this.map, ask);
     this.layers = new VersionLayers(this.map, overlays, "coverage");
-    this.ready = new Promise((resolve) => this.map.once("load", resolve)).then(() => {
+    this.ready = new Promise((resolve) => this.map.once("style.load", resolve)).then(() => {
       this.coverage.addLayers();
       this.tracks.addLayers();
     });

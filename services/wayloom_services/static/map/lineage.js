@@ -10,13 +10,14 @@ export function lineageOf(mapId, version, asked) {
   return ask(`/v1/maps/${mapId}/versions/${version}/lineage?${new URLSearchParams(asked)}`);
 }
 
-// Rows of [what, value].
+// Rows of [what, a text or a node].
 export function factTable(rows) {
   const table = element("table", "facts");
   for (const [name, value] of rows) {
     const row = table.insertRow();
-    row.append(element("th", "", name), element("td", "", value));
-    row.firstChild.scope = "row";
+    const cell = element("td");
+    cell.append(value);
+    row.append(Object.assign(element("th", "", name), { scope: "row" }), cell);
   }
   return table;
 }

@@ -14,8 +14,9 @@ export class Swipe {
     this.box.id = "swipe-map";
     this.line = element("div", "");
     Object.assign(this.line, { id: "swipe-line", tabIndex: 0, role: "slider", ariaLabel: "Line between the two versions", ariaValueMin: 0, ariaValueMax: 100 });
-    this.names = [element("span", "pill swipe-name left"), element("span", "pill swipe-name right")];
-    city.map.getContainer().append(this.box, this.line, ...this.names);
+    this.names = ["left", "right"].map((side) => element("span", `pill swipe-name ${side}`));
+    this.line.append(...this.names);
+    city.map.getContainer().append(this.box, this.line);
     this.#hide(true);
     this.line.addEventListener("pointerdown", (event) => this.line.setPointerCapture(event.pointerId));
     this.line.addEventListener("pointermove", (event) => this.line.hasPointerCapture(event.pointerId) && this.#to(event.clientX));
@@ -25,7 +26,7 @@ export class Swipe {
   }
 
   #hide(hidden) {
-    for (const one of [this.box, this.line, ...this.names]) one.hidden = hidden;
+    for (const one of [this.box, this.line]) one.hidden = hidden;
   }
 
   get on() {
@@ -53,7 +54,7 @@ export class Swipe {
     this.keep = () => this.map?.jumpTo({ center: map.getCenter(), zoom: map.getZoom() });
     map.on("move", this.keep);
     globalThis.wayloomOther = this.map;
-    this.ready = new Promise((resolve) => this.map.once("load", resolve)).then(() => {
+    this.ready = new Promise((resolve) => this.map.once("style.load", resolve)).then(() => {
       this.tracks = new Tracks(this.map, null);
       Object.assign(this.tracks, { drives: this.city.tracks.drives, mode: this.city.tracks.mode });
       this.tracks.addLayers();

@@ -8,19 +8,19 @@ const NEAR_PX = 5;
 const VOXELS_FROM_ZOOM = 17;
 const COARSEST_TILE = 14;
 const LISTED = 8;
-const WORDS = { drive_count: "drives", height_m: "height", bottom_m: "bottom", width_m: "width", sigma_m: "sigma", area_m2: "area" };
+const WORDS = { drive_count: "drives" };
 
 const value = (name, what) => {
   const text = typeof what === "number" ? String(Number(what.toFixed(3))) : String(what);
   return name.endsWith("_m") ? `${text} m` : name.endsWith("_m2") ? `${text} m²` : name.endsWith("_deg") ? `${text}°` : text;
 };
-const rowsOf = (properties) => Object.entries(properties).map(([name, what]) => [WORDS[name] ?? name.replaceAll("_", " "), value(name, what)]);
+const rowsOf = (properties) => Object.entries(properties).map(([name, what]) => [WORDS[name] ?? name.replace(/_(m|m2|deg)$/, "").replaceAll("_", " "), value(name, what)]);
 
 export class Told {
   // changed(): the place or thing that is told of has changed.
   constructor(city, changed) {
     Object.assign(this, { city, map: city.map, changed, asked: 0, place: null });
-    this.panel = element("section", "about");
+    this.panel = element("section");
     Object.assign(this.panel, { id: "told", hidden: true, tabIndex: -1, ariaLabel: "What is here" });
     this.map.getContainer().append(this.panel, Object.assign(element("span", ""), { id: "crosshair", ariaHidden: "true" }));
     this.map.on("click", (event) => this.tellOf([event.lngLat.lng, event.lngLat.lat], event.point));
@@ -57,6 +57,7 @@ export class Told {
     if (this.panel.hidden) return;
     const hadFocus = this.panel.contains(document.activeElement);
     this.panel.hidden = true;
+    this.panel.className = "";
     this.place = null;
     this.asked++;
     this.map.getSource("told")?.setData(EMPTY);
@@ -71,6 +72,7 @@ export class Told {
     const [thing] = point ? this.#things(point) : [];
     this.place = place;
     this.panel.hidden = false;
+    this.panel.className = "about";
     this.#head(thing);
     if (thing) this.panel.append(this.#about(thing));
     this.#mark(place);
