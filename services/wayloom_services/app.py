@@ -2,29 +2,29 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from importlib.resources import files
-from pathlib import Path
 from typing import Any, Final
 
 from fastapi import FastAPI
-from fastapi.responses import FileResponse
-from fastapi.staticfiles import StaticFiles
 from starlette.middleware.cors import CORSMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from wayloom import __version__
 from wayloom.config.service import ServiceSettings
 from wayloom_services import (
+    drive_results,
     drives,
     errors,
     events,
     excluded_areas,
+    fleet,
     health,
+    keyframes,
     lineage,
     maps,
     markings,
     ogc,
     packs,
+    pages,
     regions,
     rigs,
     sync,
@@ -35,7 +35,6 @@ from wayloom_services import (
 from wayloom_services.access import admin, sessions
 from wayloom_services.access.guard import Guard
 from wayloom_services.context import make_service
-from wayloom_services.drives import DriveId
 from wayloom_services.events import Feed
 from wayloom_services.heads import HeadAsGet
 from wayloom_services.hosts import CheckHead
@@ -45,12 +44,12 @@ from wayloom_services.openapi import describe
 from wayloom_services.tile_answers import ShortWay
 from wayloom_services.tus_headers import MethodOverride
 
-STATIC = Path(str(files("wayloom_services"))) / "static"
 CONTENT_SECURITY_POLICY = (
     "default-src 'self'; img-src 'self' data: blob:; worker-src 'self'; connect-src 'self'; style-src 'self'; "
     "script-src 'self'; object-src 'none'; base-uri 'none'; frame-ancestors 'none'; form-action 'self'"
 )
 
+POLICY: Final = b"content-security-policy"
 CORS: Final[dict[str, Any]] = {
     "allow_methods": ["GET", "HEAD"],
     "allow_headers": ["Authorization", "If-None-Match", "Range"],
@@ -77,23 +76,12 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     )  # fmt: skip
     app.state.service, app.state.feed = service, Feed(service)
     errors.install(app)
-    uploads, people = (drives, packs, tus), (sessions, admin, excluded_areas)
-    of_maps = (maps, sync, markings, ogc, regions, tile_sets, tilesets, lineage, rigs, events, health)
+    uploads, people = (drives, drive_results, keyframes, packs, tus), (sessions, admin, excluded_areas)
+    of_maps = (maps, sync, markings, ogc, regions, tile_sets, tilesets, lineage, rigs, fleet, events, health)
     for room in (*uploads, *of_maps, *people):
         app.include_router(room.router)
-    app.mount("/static", StaticFiles(directory=STATIC), name="static")
-
-    @app.get("/", include_in_schema=False)
-    async def dashboard() -> FileResponse:
-        return FileResponse(STATIC / "index.html")
-
-    @app.get("/sign-in", include_in_schema=False)
-    async def page_to_sign_in() -> FileResponse:
-        return FileResponse(STATIC / "sign-in.html")
-
-    @app.get("/drives/{drive_id}", include_in_schema=False)
-    async def page_of_drive(drive_id: DriveId) -> FileResponse:
-        return FileResponse(STATIC / "drive.html")
+    app.include_router(pages.router)
+    app.mount("/static", pages.assets(), name="static")
 
     @app.get("/3d", include_in_schema=False)
     async def page_in_3d() -> FileResponse:
@@ -124,9 +112,10 @@ class SecurityHeaders:
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
+                own_policy = any(name.lower() == POLICY for name, _ in message["headers"])  # of a report that stands by itself
                 message["headers"] = [
                     *message["headers"],
-                    (b"content-security-policy", CONTENT_SECURITY_POLICY.encode()),
+                    *([] if own_policy else [(POLICY, CONTENT_SECURITY_POLICY.encode())]),
                     (b"x-content-type-options", b"nosniff"),
                     (b"referrer-policy", b"no-referrer"),
                 ]

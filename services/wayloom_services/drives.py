@@ -2,14 +2,14 @@
 
 import json
 from collections.abc import Iterator
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
 from wayloom.errors import ConflictError
 from wayloom.geodesy.antimeridian import line_geometry
-from wayloom.store import drives, gate, jobs, packs, reprocessing, rigs, runs, uploads
+from wayloom.store import drive_search, drives, gate, jobs, packs, reprocessing, rigs, runs, uploads
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.manifest import Manifest
@@ -89,11 +89,22 @@ async def newest(
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
     before: Annotated[float | None, Query(description="only drives registered before this time")] = None,
     state: DriveState | None = None,
+    vehicle: Annotated[str | None, Query(max_length=128, description="only of this vehicle")] = None,
+    search: Annotated[str | None, Query(max_length=128, description="a part of name or vehicle, or the begin of an id")] = None,
+    sort: Literal["newest", "oldest", "name", "vehicle", "grade"] = "newest",
+    offset: Annotated[int, Query(ge=0, le=10_000_000, description="so many are skipped")] = 0,
 ) -> DriveList:
-    """Drives, newest first; of a vehicle its own."""
+    """Drives, newest first where no other order is asked for; of a vehicle its own."""
     owner = own.owner_name(request)
-    found = await service.read(lambda session: drives_out(session, drives.newest(session, limit, before, state, owner)))
-    return DriveList(drives=found, next_before=found[-1].created_at if len(found) == limit else None)
+    asked = drive_search.Asked(owner, before, state, vehicle, search)
+
+    def read(session: Session) -> DriveList:
+        found = drives_out(session, drive_search.page(session, asked, sort, limit, offset))
+        last = found[-1].created_at if len(found) == limit and sort == "newest" else None
+        total, states = drive_search.count(session, asked), drive_search.states(session, owner)
+        return DriveList(drives=found, next_before=last, total=total, states=states)
+
+    return await service.read(read)
 
 
 @router.get("/{drive_id}")

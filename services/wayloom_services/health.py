@@ -9,6 +9,7 @@ from redis.exceptions import RedisError
 from wayloom import __version__
 from wayloom.config.classes import CLASS_NAMES, MOVING_CLASSES, PALETTE, SKY
 from wayloom.config.stages import drive_stages, map_stages
+from wayloom.segmentation.catalogue import MODELS
 from wayloom.stitching.layer_names import OVERLAYS
 from wayloom.store import counts, migrate
 from wayloom.store.blobs import BlobError
@@ -60,6 +61,7 @@ async def info(service: ServiceDep) -> Info:
         stages=[*drive_stages(), *map_stages()],
         overlays=[*OVERLAYS],
         classes=classes,
+        models=sorted(MODELS),
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from wayloom.config.stages import drive_stages, map_stages
 from wayloom.pipeline.digests import sha256_of_json
+from wayloom.reports.drive_warnings import served_warnings
 from wayloom.store import drives, maps
 from wayloom.store.coming import shown_verdict
 from wayloom.store.database import Session
@@ -13,6 +14,7 @@ from wayloom.store.drives import Received
 from wayloom.store.gate import STATE_OUTSIDE, passes
 from wayloom.store.tables.drives import Drive, DriveRun, Job, SubmapRow
 from wayloom.store.tables.maps import MapVersion
+from wayloom_services.etas import eta_of
 from wayloom_services.schemas.drives import DriveOut, LossOut, MapVerdictOut, QualityOut, ReleaseOut, ReprocessOut, StageOut
 from wayloom_services.schemas.lineage import MadeBy, NetworkOut, RunDetail, RunOut
 from wayloom_services.schemas.maps import SubmapOut, VersionOut
@@ -39,11 +41,17 @@ def drive_out(drive: Drive, jobs: Sequence[Job], received: Received, usual: Mapp
         error=drive.error,
         note=_note(drive), quality=_quality(drive), reprocess=_reprocess(drive),
         stage=None if current is None or is_over or drive.state in ("uploading", "removing") else current.stage,
-        progress=_share_done(drive, stages, received), eta_s=_eta(drive, stages, usual), stages=stages, files=drive.file_count,
+        progress=_share_done(drive, stages, received), eta_s=_eta(drive, stages, usual),
+        eta=eta_of(drive, stages, usual), warnings=_warnings(drive), stages=stages, files=drive.file_count,
         bytes=drive.byte_count, received_files=received.files, received_bytes=received.bytes, placed=drive.placed,
         images=ImagesOut.model_validate({"state": drive.images, "since": drive.images_since}),
         facts=drive.facts, created_at=drive.created_at, uploaded_at=drive.uploaded_at, finished_at=drive.finished_at,
     )  # fmt: skip
+
+
+def _warnings(drive: Drive) -> list[str]:
+    """Of the result that is shown; of a drive that is being removed none."""
+    return [] if drive.state == "removing" else served_warnings(drive.facts or {})
 
 
 def _quality(drive: Drive) -> QualityOut | None:

@@ -24,8 +24,8 @@ ARGUMENTS = (
 
 
 @contextmanager
-def chromium() -> Iterator[Any]:
-    """The browser of the machine. None is a failure in CI and a skip elsewhere."""
+def chromium(*more: str) -> Iterator[Any]:
+    """The browser of the machine, with more arguments. None is a failure in CI and a skip elsewhere."""
     if not CHROMIUM.exists():
         if os.environ.get("CI"):
             pytest.fail(f"no {CHROMIUM}: install Debian's chromium")
@@ -33,9 +33,31 @@ def chromium() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(ARGUMENTS))
+        launched = playwright.chromium.launch(executable_path=str(CHROMIUM), args=[*ARGUMENTS, *more])
         yield launched
         launched.close()
+
+
+class Watched:
+    """A page and what it complained of: errors on its console, uncaught ones, requests to other servers."""
+
+    def __init__(self, browser: Any, url: str, **options: Any) -> None:
+        self.said: list[str] = []
+        self.page = browser.new_page(**{"viewport": {"width": 1200, "height": 800}, **options})
+        self.page.on("console", lambda message: self.said.append(message.text) if message.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        own = (url, "blob:", "data:")
+        self.page.on("request", lambda asked: None if asked.url.startswith(own) else self.said.append(asked.url))
+
+
+@contextmanager
+def watched(browser: Any, url: str, path: str = "/", **options: Any) -> Iterator[Any]:
+    """A page of a service, which must have nothing to complain of at the end."""
+    seen = Watched(browser, url, **options)
+    seen.page.goto(f"{url}{path}")
+    yield seen.page
+    assert seen.said == []
+    seen.page.close()
 
 
 @contextmanager

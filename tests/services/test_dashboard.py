@@ -174,6 +174,7 @@ def test_the_page_of_a_held_drive_tells_why_and_an_operator_releases_it_there(br
         assert wait_for_drive(api, held)["state"] == "done"
         page.reload()
         page.click("#reprocess")
+        page.click("dialog .primary")
         page.wait_for_selector("#anew:not([hidden])")
         assert "This page shows the result before" in page.inner_text("#anew")
         until(lambda: api.drive(held)["reprocess"] is None)

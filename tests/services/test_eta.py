@@ -64,3 +64,24 @@ def test_a_drive_without_a_place_on_earth_waits_for_no_map() -> None:
     unplaced = told(drive(placed=False), [], USUAL)
     assert len(unplaced.stages) < len(placed.stages)
     assert unplaced.eta_s == pytest.approx(sum(USUAL[stage.stage] for stage in unplaced.stages))
+
+
+def test_the_first_drive_of_a_service_has_a_rough_interval_that_its_done_stages_scale() -> None:
+    fresh = told(drive("queued"), [], {}).eta
+    assert fresh is not None
+    assert fresh.rough
+    assert 0 < fresh.low_s < fresh.high_s
+    row = drive("running")
+    row.facts = {"log": {"frames": {"count": 1000}}}
+    slow = told(row, [job(STAGES[0], "done", 1.0, 100.0)], {}).eta
+    quick = told(row, [job(STAGES[0], "done", 1.0, 10.0)], {}).eta
+    assert slow is not None
+    assert quick is not None
+    assert slow.low_s == pytest.approx(10.0 * quick.low_s, rel=0.05)
+
+
+def test_the_interval_is_narrow_and_not_rough_where_every_stage_was_seen() -> None:
+    known = told(drive("queued"), [], USUAL).eta
+    assert known is not None
+    assert not known.rough
+    assert known.low_s < sum(USUAL.values()) < known.high_s

@@ -11,6 +11,7 @@ from wayloom.config.gate import gate_of
 from wayloom.config.stages import REMOVAL
 from wayloom.geodesy import wgs84
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
+from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
 from wayloom.pipeline.drive_quality import QUALITY_FILE, read_quality
 from wayloom.pipeline.log_parts import LOG_FILE
 from wayloom.pipeline.log_source import LogSource
@@ -86,6 +87,16 @@ def _record_log(session: Session, attempt: StageAttempt) -> list[JobMessage]:
     content = json.loads((attempt.out_dir / LOG_FILE).read_text(encoding="utf-8"))
     drive = drives.get(session, str(attempt.claim.drive_id))
     note(drive, log=_finite({name: content["log"][name] for name in content["log"].keys() - {"path", "name"}}))
+    return []
+
+
+def _record_tracking(session: Session, attempt: StageAttempt) -> list[JobMessage]:
+    """How much of the drive was tracked, for its warnings."""
+    odometry = load_odometry(attempt.out_dir / ODOMETRY_FILE)
+    tracked, segment = odometry.trajectory.tracked, odometry.trajectory.segment
+    losses = [{"frame": one["frame"], "reason": one["reason"]} for one in odometry.report.get("losses", ())]
+    counted = {"frames": len(tracked), "frames_tracked": int(tracked.sum()), "segments": len(np.unique(segment))}
+    note(drives.get(session, str(attempt.claim.drive_id)), odometry=_finite({**counted, "losses": losses[:20]}))
     return []
 
 
@@ -174,7 +185,7 @@ def _record_submaps(session: Session, attempt: StageAttempt) -> list[JobMessage]
 
 _HOOKS: Final = {
     "ingest": StageHooks(_prepare, record=_record_log),
-    ODOMETRY: StageHooks(_prepare, share=_remember_rig),
+    ODOMETRY: StageHooks(_prepare, share=_remember_rig, record=_record_tracking),
     "georeference": StageHooks(_prepare, share=_share_georeference, record=_record_track),
     OBJECTS: StageHooks(_prepare, share=_share_submaps, record=_record_submaps),
     "stitch": StageHooks(_prepare_stitch, record=request_publish),

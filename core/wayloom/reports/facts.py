@@ -13,13 +13,10 @@ from wayloom.evaluation.trajectory import evaluate, path_length
 from wayloom.objects.types import KINDS
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.drive import DriveResult
+from wayloom.reports import drive_warnings
 
 FORMAT: Final = "wayloom-drive-report"
 FORMAT_VERSION: Final = 1
-DOUBTFUL_SCALE: Final = 0.02
-"""Beyond it the odometry and the fixes contradict each other: stereo rigs are good to one per cent or so."""
-UNNEEDED: Final = ("IMU", "GNSS", "truth poses")
-"""What a log may lack without a warning of its own: the geo-reference tells of missing GNSS, the rest costs little."""
 
 
 def drive_facts(result: DriveResult) -> dict[str, Any]:
@@ -141,20 +138,11 @@ def truth_errors(result: DriveResult) -> dict[str, Any] | None:
 
 def warnings(result: DriveResult) -> list[str]:
     """Warnings about the result, the most serious first."""
-    trajectory, log = result.odometry.trajectory, result.log_facts["log"]
-    found = []
-    if not trajectory.tracked.all():
-        found.append(loss_warning(result.odometry))
+    found = drive_warnings.lost_frames(_tracking(result.odometry))
     if not any(len(placed.submap) for placed in result.submaps):
         found.append("no point was good enough for the cloud")
     found += [str(message) for message in result.geo.report.get("messages", ())]
-    lacking = [thing for thing in log["missing"] if thing not in UNNEEDED]
-    if lacking:
-        found.append(f"not in the log: {'; '.join(lacking)}")
-    gaps = log["frames"]["gaps"]
-    if gaps:
-        worst = max(gap["seconds"] for gap in gaps)
-        found.append(f"{len(gaps)} gaps in the frames' time stamps, the longest {worst:.2f} s")
+    found += drive_warnings.of_log(result.log_facts["log"])
     if result.model.get("grey_images_to_a_colour_network"):
         found.append(
             f"the images are grey and the network {result.model['name']} was trained on colour: its labels are less certain"
@@ -164,26 +152,20 @@ def warnings(result: DriveResult) -> list[str]:
             f"the network {result.model['name']} knows simulated streets only: its labels of real ones are mostly wrong; give "
             "another by --model (`wayloom models` lists those that are known)"
         )
-    scale = result.geo.report.get("scale")
-    if scale is not None and abs(scale["mean"] - 1.0) > DOUBTFUL_SCALE:
-        found.append(
-            f"odometry and GNSS disagree on the length of the drive by {100.0 * (scale['mean'] - 1.0):+.1f} %: the rig's "
-            "calibration or the fixes are wrong; the map follows the fixes"
-        )
+    found += drive_warnings.scale(result.geo.report)
     void = int((result.labels.stereo == VOID).sum())
     if len(result.labels) and void > 0.2 * len(result.labels):
         found.append(f"{100.0 * void / len(result.labels):.0f} % of the points have no label")
     return found
 
 
-def loss_warning(odometry: OdometryResult) -> str:
-    """Warning about lost frames: their number, the reason of the first loss, and whether the track was continued."""
+def _tracking(odometry: OdometryResult) -> dict[str, Any]:
+    """What `drive_warnings.lost_frames` reads."""
     trajectory = odometry.trajectory
-    lost, segments = int((~trajectory.tracked).sum()), len(np.unique(trajectory.segment))
-    first = next(iter(odometry.report.get("losses", ())), None)
-    why = f" (first frame {first['frame']}: {first['reason']})" if first else ""
-    joined = f"; the track has {segments} segments, joined by GNSS or by guesses" if segments > 1 else ""
-    return f"{lost} of {len(trajectory)} frames were lost{why} and hold a guess of constant motion{joined}"
+    return {
+        "frames": len(trajectory), "frames_tracked": int(trajectory.tracked.sum()),
+        "segments": len(np.unique(trajectory.segment)), "losses": odometry.report.get("losses", ()),
+    }  # fmt: skip
 
 
 def finite(value: Any) -> Any:

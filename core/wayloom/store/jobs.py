@@ -16,6 +16,7 @@ from wayloom.config.stages import REMOVAL, drive_stages, find_stage, map_stages
 from wayloom.errors import ConflictError, LeaseLostError
 from wayloom.store import coming
 from wayloom.store.database import Database, now_s
+from wayloom.store.history import note_event, thin
 from wayloom.store.images import check_kept
 from wayloom.store.tables.drives import Drive, DriveRun, Job
 from wayloom.store.tables.maps import Map
@@ -102,6 +103,7 @@ def claim(database: Database, job_id: int, worker: str, lease_s: float) -> Claim
             return None
         if job.drive_id is not None and job.stage in drive_stages():
             _update(session, update(Drive).where(Drive.id == job.drive_id, Drive.state == "queued"), state="running")
+        note_event(session, job.drive_id, job.stage, "begun", part=job.part, attempt=job.attempt + 1, worker=worker)
         return Claim(job.id, job.token + 1, job.stage, job.attempt + 1, job.drive_id, job.map_id, dict(job.payload), job.part)
 
 
@@ -122,8 +124,10 @@ def finish(session: Session, held: Claim, key: str) -> JobMessage | None:
     values["payload"].pop(ANEW, None)
     if not _update(session, _held(held), **values):
         raise LeaseLostError(f"job {held.job_id} ({held.stage}): finished too late, another worker has taken it over")
+    _note(session, held, "done")
     if held.drive_id is None or held.part:
         return None
+    thin(session, held.drive_id)
     following = select(Job).where(Job.drive_id == held.drive_id, Job.state == "waiting").order_by(Job.position)
     job = session.scalars(following).first()
     if job is None:
@@ -142,6 +146,7 @@ def fail(session: Session, held: Claim, error: str, *, final: bool, pause_s: flo
     values |= {"state": "failed", "finished_at": now} if final else {"state": "queued", "not_before": now + pause_s}
     if not _update(session, _held(held), **values):
         raise LeaseLostError(f"job {held.job_id} ({held.stage}): failed too late, another worker has taken it over")
+    _note(session, held, "failed" if final else "again", error)
     if final:
         _fail_dependants(session, session.get_one(Job, held.job_id), error)
 
@@ -149,10 +154,15 @@ def fail(session: Session, held: Claim, error: str, *, final: bool, pause_s: flo
 def release(session: Session, held: Claim) -> None:
     """Put the job back untouched because the worker is told to stop; the attempt does not count. Raises LeaseLostError."""
     put_back(session, held, "queued", held.attempt - 1)
+    _note(session, held, "back")
 
 
-def pause(session: Session, held: Claim, why: str, pause_s: float) -> None:
-    """Put the job back for a while, for a reason that is not the stage's; the attempt does not count. Raises LeaseLostError."""
+def pause(session: Session, held: Claim, why: str, pause_s: float, what: str = "waits") -> None:
+    """Put the job back for a while, for a reason that is not the stage's; the attempt does not count. Raises LeaseLostError.
+
+    what : as the drive's history calls it
+    """
+    _note(session, held, what, why)
     put_back(session, held, "queued", held.attempt - 1)
     job = session.get_one(Job, held.job_id)
     job.error, job.message, job.not_before = _text(why), _text(why), now_s(session) + pause_s
@@ -161,7 +171,7 @@ def pause(session: Session, held: Claim, why: str, pause_s: float) -> None:
 def lose(session: Session, held: Claim, evidence: dict[str, Any], pause_s: float) -> None:
     """The job's worker is gone through no known fault: the attempt does not count, the loss is kept. Raises LeaseLostError."""
     losses = [*session.get_one(Job, held.job_id).losses, evidence]
-    pause(session, held, str(evidence["why"]), pause_s)
+    pause(session, held, str(evidence["why"]), pause_s, "lost")
     session.get_one(Job, held.job_id).losses = losses
 
 
@@ -178,6 +188,8 @@ def cancel(session: Session, drive_id: str) -> None:
     now = now_s(session)
     values = {"state": "failed", "error": CANCELLED, "worker": None, "lease_until": None, "finished_at": now, "message": ""}
     _update(session, update(Job).where(Job.id.in_([job.id for job in stages]), Job.state.in_(("queued", "running"))), **values)
+    for job in stages:
+        note_event(session, drive_id, job.stage, CANCELLED, part=job.part, attempt=job.attempt)
     coming.fail(drive, f"{stages[0].stage}: {CANCELLED}", now)
 
 
@@ -231,6 +243,7 @@ def retry(session: Session, drive_id: str, stage: str | None = None) -> list[Job
     if stage is not None:
         return [_begin_with(session, drive, stage, jobs)]
     for job in jobs:
+        note_event(session, job.drive_id, job.stage, "asked", part=job.part)
         _refresh(job, "queued")
         if job.map_id is not None:
             waiting = update(Drive).where(Drive.stitch_job_id == (job.parent_id or job.id), Drive.state == "failed")
@@ -252,6 +265,7 @@ def _begin_with(session: Session, drive: Drive, stage: str, failed: Sequence[Job
         _refresh(job, "waiting")
         job.payload, job.progress = {ANEW: True}, 0.0
     rows[0].state = "queued"
+    note_event(session, drive.id, stage, "asked", text="this stage and those after it are made anew")
     coming.resume(drive)
     return JobMessage(rows[0].id, rows[0].queue)
 
@@ -260,6 +274,11 @@ def _refresh(job: Job, state: str) -> None:
     """As a new row."""
     job.state, job.attempt, job.losses, job.error, job.message = state, 0, [], None, ""
     job.sent_at, job.finished_at, job.not_before = None, None, None
+
+
+def _note(session: Session, held: Claim, what: str, text: str = "") -> None:
+    """Into the drive's history."""
+    note_event(session, held.drive_id, held.stage, what, part=held.part, attempt=held.attempt, text=_text(text))
 
 
 def mark_sent(database: Database, messages: Iterable[JobMessage]) -> None:

@@ -7,10 +7,12 @@ from sqlalchemy import delete, null, select
 from sqlalchemy.orm import Session
 
 from wayloom.config.gate import Gate
+from wayloom.config.stages import drive_stages
 from wayloom.errors import ConflictError
 from wayloom.store import gate, jobs, maps
 from wayloom.store.coming import VERDICT
 from wayloom.store.database import now_s
+from wayloom.store.history import note_event
 from wayloom.store.images import check_kept
 from wayloom.store.jobs import JobMessage, create_drive_jobs
 from wayloom.store.tables.drives import Drive, Job, SubmapRow
@@ -27,6 +29,7 @@ def begin(session: Session, drive_id: str, asked: Mapping[str, Any], facts: Mapp
     drive = gate.lock(session, drive_id)
     _check_can_begin(drive)
     session.execute(delete(Job).where(Job.drive_id == drive_id))
+    note_event(session, drive_id, drive_stages()[0], "asked", text=f"processed anew{f' with {dict(asked)}' if asked else ''}")
     drive.coming = {"asked": {**asked}, "since": now_s(session), "facts": {**(facts or {})}}
     if drive.state == "failed":
         drive.state, drive.error, drive.finished_at = "queued", None, None

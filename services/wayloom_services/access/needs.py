@@ -67,6 +67,15 @@ NEEDS: Final[Mapping[str, Mapping[str, Need]]] = {
     f"{UPLOAD}/files": {"GET": SEND},
     "/v1/uploads": {"OPTIONS": SEND, "POST": SEND},
     UPLOAD: {"OPTIONS": SEND, "HEAD": SEND, "PATCH": SEND, "DELETE": SEND},
+    f"{DRIVE}/report.html": {"GET": FOLLOW},
+    f"{DRIVE}/history": {"GET": FOLLOW},
+    f"{DRIVE}/trajectory.tum": {"GET": FOLLOW},
+    f"{DRIVE}/cloud.ply": {"GET": FOLLOW},
+    f"{DRIVE}/log.tar": {"GET": OPERATE},
+    f"{DRIVE}/keyframes": {"GET": FOLLOW},
+    f"{DRIVE}/keyframes/{{number}}/points.webp": {"GET": FOLLOW},
+    f"{DRIVE}/keyframes/{{number}}/image.webp": {"GET": OPERATE},
+    "/v1/fleet": {"GET": READ},
     "/v1/events": {"GET": FOLLOW},
     SESSION: {"GET": Open.TO_KNOWN, "POST": Open.TO_ALL, "DELETE": Open.TO_KNOWN},
     "/v1/excluded-areas": {"GET": READ, "POST": OPERATE},
@@ -84,6 +93,9 @@ NEEDS: Final[Mapping[str, Mapping[str, Need]]] = {
     "/sign-in": {"GET": Open.TO_ALL},
     "/3d": {"GET": Open.TO_ALL},
     "/drives/{drive_id}": {"GET": Open.TO_ALL},
+    "/fleet": {"GET": Open.TO_ALL},
+    "/areas": {"GET": Open.TO_ALL},
+    "/access": {"GET": Open.TO_ALL},
 }
 """The pages and what they load (`/static/`) hold nothing of anybody: what they show they ask of /v1."""
 

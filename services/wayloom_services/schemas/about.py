@@ -31,3 +31,4 @@ class Info(BaseModel):
     stages: list[str]
     overlays: list[str] = Field(description="layers of pictures beside `semantic`; a version has those that show anything")
     classes: list[ClassOut]
+    models: list[str] = Field(description="networks of the catalogue, by which a drive can be processed anew")

@@ -126,6 +126,14 @@ class ReprocessOut(BaseModel):
     error: str | None
 
 
+class EtaOut(BaseModel):
+    """Between how many seconds a drive will still take."""
+
+    low_s: float
+    high_s: float
+    rough: bool = Field(description="a stage that is still to come was never seen here: its time is a guess by the drive's frames")
+
+
 class DriveOut(BaseModel):
     """One drive and how far it is."""
 
@@ -139,6 +147,12 @@ class DriveOut(BaseModel):
     stage: str | None = Field(description="the stage that is running or comes next")
     progress: float = Field(ge=0, le=1, description="share of all stages that is done")
     eta_s: float | None = Field(description="seconds to the end as guessed from this and earlier drives; None: nothing is known")
+    eta: EtaOut | None = Field(
+        None, description="the same as an interval, from the first drive on; None: nobody works on the drive"
+    )
+    warnings: list[str] = Field(
+        [], description="what is doubtful about the result, the most serious first, as in the drive's report"
+    )
     stages: list[StageOut]
     files: int
     bytes: int
@@ -158,7 +172,9 @@ class DriveList(BaseModel):
     """Drives, newest first."""
 
     drives: list[DriveOut]
-    next_before: float | None = Field(description="give as `before` to get the next page")
+    next_before: float | None = Field(description="give as `before` to get the next page of the newest drives")
+    total: int = Field(description="how many drives there are like those that were asked for")
+    states: dict[str, int] = Field(description="how many drives there are in each state, whatever was asked for")
 
 
 class MissingFile(BaseModel):

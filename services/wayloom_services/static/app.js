@@ -1,70 +1,51 @@
-// The dashboard: what the service knows of drives and map, kept current by its events.
+// The dashboard: the list of drives and what an operator does with them, kept current by events; the map beside it comes when it comes.
 
 import { ask, listen } from "/static/api.js";
-import { fillCard } from "/static/drives.js";
+import { DriveList } from "/static/list/list.js";
 import { MapHost } from "/static/map_host.js";
-import { showCaller, whoever } from "/static/session.js";
+import { at, element, say } from "/static/ui/dom.js";
+import { frame, live } from "/static/ui/frame.js";
+import { many } from "/static/ui/words.js";
 
-const at = (id) => document.getElementById(id);
-const cards = new Map();
-const drives = new Map();
+const [info, caller] = await Promise.all([ask("/v1/info"), frame()]);
 let chosen = null;
 let shownVersion = 0;
 
-const [info, caller] = await Promise.all([ask("/v1/info"), whoever()]);
-const mayOperate = caller.rights.includes("operate");
-showCaller(caller, document.querySelector("header"));
+const list = new DriveList({ caller, models: info.models, choose });
+const filled = list.load();
 
 at("hint").textContent = `wayloom upload LOG --to ${location.origin}`;
 at("legend").querySelector("ul").append(
   ...info.classes.filter((one) => one.in_map).map(({ name, colour }) => {
-    const item = document.createElement("li");
-    const square = document.createElement("i");
+    const item = element("li");
+    const square = element("i");
     square.style.background = colour;
     item.append(square, name);
     return item;
   }),
 );
 if (matchMedia("(max-width: 800px)").matches) at("legend").open = false;
-at("fit").addEventListener("click", () => city.fit());
 for (const name of info.overlays) {
-  const label = document.createElement("label");
-  const box = document.createElement("input");
+  const label = element("label");
+  const box = element("input");
   box.id = `show-${name}`;
   box.type = "checkbox";
   label.append(box, ` ${name[0].toUpperCase()}${name.slice(1)}`);
-  at("tools").append(label);
+  at("layers").append(label);
 }
+
+await filled; // what an operator came for is there before a megabyte of map is asked for
 const city = new MapHost(at("map"), info, at);
+at("fit").addEventListener("click", () => city.fit());
 const TOGGLES = ["ortho", "semantic", "areas", "markings", "objects", "tracks", "coverage", ...info.overlays];
 for (const name of TOGGLES) {
   at(`show-${name}`).addEventListener("change", (event) => city.visible(name, event.target.checked));
 }
 
 function choose(id) {
-  cards.get(chosen)?.classList.remove("chosen");
-  cards.get(id)?.classList.add("chosen");
+  list.choose(id);
   city.choose(id, chosen);
   chosen = id;
-}
-
-function card(id) {
-  if (!cards.has(id)) {
-    const made = document.createElement("li");
-    made.className = "drive";
-    made.tabIndex = 0;
-    made.addEventListener("click", () => choose(id));
-    made.addEventListener("keydown", (event) => event.key === "Enter" && choose(id));
-    cards.set(id, made);
-    at("drives").prepend(made);
-  }
-  return cards.get(id);
-}
-
-function count() {
-  const working = [...drives.values()].filter(({ state }) => ["queued", "running", "stitching"].includes(state)).length;
-  at("count").textContent = drives.size ? `${drives.size}${working ? `, ${working} in work` : ""}` : "";
-  at("empty").hidden = drives.size > 0;
 }
 
 async function showMap({ id, version }) {
@@ -73,7 +54,7 @@ async function showMap({ id, version }) {
   const found = await ask(`/v1/maps/${id}/versions/${version}`);
   if (version !== shownVersion) return;
   at("version").textContent = `${id} · version ${version}`;
-  const many = (number, word) => `${number.toLocaleString("en")} ${word}${number === 1 ? "" : "s"}`;
+  at("no-map").hidden = true;
   at("facts").textContent = [many(found.drives.length, "drive"), many(found.submaps, "submap"), many(found.tiles, "tile")].join(" · ");
   for (const name of ["ortho", "areas", "markings", "objects"]) at(`show-${name}`).parentElement.hidden = !found.layers[name];
   await city.show(found);
@@ -82,24 +63,18 @@ async function showMap({ id, version }) {
 
 function hear(event, data) {
   if (event === "drive") {
-    drives.set(data.id, data);
-    fillCard(card(data.id), data, mayOperate ? () => ask(`/v1/drives/${data.id}/retry`, { method: "POST" }) : null);
+    list.hear(data);
     city.track(data);
   } else if (event === "removed") {
-    drives.delete(data.id);
-    cards.get(data.id)?.remove();
-    cards.delete(data.id);
+    list.forget(data.id);
     city.forget(data.id);
   } else if (event === "map") {
+    at("no-map").hidden = data.version > 0;
     showMap(data).catch(() => (shownVersion = 0));
   }
-  count();
 }
 
-function live(state) {
-  at("live").textContent = state;
-  at("live").className = `pill ${state === "live" ? "good" : state === "polling" ? "" : "bad"}`;
+if (caller.rights.includes("send")) {
+  import("/static/upload/panel.js").then(({ mountUpload }) => mountUpload()).catch((error) => say(at("problem"), `No upload: ${error.message}`));
 }
-
-count();
 listen(hear, live);

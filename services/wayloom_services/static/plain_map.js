@@ -1,7 +1,7 @@
 // A map without WebGL: published tiles as images, tracks as SVG, moved by drag, wheel, keys and buttons. The same interface as map.js.
 
 import { ask, headers } from "/static/api.js";
-import { element } from "/static/drives.js";
+import { element } from "/static/ui/dom.js";
 
 const TILE = 256;
 const [LOWEST, HIGHEST] = [2, 22];

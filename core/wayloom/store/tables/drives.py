@@ -138,6 +138,21 @@ class Job(Base):
     )
 
 
+class DriveEvent(Base):
+    """An entry of a drive's history (`wayloom.store.history`). part : 0, or the stage's part. text : error or evidence."""
+
+    __tablename__ = "drive_events"
+    id: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    drive_id: Mapped[str] = mapped_column(ForeignKey("drives.id", ondelete="CASCADE"), index=True)
+    at: Mapped[float]
+    stage: Mapped[str] = mapped_column(String(32))
+    part: Mapped[int]
+    attempt: Mapped[int]
+    what: Mapped[str] = mapped_column(String(16))
+    text: Mapped[str] = mapped_column(Text)
+    worker: Mapped[str | None] = mapped_column(String(256))
+
+
 class DriveRun(Base):
     """One way of a drive through its stages: what made the submaps that it had in the map. Never changed after it is written.
 

@@ -1,0 +1,143 @@
+"""Endpoints of a drive's keyframes: when and where they are, what was seen there as points, and their image while that is kept."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path as FilePath
+from typing import Annotated, Any, Final
+
+import numpy as np
+from fastapi import APIRouter, Depends, Path, Query, Response
+
+from wayloom.errors import NotFoundError
+from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
+from wayloom.odometry.types import OdometryResult
+from wayloom.pipeline.log_source import LogSource
+from wayloom.reports.keyframe_view import labelled_image, points_view, webp_bytes
+from wayloom.segmentation.keyframe_labels import label_path, read_labels
+from wayloom.store import drives, jobs, maps
+from wayloom.store.blobs import BlobStore
+from wayloom.store.database import Session
+from wayloom.store.images import check_kept
+from wayloom.store.tables.drives import Drive, SubmapRow
+from wayloom.submaps.submap import Submap, decode_submap
+from wayloom_services.context import Service, ServiceDep, require_key
+from wayloom_services.drives import PROBLEMS, DriveId
+from wayloom_services.schemas.keyframes import KeyframeList, KeyframeOut
+
+WEBP: Final[dict[int | str, dict[str, Any]]] = {200: {"content": {"image/webp": {}}}}
+HELD: Final = 12
+"""Submaps in memory: whoever scrubs through a drive asks for the same ones again."""
+Number = Annotated[int, Path(ge=0, lt=2**31, description="as the list numbers them")]
+router = APIRouter(
+    prefix="/v1/drives/{drive_id}/keyframes", tags=["drives"], dependencies=[Depends(require_key)], responses=PROBLEMS
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """A keyframe: its submap, its row there, and the facts of its drive."""
+
+    submap: Submap
+    row: int
+    facts: dict[str, Any]
+
+
+@router.get("")
+async def keyframes(drive_id: DriveId, service: ServiceDep) -> KeyframeList:
+    """The keyframes in the order of the road, and whether their images are there; none before the submaps are cut."""
+    drive, rows = await _rows(drive_id, service)
+
+    def read() -> list[KeyframeOut]:
+        found: list[KeyframeOut] = []
+        for row in rows:
+            submap = _submap(service.blobs, row.digest)
+            counts = np.bincount(submap.keyframe, minlength=len(submap.keyframe_frame))
+            for k, (frame, t_ns) in enumerate(zip(submap.keyframe_frame.tolist(), submap.keyframe_t_ns.tolist(), strict=True)):
+                place = [None, None] if k >= len(row.track) else row.track[k]
+                found.append(
+                    KeyframeOut(number=len(found), frame=frame, t_s=t_ns * 1e-9, points=int(counts[k]), lon=place[0], lat=place[1])
+                )
+        return found
+
+    return KeyframeList(
+        keyframes=await service.in_thread(read), images=drive.images, retention=str(service.settings.uploads.retention)
+    )
+
+
+@router.get("/{number}/points.webp", response_class=Response, responses=WEBP)
+async def points(drive_id: DriveId, number: Number, service: ServiceDep) -> Response:
+    """What the map has of this stretch, as the keyframe's left camera sees it: labelled points on dark ground."""
+    found = await _keyframe(drive_id, number, service)
+    camera = (found.facts.get("log") or {}).get("camera")
+    if camera is None:
+        raise NotFoundError(f"nothing is known of the camera of drive {drive_id[:12]}")
+    image, _ = await service.in_thread(lambda: points_view(found.submap, found.row, camera))
+    content = await service.in_thread(lambda: webp_bytes(image))
+    return Response(content, headers={"Cache-Control": "private, max-age=600"}, media_type="image/webp")
+
+
+@router.get("/{number}/image.webp", response_class=Response, responses=WEBP)
+async def image(
+    drive_id: DriveId,
+    number: Number,
+    service: ServiceDep,
+    labels: Annotated[float, Query(ge=0, le=1, description="share of the labels' colour")] = 0.45,
+) -> Response:
+    """The keyframe's left image with its labels and the points that were tracked in it, persons painted over; 409 where the images
+    of the drive were deleted."""
+    drive, _ = await _rows(drive_id, service)
+    check_kept(drive)
+    found = await _keyframe(drive_id, number, service)
+    frame = int(found.submap.keyframe_frame[found.row])
+    keys = await service.read(lambda session: jobs.keys_of_outputs(session, drive_id, ["odometry", "segmentation"]))
+    content = await service.in_thread(lambda: _labelled(service, drive, keys, frame, labels))
+    return Response(content, headers={"Cache-Control": "no-store"}, media_type="image/webp")
+
+
+def _labelled(service: Service, drive: Drive, keys: dict[str, str], frame: int, share: float) -> bytes:
+    folder = service.folders.drive(drive.id)
+    stages = {name: folder / "stages" / name / key for name, key in keys.items()}
+    seen = read_labels(label_path(stages["segmentation"], "left", frame)) if "segmentation" in stages else None
+    if seen is None:
+        raise NotFoundError(f"frame {frame} of drive {drive.id[:12]} has no labels on this disk")
+    manifest = drive.manifest
+    gnss = None if manifest.get("gnss") is None else folder / manifest["gnss"]
+    shown = LogSource(folder / manifest.get("log", "log"), gnss).log.frame(frame).left
+    uv = np.zeros((0, 2))
+    if "odometry" in stages:
+        odometry = _odometry(stages["odometry"] / ODOMETRY_FILE)
+        here = np.flatnonzero(odometry.keyframes.frame == frame)
+        uv = odometry.points.uv_host[np.isin(odometry.points.host, here)]
+    return webp_bytes(labelled_image(shown, seen, uv, share))
+
+
+@lru_cache(maxsize=2)
+def _odometry(path: FilePath) -> OdometryResult:
+    return load_odometry(path)
+
+
+async def _rows(drive_id: str, service: Service) -> tuple[Drive, list[SubmapRow]]:
+    def read(session: Session) -> tuple[Drive, list[SubmapRow]]:
+        return drives.get(session, drive_id), [*maps.submaps_of(session, drive_id)]
+
+    return await service.read(read)
+
+
+async def _keyframe(drive_id: str, number: int, service: Service) -> _Found:
+    drive, rows = await _rows(drive_id, service)
+
+    def find() -> _Found:
+        left = number
+        for row in rows:
+            submap = _submap(service.blobs, row.digest)
+            if left < len(submap.keyframe_frame):
+                return _Found(submap, left, drive.facts)
+            left -= len(submap.keyframe_frame)
+        raise NotFoundError(f"drive {drive_id[:12]} has no keyframe {number}")
+
+    return await service.in_thread(find)
+
+
+@lru_cache(maxsize=HELD)
+def _submap(blobs: BlobStore, digest: str) -> Submap:
+    return decode_submap(blobs.get(digest), digest)

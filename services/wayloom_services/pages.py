@@ -1,0 +1,53 @@
+"""Pages of the dashboard. They hold nothing of anybody: what they show they ask of /v1 with the rights of whoever looks."""
+
+from functools import cache
+
+from fastapi import APIRouter, Request, Response
+
+from wayloom_services.assets import Assets
+from wayloom_services.drives import DriveId
+
+router = APIRouter(include_in_schema=False)
+
+
+@cache
+def assets() -> Assets:
+    """The dashboard's files, read once a process."""
+    return Assets()
+
+
+@router.get("/")
+async def dashboard(request: Request) -> Response:
+    """Map and list of drives."""
+    return assets().page("index", request)
+
+
+@router.get("/sign-in")
+async def sign_in(request: Request) -> Response:
+    """Where people say who they are."""
+    return assets().page("sign-in", request)
+
+
+@router.get("/fleet")
+async def fleet(request: Request) -> Response:
+    """Vehicles, queues, workers, storage."""
+    return assets().page("fleet", request)
+
+
+@router.get("/areas")
+async def areas(request: Request) -> Response:
+    """Excluded areas."""
+    return assets().page("areas", request)
+
+
+@router.get("/access")
+async def access(request: Request) -> Response:
+    """Keys and audit log."""
+    return assets().page("access", request)
+
+
+@router.get("/drives/{drive_id}")
+async def drive(drive_id: DriveId, request: Request) -> Response:
+    """One drive."""
+    del drive_id
+    return assets().page("drive", request)

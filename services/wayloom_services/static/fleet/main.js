@@ -1,0 +1,75 @@
+// The fleet: what waits and runs, room on the disk, vehicles with their drives, and each rig's calibration over time.
+
+import { ask, listen } from "/static/api.js";
+import { rigSection } from "/static/fleet/rig.js";
+import { at, element, link, say, table } from "/static/ui/dom.js";
+import { frame, live } from "/static/ui/frame.js";
+import { duration, moment, size, STATES } from "/static/ui/words.js";
+
+const WAIT_MS = 1500;
+await frame();
+
+const progress = (share, name) => {
+  const bar = element("progress");
+  Object.assign(bar, { max: 1, value: share, ariaLabel: name });
+  return bar;
+};
+
+function showQueues(queues) {
+  const rows = queues.map(({ name, queued, running }) => [name, String(queued), String(running)]);
+  at("queues").replaceChildren(table(rows, ["Queue", "Waiting", "Running"]));
+}
+
+function showStorage({ storage, version, retention }) {
+  const rows = [
+    ["Disk", progress(storage.used / storage.total, "Share of the disk that is used")],
+    ["Free", `${size(storage.free)} of ${size(storage.total)}`],
+    ["Uploads stop below", size(storage.least_free)],
+    ["Images are kept", retention === "keep" ? "for good" : retention === "until-published" ? "until their drive is published" : `${retention} days after publication`],
+    ["Version", version],
+  ];
+  at("storage").replaceChildren(table(rows));
+}
+
+function showWork(work) {
+  if (!work.length) return at("work").replaceChildren(element("p", "quiet", "No worker holds a job now."));
+  const now = Date.now() / 1000;
+  const rows = work.map((one) => [
+    one.worker, one.part ? `${one.stage}, part ${one.part}` : one.stage, one.drive_id ? link(one.drive_name, "", `/drives/${one.drive_id}`) : "map",
+    progress(one.progress, `${one.stage} of ${one.drive_name ?? "the map"}`), one.message, one.started_at ? duration(now - one.started_at) : "",
+    one.heartbeat_at ? `${duration(Math.max(0, now - one.heartbeat_at))} ago` : "",
+  ]);
+  at("work").replaceChildren(table(rows, ["Worker", "Stage", "Drive", "Progress", "Doing", "For", "Heard of"]));
+}
+
+function showVehicles(vehicles) {
+  if (!vehicles.length) return at("vehicles").replaceChildren(element("p", "quiet", "No vehicle has sent a drive yet."));
+  const rows = vehicles.map(({ id, drives, last_at: last, bytes, created_at: since }) => [
+    id, String(Object.values(drives).reduce((sum, one) => sum + one, 0)), Object.entries(drives).map(([state, number]) => `${number} ${STATES[state]}`).join(", "),
+    size(bytes), moment(last), moment(since),
+  ]);
+  at("vehicles").replaceChildren(table(rows, ["Vehicle", "Drives", "By state", "Sent", "Newest drive", "Known since"]));
+}
+
+async function refresh() {
+  const [fleet, { rigs }] = await Promise.all([ask("/v1/fleet"), ask("/v1/rigs")]);
+  showQueues(fleet.queues);
+  showStorage(fleet);
+  showWork(fleet.work);
+  showVehicles(fleet.vehicles);
+  const key = JSON.stringify(rigs);
+  if (at("rigs").dataset.key === key) return;
+  at("rigs").dataset.key = key;
+  at("rigs").replaceChildren(...rigs.map(rigSection));
+}
+
+let waiting = null;
+const soon = () => {
+  waiting ??= setTimeout(async () => {
+    waiting = null;
+    await refresh().catch((error) => say(at("problem"), error.message));
+  }, WAIT_MS);
+};
+
+await refresh().catch((error) => say(at("problem"), error.message));
+listen(soon, live);

@@ -1,0 +1,119 @@
+"""Every page in real Chromium under axe-core, light and dark, narrow and wide: no violation; and colours that can be told apart."""
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from service_kit.browsers import chromium
+from service_kit.filled_service import filled
+from service_kit.javascript import packages
+from service_kit.running import until
+from wayloom.config.classes import CLASS_NAMES
+
+PAGES = {
+    "map": "/", "drive": "/drives/{done}", "held drive": "/drives/{held}", "failed drive": "/drives/{failed}", "fleet": "/fleet",
+    "areas": "/areas", "access": "/access", "sign-in": "/sign-in",
+}  # fmt: skip
+READY = {
+    "map": "#drives .drive", "drive": "[data-plot=sigma] svg", "held drive": "#history table", "failed drive": "#history table",
+    "fleet": "#vehicles table", "areas": "#areas table", "access": "#keys table", "sign-in": "#sign-in",
+}  # fmt: skip
+RUN = """() => axe.run(document, { resultTypes: ["violations"] }).then(({ violations }) => violations.map((one) =>
+  [one.id, ...one.nodes.slice(0, 5).map((node) => `${node.target} ${node.any.map((check) => check.message).join(" ")}`)].join(" | ")))"""
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Any, str, dict[str, str]]]:
+    """A browser, a service's address, and its drives by their states."""
+    alone, ids = filled(tmp_path_factory.mktemp("api") / "data")
+    with chromium() as browser:
+        yield browser, alone.url, ids
+    alone.close()
+
+
+@pytest.fixture(scope="module")
+def axe() -> str:
+    return (packages() / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("width", [390, 1600])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_page_has_a_violation(shown: tuple[Any, str, dict[str, str]], axe: str, scheme: str, width: int) -> None:
+    browser, url, ids = shown
+    context = browser.new_context(color_scheme=scheme, viewport={"width": width, "height": 900})
+    page = context.new_page()
+    found = {}
+    for name, path in PAGES.items():
+        page.goto(url + path.format(**ids))
+        page.wait_for_selector(READY[name])
+        if name == "map":
+            until(lambda: page.evaluate("!!globalThis.wayloomMap?.getLayer('semantic')"))
+        page.evaluate(axe)
+        if violations := page.evaluate(RUN):
+            found[name] = violations
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, f"{name} is wider than its window"
+    assert found == {}, "\n".join(f"{name}: {one}" for name, all_of in found.items() for one in all_of)
+    context.close()
+
+
+@pytest.mark.browser
+def test_dialogs_have_no_violation_either_and_give_the_focus_back(shown: tuple[Any, str, dict[str, str]], axe: str) -> None:
+    browser, url, ids = shown
+    page = browser.new_page()
+    page.goto(f"{url}/drives/{ids['quarantined']}")
+    page.focus("#delete")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("dialog[open]")
+    assert page.evaluate("document.activeElement.closest('dialog') !== null")
+    page.evaluate(axe)
+    assert page.evaluate(RUN) == []
+    page.keyboard.press("Escape")
+    page.wait_for_selector("dialog", state="detached")
+    assert page.evaluate("document.activeElement.id") == "delete"
+    page.close()
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_swatch_of_the_legend_has_an_edge_that_stands_out_and_its_name_beside_it(
+    shown: tuple[Any, str, dict[str, str]], scheme: str
+) -> None:
+    """Colours of classes are fixed, some near black and some near white: the edge carries the shape, the name the meaning."""
+    browser, url, _ = shown
+    page = browser.new_page(color_scheme=scheme)
+    page.goto(url)
+    page.wait_for_selector("#legend li")
+    swatches = page.evaluate(
+        """[...document.querySelectorAll("#legend li")].map((item) => [
+             item.textContent, getComputedStyle(item.querySelector("i")).borderTopColor,
+             getComputedStyle(document.getElementById("legend")).backgroundColor,
+           ])"""
+    )
+    assert len(swatches) >= 8
+    for name, edge, ground in swatches:
+        assert name in CLASS_NAMES
+        assert contrast(edge, ground) >= 3.0, f"{name}: {edge} on {ground}"
+    page.close()
+
+
+def contrast(one: str, other: str) -> float:
+    """Of two CSS colours rgb(r, g, b), by WCAG 2: 1 to 21."""
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def luminance(colour: str) -> float:
+    red, green, blue = (linear(int(part) / 255.0) for part in re.findall(r"\d+", colour)[:3])
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def linear(value: float) -> float:
+    return value / 12.92 if value <= 0.04045 else float(((value + 0.055) / 1.055) ** 2.4)
+
+
+def test_the_contrast_of_black_and_white_is_21_and_of_equal_colours_1() -> None:
+    assert contrast("rgb(0, 0, 0)", "rgb(255, 255, 255)") == pytest.approx(21.0)
+    assert contrast("rgb(90, 90, 90)", "rgb(90, 90, 90)") == 1.0

@@ -1,0 +1,36 @@
+"""The dashboard in a browser without WebGL 2: everything is there, with a plain map."""
+
+from pathlib import Path
+
+import pytest
+
+from service_kit.browsers import chromium
+from service_kit.packed_drives import packed_drive
+from service_kit.running import service, until
+from wayloom.client.upload import upload
+
+
+@pytest.mark.browser
+def test_without_webgl_the_list_is_there_and_a_plain_map_is_moved_by_keys(tmp_path: Path) -> None:
+    with chromium("--disable-3d-apis") as plain, service(tmp_path / "data") as up:
+        first = upload(up.api(), packed_drive(tmp_path / "a", "first drive"))["id"]
+        seen = plain.new_page(viewport={"width": 1000, "height": 700})
+        wrong: list[str] = []
+        seen.on("pageerror", lambda error: wrong.append(str(error)))
+        seen.goto(up.url)
+        seen.wait_for_selector(f"[data-id='{first}'][data-state=done]")
+        assert seen.inner_text("#live") == "live"
+        until(lambda: seen.locator(".plain-tiles img.semantic").count() > 0)
+        assert "has no WebGL 2" in seen.inner_text(".plain-note")
+        until(lambda: seen.evaluate("[...document.querySelectorAll('.plain-tiles img')].some((one) => one.naturalWidth === 256)"))
+        assert seen.locator(".plain-map polyline").count() == 1
+        where = "document.querySelector('.plain-map polyline').getAttribute('points')"
+        before = seen.evaluate(where)
+        seen.focus(".plain-map")
+        seen.keyboard.press("ArrowRight")
+        moved = seen.evaluate(where)
+        seen.click(".plain-buttons button[aria-label='Zoom in']")
+        assert len({before, moved, seen.evaluate(where)}) == 3
+        seen.click("#show-semantic")
+        until(lambda: seen.locator(".plain-tiles img.semantic").count() == 0)
+        assert wrong == []
