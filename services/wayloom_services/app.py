@@ -82,11 +82,6 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         app.include_router(room.router)
     app.include_router(pages.router)
     app.mount("/static", pages.assets(), name="static")
-
-    @app.get("/3d", include_in_schema=False)
-    async def page_in_3d() -> FileResponse:
-        return FileResponse(STATIC / "view3d.html")
-
     describe(app)
     app.add_middleware(ShortWay, service=service)
     app.add_middleware(HeadAsGet)

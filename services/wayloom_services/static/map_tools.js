@@ -1,6 +1,6 @@
 // Tools beside the map: mounted once the map is there, in whatever form it came.
 
-import { element } from "/static/drives.js";
+import { element } from "/static/ui/dom.js";
 
 // city: the map's interface; about: { info, ask, at }.
 export async function mountTools(city, { info, ask, at }) {

@@ -1,6 +1,6 @@
 // The legend: classes that are there, each switched on and off; what the colours of tracks and coverage mean, and by what they go.
 
-import { element } from "/static/drives.js";
+import { element } from "/static/ui/dom.js";
 import { AGE_RAMP, COUNT_RAMP } from "/static/map/style.js";
 
 const day = (seconds) => new Date(1000 * seconds).toISOString().slice(0, 10);

@@ -1,7 +1,7 @@
 // What a place of the map was made from: its drives with a link to each, and how they were processed.
 
 import { ask } from "/static/api.js";
-import { element } from "/static/drives.js";
+import { element } from "/static/ui/dom.js";
 
 export const day = (seconds) => new Date(1000 * seconds).toISOString().slice(0, 10);
 

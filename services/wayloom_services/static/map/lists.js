@@ -1,6 +1,6 @@
 // Lists over the map that a button opens: sites, changes. One at a time, by mouse and keyboard.
 
-import { element } from "/static/drives.js";
+import { element } from "/static/ui/dom.js";
 
 export class Lists {
   // into: the map's container. tools: where the buttons stand.

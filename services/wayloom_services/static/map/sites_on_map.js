@@ -1,7 +1,7 @@
 // Sites that are far apart: from afar, marks with how many drives there are; and a list to jump to each.
 
 import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
-import { element } from "/static/drives.js";
+import { element } from "/static/ui/dom.js";
 import { areaOf, joined, middleOf, sitesOf } from "/static/map/sites.js";
 import { placesOf } from "/static/map/tracks.js";
 

@@ -1,7 +1,7 @@
 // Two versions side by side: a second map over the first, cut off at a line that a pointer or the keyboard moves.
 
 import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
-import { element } from "/static/drives.js";
+import { element } from "/static/ui/dom.js";
 import { plainStyle, withKey } from "/static/map.js";
 import { Tracks } from "/static/map/tracks.js";
 import { VersionLayers } from "/static/map/version_layers.js";

@@ -1,6 +1,6 @@
 // What lies where somebody clicked, or pressed Enter over the middle of the map: a thing, a drive, voxels or a tile, with the drives it was made from.
 
-import { element } from "/static/drives.js";
+import { element } from "/static/ui/dom.js";
 import { day, driveList, factTable, lineageOf } from "/static/map/lineage.js";
 
 const EMPTY = { type: "FeatureCollection", features: [] };

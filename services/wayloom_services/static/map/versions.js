@@ -1,6 +1,6 @@
 // The versions that are kept, on a slider; one of them beside another by the swipe.
 
-import { element } from "/static/drives.js";
+import { element } from "/static/ui/dom.js";
 import { Swipe } from "/static/map/swipe.js";
 
 const when = (seconds) => new Date(1000 * seconds).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" });

@@ -1,17 +1,16 @@
 // The 3D page: points of the map with level of detail, coloured as asked, flown along a drive; its view is in its address.
 
 import { ask, listen } from "/static/api.js";
-import { element } from "/static/drives.js";
+import { at, element } from "/static/ui/dom.js";
 import { numbersOf, readHash, writeHash } from "/static/map/hash.js";
-import { showCaller, whoever } from "/static/session.js";
 import { sitesOf } from "/static/map/sites.js";
+import { frame, live } from "/static/ui/frame.js";
 import { MODES } from "/static/view3d/colours.js";
 import { Flight, wayOf } from "/static/view3d/fly.js";
 import { Panel } from "/static/view3d/panel.js";
 import { tellPoint } from "/static/view3d/point.js";
 import { PointScene } from "/static/view3d/scene.js";
 
-const at = (id) => document.getElementById(id);
 const STATIC = "static";
 const state = { colour: "class", hidden: new Set(), layers: new Set(), size: 2, detail: 3, drive: "", version: null };
 let found = null;
@@ -24,8 +23,7 @@ let downAt = [0, 0];
 let lastRange = "";
 let waiting = 0;
 
-const [info, caller] = await Promise.all([ask("/v1/info"), whoever()]);
-showCaller(caller, document.querySelector("header"));
+const [info] = await Promise.all([ask("/v1/info"), frame()]);
 function begin() {
   scene = new PointScene(at("view"), info.classes, {
     moved: (by) => (by === "hand" && flight?.flying && flight.stop(), keepAddress()), drawn: told, failed: tellFailed,
@@ -38,7 +36,7 @@ function begin() {
   addEventListener("keydown", keys);
   addEventListener("popstate", () => restore().catch(tellFailed));
   restore().catch(tellFailed);
-  listen(hear, () => {});
+  listen(hear, live);
 }
 
 function pick(x, y) {

@@ -1,6 +1,6 @@
 // The panel of the 3D page: what is chosen there goes to `act`, what is the case comes from `show`, `classes`, `drive` and so on.
 
-import { element } from "/static/drives.js";
+import { element } from "/static/ui/dom.js";
 import { CIVIDIS, endsOf, VIRIDIS } from "/static/view3d/colours.js";
 
 export class Panel {

@@ -1,6 +1,6 @@
 // What is known of a point: its class and votes by the tile, its drives by the map's lineage.
 
-import { element } from "/static/drives.js";
+import { element } from "/static/ui/dom.js";
 import { day, driveList, factTable, lineageOf } from "/static/map/lineage.js";
 
 let asked = 0;
