@@ -1,6 +1,6 @@
 """A served map for pages: made voxels with their tiles, a region that tells its lineage, and a drive that has a way."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,12 @@ from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.map_versions import RegionEntry
-from wayloom.store.tables.drives import Drive
+from wayloom.store.tables.drives import Drive, SubmapRow
 from wayloom.tiles.settings import TileSettings
 
+NS_PER_DAY = 86_400 * 10**9
+FIRST_DAY_NS = 1_780_300_800 * 10**9
+"""The first of June 2026, at eight."""
 SMALL_TILES = TileSettings(cloud_points_per_tile=1000)
 
 
@@ -42,8 +45,19 @@ class LookedAt:
         database.close()
 
 
-def looked_at(folder: Path, voxels: int = 6000, extent_m: float = 60.0, parked: VoxelMap | None = None) -> LookedAt:
-    """A square of made voxels, whose first drive is known and went through its middle."""
+def looked_at(
+    folder: Path,
+    voxels: int = 6000,
+    extent_m: float = 60.0,
+    parked: VoxelMap | None = None,
+    away_m: float = 0.0,
+    changes: bool = False,
+) -> LookedAt:
+    """A square of made voxels, whose first drive is known and went through its middle; a second one crosses its way.
+
+    away_m  : the second one also went there, so far to the east, where nothing is mapped
+    changes : whether a pole is new and a traffic sign has gone, near the middle
+    """
     api = ApiAlone(folder)
     blobs, database = BlobStore(folder / "blobs"), Database(f"sqlite:///{folder / 'wayloom.db'}")
     city = made_map(voxels, extent_m=extent_m)
@@ -52,6 +66,10 @@ def looked_at(folder: Path, voxels: int = 6000, extent_m: float = 60.0, parked: 
         drive = drives.register(session, manifest, "city")[0]
         drive.state, drive.placed, drive.track = "done", True, way_through(city)
         drive_id = drive.id
+        crossing = drives.register(session, replace_name(manifest, "side street"), "city")[0]
+        crossing.state, crossing_id = "done", crossing.id
+        session.flush()
+        session.add_all(submaps_of(city, drive_id, crossing_id, away_m))
     city = replace(city, drive_ids=(drive_id, *city.drive_ids[1:]))
     regions = [region_of(city, east, north, blobs, drive_id) for east, north in squares(city)]
     publish_map(
@@ -66,11 +84,45 @@ def looked_at(folder: Path, voxels: int = 6000, extent_m: float = 60.0, parked: 
         built_with="8" * 64,
     )
     with database.write() as session:
-        found = session.get(Drive, drive_id)
-        assert found is not None
-        found.state = "done"
+        for known in (drive_id, crossing_id):
+            found = session.get(Drive, known)
+            assert found is not None
+            found.state = "done"
     database.close()
     return LookedAt(api, city, drive_id)
+
+
+def replace_name(manifest: Manifest, name: str) -> Manifest:
+    return manifest.model_copy(update={"name": name})
+
+
+def submaps_of(city: VoxelMap, along: str, across: str, away_m: float) -> Sequence[SubmapRow]:
+    """The ways of two drives, one a day after the other, as rows of the store: from west to east, and, a day later, from south to north."""
+    east = [place[:2] for place in way_through(city)]
+    middle_lon, middle_lat = east[len(east) // 2]
+    north = [[middle_lon, middle_lat - 0.0005], [middle_lon, middle_lat + 0.0005]]
+    ways = [(along, 0, east, FIRST_DAY_NS), (across, 0, north, FIRST_DAY_NS + NS_PER_DAY)]
+    if away_m:
+        shift = away_m / (111_320.0 * np.cos(np.radians(middle_lat)))
+        ways.append((across, 1, [[lon + shift, lat] for lon, lat in north], FIRST_DAY_NS + NS_PER_DAY))
+    return [submap_row(*way) for way in ways]
+
+
+def submap_row(drive_id: str, position: int, way: list[list[float]], t_ns: int) -> SubmapRow:
+    places = np.array(way)
+    (west, south), (east, north) = places.min(axis=0).tolist(), places.max(axis=0).tolist()
+    return SubmapRow(
+        drive_id=drive_id, position=position, map_id="city", digest="a" * 64, point_count=1, frame=None, T_enu_submap=np.eye(4).tolist(),
+        covariance=np.eye(6).tolist(), track=way, track_t_ns=t_ns, min_lon=west, min_lat=south, max_lon=east, max_lat=north,
+        near_min_lon=west, near_min_lat=south, near_max_lon=east, near_max_lat=north,
+    )  # fmt: skip
+
+
+def changed_things() -> Iterator[dict[str, Any]]:
+    """GeoJSON of a pole that is new and, two metres away, a traffic sign that has gone."""
+    for kind, name, lon, day in (("new", "pole", 8.39, 2), ("gone", "traffic sign", 8.39003, 1)):
+        properties = {"kind": kind, "class": name, "noticed": f"2026-06-0{day}T08:00:00.000Z"}
+        yield {"type": "Feature", "geometry": {"type": "Point", "coordinates": [lon, 48.98, 115.0]}, "properties": properties}
 
 
 def way_through(city: VoxelMap) -> list[list[float]]:
