@@ -31,17 +31,18 @@ SMALL_TILES = TileSettings(cloud_points_per_tile=1000)
 
 @dataclass
 class LookedAt:
-    """The API, the map that it serves, and the drive."""
+    """The API, the map that it serves, the drive that is known, and all drives of the map."""
 
     api: ApiAlone
     city: VoxelMap
     drive_id: str
+    held: tuple[str, ...] = ()
 
     def publish(self, city: VoxelMap, **more: Any) -> None:
         """The next version, of other voxels; its regions stay."""
         self.city = city
         database = Database(f"sqlite:///{self.api.data / 'wayloom.db'}")
-        publish_map(database, BlobStore(self.api.data / "blobs"), city, made_tracks(city), SMALL_TILES, **more)
+        publish_map(database, BlobStore(self.api.data / "blobs"), city, made_tracks(city), SMALL_TILES, drives=self.held, **more)
         database.close()
 
 
@@ -72,24 +73,18 @@ def looked_at(
         session.add_all(submaps_of(city, drive_id, crossing_id, away_m))
     city = replace(city, drive_ids=(drive_id, *city.drive_ids[1:]))
     regions = [region_of(city, east, north, blobs, drive_id) for east, north in squares(city)]
-    publish_map(
-        database,
-        blobs,
-        city,
-        made_tracks(city),
-        SMALL_TILES,
-        parked=parked,
-        regions=regions,
-        drives=(drive_id,),
-        built_with="8" * 64,
-    )
+    if changes:
+        regions[0] = replace(regions[0], changes=list(changed_things()))
+    held = (drive_id, crossing_id)
+    more: dict[str, Any] = {"regions": regions, "drives": held, "built_with": "8" * 64}
+    publish_map(database, blobs, city, made_tracks(city), SMALL_TILES, parked=parked, **more)
     with database.write() as session:
-        for known in (drive_id, crossing_id):
+        for known in held:
             found = session.get(Drive, known)
             assert found is not None
             found.state = "done"
     database.close()
-    return LookedAt(api, city, drive_id)
+    return LookedAt(api, city, drive_id, held)
 
 
 def replace_name(manifest: Manifest, name: str) -> Manifest:
@@ -97,7 +92,7 @@ def replace_name(manifest: Manifest, name: str) -> Manifest:
 
 
 def submaps_of(city: VoxelMap, along: str, across: str, away_m: float) -> Sequence[SubmapRow]:
-    """The ways of two drives, one a day after the other, as rows of the store: from west to east, and, a day later, from south to north."""
+    """The ways of two drives, as rows of the store: from west to east, and, a day later, from south to north."""
     east = [place[:2] for place in way_through(city)]
     middle_lon, middle_lat = east[len(east) // 2]
     north = [[middle_lon, middle_lat - 0.0005], [middle_lon, middle_lat + 0.0005]]
@@ -112,8 +107,8 @@ def submap_row(drive_id: str, position: int, way: list[list[float]], t_ns: int) 
     places = np.array(way)
     (west, south), (east, north) = places.min(axis=0).tolist(), places.max(axis=0).tolist()
     return SubmapRow(
-        drive_id=drive_id, position=position, map_id="city", digest="a" * 64, point_count=1, frame=None, T_enu_submap=np.eye(4).tolist(),
-        covariance=np.eye(6).tolist(), track=way, track_t_ns=t_ns, min_lon=west, min_lat=south, max_lon=east, max_lat=north,
+        drive_id=drive_id, position=position, map_id="city", digest="a" * 64, point_count=1, frame=None,
+        T_enu_submap=np.eye(4).tolist(), covariance=np.eye(6).tolist(), track=way, track_t_ns=t_ns, min_lon=west, min_lat=south, max_lon=east, max_lat=north,
         near_min_lon=west, near_min_lat=south, near_max_lon=east, near_max_lat=north,
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""The map's legend in a browser: it lists classes that are there, switches them, and says what the colours of tracks and coverage mean."""
+"""The map's legend in a browser: it lists classes that are there, switches them, and says what colours mean."""
 
 from collections.abc import Iterator
 from contextlib import closing

@@ -50,7 +50,8 @@ def opened(browser: Any, shown: LookedAt) -> Iterator[Open]:
 def test_slider_swipe_publication_and_address_show_the_versions_that_they_name(opened: Open, shown: LookedAt) -> None:
     page = opened(AT)
     until(lambda: like(page, TONES["vegetation"]) > 500, 60)
-    assert page.evaluate("document.getElementById('version-words').textContent").startswith("version 3, newest")
+    words = "document.getElementById('version-words').textContent"
+    until(lambda: page.evaluate(words).startswith("version 3, newest"))
     page.focus("#version-slider")
     page.keyboard.press("ArrowLeft")
     until(lambda: like(page, TONES["road"]) > 500 and like(page, TONES["vegetation"]) == 0, 60)
@@ -82,4 +83,4 @@ def test_slider_swipe_publication_and_address_show_the_versions_that_they_name(o
 
     shown.publish(painted(shown, "sidewalk"))
     until(lambda: like(page, TONES["sidewalk"]) > 200, 60)
-    assert page.evaluate("document.getElementById('version-words').textContent").startswith("version 4, newest")
+    until(lambda: page.evaluate(words).startswith("version 4, newest"))

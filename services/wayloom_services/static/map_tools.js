@@ -15,7 +15,7 @@ export async function mountTools(city, { info, ask, at }) {
   const legend = new Legend(at("legend"), city, info.classes.filter((one) => one.in_map), changed);
   const versions = new Versions(city, info.map_id, ask, changed);
   new Sites(city, lists);
-  new Changes(city, lists, told, ask);
+  const changes = new Changes(city, lists, told, ask);
   at("tools").append(linkTo3d(city));
   address = new Address({ city, at, legend, versions, told });
   city.held = address.isPlaced;
@@ -30,8 +30,11 @@ export async function mountTools(city, { info, ask, at }) {
     restored = true;
     address.restore();
   });
-  if (city.newest) (restored = true), await address.restore();
-  else address.quiet = false;
+  if (!city.newest) return void (address.quiet = false);
+  // The map was quicker than its tools.
+  restored = true;
+  await Promise.all([versions.refresh(), changes.refresh()]);
+  await address.restore();
 }
 
 // To the same place in 3D.

@@ -13,6 +13,7 @@ export class Sites {
     Object.assign(this, { city, map: city.map, list, sites: [], marks: [] });
     city.coverage.known = (features) => this.#know(sitesOf(features));
     this.map.on("moveend", () => this.draw());
+    if (city.coverage.streets.features.length) this.#know(sitesOf(city.coverage.streets.features));
   }
 
   #know(sites) {
