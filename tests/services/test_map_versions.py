@@ -63,20 +63,20 @@ def test_slider_swipe_publication_and_address_show_the_versions_that_they_name(o
     page.click("#compare")
     until(lambda: like(page, TONES["road"]) > 200 and like(page, TONES["vegetation"]) > 200, 90)
     assert page.input_value("#compare-with") == "2"
-    both = like(page, TONES["road"])
+    both = like(page, TONES["vegetation"])
     page.focus("#swipe-line")
     assert page.get_attribute("#swipe-line", "aria-valuenow") == "50"
-    page.keyboard.press("PageDown")
-    page.keyboard.press("ArrowLeft")
-    assert page.get_attribute("#swipe-line", "aria-valuenow") == "38"
-    until(lambda: like(page, TONES["road"]) > 1.1 * both)
+    page.keyboard.press("PageUp")
+    page.keyboard.press("ArrowRight")
+    assert page.get_attribute("#swipe-line", "aria-valuenow") == "62"
+    until(lambda: like(page, TONES["vegetation"]) > 1.1 * both)
     page.evaluate("wayloomMap.jumpTo({zoom: 18.5})")
     until(lambda: page.evaluate("Math.abs(wayloomOther.getZoom() - 18.5)") < 1e-6)
-    until(lambda: "swipe=2,0.38" in page.url)
+    until(lambda: "swipe=2,0.62" in page.url)
     page.reload()
     until(lambda: page.evaluate(READY), 90)
     until(lambda: like(page, TONES["road"]) > 100 and like(page, TONES["vegetation"]) > 100, 90)
-    assert page.get_attribute("#swipe-line", "aria-valuenow") == "38"
+    assert page.get_attribute("#swipe-line", "aria-valuenow") == "62"
     assert page.evaluate("wayloomMap.getZoom()") == pytest.approx(18.5)
     page.click("#compare")
     until(lambda: like(page, TONES["road"]) == 0)
