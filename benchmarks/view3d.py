@@ -14,11 +14,13 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "tiles"))
+
+from made_maps import made_map, made_tracks
 
 from pages import put_between_marks
 from service_kit.browsers import chromium
 from service_kit.made_version import served_map
-from tiles.made_maps import made_map, made_tracks
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "benchmarks" / "view3d.md"
 SIZE = {"width": 1280, "height": 800}

@@ -108,7 +108,6 @@ def submap_row(drive_id: str, position: int, way: list[list[float]], t_ns: int) 
     (west, south), (east, north) = places.min(axis=0).tolist(), places.max(axis=0).tolist()
     return SubmapRow(
         drive_id=drive_id, position=position, map_id="city", digest="a" * 64, point_count=1, frame=None,
-        drive_id=drive_id, position=position, map_id="city", digest="a" * 64, point_count=1, frame=None,
         T_enu_submap=np.eye(4).tolist(), covariance=np.eye(6).tolist(), track=way, track_t_ns=t_ns,
         min_lon=west, min_lat=south, max_lon=east, max_lat=north,
         near_min_lon=west, near_min_lat=south, near_max_lon=east, near_max_lat=north,
