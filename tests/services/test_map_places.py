@@ -73,7 +73,7 @@ def test_a_tile_is_told_of_from_afar_and_the_address_brings_it_back(opened: Open
 
 @pytest.mark.browser
 def test_sites_that_lie_apart_are_marks_from_afar_and_a_list_leads_to_each(opened: Open) -> None:
-    page = opened("at=8.41,48.98,11")
+    page = opened("at=8.41,48.98,9")
     until(lambda: page.locator("button.site").count() == 1)  # over each other: one mark for both
     assert page.get_attribute("button.site", "aria-label") == "2 sites, 1 drive: go there"
     page.click("button.site")
