@@ -82,7 +82,6 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         app.include_router(room.router)
     app.include_router(pages.router)
     app.mount("/static", pages.assets(), name="static")
-
     describe(app)
     app.add_middleware(ShortWay, service=service)
     app.add_middleware(HeadAsGet)

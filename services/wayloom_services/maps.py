@@ -10,7 +10,7 @@ from pydantic import AwareDatetime
 
 from wayloom.store import map_versions, maps
 from wayloom.store.database import Session
-from wayloom.tiles.coverage import HALF_WIDTH_M, covered_areas
+from wayloom.tiles.coverage import HALF_WIDTH_M, covered_areas, visited_squares
 from wayloom.tiles.formats import TILE_FORMATS
 from wayloom.tiles.grid import TileAddress, tile_bounds
 from wayloom_services.context import ServiceDep, require_key
@@ -43,7 +43,10 @@ BBox = Annotated[
 ]
 SINCE = "RFC 3339 time; things that the first drive noticed then or later: that saw through what has gone, that saw what is new"
 COVERAGE_ZOOM = 17
-COVERAGE_OF = "areas along the streets, or squares of the tile grid: of zoom 17, or of the next coarser that has tiles"
+COVERAGE_OF = (
+    "areas along the streets; squares of the tile grid: of zoom 17, or of the next coarser that has tiles; or squares of 25 m "
+    "along the drives, with how many drives came and when the last one did"
+)
 
 router = APIRouter(prefix="/v1", tags=["maps"], dependencies=[Depends(require_key)], responses=PROBLEMS)
 
@@ -112,9 +115,17 @@ async def changes(map_id: MapId, number: Number, service: ServiceDep) -> ChangeL
 
 @router.get("/maps/{map_id}/coverage")
 async def coverage(
-    map_id: MapId, service: ServiceDep, of: Annotated[Literal["streets", "tiles"], Query(description=COVERAGE_OF)] = "streets"
+    map_id: MapId,
+    service: ServiceDep,
+    of: Annotated[Literal["streets", "tiles", "visits"], Query(description=COVERAGE_OF)] = "streets",
 ) -> FeatureCollection:
-    """Where the newest version is: areas along the streets that its drives took, or the squares of its tiles."""
+    """Where the newest version is: areas along the streets that its drives took, the squares of its tiles, or how often and when
+    its drives came by."""
+    if of == "visits":
+        visits = await service.read(lambda session: maps.visits(session, map_id))
+        rows = ((drive, at_s, np.array(way, np.float64)) for drive, at_s, way in visits)
+        squares = await service.in_thread(lambda: visited_squares(rows))
+        return FeatureCollection(features=[_visited(*square) for square in squares])
     if of == "streets":
         ways = await service.read(lambda session: maps.tracks(session, map_id))
         areas = await service.in_thread(lambda: list(covered_areas(np.array(way, np.float64) for way in ways)))
@@ -223,6 +234,10 @@ def _lies_in(feature: Feature, box: maps.Box | None) -> bool:
 def _is_within(feature: Feature, since: AwareDatetime | None, until: AwareDatetime | None) -> bool:
     noticed = datetime.fromisoformat(feature.properties["noticed"])
     return (since is None or noticed >= since) and (until is None or noticed <= until)
+
+
+def _visited(square: TileAddress, drives: int, last_s: float) -> Feature:
+    return Feature(geometry=_square(*square), properties={"drives": drives, "last_seen": last_s})
 
 
 def _square(z: int, x: int, y: int) -> dict[str, object]:

@@ -22,6 +22,12 @@ async def dashboard(request: Request) -> Response:
     return assets().page("index", request)
 
 
+@router.get("/3d")
+async def view3d(request: Request) -> Response:
+    """The map's points in 3D."""
+    return assets().page("view3d", request)
+
+
 @router.get("/sign-in")
 async def sign_in(request: Request) -> Response:
     """Where people say who they are."""

@@ -24,6 +24,7 @@ def publish_map(
     tracks: list[Track],
     settings: TileSettings = TileSettings(),
     parked: VoxelMap | None = None,
+    drives: tuple[str, ...] = (),
     **more: Any,
 ) -> list[TileEntry]:
     """The next version of the map `city`, and its tiles; `parked` are the voxels of that overlay."""
@@ -39,7 +40,7 @@ def publish_map(
     frame = city.frame.lon_deg, city.frame.lat_deg, city.frame.height_m
     with database.write() as session:
         base = maps.ensure_map(session, "city").version
-        publish(session, "city", NewVersion(base, frame, (), 1, bounds, entries, **more), kept=5)
+        publish(session, "city", NewVersion(base, frame, drives, 1, bounds, entries, **more), kept=5)
     return entries
 
 

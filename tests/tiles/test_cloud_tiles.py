@@ -40,7 +40,8 @@ def made_points(count: int, seed: int = 0) -> CloudPoints:
     place = np.unique(rng.integers(-5_000, 5_000, (count, 3)), axis=0) + np.array([50_000_000, -3, 40])
     n = len(place)
     columns = (rng.integers(0, 19, n), rng.integers(0, 256, n), rng.integers(1, 256, n))
-    return CloudPoints(place, np.ones(n, np.int64), *(column.astype(np.uint8) for column in columns))
+    days = rng.integers(10_000, 30_000, n).astype(np.uint16)
+    return CloudPoints(place, np.ones(n, np.int64), *(column.astype(np.uint8) for column in columns), days)
 
 
 def same(one: CloudPoints, other: CloudPoints) -> bool:
@@ -107,7 +108,7 @@ def test_tiles_keep_their_limits(root):
         assert len(decode_glb(file.read_bytes())) <= SMALL.cloud_points_per_tile
     assert TileSettings().cloud_points_per_tile == MOST_POINTS
     full = made_points(40_000)
-    columns = (full.place, full.voxels, full.label, full.confidence, full.drives)
+    columns = (full.place, full.voxels, full.label, full.confidence, full.drives, full.last_seen)
     assert 0.98 * MOST_BYTES < len(encode_glb(CloudPoints(*(column[:MOST_POINTS] for column in columns)))) <= MOST_BYTES
 
 
@@ -127,6 +128,15 @@ def test_joined_cells_are_what_a_naive_twin_adds_up():
         found[(*(value // edge for value in place), label)] += voxels
     assert found == expected
     assert joined.edge == edge
+
+
+def test_a_point_tells_the_day_on_which_a_drive_saw_it_last_and_of_joined_ones_the_latest(city):
+    day = city.last_seen_ns // (86_400 * 10**9)
+    points = decode_glb(encode_glb(cloud_of(city)))
+    assert sorted(points.last_seen.tolist()) == sorted(day.tolist())
+    joined = joined_cloud([points], 256 * 10_000)
+    for label in np.unique(points.label):
+        assert joined.last_seen[joined.label == label].max() == points.last_seen[points.label == label].max()
 
 
 def test_joining_in_steps_over_more_than_the_limit_doubles_cells_and_keeps_counts():

@@ -9,8 +9,8 @@ import pytest
 
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.tiles.coverage import CUT_ZOOM, covered_areas
-from wayloom.tiles.grid import metres_per_pixel, pixel_from_lonlat
+from wayloom.tiles.coverage import CUT_ZOOM, covered_areas, visited_squares
+from wayloom.tiles.grid import metres_per_pixel, pixel_from_lonlat, tile_bounds
 
 FRAME = MapFrame(8.39, 48.98, 115.0)
 PIXEL_M = metres_per_pixel(CUT_ZOOM + 3, 48.98)
@@ -84,3 +84,29 @@ def test_the_same_street_twice_is_covered_once():
     street = lon_lat([[0.0, 0.0], [200.0, 0.0]])
     assert list(covered_areas([street, street])) == list(covered_areas([street]))
     assert list(covered_areas([])) == []
+
+
+def test_squares_along_the_drives_count_each_drive_once_and_tell_when_the_last_one_came():
+    east, north = lon_lat([[0.0, 0.0], [300.0, 0.0]]), lon_lat([[150.0, -200.0], [150.0, 200.0]])
+    squares = visited_squares([("a", 10.0, east), ("a", 30.0, east), ("b", 20.0, north)])
+    inside = {address: (drives, last_s) for address, drives, last_s in squares}
+    assert len({address.z for address in inside}) == 1
+
+    def at(place: list[float]) -> list[tuple[int, float]]:
+        lon, lat = lon_lat([place])[0]
+        boxes = ((tile_bounds(address), said) for address, said in inside.items())
+        return [said for (west, south, right, top), said in boxes if west <= lon < right and south <= lat < top]
+
+    assert at([20.0, 0.0]) == [(1, 30.0)]
+    assert at([150.0, 0.0]) == [(2, 30.0)]
+    assert at([150.0, 190.0]) == [(1, 20.0)]
+    assert at([20.0, 100.0]) == []
+
+
+def test_squares_get_wider_where_there_are_too_many_and_go_over_the_antimeridian_the_short_way():
+    track = np.array([[179.99, 10.0], [-179.99, 10.0]])
+    fine, coarse = visited_squares([("a", 0.0, track)]), visited_squares([("a", 0.0, track)], most=20)
+    assert 58 <= len(fine) <= 61  # 0.02 degrees of 360 / 2 ** 20 each
+    assert len(coarse) <= 20
+    assert {address.z for address, _, _ in coarse} == {18}
+    assert sum(drives for _, drives, _ in coarse) == len(coarse)

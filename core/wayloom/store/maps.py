@@ -170,6 +170,15 @@ def tracks(session: Session, map_id: str) -> list[list[list[float]]]:
     return [[place[:2] for place in track] if track else [[west, south], [east, north]] for track, west, south, east, north in rows]
 
 
+def visits(session: Session, map_id: str) -> list[tuple[str, float, list[list[float]]]]:
+    """The ways of the newest version's drives, submap by submap: drive, seconds since 1970, longitudes and latitudes."""
+    of_version_ = select(MapDrive.drive_id).where(MapDrive.map_id == map_id, of_version(MapDrive, get(session, map_id).version))
+    here = (SubmapRow.map_id == map_id, SubmapRow.drive_id.in_(of_version_))
+    ways = select(SubmapRow.drive_id, SubmapRow.track_t_ns, SubmapRow.track).where(*here)
+    rows = session.execute(ways.order_by(SubmapRow.drive_id, SubmapRow.position))
+    return [(drive_id, t_ns / 1e9, [place[:2] for place in track]) for drive_id, t_ns, track in rows if track]
+
+
 def coverage(session: Session, map_id: str, zoom: int) -> tuple[int, list[tuple[int, int]]]:
     """Where the newest version has tiles of the static layer: (zoom, (x, y) in order), at this zoom, or, where it has none, at
     the next coarser one that has any; (0, []) where there is none."""

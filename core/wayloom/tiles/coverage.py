@@ -18,6 +18,9 @@ CUT_ZOOM: Final = 13
 EDGE_PX: Final = 2048
 """Areas are outlined tile by tile of this zoom, on pixels of 1.6 m at 49 degrees."""
 SUBPIXEL_BITS: Final = 4
+VISIT_ZOOM, COARSEST_VISIT_ZOOM = 20, 13
+"""Squares in which visits are counted: 25 m wide at 49 degrees, wider where there would be too many."""
+MOST_SQUARES: Final = 10_000
 
 
 def covered_areas(tracks: Iterable[FloatArray], half_width_m: float = HALF_WIDTH_M) -> Iterator[list[Ring]]:
@@ -30,6 +33,41 @@ def covered_areas(tracks: Iterable[FloatArray], half_width_m: float = HALF_WIDTH
                 lines.setdefault(address, []).append(part)
     for address in sorted(lines):
         yield from _outlined(_drawn(address, lines[address], half_width_m), address)
+
+
+def visited_squares(
+    tracks: Iterable[tuple[str, float, FloatArray]], most: int = MOST_SQUARES
+) -> list[tuple[TileAddress, int, float]]:
+    """Squares of the tile grid through which tracks lead, each with how many drives they are of and when the last one came.
+
+    tracks : drive, seconds since 1970, (K, 2) longitude and latitude in degrees
+    most   : squares; where there would be more they are of a coarser zoom
+    """
+    seen: dict[tuple[int, int], tuple[frozenset[str], float]] = {}
+    for drive, at_s, track in tracks:
+        for place in _squares_along(track):
+            drives, last_s = seen.get(place, (frozenset(), at_s))
+            seen[place] = (drives if drive in drives else drives | {drive}, max(last_s, at_s))
+    zoom = VISIT_ZOOM
+    while len(seen) > most and zoom > COARSEST_VISIT_ZOOM:
+        zoom, finer, seen = zoom - 1, seen, {}
+        for (x, y), (some, at_s) in finer.items():
+            drives, last_s = seen.get((x // 2, y // 2), (frozenset(), at_s))
+            seen[x // 2, y // 2] = (drives | some, max(last_s, at_s))
+    return [(TileAddress(zoom, x, y), len(drives), last_s) for (x, y), (drives, last_s) in sorted(seen.items())]
+
+
+def _squares_along(track: FloatArray) -> set[tuple[int, int]]:
+    """Columns and rows of VISIT_ZOOM, every third of a square along the track."""
+    world = 1 << VISIT_ZOOM
+    unit = unit_from_lonlat(track)
+    step = np.diff(unit, axis=0, append=unit[-1:])
+    step[:, 0] -= np.rint(step[:, 0])  # the short way around the world
+    counts = np.ceil(np.abs(step).max(axis=1) * world * 3.0).astype(int) + 1
+    rows = np.repeat(np.arange(len(unit)), counts)
+    share = (np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[rows]
+    cells = np.floor((unit[rows] + share[:, None] * step[rows]) * world).astype(int)
+    return {(x % world, y) for x, y in np.unique(cells, axis=0).tolist() if 0 <= y < world}
 
 
 def _tiles_near(unit: FloatArray, half_width_m: float, lat_deg: float) -> set[TileAddress]:

@@ -22,15 +22,24 @@ IntArray = NDArray[np.int64]
 Place = tuple[int, int, int]
 UNITS_PER_M: Final = 256
 MOST_BYTES: Final = 1_000_000
-MOST_POINTS: Final = 31_000
-"""Whose 32 bytes each leave 8 kB of MOST_BYTES for all else in the file."""
+MOST_POINTS: Final = 27_500
+"""Whose 36 bytes each leave 10 kB of MOST_BYTES for all else in the file."""
+NS_PER_DAY: Final = 86_400 * 10**9
 MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
 POINTS_MODE, ARRAY_BUFFER = 0, 34962
-UINT8, FLOAT32 = 5121, 5126
-OFFSETS: Final = {"POSITION": 0, "COLOR_0": 12, "_FEATURE_ID_0": 16, "_CONFIDENCE": 20, "_DRIVES": 24, "_VOXELS": 28}
+UINT8, UINT16, FLOAT32 = 5121, 5123, 5126
+OFFSETS: Final = {
+    "POSITION": 0,
+    "COLOR_0": 12,
+    "_FEATURE_ID_0": 16,
+    "_CONFIDENCE": 20,
+    "_DRIVES": 24,
+    "_VOXELS": 28,
+    "_LAST_SEEN": 32,
+}
 """Each attribute of a point begins at a multiple of four bytes, as glTF asks for."""
-_FORMATS: Final = [("<f4", 3), ("|u1", 4), "|u1", "|u1", "|u1", "<f4"]
-VERTEX: Final = np.dtype({"names": [*OFFSETS], "formats": _FORMATS, "offsets": [*OFFSETS.values()], "itemsize": 32})
+_FORMATS: Final = [("<f4", 3), ("|u1", 4), "|u1", "|u1", "|u1", "<f4", "<u2"]
+VERTEX: Final = np.dtype({"names": [*OFFSETS], "formats": _FORMATS, "offsets": [*OFFSETS.values()], "itemsize": 36})
 LINEAR: Final = np.rint(
     255.0 * np.where(PALETTE <= 10, PALETTE / (255.0 * 12.92), ((PALETTE / 255.0 + 0.055) / 1.055) ** 2.4)
 ).astype(np.uint8)
@@ -44,6 +53,7 @@ class CloudPoints:
     place       (N, 3) int64: east, north, up in the map's frame, 1/256 m
     voxels      (N,) int64: how many voxels of the map each stands for
     label       (N,) train ids; confidence (N,) uint8, 255 = all votes; drives (N,) distinct drives, 255 = that many or more
+    last_seen   (N,) uint16: when a drive saw it last, whole days since 1970
     edge        of the cells in which voxels were joined, 1/256 m; 0: each point is one voxel
     """
 
@@ -52,6 +62,7 @@ class CloudPoints:
     label: NDArray[np.uint8]
     confidence: NDArray[np.uint8]
     drives: NDArray[np.uint8]
+    last_seen: NDArray[np.uint16]
     edge: int = 0
 
     def __len__(self) -> int:
@@ -82,13 +93,15 @@ def cloud_of(voxels: VoxelMap) -> CloudPoints:
     place = np.rint(voxels.points_enu * UNITS_PER_M).astype(np.int64)
     confidence = np.rint(255.0 * voxels.confidence).astype(np.uint8)
     drives = np.minimum(voxels.drives, 255).astype(np.uint8)
+    last_seen = np.clip(voxels.last_seen_ns // NS_PER_DAY, 0, 65_535).astype(np.uint16)
     order = np.lexsort((voxels.label, *place.T[::-1]))
     ones = np.ones(len(place), np.int64)
-    return CloudPoints(place[order], ones, voxels.label[order], confidence[order], drives[order])
+    return CloudPoints(place[order], ones, voxels.label[order], confidence[order], drives[order], last_seen[order])
 
 
 def joined_cloud(parts: Sequence[CloudPoints], edge: int, limit: int = MOST_POINTS) -> CloudPoints:
-    """One point for each cell and class of some parts: counts added, places and votes their means weighed by counts.
+    """One point for each cell and class of some parts: counts added, places and votes their means weighed by counts, the most
+    drives, the last day.
 
     edge  : of the cells, 1/256 m; doubled until there are at most `limit` points, or one of each class
     """
@@ -96,20 +109,22 @@ def joined_cloud(parts: Sequence[CloudPoints], edge: int, limit: int = MOST_POIN
     place, voxels = np.concatenate([part.place for part in parts]), np.concatenate([part.voxels for part in parts])
     label = np.concatenate([part.label for part in parts])
     confidence, drives = np.concatenate([part.confidence for part in parts]), np.concatenate([part.drives for part in parts])
+    seen = np.concatenate([part.last_seen for part in parts])
     while True:
         keys, group = np.unique(np.column_stack([place // edge, label]), axis=0, return_inverse=True)
         if len(keys) <= max(limit, CLASS_COUNT):
             break
         edge *= 2
     group = group.reshape(-1)
-    total, most = np.zeros(len(keys), np.int64), np.zeros(len(keys), np.uint8)
+    total, most, last = np.zeros(len(keys), np.int64), np.zeros(len(keys), np.uint8), np.zeros(len(keys), np.uint16)
     np.add.at(total, group, voxels)
     np.maximum.at(most, group, drives)
+    np.maximum.at(last, group, seen)
     means = np.column_stack([_mean(group, voxels, column, total) for column in (*place.T, confidence.astype(np.int64))])
     order = np.lexsort((keys[:, 3], means[:, 2], means[:, 1], means[:, 0]))
     means = means[order]
     label = keys[order, 3].astype(np.uint8)
-    return CloudPoints(means[:, :3].copy(), total[order], label, means[:, 3].astype(np.uint8), most[order], edge)
+    return CloudPoints(means[:, :3].copy(), total[order], label, means[:, 3].astype(np.uint8), most[order], last[order], edge)
 
 
 def _mean(group: IntArray, weight: IntArray, value: IntArray, total: IntArray) -> IntArray:
@@ -123,7 +138,8 @@ def encode_glb(points: CloudPoints) -> bytes:
     """The GLB file of at least one point; equal points give equal bytes.
 
     `_FEATURE_ID_0` is the train id, the row of the table of classes (EXT_mesh_features), which holds each class's name and how many
-    voxels of it the file stands for; `_CONFIDENCE`, `_DRIVES` and `_VOXELS` are properties of each point (EXT_structural_metadata).
+    voxels of it the file stands for; `_CONFIDENCE`, `_DRIVES`, `_VOXELS` and `_LAST_SEEN` are properties of each point
+    (EXT_structural_metadata).
     """
     origin = points.origin_m
     east, north, up = (points.place - np.array(origin) * UNITS_PER_M).T / UNITS_PER_M
@@ -131,7 +147,7 @@ def encode_glb(points: CloudPoints) -> bytes:
     vertex["POSITION"] = np.column_stack([east, up, -north])
     vertex["COLOR_0"][:, :3], vertex["COLOR_0"][:, 3] = LINEAR[points.label], 255
     vertex["_FEATURE_ID_0"], vertex["_CONFIDENCE"], vertex["_DRIVES"] = points.label, points.confidence, points.drives
-    vertex["_VOXELS"] = points.voxels
+    vertex["_VOXELS"], vertex["_LAST_SEEN"] = points.voxels, points.last_seen
     names = [name.encode() for name in CLASS_NAMES]
     offsets = np.cumsum([0, *map(len, names)]).astype("<u4")
     pieces = [vertex.tobytes(), b"".join(names), offsets.tobytes(), points.class_counts().astype("<u4").tobytes()]
@@ -152,8 +168,8 @@ def decode_glb(data: bytes, name: str = "3D tile") -> CloudPoints:
         vertex = np.frombuffer(data, VERTEX, count, 28 + size)
         x, y, z = (vertex["POSITION"].astype(np.float64) * UNITS_PER_M).astype(np.int64).T
         place = np.column_stack([x, -z, y]) + np.array(said["origin_m"], np.int64) * UNITS_PER_M
-        label, confidence, drives = (vertex[key].copy() for key in ("_FEATURE_ID_0", "_CONFIDENCE", "_DRIVES"))
-        return CloudPoints(place, vertex["_VOXELS"].astype(np.int64), label, confidence, drives, int(said["edge"]))
+        label, confidence, drives, seen = (vertex[key].copy() for key in ("_FEATURE_ID_0", "_CONFIDENCE", "_DRIVES", "_LAST_SEEN"))
+        return CloudPoints(place, vertex["_VOXELS"].astype(np.int64), label, confidence, drives, seen, int(said["edge"]))
     except (ValueError, KeyError, TypeError, IndexError, struct.error) as error:
         raise InputError(f"is no 3D tile or is damaged ({error})", file=name, remedy="have the map stitched anew") from error
 
@@ -178,6 +194,7 @@ def _document(vertex: NDArray[Any], classes: int, extras: dict[str, Any]) -> dic
         "_CONFIDENCE": {"componentType": UINT8, "type": "SCALAR", "normalized": True},
         "_DRIVES": {"componentType": UINT8, "type": "SCALAR"},
         "_VOXELS": {"componentType": FLOAT32, "type": "SCALAR"},
+        "_LAST_SEEN": {"componentType": UINT16, "type": "SCALAR"},
     }
     accessors = [{"bufferView": 0, "byteOffset": OFFSETS[key], "count": len(vertex)} | kind for key, kind in kinds.items()]
     features = {"featureIds": [{"featureCount": classes, "attribute": 0, "label": "semantic", "propertyTable": 0}]}
@@ -220,6 +237,7 @@ METADATA: Final[dict[str, Any]] = {
                     "confidence": _scalar("UINT8", "share of the votes that the class has", normalized=True),
                     "drives": _scalar("UINT8", "distinct drives that saw it; 255: that many or more"),
                     "voxels": _scalar("FLOAT32", "voxels of the map that it stands for"),
+                    "last_seen": _scalar("UINT16", "when a drive saw it last: whole days since 1970"),
                 }
             },
         },
@@ -238,6 +256,7 @@ METADATA: Final[dict[str, Any]] = {
                 "confidence": {"attribute": "_CONFIDENCE"},
                 "drives": {"attribute": "_DRIVES"},
                 "voxels": {"attribute": "_VOXELS"},
+                "last_seen": {"attribute": "_LAST_SEEN"},
             },
         }
     ],

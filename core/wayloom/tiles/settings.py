@@ -27,7 +27,7 @@ class TileSettings(Settings):
         75_000, ge=100, le=76_000, description="a fuller point tile is thinned by joining voxels, counts kept; 13 bytes each"
     )
     cloud_points_per_tile: int = Field(
-        31_000, ge=100, le=31_000, description="of a 3D tile: more are joined, and stand whole in the tiles below; 32 bytes each"
+        27_500, ge=100, le=27_500, description="of a 3D tile: more are joined, and stand whole in the tiles below; 36 bytes each"
     )
     overlays_from_zoom: int = Field(
         16, ge=3, le=20, description="coarsest zoom of the pictures of overlays: of what is parked, of what is not confirmed"

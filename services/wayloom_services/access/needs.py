@@ -91,6 +91,7 @@ NEEDS: Final[Mapping[str, Mapping[str, Need]]] = {
     "/readyz": {"GET": Open.TO_ALL},
     "/": {"GET": Open.TO_ALL},
     "/sign-in": {"GET": Open.TO_ALL},
+    "/3d": {"GET": Open.TO_ALL},
     "/drives/{drive_id}": {"GET": Open.TO_ALL},
     "/fleet": {"GET": Open.TO_ALL},
     "/areas": {"GET": Open.TO_ALL},

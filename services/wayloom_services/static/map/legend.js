@@ -1,0 +1,113 @@
+// The legend: classes that are there, each switched on and off; what the colours of tracks and coverage mean, and by what they go.
+
+import { element } from "/static/ui/dom.js";
+import { AGE_RAMP, COUNT_RAMP } from "/static/map/style.js";
+
+const day = (seconds) => new Date(1000 * seconds).toISOString().slice(0, 10);
+const CHOICES = {
+  tracks: { plain: "one colour", vehicle: "vehicle", age: "age", grade: "grade" },
+  coverage: { plain: "one colour", drives: "number of drives", age: "last drive" },
+};
+
+export class Legend {
+  // into: the page's <details>. changed(step): what is chosen here has changed.
+  constructor(into, city, classes, changed) {
+    Object.assign(this, { into, city, classes, changed, hidden: new Set(), listed: "" });
+    this.list = into.querySelector("ul");
+    into.querySelector("summary").textContent = "Legend";
+    this.tracks = this.#choice("tracks", "Tracks by", (mode) => city.tracks.by(mode));
+    this.coverage = this.#choice("coverage", "Coverage by", (mode) => this.#cover(mode));
+    city.tracks.changed = () => this.#showTracks();
+    city.coverage.changed = () => this.#showCoverage();
+    city.map.on("idle", () => this.#listClasses());
+    this.#fill(classes);
+  }
+
+  #choice(name, words, work) {
+    const [section, label, choice, meaning] = [element("div", "by"), element("label"), element("select"), element("div", "meaning")];
+    choice.id = `${name}-by`;
+    choice.append(...Object.entries(CHOICES[name]).map(([value, text]) => Object.assign(element("option", "", text), { value })));
+    choice.addEventListener("change", () => (work(choice.value), this.changed(true)));
+    label.append(element("span", "quiet", words), choice);
+    section.append(label, meaning);
+    this.into.append(section);
+    return { choice, meaning };
+  }
+
+  // Who asks for a colour of coverage wants to see it.
+  async #cover(mode) {
+    const box = document.getElementById("show-coverage");
+    if (mode !== "plain" && box && !box.checked) box.click();
+    await this.city.coverage.by(mode);
+  }
+
+  #listClasses() {
+    const names = this.city.layers.classesHere();
+    if (names) this.#fill(this.classes.filter(({ name }) => names.has(name) || this.hidden.has(name)));
+  }
+
+  #fill(classes) {
+    const key = classes.map(({ name }) => name).join();
+    if (key === this.listed) return;
+    this.listed = key;
+    this.list.replaceChildren(...classes.map((one) => this.#entry(one)));
+  }
+
+  #entry({ name, colour }) {
+    const [item, label, box, square] = [element("li"), element("label"), element("input"), element("i")];
+    Object.assign(box, { type: "checkbox", value: name, checked: !this.hidden.has(name) });
+    box.addEventListener("change", () => {
+      if (box.checked) this.hidden.delete(name);
+      else this.hidden.add(name);
+      this.hide(this.hidden);
+      this.changed(true);
+    });
+    square.style.background = colour;
+    label.append(box, square, name);
+    item.append(label);
+    return item;
+  }
+
+  // names: a Set of those that are not drawn.
+  hide(names) {
+    this.hidden = names;
+    for (const box of this.list.querySelectorAll("input")) box.checked = !names.has(box.value);
+    const classes = this.classes.filter(({ name }) => names.has(name));
+    this.city.layers.hide(classes);
+    this.city.other?.hide(classes);
+  }
+
+  // By the page's address.
+  choose({ tracks = "plain", coverage = "plain" }) {
+    this.tracks.choice.value = tracks in CHOICES.tracks ? tracks : "plain";
+    this.coverage.choice.value = coverage in CHOICES.coverage ? coverage : "plain";
+    if (this.city.tracks.mode !== this.tracks.choice.value) this.city.tracks.by(this.tracks.choice.value);
+    if (this.city.coverage.mode !== this.coverage.choice.value) this.#cover(this.coverage.choice.value);
+  }
+
+  #showTracks() {
+    const { mode } = this.city.tracks;
+    if (mode === "age") return this.tracks.meaning.replaceChildren(...ramp(AGE_RAMP, this.city.tracks.ages().map(day)));
+    this.tracks.meaning.replaceChildren(...this.city.tracks.legend().map(([words, tone]) => {
+      const [entry, square] = [element("span", "key"), element("i")];
+      square.style.background = tone;
+      entry.append(square, words);
+      return entry;
+    }));
+  }
+
+  #showCoverage() {
+    const { mode } = this.city.coverage;
+    const [low, high] = this.city.coverage.range();
+    const count = (value) => `${Math.round(value)} drive${Math.round(value) === 1 ? "" : "s"}`;
+    const shown = { plain: () => [], drives: () => ramp(COUNT_RAMP, [count(low), count(high)]), age: () => ramp(AGE_RAMP, [day(low), day(high)]) };
+    this.coverage.meaning.replaceChildren(...shown[mode]());
+  }
+}
+
+// A bar of the ramp's colours, and the words at its ends.
+function ramp(colours, [low, high]) {
+  const bar = element("span", "ramp");
+  bar.style.background = `linear-gradient(to right, ${colours.join(", ")})`;
+  return [bar, element("span", "quiet", low), element("span", "quiet end", high)];
+}

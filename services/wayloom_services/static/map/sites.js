@@ -1,0 +1,44 @@
+// Sites: parts of the map that lie apart, by the areas that its drives cover.
+
+const GAP_M = 400;
+const M_PER_DEGREE = 111_320;
+
+const boxOf = (polygon) => {
+  const box = [Infinity, Infinity, -Infinity, -Infinity];
+  for (const [lon, lat] of polygon.coordinates[0]) {
+    box[0] = Math.min(box[0], lon);
+    box[1] = Math.min(box[1], lat);
+    box[2] = Math.max(box[2], lon);
+    box[3] = Math.max(box[3], lat);
+  }
+  return box;
+};
+
+export const joined = (a, b) => [Math.min(a[0], b[0]), Math.min(a[1], b[1]), Math.max(a[2], b[2]), Math.max(a[3], b[3])];
+export const middleOf = ([west, south, east, north]) => [(west + east) / 2, (south + north) / 2];
+
+export function areaOf([west, south, east, north]) {
+  const metres = M_PER_DEGREE * Math.cos((((south + north) / 2) * Math.PI) / 180);
+  return (east - west) * metres * (north - south) * M_PER_DEGREE;
+}
+
+function near(a, b) {
+  const [dLat, dLon] = [GAP_M / M_PER_DEGREE, GAP_M / (M_PER_DEGREE * Math.max(Math.cos((a[1] * Math.PI) / 180), 0.05))];
+  return a[0] - dLon <= b[2] && b[0] - dLon <= a[2] && a[1] - dLat <= b[3] && b[1] - dLat <= a[3];
+}
+
+// [{ bounds: [west, south, east, north] }], the largest first; areas (polygons) less than 400 m apart are of one site.
+export function sitesOf(features) {
+  let boxes = features.map(({ geometry }) => boxOf(geometry));
+  for (let before = Infinity; boxes.length < before; ) {
+    before = boxes.length;
+    const next = [];
+    for (const box of boxes) {
+      const row = next.findIndex((other) => near(other, box));
+      if (row < 0) next.push(box);
+      else next[row] = joined(next[row], box);
+    }
+    boxes = next;
+  }
+  return boxes.sort((a, b) => areaOf(b) - areaOf(a)).map((bounds) => ({ bounds }));
+}

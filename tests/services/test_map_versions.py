@@ -1,0 +1,86 @@
+"""Versions on the map in a browser: one by the slider, two beside each other, and the view in the page's address."""
+
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from map_pages import READY, Open, like, opening
+
+from service_kit.browsers import chromium
+from service_kit.looked_at import LookedAt, looked_at
+from service_kit.running import until
+from wayloom.config.classes import CLASS_NAMES, PALETTE
+
+AT = "at=8.39,48.98,19&off=tracks"
+CLASSES = ("road", "vegetation", "sidewalk")
+TONES = {name: tuple(PALETTE[CLASS_NAMES.index(name)].tolist()) for name in CLASSES}
+
+
+@pytest.fixture
+def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LookedAt]:
+    """The second version is all road, the third all vegetation."""
+    served = looked_at(tmp_path_factory.mktemp("versions") / "data", voxels=4000)
+    for name in CLASSES[:2]:
+        served.publish(painted(served, name))
+    with closing(served.api):
+        yield served
+
+
+def painted(served: LookedAt, name: str) -> Any:
+    label = np.full(len(served.city), CLASS_NAMES.index(name), np.uint8)
+    return replace(served.city, label=label)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as launched:
+        yield launched
+
+
+@pytest.fixture
+def opened(browser: Any, shown: LookedAt) -> Iterator[Open]:
+    with opening(browser, shown) as open_:
+        yield open_
+
+
+@pytest.mark.browser
+def test_slider_swipe_publication_and_address_show_the_versions_that_they_name(opened: Open, shown: LookedAt) -> None:
+    page = opened(AT)
+    until(lambda: like(page, TONES["vegetation"]) > 500, 60)
+    words = "document.getElementById('version-words').textContent"
+    until(lambda: page.evaluate(words).startswith("version 3, newest"))
+    page.focus("#version-slider")
+    page.keyboard.press("ArrowLeft")
+    until(lambda: like(page, TONES["road"]) > 500 and like(page, TONES["vegetation"]) == 0, 60)
+    assert "v=2" in page.url
+    page.keyboard.press("ArrowRight")
+    until(lambda: like(page, TONES["vegetation"]) > 500, 60)
+    assert "v=" not in page.url
+
+    page.click("#compare")
+    until(lambda: like(page, TONES["road"]) > 200 and like(page, TONES["vegetation"]) > 200, 90)
+    assert page.input_value("#compare-with") == "2"
+    both = like(page, TONES["vegetation"])
+    page.focus("#swipe-line")
+    assert page.get_attribute("#swipe-line", "aria-valuenow") == "50"
+    page.keyboard.press("PageUp")
+    page.keyboard.press("ArrowRight")
+    assert page.get_attribute("#swipe-line", "aria-valuenow") == "62"
+    until(lambda: like(page, TONES["vegetation"]) > 1.1 * both)
+    page.evaluate("wayloomMap.jumpTo({zoom: 18.5})")
+    until(lambda: page.evaluate("Math.abs(wayloomOther.getZoom() - 18.5)") < 1e-6)
+    until(lambda: "swipe=2,0.62" in page.url)
+    page.reload()
+    until(lambda: page.evaluate(READY), 90)
+    until(lambda: like(page, TONES["road"]) > 100 and like(page, TONES["vegetation"]) > 100, 90)
+    assert page.get_attribute("#swipe-line", "aria-valuenow") == "62"
+    assert page.evaluate("wayloomMap.getZoom()") == pytest.approx(18.5)
+    page.click("#compare")
+    until(lambda: like(page, TONES["road"]) == 0)
+
+    shown.publish(painted(shown, "sidewalk"))
+    until(lambda: like(page, TONES["sidewalk"]) > 200, 60)
+    until(lambda: page.evaluate(words).startswith("version 4, newest"))
