@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wayloom.client.api import Api
 from wayloom.client.served_map import ServedMap
@@ -21,7 +20,7 @@ from wayloom.exports.points import PointBatch, joined_batches, map_batches
 from wayloom.exports.source import Feature, MapSource
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.geometry import se3
+from wayloom.georeference.uncertainty import moved_covariance
 from wayloom.ground.ground_map import NO_HEIGHT
 from wayloom.ground.sheet import CELL_M
 from wayloom.notebook import frames
@@ -162,9 +161,8 @@ class Map:
 
 
 def _moved(one: Trajectory, frame: MapFrame | None) -> Trajectory:
-    """The same poses in another frame: a left perturbation becomes Ad(T) times it."""
+    """The same poses in another frame."""
     if one.frame is None or frame is None or one.frame == frame:
         return one
     T = wgs84.T_enu_enu(frame, one.frame)
-    Ad: NDArray[Any] = se3.adjoint(T)
-    return Trajectory(one.drive_id, frame, one.t_ns, T @ one.T_enu_cam, Ad @ one.covariance @ Ad.T, one.tracked)
+    return Trajectory(one.drive_id, frame, one.t_ns, T @ one.T_enu_cam, moved_covariance(T, one.covariance), one.tracked)

@@ -16,9 +16,9 @@ from wayloom.errors import InputError
 from wayloom.exports.points import PointBatch, batch_of_submap, joined_batches
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.geometry import se3
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.georeference.types import GeoReference
+from wayloom.georeference.uncertainty import position_covariance
 from wayloom.labelling.files import LABELS_FILE, load_labels
 from wayloom.labelling.types import PointLabels
 from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
@@ -64,12 +64,9 @@ class Trajectory:
 
     @property
     def sigma_enu(self) -> FloatArray:
-        """(N, 3) m: standard deviation of the camera's position along east, north and up.
-
-        A left perturbation moves the position p by v + omega × p, so its covariance is J C Jᵀ with J = [I, -[p]×].
-        """
-        J = np.concatenate([np.broadcast_to(np.eye(3), (len(self), 3, 3)), -se3.hat(self.positions)], axis=2)
-        return np.sqrt(np.maximum(np.einsum("nij,njk,nik->ni", J, self.covariance, J), 0.0))
+        """(N, 3) m: standard deviation of the camera's position along east, north and up."""
+        variance = position_covariance(self.T_enu_cam, self.covariance)[:, [0, 1, 2], [0, 1, 2]]
+        return np.sqrt(np.maximum(variance, 0.0))
 
 
 class Drive:
