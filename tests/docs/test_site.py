@@ -75,7 +75,8 @@ def test_the_commands_and_settings_that_a_page_names_exist(page: str) -> None:
 
     text = (DOCS / page).read_text(encoding="utf-8")
     known = {name for names in COMMANDS.values() for name in names}
-    assert {name for name in re.findall(r"(?:`|^|    )wayloom ([a-z]+)\b", text, re.MULTILINE)} <= known
+    code = "\n".join(re.findall(r"```sh\n.*?```|^    .*?$|`wayloom [^`]*`", text, re.DOTALL | re.MULTILINE))
+    assert set(re.findall(r"(?:`|^|^ +)wayloom ([a-z]+)\b", code, re.MULTILINE)) <= known
     settings = {f"WAYLOOM_{name.upper()}" for name in WayloomSettings.model_fields}
     assert {*re.findall(r"`(WAYLOOM_[A-Z_]+)`", text)} <= settings
     for script in re.findall(r"python (benchmarks/\w+\.py)", text):

@@ -23,6 +23,7 @@ from wayloom.exports.laz import write_laz
 from wayloom.exports.ply import write_ply
 from wayloom.exports.points import map_batches
 from wayloom.exports.provenance import cut_to
+from wayloom.exports.qgis import write_qgis
 from wayloom.exports.rerun import write_rerun
 from wayloom.exports.source import MapSource
 from wayloom.exports.tileset_folder import write_tile_folder, write_tileset
@@ -159,6 +160,7 @@ EXPORT_FORMATS: Final = {
     "ply": ExportFormat((".ply",), "points near a local origin", (POINTS,), _ply),
     "geojson": ExportFormat((".geojson", ".json"), "features", (*COLLECTIONS,), _features(write_geojson)),
     "gpkg": ExportFormat((".gpkg",), "features, one table each", (*COLLECTIONS,), _features(write_geopackage)),
+    "qgis": ExportFormat((".qgz", ".qgs"), "a QGIS project with its GeoPackage", (*COLLECTIONS,), _features(write_qgis)),
     "parquet": ExportFormat((".parquet",), "features, or points", (*COLLECTIONS, POINTS), _parquet),
     "pmtiles": ExportFormat((".pmtiles",), "tiles of one kind", (*MEDIA_TYPES,), _archive),
     "3dtiles": ExportFormat((".3dtiles",), "points with levels of detail, a folder", (POINTS,), _tileset),

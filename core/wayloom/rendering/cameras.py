@@ -109,6 +109,12 @@ def oblique(points: NDArray[np.float32], size_px: tuple[int, int], azimuth_deg: 
     return view
 
 
+def street_level(track: FloatArray, size_px: tuple[int, int]) -> Viewpoint:
+    """From the middle of a way (K, 3) m, over the vehicle, along it."""
+    views = [*flight(track, size_px, 5)]
+    return views[len(views) // 2]
+
+
 def flight(track: FloatArray, size_px: tuple[int, int], frames: int) -> Iterator[Viewpoint]:
     """Views of a viewer who follows a way (K, 3) m above and behind its camera, at an even pace."""
     way, lead = _smooth(track), round(FLY_BACK_M / STEP_M)

@@ -25,6 +25,7 @@ from wayloom.stitching.voxel_map import VoxelMap
 FloatArray = NDArray[np.float64]
 VOXEL_SIZE_M: Final = 0.16
 """Of a splat: voxels are sparser than their edge."""
+SPARSE_SIZE_M: Final = 0.22
 GROUND_SIZE_M: Final = 1.25 * CELL_M
 SEVERAL: Final = -1
 MANY_POINTS: Final = 20_000_000
@@ -89,6 +90,19 @@ def scene_of_file(path: Path) -> Scene:
     unknown = np.full(len(cloud.points), SEVERAL, np.int16)
     part = _Part(cloud.points - middle, cloud.labels, cloud.photo, VOXEL_SIZE_M, unknown)
     return _joined([part], [], [], cloud.is_geographic)
+
+
+def scene_of_points(
+    points: FloatArray, label: NDArray[np.uint8], grey: NDArray[np.uint8], track: FloatArray, north_up: bool
+) -> Scene:
+    """Points (N, 3) m of one drive in a level frame, labels (N,), grey values (N,), its camera's places (K, 3) m.
+
+    Raises InputError where there is none.
+    """
+    middle = np.median(points, axis=0) if len(points) else np.zeros(3)
+    photo = np.repeat(grey[:, None], 3, axis=1)
+    part = _Part(points - middle, label, photo, SPARSE_SIZE_M, np.zeros(len(points), np.int16))
+    return _joined([part], [track - middle] if len(track) > 1 else [], ["the drive"] if len(track) > 1 else [], north_up)
 
 
 def _joined(parts: Sequence[_Part], tracks: Sequence[FloatArray], names: Sequence[str], north_up: bool) -> Scene:
