@@ -79,7 +79,7 @@ def test_the_page_loads_nothing_and_runs_nothing(folder):
 
 def test_the_page_shows_overlays_map_and_side_view(folder):
     text = (folder / "report.html").read_text()
-    assert text.count("data:image/jpeg;base64,") == 12
+    assert text.count("data:image/jpeg;base64,") == 12 + 3  # overlays, and views of the cloud
     assert text.count("data:image/png;base64,") == 2
     assert "frame 25" in text
 

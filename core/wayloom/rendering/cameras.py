@@ -11,9 +11,9 @@ from scipy.ndimage import gaussian_filter1d
 FloatArray = NDArray[np.float64]
 FIELD_OF_VIEW_DEG: Final = 36.0
 ELEVATION_DEG: Final = 38.0
-SHOWN_SHARE: Final = 0.003
+SHOWN_SHARE: Final = 0.0005
 """Of the points that may lie beyond the picture's edge at each side: strays do not make the rest small."""
-MARGIN: Final = 1.06
+MARGIN: Final = 1.1
 NEAR_M: Final = 0.5
 FLY_VIEW_DEG: Final = 61.0
 FLY_HEIGHT_M: Final = 4.5
@@ -42,12 +42,13 @@ class Viewpoint:
         """uv (N, 2) px, depth (N,) m and pixels a metre there (N,), of points (N, 3) m. Behind the viewer depth is negative."""
         R, t = self.T_view_scene[:3, :3].astype(np.float32), self.T_view_scene[:3, 3].astype(np.float32)
         p_view = points @ R.T + t
-        depth = p_view[:, 2]
+        depth: NDArray[np.float32] = p_view[:, 2]
+        scale: NDArray[np.float32]
         if self.focal_px is None:
-            scale = np.full(len(points), self.metre_px, np.float32)
+            scale = np.asarray(np.full(len(points), self.metre_px), np.float32)
         else:
             depth = np.where(depth > NEAR_M, depth, np.float32(-1.0))
-            scale = np.float32(self.focal_px) / np.where(depth > 0.0, depth, np.float32(1.0))
+            scale = np.asarray(self.focal_px / np.where(depth > 0.0, depth, 1.0), np.float32)
         centre = (np.array(self.size_px, np.float32) - 1.0) / 2.0
         return p_view[:, :2] * scale[:, None] + centre, depth, scale
 
