@@ -51,7 +51,7 @@ def write_qgis(
 
 
 def _document(root: Element) -> bytes:
-    return b"<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n" + tostring(root, encoding="utf-8")
+    return b"<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n" + bytes(tostring(root, encoding="utf-8"))
 
 
 def renderer(name: str) -> Element:

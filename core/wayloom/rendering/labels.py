@@ -45,7 +45,7 @@ def laid_over(picture: NDArray[np.uint8], over: NDArray[np.float32]) -> NDArray[
 
 def _draw_legend(figure: Figure, legend: Legend, points: float) -> None:
     handles: list[Any] = [
-        Patch(facecolor=np.array(colour) / 255.0, edgecolor="#00000033", lw=0.5, label=name)
+        Patch(facecolor=(colour[0] / 255.0, colour[1] / 255.0, colour[2] / 255.0), edgecolor="#00000033", lw=0.5, label=name)
         for name, colour in legend.entries.items()
     ]
     if legend.ramp is not None:
