@@ -121,7 +121,7 @@ def _cloud(batch: PointBatch, t_ns: int) -> dict[str, Any]:
     rows["x"], rows["y"], rows["z"] = batch.points.T
     rows["sigma"], rows["label"], rows["alpha"] = batch.sigma_m, batch.label, 255
     rows["red"], rows["green"], rows["blue"] = PALETTE_WITH_VOID[batch.label].T
-    layout = POINT.fields or {}
+    layout: Mapping[str, Any] = POINT.fields or {}
     fields = [{"name": name, "offset": layout[name][1], "type": TYPES[POINT[name].str]} for name in POINT.names or ()]
     pose = {"position": _vector(np.zeros(3)), "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
     data = base64.b64encode(rows.tobytes()).decode()
