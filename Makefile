@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 PYTEST_ARGS ?= -n 2 --dist loadfile
 KERNEL_TESTS = -m "kernels and not compiled" $(shell grep -rlE "^(pytestmark = |@)pytest\.mark\.kernels" tests)
 
-.PHONY: demo test coverage lint bench format clean help
+.PHONY: demo test coverage lint bench docs format clean help
 .DEFAULT_GOAL := help
 
 help:
@@ -15,6 +15,7 @@ help:
 	@echo "make test             lint, type check, import contracts, migration check, tests"
 	@echo "make coverage         the tests once more, and which lines none of them runs"
 	@echo "make lint             the part of it that runs nothing"
+	@echo "make docs             the pages of docs/ as a site, in build/site"
 	@echo "make bench            benchmarks: ratios against naive twins and, where installed, peers"
 
 .venv/bin/python:
@@ -52,6 +53,10 @@ coverage: .venv/.dev
 
 bench: .venv/.dev
 	for name in odometry labelling stitching tiles; do echo "== $$name"; $(BIN)/python benchmarks/$$name.py || exit 1; done
+
+docs: .venv/.dev
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo "build/site/index.html"
 
 format: .venv/.dev
 	$(BIN)/ruff check --fix .

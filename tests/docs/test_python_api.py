@@ -4,10 +4,14 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from service_kit.published_tiles import PublishedMap
+import wayloom
+from exports.made_sources import drives_with_ground
+from service_kit.published_regions import publish_drives
 from service_kit.running import ApiAlone
+from wayloom.exports.drive_outputs import DriveOutputs
 from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "python-api.md"
@@ -22,14 +26,12 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture
-def server_url(tmp_path: Path) -> Iterator[str]:
-    """A service with a map of two tiles."""
-    alone = ApiAlone(tmp_path / "service")
-    city = PublishedMap(alone.data)
-    city.publish({("semantic", 3, 4, 2): b"a picture", ("points", 3, 4, 2): b"points"})
+@pytest.fixture(scope="module")
+def server_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A service with a map of two made drives."""
+    alone = ApiAlone(tmp_path_factory.mktemp("service"))
+    publish_drives(alone.data, DriveOutputs(drives_with_ground(tmp_path_factory.mktemp("street"))))
     yield alone.url
-    city.database.close()
     alone.close()
 
 
@@ -40,6 +42,13 @@ def test_the_code_of_the_page_runs(drive: Path, server_url: str, tmp_path: Path)
         exec(compile(block, str(PAGE), "exec"), names)
     assert len(names["points_world"]) > 0  # type: ignore[arg-type]
     assert {tile.layer for tile in names["tiles"]} >= {"points"}  # type: ignore[attr-defined]
+    assert len(names["heights"]) == FRAMES  # type: ignore[arg-type]
+    assert np.isfinite(names["heights"]).any()  # type: ignore[call-overload]
     assert (tmp_path / "trajectory.tum").read_text().count("\n") == FRAMES
-    assert (tmp_path / "tiles" / "semantic" / "3" / "4" / "2.png").read_bytes() == b"a picture"
-    assert not (tmp_path / "tiles" / "points").exists()
+    assert (tmp_path / "city.gpkg").stat().st_size > 0
+    assert [*(tmp_path / "tiles" / "points").glob("*/*/*")]
+
+
+def test_the_page_names_every_door() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    assert [door for door in wayloom._DOORS if f"`wayloom.{door}(" not in text] == []

@@ -13,6 +13,7 @@ from wayloom.config.stages import drive_stages
 from wayloom.pipeline.exports import write_exports
 from wayloom.reports.drive_report import number, thousands, write_report
 from wayloom.reports.facts import class_counts, drive_facts, finite, row_offset_in_corner
+from wayloom.reports.triple import cloud_views
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +79,7 @@ def test_the_page_loads_nothing_and_runs_nothing(folder):
 
 def test_the_page_shows_overlays_map_and_side_view(folder):
     text = (folder / "report.html").read_text()
-    assert text.count("data:image/jpeg;base64,") == 12
+    assert text.count("data:image/jpeg;base64,") == 12 + 3  # overlays, and views of the cloud
     assert text.count("data:image/png;base64,") == 2
     assert "frame 25" in text
 
@@ -151,3 +152,14 @@ def test_numbers_are_written_for_people():
     assert number(None) == "–"
     assert number(1.2345, 2, " m") == "1.23 m"
     assert thousands(1234567) == "1\u202f234\u202f567"
+
+
+def test_the_cloud_is_shown_raw_with_classes_and_from_the_street(folder, result):
+    page = (folder / "report.html").read_text()
+    assert page.count("<section>\n  <h2>The cloud</h2>") == 1
+    for words in ("as the cameras saw it", "The same with classes", "From the street"):
+        assert words in page
+    raw, classes, street = cloud_views(result).values()
+    assert raw.shape == classes.shape == street.shape
+    assert np.abs(raw.astype(int) - classes).max() > 50
+    assert cloud_views(replace(result, submaps=[])) == {}

@@ -52,3 +52,16 @@ def test_the_report_shows_everything_without_network_or_scripts(browser, page_fi
     assert page.locator("svg").first.bounding_box()["height"] > 100
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     context.close()
+
+
+def test_the_report_is_dark_where_the_reader_wants_it_dark(browser, page_file):
+    shades = {}
+    for scheme in ("light", "dark"):
+        context = browser.new_context(offline=True, color_scheme=scheme, viewport={"width": 390, "height": 900})
+        page = context.new_page()
+        page.goto(page_file.as_uri())
+        colour = "e => getComputedStyle(document.body)[e].match(/\\d+/g).slice(0, 3).map(Number).reduce((a, b) => a + b) / 3"
+        shades[scheme] = [page.evaluate(colour, name) for name in ("backgroundColor", "color")]
+        context.close()
+    assert shades["light"][0] > 200 > 100 > shades["light"][1]
+    assert shades["dark"][0] < 60 < 180 < shades["dark"][1]

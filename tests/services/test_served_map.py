@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from exports.made_sources import drives_with_ground
+from service_kit.published_regions import region_entry
 from services.conftest import ApiAlone
 from wayloom.client.api import Api
 from wayloom.client.served_map import ServedMap
@@ -17,16 +18,12 @@ from wayloom.exports.drive_outputs import DriveOutputs
 from wayloom.exports.formats import Export, export_map
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.antimeridian import box_of
-from wayloom.ground.merge import merge_sheets
-from wayloom.stitching.layer_names import LAYERS
-from wayloom.stitching.region_files import encode_region
-from wayloom.stitching.region_grid import REGION_M, RegionMap, region_edges
-from wayloom.stitching.voxel_map import joined_maps
+from wayloom.stitching.region_grid import region_edges
 from wayloom.store import maps
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.folders import Folders
-from wayloom.store.map_versions import NewVersion, RegionEntry, publish
+from wayloom.store.map_versions import NewVersion, publish
 
 MAP = "exported"
 
@@ -44,19 +41,7 @@ def _version(api_process: ApiAlone, drives: DriveOutputs) -> Iterator[None]:
     frame = drives.frame
     assert frame is not None
 
-    def region(key: tuple[int, int]) -> RegionEntry:
-        empty = joined_maps([], frame, drives.voxel_m)
-        layers = dict.fromkeys(LAYERS, empty) | {LAYERS[0]: drives.voxels(key) or empty}
-        data = encode_region(RegionMap(key, layers), frame)
-        ground = drives._ground._file(key) if key in drives._ground.keys else None
-        held = merge_sheets(drives._ground._near[key], region_edges(key)[0], REGION_M) if ground is not None else None
-        found = drives._of_region("markings", key)
-        return RegionEntry(
-            *key, "1" * 64, blobs.put(data), [["a" * 64, "2" * 64]], len(data), [],
-            "" if held is None else blobs.put(held.encoded()), "" if found is None else blobs.put(found),
-        )  # fmt: skip
-
-    entries = [region(key) for key in drives.keys]
+    entries = [region_entry(drives, key, blobs) for key in drives.keys]
     with database.write() as session:
         maps.ensure_map(session, MAP)
         origin = (frame.lon_deg, frame.lat_deg, frame.height_m)

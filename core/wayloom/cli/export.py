@@ -18,9 +18,7 @@ def export_command(
     folders: Annotated[
         list[Path] | None, typer.Argument(help="Folders that `wayloom process` wrote, or folders of submaps.")
     ] = None,
-    form: Annotated[
-        str | None, typer.Option("--format", help="laz, copc, ply, geojson, gpkg, parquet, pmtiles, 3dtiles, cog, png or tiles.")
-    ] = None,
+    form: Annotated[str | None, typer.Option("--format", help="Which of docs/exports.md, such as laz, gpkg, mcap.")] = None,
     bbox: Annotated[str | None, typer.Option(metavar="W,S,E,N", help="Cut to a box of degrees.")] = None,
     layers: Annotated[
         str | None, typer.Option(help="Layers, with commas between them; which there are depends on the format.")

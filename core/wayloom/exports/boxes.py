@@ -15,11 +15,18 @@ REMEDY: Final = "give west,south,east,north in degrees, as 8.40,49.00,8.42,49.01
 def parse_box(text: str) -> Box:
     """West, south, east, north; across the antimeridian east is over 180. Raises InputError."""
     try:
-        west, south, east, north = (float(part) for part in text.split(","))
+        return checked_box([float(part) for part in text.split(",")])
     except ValueError:
         raise InputError(f"--bbox {text!r} is no box", remedy=REMEDY) from None
+
+
+def checked_box(edges: Sequence[float]) -> Box:
+    """West, south, east, north as a box; across the antimeridian east is over 180. Raises InputError."""
+    if len(edges) != 4:
+        raise InputError(f"{len(edges)} numbers are no box", remedy=REMEDY)
+    west, south, east, north = edges
     if not (abs(west) <= 180.0 and abs(east) <= 180.0 and -90.0 <= south < north <= 90.0 and west != east):
-        raise InputError(f"--bbox {text!r} is no box on Earth", remedy=REMEDY)
+        raise InputError(f"{','.join(f'{edge:g}' for edge in edges)} is no box on Earth", remedy=REMEDY)
     return west, south, east if west < east else east + 360.0, north
 
 

@@ -114,12 +114,17 @@ def _shown(track: Track, source: MapSource, box: Box | None) -> FloatArray:
     return track.points_enu[inside(wgs84.lonlatheight_from_enu(track.points_enu, source.frame), box)]
 
 
+def level_plane(source: MapSource) -> tuple[FloatArray, str]:
+    """(4, 4) from the map's frame to east, north, up at the map's place, and the place in words; of a map without frame its own."""
+    if source.frame is None:
+        return np.eye(4), ""
+    origin = MapFrame(*wgs84.lonlatheight_from_enu(source.place[None], source.frame)[0].tolist())
+    place = f"{abs(origin.lat_deg):.4f}° {'NS'[origin.lat_deg < 0]}, {abs(origin.lon_deg):.4f}° {'EW'[origin.lon_deg < 0]}"
+    return wgs84.T_enu_enu(origin, source.frame), place
+
+
 def _empty(source: MapSource) -> Survey:
-    T, place_text = np.eye(4), ""
-    if source.frame is not None:
-        origin = MapFrame(*wgs84.lonlatheight_from_enu(source.place[None], source.frame)[0].tolist())
-        T = wgs84.T_enu_enu(origin, source.frame)
-        place_text = f"{abs(origin.lat_deg):.4f}° {'NS'[origin.lat_deg < 0]}, {abs(origin.lon_deg):.4f}° {'EW'[origin.lon_deg < 0]}"
+    T, place_text = level_plane(source)
     corners = np.array([[x, y, source.place[2]] for key in source.keys for x, y in region_edges(key)])
     places = se3.transform(T, corners.reshape(-1, 3))[:, :2] if len(corners) else np.zeros((1, 2))
     low, high = places.min(axis=0) - 1.0, places.max(axis=0) + REGION_M

@@ -121,6 +121,11 @@ class DriveOutputs:
         for drive_id in sorted({entry.drive_id for entry in self._entries}):
             yield from tracks_of(self._load(row) for row, entry in enumerate(self._entries) if entry.drive_id == drive_id)
 
+    def stages(self) -> dict[str, Path]:
+        """The folder of the stages of each drive, by the drive's id, sorted; of drives whose folders are whole."""
+        found = {entry.drive_id: entry.folder.parent for entry in self._entries}
+        return {name: found[name] for name in sorted(found) if (found[name] / "georeference").is_dir()}
+
     def raster(self, key: RegionKey, name: str) -> NDArray[Any] | None:
         """A raster of a region's merged ground; None where it has none."""
         return self._ground.raster(key, name)

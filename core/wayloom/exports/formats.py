@@ -14,6 +14,7 @@ from wayloom.exports.city_picture import write_city_picture
 from wayloom.exports.cog import ORTHO, UNITS_M, write_ground_cog
 from wayloom.exports.copc import write_copc
 from wayloom.exports.features import COLLECTIONS
+from wayloom.exports.foxglove import write_foxglove
 from wayloom.exports.geojson import write_geojson
 from wayloom.exports.geopackage import write_geopackage
 from wayloom.exports.geoparquet import write_feature_parquet, write_point_parquet
@@ -22,6 +23,8 @@ from wayloom.exports.laz import write_laz
 from wayloom.exports.ply import write_ply
 from wayloom.exports.points import map_batches
 from wayloom.exports.provenance import cut_to
+from wayloom.exports.qgis import write_qgis
+from wayloom.exports.rerun import write_rerun
 from wayloom.exports.source import MapSource
 from wayloom.exports.tileset_folder import write_tile_folder, write_tileset
 from wayloom.files.atomic import write_atomically
@@ -147,17 +150,24 @@ def _tiles(job: Export) -> str:
     return f"{write_tile_folder(job.out, job.source, job.box, job.provenance)} tiles"
 
 
+def _recording(write: Callable[[Path, MapSource, Box | None, Mapping[str, Any]], int], what: str) -> Callable[[Export], str]:
+    return lambda job: f"{write(job.out, job.source, job.box, job.provenance)} {what}"
+
+
 EXPORT_FORMATS: Final = {
     "laz": ExportFormat((".laz",), "points, LAS 1.4 in UTM", (POINTS,), _cloud(write_laz), geoid=True),
     "copc": ExportFormat((".copc.laz",), "points with levels of detail", (POINTS,), _cloud(write_copc), geoid=True),
     "ply": ExportFormat((".ply",), "points near a local origin", (POINTS,), _ply),
     "geojson": ExportFormat((".geojson", ".json"), "features", (*COLLECTIONS,), _features(write_geojson)),
     "gpkg": ExportFormat((".gpkg",), "features, one table each", (*COLLECTIONS,), _features(write_geopackage)),
+    "qgis": ExportFormat((".qgz", ".qgs"), "a QGIS project with its GeoPackage", (*COLLECTIONS,), _features(write_qgis)),
     "parquet": ExportFormat((".parquet",), "features, or points", (*COLLECTIONS, POINTS), _parquet),
     "pmtiles": ExportFormat((".pmtiles",), "tiles of one kind", (*MEDIA_TYPES,), _archive),
     "3dtiles": ExportFormat((".3dtiles",), "points with levels of detail, a folder", (POINTS,), _tileset),
     "cog": ExportFormat((".tif", ".tiff"), "orthophoto or heights", (*UNITS_M,), _cog),
     "png": ExportFormat((".png",), "an overview with insets", (), _picture),
+    "mcap": ExportFormat((".mcap",), "a recording for Foxglove", (), _recording(write_foxglove, "messages")),
+    "rrd": ExportFormat((".rrd",), "a recording for Rerun", (), _recording(write_rerun, "drives")),
     "tiles": ExportFormat(("",), "all tiles, a folder", (), _tiles),
 }
 

@@ -23,6 +23,7 @@ from wayloom.pipeline.plane import T_plane_enu, axis_labels
 from wayloom.reports import plots, views
 from wayloom.reports.facts import concatenated, drive_facts
 from wayloom.reports.quality_plots import PICTURES, quality_pictures
+from wayloom.reports.triple import cloud_views
 
 FloatArray = NDArray[np.float64]
 JSON_FILE: Final = "report.json"
@@ -72,6 +73,7 @@ def pictures(result: DriveResult, folder: Path) -> dict[str, Any]:
         "quality": {name: Markup(drawn[name]) if name in drawn else None for name in PICTURES},  # noqa: S704  likewise
         "map": Picture(data_uri(views.png_bytes(views.shrunk(read_image(folder / MAP_FILE), MAP_WIDTH_PX)), "png"), ""),
         "side": Picture(data_uri(views.png_bytes(side.image), "png"), f"{side.width_m:.0f} m of road, {side.height_m:.0f} m high"),
+        "views": [Picture(data_uri(views.jpeg_bytes(image), "jpeg"), words) for words, image in cloud_views(result).items()],
         "overlays": overlays(result, folder),
     }
 

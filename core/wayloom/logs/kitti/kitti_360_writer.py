@@ -19,6 +19,9 @@ from wayloom.logs.kitti.kitti_360_layout import CAMERAS, SCAN_FOLDER, Sequence
 from wayloom.logs.kitti.kitti_raw_writer import R_CAM_VELO
 
 LABEL_KINDS: Final = ("semantic", "instance")
+FISHEYES: Final = ("image_02", "image_03")
+"""KITTI-360's cameras to both sides: its own tools read no calibration without their places. There are no such images here, so the
+lines repeat those of the stereo pair."""
 IDENTITY: Final = numbers_text(np.eye(3))
 
 
@@ -96,7 +99,8 @@ class Kitti360Writer(DriveWriter):
         self._write(PERSPECTIVE, "".join(lines))
         T_right_left = se3.from_rotation_translation(np.eye(3), np.array(self.rig.t_right_left))
         left = self.T_pose_cam()
-        cameras = zip(CAMERAS, (left, left @ se3.inverse(T_right_left)), strict=True)
+        pair = (left, left @ se3.inverse(T_right_left))
+        cameras = zip((*CAMERAS, *FISHEYES), (*pair, *pair), strict=True)
         self._write(CAM_TO_POSE, "".join(f"{name}: {numbers_text(T[:3])}\n" for name, T in cameras))
         if self.T_cam_lidar is not None:
             self._write(CAM_TO_VELO, numbers_text(se3.inverse(self.T_cam_lidar)[:3]) + "\n")

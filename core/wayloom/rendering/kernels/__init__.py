@@ -1,0 +1,1 @@
+"""Splatting kernels: arrays in, arrays out."""
