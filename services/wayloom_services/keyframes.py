@@ -107,7 +107,7 @@ def _labelled(service: Service, drive: Drive, keys: dict[str, str], frame: int, 
     if "odometry" in stages:
         odometry = _odometry(stages["odometry"] / ODOMETRY_FILE)
         here = np.flatnonzero(odometry.keyframes.frame == frame)
-        uv = odometry.points.uv_host[np.isin(odometry.points.host, here)]
+        uv = odometry.points.uv_host.astype(np.float64)[np.isin(odometry.points.host, here)]
     return webp_bytes(labelled_image(shown, seen, uv, share))
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from pydantic import Field, field_validator
 
 from wayloom.config.access import AccessSettings
+from wayloom.config.retention import UploadSettings
 from wayloom.config.settings import Settings
 from wayloom.errors import ConfigError
 
@@ -36,6 +37,7 @@ class ServiceSettings(Settings):
         "", description="names that the service answers to, comma-separated; without a key always those of this machine alone"
     )
     access: AccessSettings = Field(AccessSettings(), description="keys, sign-ins, quotas, rates")
+    uploads: UploadSettings = UploadSettings()
     request_head_s: float = Field(20.0, gt=0, description="seconds after which a request whose head has not come is dropped")
     body_pause_s: float = Field(60.0, gt=0, description="seconds without a byte after which a request's body is given up")
     map_id: str = Field("city", pattern=r"^[a-z0-9][a-z0-9-]{0,62}$", description="the map that drives go into")

@@ -7,7 +7,6 @@ from typing import Annotated, Any, Final
 from pydantic import Field
 
 from wayloom.config.gate import GateSettings
-from wayloom.config.retention import UploadSettings
 from wayloom.config.service import ServiceSettings
 from wayloom.config.settings import Settings
 from wayloom.config.sources import Loaded, Option, load
@@ -80,7 +79,6 @@ def with_asked(settings: ProcessSettings, asked: Mapping[str, Mapping[str, Any]]
 class WayloomSettings(ServiceSettings, ProcessSettings):
     """All settings: those of a drive's stages, of the map's, and of the service."""
 
-    uploads: UploadSettings = UploadSettings()
     gate: GateSettings = GateSettings()
     areas: AreaSettings = AreaSettings()
     merge: MergeSettings = MergeSettings()

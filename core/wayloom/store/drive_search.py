@@ -53,8 +53,8 @@ def _holds(text: str) -> ColumnElement[bool]:
 
 def page(session: Session, asked: Asked, sort: str, limit: int, offset: int) -> Sequence[Drive]:
     """The drives of one page. sort : a key of SORTS."""
-    query: Select[tuple[Drive]] = select(Drive).where(*asked.conditions()).order_by(*SORTS[sort], Drive.id)
-    return session.scalars(query.limit(limit).offset(offset)).all()
+    query = select(Drive).where(*asked.conditions()).order_by(*SORTS[sort], Drive.id).limit(limit).offset(offset)
+    return session.scalars(query).all()
 
 
 def count(session: Session, asked: Asked) -> int:

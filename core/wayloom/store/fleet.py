@@ -41,6 +41,8 @@ def vehicles(session: Session) -> list[VehicleFacts]:
     found = {row.id: VehicleFacts(row.id, row.created_at, {}, None, 0) for row in session.scalars(select(Vehicle))}
     query = counted.where(Drive.vehicle_id.is_not(None)).group_by(Drive.vehicle_id, Drive.state)
     for vehicle, state, number, last, size in session.execute(query):
+        if vehicle is None:
+            continue
         known = found[vehicle]
         at = max(last, known.last_at or 0.0)
         found[vehicle] = VehicleFacts(vehicle, known.created_at, {**known.drives, state: number}, at, known.bytes + int(size or 0))
