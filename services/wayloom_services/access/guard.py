@@ -101,7 +101,8 @@ class Guard:
 
     async def _note(self, scope: Scope, route: Asked, status: int) -> None:
         entry = _noted(scope, route, status, is_refused=status in REFUSED)
-        if route.template.startswith(UPLOADS) or entry.outcome == "refused":
+        is_of_strangers = route.template in BY_GET and entry.outcome != "done"  # any link brings these
+        if route.template.startswith(UPLOADS) or entry.outcome == "refused" or is_of_strangers:
             self._service.trail.gather(entry)
         else:
             await self._service.trail.add(entry)
