@@ -11,10 +11,15 @@ ROOT = Path(__file__).resolve().parents[1]
 PERMITTED = re.compile(r"MIT|BSD|Apache|Python Software Foundation|PSF|ISC|Mozilla|MPL|LGPL")
 
 
+EXTRAS = ("oidc",)
+"""What runs in the service when it is asked for, as if always asked for."""
+
+
 def direct() -> list[Requirement]:
-    """The dependencies of an installation on this machine."""
+    """The dependencies of an installation on this machine, with the service's extras."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    found = [Requirement(text) for text in project["dependencies"]]
+    texts = [*project["dependencies"], *(text for extra in EXTRAS for text in project["optional-dependencies"][extra])]
+    found = [Requirement(text) for text in texts]
     return [one for one in found if one.marker is None or one.marker.evaluate({"extra": ""})]
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import anyio
 import anyio.to_thread
@@ -22,10 +22,14 @@ from wayloom.store.tile_reads import HeldBlobs, TileReads
 from wayloom_services.access.buckets import TokenBuckets
 from wayloom_services.access.callers import Callers, caller_of
 from wayloom_services.access.needs import need_of
+from wayloom_services.access.oidc.optional import provider_of
 from wayloom_services.access.trail import Trail
 from wayloom_services.errors import no_key
 from wayloom_services.locks import UploadLocks
 from wayloom_services.metrics import Metrics
+
+if TYPE_CHECKING:
+    from wayloom_services.access.oidc.provider import Provider
 
 T = TypeVar("T")
 FILE_THREADS = 16
@@ -38,8 +42,8 @@ HASHES_AT_ONCE = 2
 @dataclass(frozen=True, slots=True)
 class Service:
     """Shared resources of the endpoints: settings, database, blobs, notifier of the workers, metrics, look-ups of tiles, blobs held
-    in memory; of access the callers, the audit log's trail, rates of known callers, of strangers and of sign-ins by address; of
-    uploads the running digests, locks, threads."""
+    in memory; of access the callers, the audit log's trail, rates of known callers, of strangers and of sign-ins by address, the
+    OpenID provider where there is one; of uploads the running digests, locks, threads."""
 
     settings: ServiceSettings
     database: Database
@@ -53,6 +57,7 @@ class Service:
     trail: Trail
     rates: TokenBuckets
     strangers: TokenBuckets
+    oidc: "Provider | None" = None
     sign_ins: TokenBuckets = field(default_factory=lambda: TokenBuckets(*SIGN_INS))
     hashing: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(HASHES_AT_ONCE))
     digests: RunningDigests = field(default_factory=RunningDigests)
@@ -98,7 +103,7 @@ def make_service(settings: ServiceSettings) -> Service:
     return Service(
         settings, database, blobs, folders, notifier, Metrics(), TileReads(database), held, Callers(database, settings),
         Trail(database), rates=TokenBuckets(access.requests_a_second, access.requests_at_once),
-        strangers=TokenBuckets(access.strangers_a_second, access.strangers_at_once),
+        strangers=TokenBuckets(access.strangers_a_second, access.strangers_at_once), oidc=provider_of(access),
     )  # fmt: skip
 
 

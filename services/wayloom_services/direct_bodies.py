@@ -1,4 +1,4 @@
-"""Request bodies that a thread receives from the connection's socket into large buffers, past the event loop and the HTTP parser.
+"""Large request bodies, received from the socket by a thread, past the event loop and the HTTP parser.
 
 A loop that reads, parses and hands on 256 KiB at a time copies each byte five times and wakes three threads for it; that costs more
 than SHA-256 does. A thread is held only while bytes come: the loop waits for the next ones.

@@ -58,6 +58,7 @@ async def info(service: ServiceDep) -> Info:
         version=__version__,
         map_id=settings.map_id,
         needs_key=settings.is_closed,
+        oidc_label=None if service.oidc is None else settings.access.oidc_label,
         stages=[*drive_stages(), *map_stages()],
         overlays=[*OVERLAYS],
         classes=classes,

@@ -67,6 +67,7 @@ def test_a_user_is_added_by_a_password_that_no_command_line_holds(data: Path) ->
         assert is_right("another long password", users.get(session, "anna").password)
     database.close()
     assert "12 to 256 letters" in wayloom("users", "add", "bert", "--password-stdin", *where, text="short\n", status=2)
+    assert [wayloom("users", what, "anna", *where)["disabled"] for what in ("disable", "enable")] == [True, False]
     wayloom("users", "remove", "anna", *where)
     assert wayloom("users", "list", *where) == []
     assert [one["action"] for one in wayloom("audit", "--limit", "1", *where)] == ["wayloom users remove"]

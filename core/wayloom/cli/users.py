@@ -65,6 +65,24 @@ def remove_command(name: Name, data: DataOption = None, config: ConfigOption = N
         told(changed(database, "users remove", lambda session: (shown(users.remove(session, name)), f"user {name}")))
 
 
+@group.command("disable")
+def disable_command(name: Name, data: DataOption = None, config: ConfigOption = None) -> None:
+    """Keep a user out, also one whom an OpenID provider signs in, and end every session of the user."""
+    from wayloom.store.access import users
+
+    with admin_database(data, config) as (database, _):
+        told(changed(database, "users disable", lambda session: (shown(users.disable(session, name)), f"user {name}")))
+
+
+@group.command("enable")
+def enable_command(name: Name, data: DataOption = None, config: ConfigOption = None) -> None:
+    """Let a user who was disabled sign in again."""
+    from wayloom.store.access import users
+
+    with admin_database(data, config) as (database, _):
+        told(changed(database, "users enable", lambda session: (shown(users.enable(session, name)), f"user {name}")))
+
+
 def given_password(from_stdin: bool) -> str:
     """From standard input, or asked for twice without showing it. Never from the command line, where others would read it."""
     if from_stdin:
@@ -74,4 +92,9 @@ def given_password(from_stdin: bool) -> str:
 
 def shown(row: "User") -> dict[str, Any]:
     """A user without the password."""
-    return {"name": row.name, "role": row.role, "created": when(row.created_at), "signed_in": when(row.signed_in_at)}
+    from wayloom.store.access import users
+
+    return {
+        "name": row.name, "role": row.role, "created": when(row.created_at), "signed_in": when(row.signed_in_at),
+        "by": "oidc" if users.is_provided(row) else "password", "disabled": users.is_disabled(row),
+    }  # fmt: skip

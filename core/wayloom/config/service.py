@@ -129,7 +129,7 @@ class ServiceSettings(Settings):
     @property
     def is_closed(self) -> bool:
         """Whether requests want a key or a sign-in."""
-        return self.api_key is not None or self.access.required
+        return self.api_key is not None or self.access.required or self.access.oidc_issuer is not None
 
     def check_exposure(self) -> None:
         """Raise ConfigError when the API would be open to other machines without a key."""

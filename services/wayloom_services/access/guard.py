@@ -13,7 +13,7 @@ from wayloom.store.access import owners
 from wayloom.store.access.audit import Noted
 from wayloom.store.database import DatabaseError
 from wayloom_services.access.callers import CALLER, NOBODY, OF_THIS_MACHINE, Caller, caller_of, credential_of
-from wayloom_services.access.needs import SESSION, Asked, asked, methods_of
+from wayloom_services.access.needs import BY_GET, SESSION, Asked, asked, methods_of
 from wayloom_services.context import Service
 from wayloom_services.errors import ProtocolError, answer_to, no_key
 
@@ -101,7 +101,8 @@ class Guard:
 
     async def _note(self, scope: Scope, route: Asked, status: int) -> None:
         entry = _noted(scope, route, status, is_refused=status in REFUSED)
-        if route.template.startswith(UPLOADS) or entry.outcome == "refused":
+        is_of_strangers = route.template in BY_GET and entry.outcome != "done"  # any link brings these
+        if route.template.startswith(UPLOADS) or entry.outcome == "refused" or is_of_strangers:
             self._service.trail.gather(entry)
         else:
             await self._service.trail.add(entry)
@@ -149,8 +150,11 @@ def _is_of_another_page(scope: Scope, caller: Caller, route: Asked) -> bool:
     """Whether a browser may have been made to send this change by a page that is not ours.
 
     Only what a browser adds by itself can be abused so: a cookie, or its being on this machine. A change by cookie needs the
-    header that only our own pages can send; and no change comes from an origin that is not this host.
+    header that only our own pages can send; and no change comes from an origin that is not this host. What another site leads
+    a browser to by its nature has its own proof that this browser asked for it, the `state` of OpenID Connect.
     """
+    if route.template in BY_GET:
+        return False
     headers = Headers(scope=scope)
     given = credential_of(headers, scope.get("scheme") == "https")
     if given is not None and not given.is_cookie:

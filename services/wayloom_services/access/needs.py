@@ -22,6 +22,8 @@ Need = Right | Open
 FOLLOW, SEND, READ, OPERATE, MANAGE = Right.FOLLOW, Right.SEND, Right.READ, Right.OPERATE, Right.MANAGE
 STATIC: Final = "/static/"
 SESSION: Final = "/v1/session"
+OIDC: Final = f"{SESSION}/oidc"
+OIDC_CALLBACK: Final = f"{OIDC}/callback"
 MAP, VERSION = "/v1/maps/{map_id}", "/v1/maps/{map_id}/versions/{number}"
 DRIVE, UPLOAD = "/v1/drives/{drive_id}", "/v1/uploads/{upload_id}"
 
@@ -78,6 +80,8 @@ NEEDS: Final[Mapping[str, Mapping[str, Need]]] = {
     "/v1/fleet": {"GET": READ},
     "/v1/events": {"GET": FOLLOW},
     SESSION: {"GET": Open.TO_KNOWN, "POST": Open.TO_ALL, "DELETE": Open.TO_KNOWN},
+    OIDC: {"GET": Open.TO_ALL},
+    OIDC_CALLBACK: {"GET": Open.TO_ALL},
     "/v1/excluded-areas": {"GET": READ, "POST": OPERATE},
     "/v1/excluded-areas/{area_id}": {"DELETE": OPERATE},
     "/v1/keys": {"GET": MANAGE, "POST": MANAGE},
@@ -103,6 +107,8 @@ READING: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 """Methods that change nothing."""
 ONLY_ASK: Final = frozenset({f"{MAP}/sync"})
 """Templates that change nothing either: a question too long for an address."""
+BY_GET: Final = frozenset({OIDC_CALLBACK})
+"""Templates whose GET changes something: a browser comes back there with what it needs for a session."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +146,7 @@ def asked(method: str, path: str) -> Asked | None:
         found = pattern.match(path)
         need = need_of(template, method) if found else None
         if found and need is not None:
-            changes = method not in READING and template not in ONLY_ASK
+            changes = (method not in READING and template not in ONLY_ASK) or (method == "GET" and template in BY_GET)
             return Asked(template, need, changes, found.groupdict())
     return None
 

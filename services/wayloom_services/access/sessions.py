@@ -51,7 +51,7 @@ async def sign_in(wanted: SignIn, request: Request, response: Response, service:
     if kept is not None:
         request.scope[OBJECT] = f"user {wanted.name}"
     right = await anyio.to_thread.run_sync(is_right, wanted.password, kept, limiter=service.hashing)
-    cookie = _cookie_name(request)
+    cookie = cookie_name(request)
     brought = request.cookies.get(cookie)
 
     def change(session: Session) -> _Tried:
@@ -61,17 +61,14 @@ async def sign_in(wanted: SignIn, request: Request, response: Response, service:
     if tried.token is None or tried.role is None:
         raise ProtocolError(401, "wrong-sign-in", WRONG)
     service.callers.forget()
-    response.set_cookie(
-        cookie, tried.token, max_age=int(settings.session_s), path="/", secure=cookie == COOKIE_OF_HTTPS, httponly=True,
-        samesite="strict",
-    )  # fmt: skip
+    keep_signed_in(request, response, tried.token, settings.session_s)
     return _me(f"user {wanted.name}", tried.role, True)
 
 
 @router.delete("", status_code=204)
 async def sign_out(request: Request, service: ServiceDep) -> Response:
     """End the caller's session; of a caller with a key there is none."""
-    cookie = _cookie_name(request)
+    cookie = cookie_name(request)
     token = request.cookies.get(cookie)
     if token is not None:
         await service.write(lambda session: users.sign_out(session, token))
@@ -81,7 +78,16 @@ async def sign_out(request: Request, service: ServiceDep) -> Response:
     return answer
 
 
-def _cookie_name(request: Request) -> str:
+def keep_signed_in(request: Request, response: Response, token: str, session_s: float) -> None:
+    """Have the browser keep the token of a new session, where no script reads it and no other site uses it."""
+    name = cookie_name(request)
+    response.set_cookie(
+        name, token, max_age=int(session_s), path="/", secure=name == COOKIE_OF_HTTPS, httponly=True, samesite="strict"
+    )
+
+
+def cookie_name(request: Request) -> str:
+    """What the session's cookie is called on the way that the request came."""
     return COOKIE_OF_HTTPS if request.url.scheme == "https" else COOKIE
 
 

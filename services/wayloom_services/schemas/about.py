@@ -28,6 +28,7 @@ class Info(BaseModel):
     version: str
     map_id: str
     needs_key: bool
+    oidc_label: str | None = Field(description="what the button of the sign-in by OpenID Connect says; null where there is none")
     stages: list[str]
     overlays: list[str] = Field(description="layers of pictures beside `semantic`; a version has those that show anything")
     classes: list[ClassOut]

@@ -5,9 +5,20 @@ import { ask, keepKey, Refused } from "/static/api.js";
 const at = (id) => document.getElementById(id);
 
 // A page of this server, whatever the address says.
-function goBack() {
+function ownPath() {
   const wanted = new URL(new URLSearchParams(location.search).get("next") ?? "/", location.origin);
-  location.replace(wanted.origin === location.origin ? wanted.pathname : "/");
+  // `//host` is a path in an address, and another host where it stands alone.
+  return wanted.origin === location.origin && !wanted.pathname.startsWith("//") ? wanted.pathname : "/";
+}
+
+// The way to the OpenID provider, where the server has one.
+async function offerProvider() {
+  const { oidc_label: label } = await ask("/v1/info");
+  if (!label) return;
+  at("oidc-link").textContent = label;
+  at("oidc-link").href = `/v1/session/oidc?next=${encodeURIComponent(ownPath())}`;
+  at("oidc-link").addEventListener("click", () => keepKey(null));
+  at("oidc").hidden = false;
 }
 
 function tell(error) {
@@ -20,7 +31,7 @@ async function attempt(form, work) {
   button.disabled = true;
   try {
     await work();
-    goBack();
+    location.replace(ownPath());
   } catch (error) {
     tell(error);
     button.disabled = false;
@@ -39,3 +50,5 @@ at("with-key").addEventListener("submit", (event) => {
   keepKey(at("key").value);
   attempt(event.target, () => ask("/v1/session"));
 });
+
+offerProvider().catch(() => {}); // names and passwords work without it

@@ -8,7 +8,7 @@ from sqlalchemy import select, update
 
 from wayloom.config.roles import Role
 from wayloom.errors import ConfigError, ConflictError, NotFoundError
-from wayloom.store.access import users
+from wayloom.store.access import provided, users
 from wayloom.store.access.passwords import is_right
 from wayloom.store.database import Database
 from wayloom.store.tables.access import UserSession
@@ -128,3 +128,33 @@ def test_looking_a_user_up_waits_for_nobody_who_changes_it(database: Database) -
         other.join(5.0)
         assert names == ["anna"]
     other.join()
+
+
+def test_a_user_who_is_disabled_has_no_session_and_another_password_does_not_enable(database: Database) -> None:
+    add(database)
+    token = signed_in(database)
+    with database.write() as session:
+        users.disable(session, "anna")
+        users.set_password(session, "anna", "another long password")
+    assert found(database, token) is None
+    with database.write() as session:
+        assert users.is_disabled(users.get(session, "anna"))
+        assert not users.is_disabled(users.enable(session, "anna"))
+
+
+def test_a_user_of_a_provider_is_found_by_issuer_and_subject_and_no_password_is_right(database: Database) -> None:
+    with database.write() as session:
+        first = provided.renewed(session, "https://sso.example", "1", "Anna Ö.@x", Role.VIEWER)
+        again = provided.renewed(session, "https://sso.example", "1", "another name", Role.ADMIN)
+        others = [
+            provided.renewed(session, issuer, subject, "Anna", Role.VIEWER) for issuer, subject in (("https://b", "1"), ("h", "2"))
+        ]
+        assert first is not None
+        assert first is again
+        assert (first.role, users.NAME.fullmatch(first.name) is not None, first.name.startswith("anna-")) == ("admin", True, True)
+        assert len({first.name, *(one.name for one in others if one)}) == 3
+        assert provided.renewed(session, "https://sso.example", "3", "nobody", None) is None
+    for guess in ("", first.password, PASSWORD):
+        assert not is_right(guess, first.password)
+    with pytest.raises(ConfigError, match="OpenID"), database.write() as session:
+        users.set_password(session, first.name, PASSWORD)

@@ -10,6 +10,7 @@ from wayloom.errors import ConfigError
 LEAST_LETTERS: Final = 12
 MOST_LETTERS: Final = 256
 _HASHER: Final = PasswordHasher(time_cost=3, memory_cost=64 * 1024, parallelism=1)
+_KIND: Final = "$argon2"
 _OF_NOBODY: Final = _HASHER.hash("nobody's")
 """What is verified where there is no user of a name, so that the time does not tell."""
 
@@ -22,8 +23,9 @@ def password_hash(password: str) -> str:
 
 
 def is_right(password: str, kept: str | None) -> bool:
-    """Whether the password is that of the hash; of None never, after as much work."""
+    """Whether the password is that of the hash; of None, and of what is no hash of a password, never, after as much work."""
+    known = kept if kept is not None and kept.startswith(_KIND) else None
     try:
-        return _HASHER.verify(kept or _OF_NOBODY, password) and kept is not None
+        return _HASHER.verify(known or _OF_NOBODY, password) and known is not None
     except (VerificationError, InvalidHashError, UnicodeEncodeError):
         return False

@@ -22,6 +22,11 @@ FREE_FAILURES: Final = 5
 WAIT: Final = Backoff(2.0, 300.0)
 """After them: each doubles the pause before the next is tried, up to a longest, so that nobody locks somebody out for good."""
 
+FOR_GOOD: Final = 253_402_300_800.0
+"""`blocked_until` of a user who is disabled: the year 10000."""
+PROVIDED: Final = "oidc "
+"""How `password` begins of a user whom an OpenID provider signs in (`provided`)."""
+
 
 @dataclass(frozen=True, slots=True)
 class KnownSession:
@@ -73,9 +78,42 @@ def held(session: Session, name: str) -> User | None:
 def set_password(session: Session, name: str, password: str) -> User:
     """Another password: every session of the user ends. Raises NotFoundError, ConfigError."""
     row = get(session, name)
-    row.password, row.failures, row.blocked_until = password_hash(password), 0, None
-    session.execute(delete(UserSession).where(UserSession.user_id == row.id))
+    if is_provided(row):
+        raise ConfigError(f"{name} signs in by the OpenID provider", remedy="change the password there")
+    row.password, row.failures = password_hash(password), 0
+    row.blocked_until = FOR_GOOD if is_disabled(row) else None
+    end_sessions(session, row)
     return row
+
+
+def disable(session: Session, name: str) -> User:
+    """The user's sessions end, and none begins until `enable`: neither by a password nor by a provider. Raises NotFoundError."""
+    row = get(session, name)
+    row.blocked_until = FOR_GOOD
+    end_sessions(session, row)
+    return row
+
+
+def enable(session: Session, name: str) -> User:
+    """The user may sign in again. Raises NotFoundError."""
+    row = get(session, name)
+    row.failures, row.blocked_until = 0, None
+    return row
+
+
+def is_disabled(user: User) -> bool:
+    """Whether the user is kept out until somebody says otherwise."""
+    return user.blocked_until is not None and user.blocked_until >= FOR_GOOD
+
+
+def is_provided(user: User) -> bool:
+    """Whether an OpenID provider signs the user in."""
+    return user.password.startswith(PROVIDED)
+
+
+def end_sessions(session: Session, user: User) -> None:
+    """Every session of the user ends."""
+    session.execute(delete(UserSession).where(UserSession.user_id == user.id))
 
 
 def remove(session: Session, name: str) -> User:

@@ -32,7 +32,11 @@ class AccessKey(Base):
 
 
 class User(Base):
-    """A person who signs in. failures: wrong passwords since the last right one; blocked_until: none is tried before."""
+    """A person who signs in.
+
+    password  argon2id; or `oidc ` and the SHA-256 of issuer and subject, of whom an OpenID provider signs in: no password is right
+    failures  wrong passwords since the last right one; blocked_until: none is tried before (`users.FOR_GOOD`: disabled)
+    """
 
     __tablename__ = "users"
     id: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
