@@ -23,6 +23,8 @@ from wayloom.store.tables.maps import Map
 
 ERROR_LENGTH = 4000
 CANCELLED = "cancelled"
+CLOCK_SLACK_S = 1.0
+"""A time by which a row is ahead of the clock does not mean that the clock went back: others write while this is read."""
 ANEW = "anew"
 """Of a job's payload: its output is made even where there is one."""
 
@@ -91,7 +93,7 @@ def claim(database: Database, job_id: int, worker: str, lease_s: float) -> Claim
     with database.write() as session:
         job = session.get(Job, job_id)
         now = now_s(session)
-        if job is None or job.state != "queued" or (job.not_before or now) > now or _map_is_busy(session, job):
+        if job is None or job.state != "queued" or not _is_ripe(job, now) or _map_is_busy(session, job):
             return None
         taken = _update(
             session,
@@ -143,7 +145,9 @@ def fail(session: Session, held: Claim, error: str, *, final: bool, pause_s: flo
     """
     values: dict[str, Any] = {"worker": None, "lease_until": None, "error": _text(error), "sent_at": None}
     now = now_s(session)
-    values |= {"state": "failed", "finished_at": now} if final else {"state": "queued", "not_before": now + pause_s}
+    values |= (
+        {"state": "failed", "finished_at": now} if final else {"state": "queued", "not_before": now + pause_s, "heartbeat_at": now}
+    )
     if not _update(session, _held(held), **values):
         raise LeaseLostError(f"job {held.job_id} ({held.stage}): failed too late, another worker has taken it over")
     _note(session, held, "failed" if final else "again", error)
@@ -165,7 +169,8 @@ def pause(session: Session, held: Claim, why: str, pause_s: float, what: str = "
     _note(session, held, what, why)
     put_back(session, held, "queued", held.attempt - 1)
     job = session.get_one(Job, held.job_id)
-    job.error, job.message, job.not_before = _text(why), _text(why), now_s(session) + pause_s
+    job.heartbeat_at = now_s(session)
+    job.error, job.message, job.not_before = _text(why), _text(why), job.heartbeat_at + pause_s
 
 
 def lose(session: Session, held: Claim, evidence: dict[str, Any], pause_s: float) -> None:
@@ -307,6 +312,12 @@ def _update(session: Session, statement: Any, **values: Any) -> bool:
     """Run an UPDATE and tell whether it met a row."""
     result = session.execute(statement.values(**values), execution_options={"synchronize_session": False})
     return isinstance(result, CursorResult) and result.rowcount > 0
+
+
+def _is_ripe(job: Job, now: float) -> bool:
+    """Whether the job may be tried: its pause is over, or the clock went back to before the pause began, which then cannot be
+    measured. So no job waits for longer than its pause from now, wherever the clock goes; `sweep.unsent` asks the same in SQL."""
+    return job.not_before is None or job.not_before <= now or (job.heartbeat_at or 0.0) > now + CLOCK_SLACK_S
 
 
 def _map_is_busy(session: Session, job: Job) -> bool:

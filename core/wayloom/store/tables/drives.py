@@ -104,6 +104,7 @@ class Job(Base):
     attempt     how often it was begun, less those that ended through no fault of the stage
     losses      workers that died or fell silent while they ran it, without a crash of its own: evidence, one entry each
     not_before  when it may be tried again (None: at once)
+    heartbeat_at  when its worker last gave a sign of life; of a job that pauses, when its pause began
     """
 
     __tablename__ = "jobs"
