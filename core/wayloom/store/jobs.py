@@ -16,6 +16,7 @@ from wayloom.config.stages import REMOVAL, drive_stages, find_stage, map_stages
 from wayloom.errors import ConflictError, LeaseLostError
 from wayloom.store import coming
 from wayloom.store.database import Database, now_s
+from wayloom.store.etas.told import note_estimate, settle
 from wayloom.store.history import note_event, thin
 from wayloom.store.images import check_kept
 from wayloom.store.tables.drives import Drive, DriveRun, Job
@@ -106,6 +107,8 @@ def claim(database: Database, job_id: int, worker: str, lease_s: float) -> Claim
         if job.drive_id is not None and job.stage in drive_stages():
             _update(session, update(Drive).where(Drive.id == job.drive_id, Drive.state == "queued"), state="running")
         note_event(session, job.drive_id, job.stage, "begun", part=job.part, attempt=job.attempt + 1, worker=worker)
+        if job.drive_id is not None and job.stage in drive_stages() and not job.part:
+            note_estimate(session, job.drive_id, job.stage)
         return Claim(job.id, job.token + 1, job.stage, job.attempt + 1, job.drive_id, job.map_id, dict(job.payload), job.part)
 
 
@@ -196,6 +199,7 @@ def cancel(session: Session, drive_id: str) -> None:
     for job in stages:
         note_event(session, drive_id, job.stage, CANCELLED, part=job.part, attempt=job.attempt)
     coming.fail(drive, f"{stages[0].stage}: {CANCELLED}", now)
+    settle(session, Drive.id == drive_id)
 
 
 def put_back(session: Session, held: Claim, state: str, attempt: int) -> None:
@@ -356,3 +360,4 @@ def _fail_dependants(session: Session, job: Job, error: str) -> None:
         _update(
             session, update(Drive).where(Drive.stitch_job_id == (job.parent_id or job.id), Drive.state == "stitching"), **values
         )
+    settle(session, Drive.id == job.drive_id if job.drive_id is not None else Drive.map_id == job.map_id)

@@ -154,6 +154,26 @@ class DriveEvent(Base):
     worker: Mapped[str | None] = mapped_column(String(256))
 
 
+class DriveEstimate(Base):
+    """Remaining time of a drive as it was told when a stage began (`wayloom.store.etas`). Of a removed drive it stays, nameless.
+
+    expected_s     the plain estimate; low_s, high_s the interval around it
+    rough          a stage to come had never been seen
+    truth_s        how long it took until the drive was finished; None until then
+    """
+
+    __tablename__ = "drive_estimates"
+    id: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    drive_id: Mapped[str | None] = mapped_column(ForeignKey("drives.id", ondelete="SET NULL"), index=True)
+    at: Mapped[float]
+    stage: Mapped[str] = mapped_column(String(32))
+    expected_s: Mapped[float]
+    low_s: Mapped[float]
+    high_s: Mapped[float]
+    rough: Mapped[bool]
+    truth_s: Mapped[float | None]
+
+
 class DriveRun(Base):
     """One way of a drive through its stages: what made the submaps that it had in the map. Never changed after it is written.
 
