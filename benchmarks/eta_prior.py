@@ -3,7 +3,7 @@
     wayloom demo --port 8088          # leaves the service running
     python benchmarks/eta_prior.py --to http://127.0.0.1:8088
 
-The table goes to `wayloom_services.etas.SECONDS_A_FRAME`.
+The table goes to `wayloom.store.etas.intervals.SECONDS_A_FRAME`.
 """
 
 import argparse

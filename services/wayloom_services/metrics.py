@@ -1,12 +1,32 @@
 """Prometheus metrics. Labels are route templates and known methods, never text that a client chose."""
 
 import time
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client.core import CounterMetricFamily
+from prometheus_client.metrics_core import Metric
+from prometheus_client.registry import Collector
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 METHODS: Final = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
+
+
+class CountedElsewhere(Collector):
+    """Counters that the database keeps. counts : by value of the label, one number for each counter, in their order"""
+
+    def __init__(self, counters: Mapping[str, str], label: str) -> None:
+        self._counters, self._label = counters, label
+        self.counts: Mapping[str, Sequence[int]] = {}
+
+    def collect(self) -> Iterator[Metric]:
+        """As they were set last."""
+        for position, (name, about) in enumerate(self._counters.items()):
+            family = CounterMetricFamily(name, about, labels=[self._label])
+            for value, numbers in self.counts.items():
+                family.add_metric([value], numbers[position])
+            yield family
 
 
 class Metrics:
@@ -20,6 +40,14 @@ class Metrics:
         self.upload_bytes = Counter("wayloom_upload_bytes", "Bytes of drives received", registry=self.registry)
         self.jobs = Gauge("wayloom_jobs", "Jobs by stage and state", ("stage", "state"), registry=self.registry)
         self.drives = Gauge("wayloom_drives", "Drives by state", ("state",), registry=self.registry)
+        self.estimates = CountedElsewhere(
+            {
+                "wayloom_eta_judged": "Intervals of remaining time that were judged, by the stage as which began they were told",
+                "wayloom_eta_within": "Those of them that the truth lay within",
+            },
+            "stage",
+        )
+        self.registry.register(self.estimates)
         self.map_version = Gauge("wayloom_map_version", "Published version of each map", ("map",), registry=self.registry)
 
     def exposition(self) -> bytes:

@@ -11,10 +11,12 @@ from wayloom.store import drives, maps
 from wayloom.store.coming import shown_verdict
 from wayloom.store.database import Session
 from wayloom.store.drives import Received
+from wayloom.store.etas import told
+from wayloom.store.etas.intervals import Learnt
 from wayloom.store.gate import STATE_OUTSIDE, passes
 from wayloom.store.tables.drives import Drive, DriveRun, Job, SubmapRow
 from wayloom.store.tables.maps import MapVersion
-from wayloom_services.etas import eta_of
+from wayloom_services.etas import NOTHING_LEARNT, eta_of
 from wayloom_services.schemas.drives import DriveOut, LossOut, MapVerdictOut, QualityOut, ReleaseOut, ReprocessOut, StageOut
 from wayloom_services.schemas.lineage import MadeBy, NetworkOut, RunDetail, RunOut
 from wayloom_services.schemas.maps import SubmapOut, VersionOut
@@ -26,12 +28,15 @@ def drives_out(session: Session, rows: Sequence[Drive]) -> list[DriveOut]:
     jobs = drives.jobs_of(session, rows)
     received = drives.received(session, rows)
     at_work = any(row.coming is not None or row.state in ("queued", "running", "stitching") for row in rows)
-    usual = drives.usual_seconds(session) if at_work else {}
-    return [drive_out(row, jobs[row.id], received[row.id], usual) for row in rows]
+    usual = told.usual_seconds(session) if at_work else {}
+    learnt = told.learnt(session) if at_work else {}
+    return [drive_out(row, jobs[row.id], received[row.id], usual, learnt) for row in rows]
 
 
-def drive_out(drive: Drive, jobs: Sequence[Job], received: Received, usual: Mapping[str, float]) -> DriveOut:
-    """Response model of a drive; `usual` holds the usual duration of each stage."""
+def drive_out(
+    drive: Drive, jobs: Sequence[Job], received: Received, usual: Mapping[str, float], learnt: Learnt = NOTHING_LEARNT
+) -> DriveOut:
+    """Response model of a drive. usual : duration of each stage, s. learnt : factors of the intervals of its remaining time"""
     now = time.time()
     stages = _stages(drive, jobs, now)
     is_over = drive.coming is None and drive.state in STATE_OUTSIDE.values()
@@ -42,7 +47,7 @@ def drive_out(drive: Drive, jobs: Sequence[Job], received: Received, usual: Mapp
         note=_note(drive), quality=_quality(drive), reprocess=_reprocess(drive),
         stage=None if current is None or is_over or drive.state in ("uploading", "removing") else current.stage,
         progress=_share_done(drive, stages, received), eta_s=_eta(drive, stages, usual),
-        eta=eta_of(drive, stages, usual), warnings=_warnings(drive), stages=stages, files=drive.file_count,
+        eta=eta_of(drive, stages, usual, learnt), warnings=_warnings(drive), stages=stages, files=drive.file_count,
         bytes=drive.byte_count, received_files=received.files, received_bytes=received.bytes, placed=drive.placed,
         images=ImagesOut.model_validate({"state": drive.images, "since": drive.images_since}),
         facts=drive.facts, created_at=drive.created_at, uploaded_at=drive.uploaded_at, finished_at=drive.finished_at,

@@ -20,6 +20,7 @@ from wayloom.store import drives, maps
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.history import note_event
+from wayloom.store.tables.drives import DriveEstimate
 from wayloom_workers.submap_rows import submap_row
 from workers.test_stitching import placed
 
@@ -48,6 +49,9 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[ApiAlone, s
         row.facts = {"log": {"camera": CAMERA, "missing": [], "frames": {"gaps": []}}, "quality": digest}
         for what, text in (("begun", ""), ("failed", "no luck")):
             note_event(session, drive, "odometry", what, attempt=1, text=text, worker="host/boot|77|1")
+        for truth_s in (60.0, 100.0, 110.0, 140.0):
+            told_s = {"expected_s": 100.0, "low_s": 70.0, "high_s": 150.0, "truth_s": truth_s}
+            session.add(DriveEstimate(drive_id=drive, at=1.0, stage="ground", rough=False, **told_s))
     database.close()
     yield alone, drive
     alone.close()
@@ -149,3 +153,11 @@ def test_the_fleet_tells_queues_storage_and_version(kept: tuple[ApiAlone, str]) 
     assert queues["ingest"] >= 1  # the drive of this file waits for a worker, which there is none of
     assert 0 < told["storage"]["free"] < told["storage"]["total"]
     assert told["work"] == []
+
+
+def test_the_fleet_and_the_metrics_tell_how_often_the_time_that_was_told_was_true(kept: tuple[ApiAlone, str]) -> None:
+    told = httpx2.get(f"{kept[0].url}/v1/fleet").json()["eta"]
+    assert told == {"nominal": 0.8, "measured": 0.75, "judged": 4, "stages": [{"stage": "ground", "judged": 4, "within": 3}]}
+    text = httpx2.get(f"{kept[0].url}/metrics").text
+    assert 'wayloom_eta_judged_total{stage="ground"} 4.0' in text
+    assert 'wayloom_eta_within_total{stage="ground"} 3.0' in text

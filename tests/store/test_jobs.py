@@ -203,6 +203,46 @@ def test_a_failed_job_waits_before_it_is_tried_again(database: Database) -> None
     assert take(database, job_id).attempt == 2
 
 
+@pytest.mark.parametrize("how", ["fail", "lose"])
+def test_a_clock_that_goes_back_holds_a_paused_job_up_for_no_longer_than_its_pause(
+    database: Database, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    _, job_id = new_drive(database)
+    held = take(database, job_id)
+    now = [5000.0]
+    for module in (jobs, sweep):
+        monkeypatch.setattr(module, "now_s", lambda _: now[0])
+    with database.write() as session:
+        if how == "fail":
+            jobs.fail(session, held, "bad luck", final=False, pause_s=300.0)
+        else:
+            jobs.lose(session, held, {"why": "the worker's process died"}, 300.0)
+    now[0] = 5250.0
+    assert sweep.unsent(database, 10.0) == []
+    now[0] = 5050.0  # 200 s back, but after the pause began: at most the pause is left
+    assert sweep.unsent(database, 10.0) == []
+    assert jobs.claim(database, job_id, "w", LEASE_S) is None
+    now[0] = 1000.0  # an hour back: nobody knows how much of the pause has passed
+    assert [message.job_id for message in sweep.unsent(database, 10.0)] == [job_id]
+    assert take(database, job_id).attempt == (2 if how == "fail" else 1)
+
+
+def test_a_message_that_was_lost_is_sent_again_although_the_clock_went_back(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, job_id = new_drive(database)
+    now = [5000.0]
+    for module in (jobs, sweep):
+        monkeypatch.setattr(module, "now_s", lambda _: now[0])
+    messages = sweep.unsent(database, 10.0)
+    jobs.mark_sent(database, messages)
+    assert sweep.unsent(database, 10.0) == []
+    now[0] = 1000.0
+    assert [message.job_id for message in sweep.unsent(database, 10.0)] == [job_id]
+    jobs.mark_sent(database, messages)
+    assert sweep.unsent(database, 10.0) == []
+
+
 def test_a_cancelled_drive_fails_at_once_and_its_worker_loses_the_job(database: Database) -> None:
     drive_id, job_id = new_drive(database)
     held = take(database, job_id)

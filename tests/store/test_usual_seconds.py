@@ -3,7 +3,7 @@
 import pytest
 
 from wayloom.store.database import Database
-from wayloom.store.drives import usual_seconds
+from wayloom.store.etas.told import usual_seconds
 from wayloom.store.tables.drives import Job
 
 

@@ -2,6 +2,7 @@
 
 from wayloom.store import gate, jobs, maps, reprocessing
 from wayloom.store.database import Session, now_s
+from wayloom.store.etas.told import settle
 from wayloom.store.jobs import JobMessage
 from wayloom.store.tables.drives import Drive
 
@@ -11,6 +12,7 @@ def complete_drive(session: Session, drive_id: str) -> list[JobMessage]:
     drive = gate.lock(session, drive_id)
     message = _next_version(session, drive)
     reprocessing.await_version(drive, None if message is None else message.job_id)
+    settle(session, Drive.id == drive_id)
     return [] if message is None else [message]
 
 

@@ -197,18 +197,3 @@ def _map_job(drive: Drive) -> int | None:
 def track_of(session: Session, drive_id: str) -> list[object] | None:
     """(M, 3) longitude, latitude, height of the drive, None until it has a place."""
     return get(session, drive_id).track
-
-
-def usual_seconds(session: Session, newest_jobs: int = 200) -> dict[str, float]:
-    """For each stage, the mean of how long it took lately."""
-    lately = (
-        select(Job.stage, Job.started_at, Job.finished_at)
-        .where(Job.state == "done", Job.part == 0)
-        .order_by(Job.id.desc())
-        .limit(newest_jobs)
-    )
-    took: dict[str, list[float]] = {}
-    for stage, started, finished in session.execute(lately):
-        if started is not None and finished is not None:
-            took.setdefault(stage, []).append(finished - started)
-    return {stage: sum(seconds) / len(seconds) for stage, seconds in took.items()}

@@ -16,6 +16,7 @@ from wayloom.config.stages import REMOVAL, drive_stages, find_stage, map_stages
 from wayloom.errors import ConflictError, LeaseLostError
 from wayloom.store import coming
 from wayloom.store.database import Database, now_s
+from wayloom.store.etas.told import note_estimate, settle
 from wayloom.store.history import note_event, thin
 from wayloom.store.images import check_kept
 from wayloom.store.tables.drives import Drive, DriveRun, Job
@@ -23,6 +24,8 @@ from wayloom.store.tables.maps import Map
 
 ERROR_LENGTH = 4000
 CANCELLED = "cancelled"
+CLOCK_SLACK_S = 1.0
+"""A time by which a row is ahead of the clock does not mean that the clock went back: others write while this is read."""
 ANEW = "anew"
 """Of a job's payload: its output is made even where there is one."""
 
@@ -91,7 +94,7 @@ def claim(database: Database, job_id: int, worker: str, lease_s: float) -> Claim
     with database.write() as session:
         job = session.get(Job, job_id)
         now = now_s(session)
-        if job is None or job.state != "queued" or (job.not_before or now) > now or _map_is_busy(session, job):
+        if job is None or job.state != "queued" or not _is_ripe(job, now) or _map_is_busy(session, job):
             return None
         taken = _update(
             session,
@@ -104,6 +107,8 @@ def claim(database: Database, job_id: int, worker: str, lease_s: float) -> Claim
         if job.drive_id is not None and job.stage in drive_stages():
             _update(session, update(Drive).where(Drive.id == job.drive_id, Drive.state == "queued"), state="running")
         note_event(session, job.drive_id, job.stage, "begun", part=job.part, attempt=job.attempt + 1, worker=worker)
+        if job.drive_id is not None and job.stage in drive_stages() and not job.part:
+            note_estimate(session, job.drive_id, job.stage)
         return Claim(job.id, job.token + 1, job.stage, job.attempt + 1, job.drive_id, job.map_id, dict(job.payload), job.part)
 
 
@@ -143,7 +148,9 @@ def fail(session: Session, held: Claim, error: str, *, final: bool, pause_s: flo
     """
     values: dict[str, Any] = {"worker": None, "lease_until": None, "error": _text(error), "sent_at": None}
     now = now_s(session)
-    values |= {"state": "failed", "finished_at": now} if final else {"state": "queued", "not_before": now + pause_s}
+    values |= (
+        {"state": "failed", "finished_at": now} if final else {"state": "queued", "not_before": now + pause_s, "heartbeat_at": now}
+    )
     if not _update(session, _held(held), **values):
         raise LeaseLostError(f"job {held.job_id} ({held.stage}): failed too late, another worker has taken it over")
     _note(session, held, "failed" if final else "again", error)
@@ -165,7 +172,8 @@ def pause(session: Session, held: Claim, why: str, pause_s: float, what: str = "
     _note(session, held, what, why)
     put_back(session, held, "queued", held.attempt - 1)
     job = session.get_one(Job, held.job_id)
-    job.error, job.message, job.not_before = _text(why), _text(why), now_s(session) + pause_s
+    job.heartbeat_at = now_s(session)
+    job.error, job.message, job.not_before = _text(why), _text(why), job.heartbeat_at + pause_s
 
 
 def lose(session: Session, held: Claim, evidence: dict[str, Any], pause_s: float) -> None:
@@ -191,6 +199,7 @@ def cancel(session: Session, drive_id: str) -> None:
     for job in stages:
         note_event(session, drive_id, job.stage, CANCELLED, part=job.part, attempt=job.attempt)
     coming.fail(drive, f"{stages[0].stage}: {CANCELLED}", now)
+    settle(session, Drive.id == drive_id)
 
 
 def put_back(session: Session, held: Claim, state: str, attempt: int) -> None:
@@ -309,6 +318,12 @@ def _update(session: Session, statement: Any, **values: Any) -> bool:
     return isinstance(result, CursorResult) and result.rowcount > 0
 
 
+def _is_ripe(job: Job, now: float) -> bool:
+    """Whether the job may be tried: its pause is over, or the clock went back to before the pause began, which then cannot be
+    measured. So no job waits for longer than its pause from now, wherever the clock goes; `sweep.unsent` asks the same in SQL."""
+    return job.not_before is None or job.not_before <= now or (job.heartbeat_at or 0.0) > now + CLOCK_SLACK_S
+
+
 def _map_is_busy(session: Session, job: Job) -> bool:
     """One job of a map at a time, but for the parts of one stage, and what was stitched is published before the next stitch.
     Locks the map's row."""
@@ -345,3 +360,4 @@ def _fail_dependants(session: Session, job: Job, error: str) -> None:
         _update(
             session, update(Drive).where(Drive.stitch_job_id == (job.parent_id or job.id), Drive.state == "stitching"), **values
         )
+    settle(session, Drive.id == job.drive_id if job.drive_id is not None else Drive.map_id == job.map_id)

@@ -14,6 +14,7 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 from wayloom.errors import ConflictError
 from wayloom.store import maps
 from wayloom.store.database import now_s
+from wayloom.store.etas.told import settle
 from wayloom.store.maps import Box, box_of_row
 from wayloom.store.tables.drives import Drive, SubmapRow
 from wayloom.store.tables.maps import ChangedBox, Map, MapDrive, MapVersion, RegionRow, TileRow
@@ -160,6 +161,7 @@ def publish(session: Session, map_id: str, new: NewVersion, kept: int, stitch_jo
         raise ConflictError(f"map {map_id!r}: another version was published meanwhile")
     _write_verdicts(session, new.verdicts, now)
     _finish_drives(session, map_id, new.out_of_reach, now, stitch_job_id)
+    settle(session, Drive.map_id == map_id)
     for some in _batches(new.taken_in):
         session.execute(delete(ChangedBox).where(ChangedBox.map_id == map_id, ChangedBox.id.in_(some)))
     _forget(session, map_id, number - kept)

@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from wayloom.config.backoff import Backoff
 from wayloom.errors import LeaseLostError
 from wayloom.store.database import Database, now_s
-from wayloom.store.jobs import Claim, JobMessage, fail, lose, release
+from wayloom.store.jobs import CLOCK_SLACK_S, Claim, JobMessage, fail, lose, release
 from wayloom.store.processes import is_dead, name_of
 from wayloom.store.tables.drives import Job
 
@@ -79,9 +79,10 @@ def _take_back(session: Session, job: _Lost, max_attempts: int, max_losses: int,
 def unsent(database: Database, resend_s: float, limit: int = 500) -> list[JobMessage]:
     """Queued jobs whose message never went out, or went out `resend_s` ago and woke nobody; oldest first."""
     with database.read() as session:
-        long_ago = now_s(session) - resend_s
-        ripe = or_(Job.not_before.is_(None), Job.not_before <= long_ago + resend_s)
-        due = or_(Job.sent_at.is_(None), Job.sent_at < long_ago)
+        now = now_s(session)
+        # A time to come, of a heartbeat or of a message, is of a clock that has gone back since.
+        ripe = or_(Job.not_before.is_(None), Job.not_before <= now, Job.heartbeat_at > now + CLOCK_SLACK_S)
+        due = or_(Job.sent_at.is_(None), Job.sent_at < now - resend_s, Job.sent_at > now + CLOCK_SLACK_S)
         queued = select(Job.id, Job.queue).where(Job.state == "queued", due, ripe)
         return [JobMessage(job_id, queue) for job_id, queue in session.execute(queued.order_by(Job.id).limit(limit))]
 

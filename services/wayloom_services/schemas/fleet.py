@@ -45,6 +45,23 @@ class StorageOut(BaseModel):
     least_free: int = Field(description="below it no upload is taken")
 
 
+class EtaStageOut(BaseModel):
+    """Estimates of remaining time that were told as a stage began, and judged since."""
+
+    stage: str
+    judged: int
+    within: int = Field(description="how many had the truth within the interval that was told")
+
+
+class EtaCalibrationOut(BaseModel):
+    """How often the truth lay within the interval of a drive's remaining time that was told."""
+
+    nominal: float = Field(description="share that should")
+    measured: float | None = Field(description="share of the newest judged estimates, at most 1000; null before the first")
+    judged: int = Field(description="how many `measured` is of")
+    stages: list[EtaStageOut] = Field(description="all that were ever judged")
+
+
 class FleetOut(BaseModel):
     """The fleet and what is being done for it."""
 
@@ -54,3 +71,4 @@ class FleetOut(BaseModel):
     work: list[WorkOut]
     storage: StorageOut
     retention: str = Field(description="when images are deleted: setting uploads.retention")
+    eta: EtaCalibrationOut

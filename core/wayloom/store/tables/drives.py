@@ -104,6 +104,7 @@ class Job(Base):
     attempt     how often it was begun, less those that ended through no fault of the stage
     losses      workers that died or fell silent while they ran it, without a crash of its own: evidence, one entry each
     not_before  when it may be tried again (None: at once)
+    heartbeat_at  when its worker last gave a sign of life; of a job that pauses, when its pause began
     """
 
     __tablename__ = "jobs"
@@ -151,6 +152,26 @@ class DriveEvent(Base):
     what: Mapped[str] = mapped_column(String(16))
     text: Mapped[str] = mapped_column(Text)
     worker: Mapped[str | None] = mapped_column(String(256))
+
+
+class DriveEstimate(Base):
+    """Remaining time of a drive as it was told when a stage began (`wayloom.store.etas`). Of a removed drive it stays, nameless.
+
+    expected_s     the plain estimate; low_s, high_s the interval around it
+    rough          a stage to come had never been seen
+    truth_s        how long it took until the drive was finished; None until then
+    """
+
+    __tablename__ = "drive_estimates"
+    id: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    drive_id: Mapped[str | None] = mapped_column(ForeignKey("drives.id", ondelete="SET NULL"), index=True)
+    at: Mapped[float]
+    stage: Mapped[str] = mapped_column(String(32))
+    expected_s: Mapped[float]
+    low_s: Mapped[float]
+    high_s: Mapped[float]
+    rough: Mapped[bool]
+    truth_s: Mapped[float | None]
 
 
 class DriveRun(Base):

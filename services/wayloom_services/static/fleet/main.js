@@ -20,12 +20,16 @@ function showQueues(queues) {
   at("queues").replaceChildren(table(rows, ["Queue", "Waiting", "Running"]));
 }
 
-function showStorage({ storage, version, retention }) {
+const held = ({ nominal, measured, judged }) =>
+  judged ? `true of ${Math.round(100 * measured)} % of ${judged} (meant: ${Math.round(100 * nominal)} %)` : "none judged yet";
+
+function showStorage({ storage, version, retention, eta }) {
   const rows = [
     ["Disk", progress(storage.used / storage.total, "Share of the disk that is used")],
     ["Free", `${size(storage.free)} of ${size(storage.total)}`],
     ["Uploads stop below", size(storage.least_free)],
     ["Images are kept", retention === "keep" ? "for good" : retention === "until-published" ? "until their drive is published" : `${retention} days after publication`],
+    ["Times to go that were told", held(eta)],
     ["Version", version],
   ];
   at("storage").replaceChildren(table(rows));
