@@ -35,6 +35,7 @@ from wayloom_services import (
 from wayloom_services.access import admin, sessions
 from wayloom_services.access.guard import Guard
 from wayloom_services.access.oidc import routes as oidc
+from wayloom_services.archive import route as archive
 from wayloom_services.context import make_service
 from wayloom_services.events import Feed
 from wayloom_services.heads import HeadAsGet
@@ -77,7 +78,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     )  # fmt: skip
     app.state.service, app.state.feed = service, Feed(service)
     errors.install(app)
-    uploads, people = (drives, drive_results, keyframes, packs, tus), (sessions, oidc, admin, excluded_areas)
+    uploads, people = (drives, drive_results, archive, keyframes, packs, tus), (sessions, oidc, admin, excluded_areas)
     of_maps = (maps, sync, markings, ogc, regions, tile_sets, tilesets, lineage, rigs, fleet, events, health)
     for room in (*uploads, *of_maps, *people):
         app.include_router(room.router)

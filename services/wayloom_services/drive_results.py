@@ -20,6 +20,7 @@ from wayloom.files.trajectory_files import write_tum
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.reports.served_drive import render
 from wayloom.store import drives, history, maps
+from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Session
 from wayloom.store.images import check_kept
 from wayloom.store.manifest import FOLDERS
@@ -92,7 +93,7 @@ async def log(drive_id: DriveId, service: ServiceDep) -> Response:
     drive = await service.read(lambda session: drives.get(session, drive_id))
     check_kept(drive)
     folder = service.folders.drive(drive_id)
-    return StreamingResponse(_tar(folder), headers=_as_download(drive, "tar"), media_type="application/x-tar")
+    return StreamingResponse(_tar(folder), headers=as_download(drive.name, "tar"), media_type="application/x-tar")
 
 
 async def _submaps(drive_id: str, service: Service) -> tuple[Drive, list[SubmapRow]]:
@@ -105,14 +106,15 @@ async def _submaps(drive_id: str, service: Service) -> tuple[Drive, list[SubmapR
     return drive, rows
 
 
-def _placed(service: Service, row: SubmapRow) -> PlacedSubmap:
+def placed_submap(blobs: BlobStore, row: SubmapRow) -> PlacedSubmap:
+    """A row with its points, where the newest version has it."""
     frame = None if row.frame is None else MapFrame(*row.frame)
     T = np.array(row.T_enu_submap, np.float64)
-    return PlacedSubmap(decode_submap(service.blobs.get(row.digest)), T, np.full((6, 6), np.nan), row.drive_id, frame)
+    return PlacedSubmap(decode_submap(blobs.get(row.digest)), T, np.full((6, 6), np.nan), row.drive_id, frame)
 
 
 def _write_poses(service: Service, rows: list[SubmapRow], path: Path) -> None:
-    placed = [_placed(service, row) for row in rows]
+    placed = [placed_submap(service.blobs, row) for row in rows]
     t_ns = np.concatenate([one.submap.keyframe_t_ns for one in placed])
     T = np.concatenate([one.T_enu_submap @ one.submap.T_submap_cam for one in placed])
     _, first = np.unique(t_ns, return_index=True)  # neighbours share the keyframe at which they meet
@@ -120,11 +122,12 @@ def _write_poses(service: Service, rows: list[SubmapRow], path: Path) -> None:
 
 
 def _write_cloud(service: Service, rows: list[SubmapRow], path: Path) -> None:
-    first = _placed(service, rows[0])
-    write_ply(path, (_without_persons(_placed(service, row)) for row in rows), first.T_enu_submap[:3, 3], first.frame)
+    first = placed_submap(service.blobs, rows[0])
+    write_ply(path, (without_persons(placed_submap(service.blobs, row)) for row in rows), first.T_enu_submap[:3, 3], first.frame)
 
 
-def _without_persons(placed: PlacedSubmap) -> PointBatch:
+def without_persons(placed: PlacedSubmap) -> PointBatch:
+    """The points of a submap that no person is among."""
     batch = batch_of_submap(placed)
     return batch.take(~np.isin(batch.label, PERSONS))
 
@@ -138,12 +141,13 @@ def _file(drive: Drive, suffix: str, media_type: str, write: Any) -> FileRespons
     except BaseException:
         path.unlink(missing_ok=True)
         raise
-    headers = _as_download(drive, suffix)
+    headers = as_download(drive.name, suffix)
     return FileResponse(path, headers=headers, media_type=media_type, background=BackgroundTask(path.unlink, missing_ok=True))
 
 
-def _as_download(drive: Drive, suffix: str) -> dict[str, str]:
-    name = "".join(letter if letter.isascii() and (letter.isalnum() or letter in "-_.") else "-" for letter in drive.name)
+def as_download(drive_name: str, suffix: str) -> dict[str, str]:
+    """The header that names a file after its drive."""
+    name = "".join(letter if letter.isascii() and (letter.isalnum() or letter in "-_.") else "-" for letter in drive_name)
     return {"Content-Disposition": f'attachment; filename="{name}.{suffix}"'}
 
 

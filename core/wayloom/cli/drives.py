@@ -14,7 +14,9 @@ from wayloom.errors import ConfigError, NotFoundError
 if TYPE_CHECKING:
     from wayloom.client.api import Api
 
-group = typer.Typer(help="The drives of a service: list, show, watch, retry, cancel, delete, report.", no_args_is_help=True)
+group = typer.Typer(
+    help="The drives of a service: list, show, watch, retry, cancel, delete, report, download.", no_args_is_help=True
+)
 ToOption = Annotated[str, typer.Option("--to", metavar="URL", help="Address of the service, e.g. http://127.0.0.1:8088")]
 DriveArgument = Annotated[str, typer.Argument(metavar="DRIVE", help="The drive's id, or its beginning; or its name.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print what the service says, as JSON.")]
@@ -125,6 +127,25 @@ def report_command(
             address = f"/v1/drives/{found['id']}/quality"
             content = render(found, quality, {name: api.once("GET", f"{address}/{name}.svg").text for name in quality["pictures"]})
     write_atomically(out, content.encode())
+    typer.echo(f"written: {out}")
+
+
+@group.command("download")
+def download_command(
+    drive: DriveArgument,
+    to: ToOption,
+    out: Annotated[Path, typer.Option(help="File to write, a .zip.")],
+    config: ConfigOption = None,
+) -> None:
+    """Write all that a drive has led to as one zip: poses, track, points, objects, ground, report; README.txt in it explains it."""
+    from wayloom.cli.progress_bars import ProgressBars
+    from wayloom.client.drives import download_archive
+
+    if out.suffix != ".zip":
+        raise ConfigError(f"{out.name} is no archive", remedy="name a file that ends in .zip")
+    with service(to, config) as api, ProgressBars() as bars:
+        found = find(api, drive)
+        download_archive(api, found["id"], out, bars(found["name"]))
     typer.echo(f"written: {out}")
 
 

@@ -1,6 +1,8 @@
 """HTTP requests to one wayloom server with retries; every failure is a ServiceError that holds the server's answer."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self
 
@@ -80,6 +82,19 @@ class Api:
         if response.status_code >= 400:
             raise _refusal(response)
         return response
+
+    @contextmanager
+    def streamed(self, path: str) -> Iterator[httpx2.Response]:
+        """The answer at a path before its body has come, tried once. Raises AnswerError, and ServiceError where none comes or the
+        body breaks off while it is read in the block."""
+        try:
+            with self._client.stream("GET", path) as response:
+                if response.status_code >= 400:
+                    response.read()
+                    raise _refusal(response)
+                yield response
+        except httpx2.HTTPError as error:
+            raise ServiceError(f"the answer of {self.url} broke off: {str(error) or type(error).__name__}") from error
 
     def drive(self, drive_id: str) -> dict[str, Any]:
         """A drive with its stages. Raises NotFoundError when it was removed."""

@@ -46,7 +46,7 @@ def write_ply(
 
 def write_vertices(file: Path, rows: NDArray[np.void], comments: tuple[str, ...] = ()) -> None:
     """Write a structured array (N,) of little-endian numbers as the vertices of a PLY."""
-    write_atomically(file, (_header(rows.dtype, len(rows), comments), rows.tobytes()))
+    write_atomically(file, (ply_header(rows.dtype, len(rows), comments), rows.tobytes()))
 
 
 @contextmanager
@@ -55,7 +55,7 @@ def replacing_vertices(
 ) -> Iterator[Callable[[NDArray[np.void]], None]]:
     """A function that takes structured arrays (N,) of this type, one after another: the vertices of a PLY, in place when the block
     ends well. The header has room for any number of them, filled up by blanks of a comment."""
-    room, count = len(_header(dtype, MOST_VERTICES, (*comments, ""))), 0
+    room, count = len(ply_header(dtype, MOST_VERTICES, (*comments, ""))), 0
     with replacing(file) as stream:
 
         def write(rows: NDArray[np.void]) -> None:
@@ -66,11 +66,12 @@ def replacing_vertices(
         stream.write(bytes(room))
         yield write
         stream.seek(0)
-        blank = room - len(_header(dtype, count, (*comments, "")))
-        stream.write(_header(dtype, count, (*comments, " " * blank)))
+        blank = room - len(ply_header(dtype, count, (*comments, "")))
+        stream.write(ply_header(dtype, count, (*comments, " " * blank)))
 
 
-def _header(dtype: np.dtype[np.void], count: int, comments: tuple[str, ...]) -> bytes:
+def ply_header(dtype: np.dtype[np.void], count: int, comments: tuple[str, ...]) -> bytes:
+    """The lines before the vertices: their number and their layout."""
     assert dtype.names is not None
     properties = [f"property {NAMES_OF_TYPES[dtype[name].str[1:]]} {name}" for name in dtype.names]
     comment_lines = [f"comment {' '.join(comment.split()) or comment}" for comment in comments]

@@ -23,6 +23,11 @@ TRACKED_AGAIN: Final = "# tracked"
 
 
 def write_tum(file: Path, t_ns: NDArray[np.int64], T_world_cam: FloatArray, tracked: NDArray[np.bool_] | None = None) -> None:
+    """Write `tum_text`. Raises OSError."""
+    write_atomically(file, tum_text(t_ns, T_world_cam, tracked))
+
+
+def tum_text(t_ns: NDArray[np.int64], T_world_cam: FloatArray, tracked: NDArray[np.bool_] | None = None) -> bytes:
     """t_ns (N,) int64 and T_world_cam (N, 4, 4), one line each; time stamps are exact, numbers good to 1e-9.
 
     tracked : (N,) whether a pose was measured; None for all. Before poses that were not, and before the next that was, stands a
@@ -32,7 +37,7 @@ def write_tum(file: Path, t_ns: NDArray[np.int64], T_world_cam: FloatArray, trac
     qw, qx, qy, qz = se3.quaternion_wxyz(T_world_cam).T
     rows = np.column_stack([x, y, z, qx, qy, qz, qw])
     lines = [f"{seconds_from_ns(int(t))} {_row(row)}" for t, row in zip(t_ns, rows, strict=True)]
-    write_atomically(file, _text(lines if tracked is None else _with_guesses_marked(lines, tracked)))
+    return _text(lines if tracked is None else _with_guesses_marked(lines, tracked))
 
 
 def read_tum(file: Path) -> tuple[NDArray[np.int64], FloatArray]:

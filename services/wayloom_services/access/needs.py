@@ -73,6 +73,7 @@ NEEDS: Final[Mapping[str, Mapping[str, Need]]] = {
     f"{DRIVE}/history": {"GET": FOLLOW},
     f"{DRIVE}/trajectory.tum": {"GET": FOLLOW},
     f"{DRIVE}/cloud.ply": {"GET": FOLLOW},
+    f"{DRIVE}/archive.zip": {"GET": FOLLOW},
     f"{DRIVE}/log.tar": {"GET": OPERATE},
     f"{DRIVE}/keyframes": {"GET": FOLLOW},
     f"{DRIVE}/keyframes/{{number}}/points.webp": {"GET": FOLLOW},

@@ -94,6 +94,7 @@ function showDownloads(drive) {
     ["Track, GeoJSON", "track", drive.placed === true, "Longitude, latitude, height in WGS84"],
     ["Keyframe poses, TUM", "trajectory.tum", Boolean(drive.facts.preview), "East, north, up in the map's frame"],
     ["Labelled points, PLY", "cloud.ply", Boolean(drive.facts.preview), "With class, sigma and time"],
+    ["All of these in one archive, zip", "archive.zip", Boolean(drive.facts.preview), "With objects, pictures of the ground, and a README that says what is what"],
     ["Log as it was sent, tar", "log.tar", mayOperate && drive.images.state === "kept" && drive.uploaded_at !== null, "Images and all; for operators"],
   ];
   at("downloads").replaceChildren(
