@@ -12,7 +12,6 @@ from wayloom.errors import InputError, UnknownFormatError
 from wayloom.exports.formats import EXPORT_FORMATS, Export, checked_format, export_map, format_of
 from wayloom.geodesy.geoid import GeoidGrid
 
-
 LACKS = {"cog": "no ground", "mcap": "poses in time", "rrd": "poses in time"}
 """What the made map has not, of which these formats are."""
 
