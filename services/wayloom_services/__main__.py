@@ -11,6 +11,7 @@ from wayloom.errors import WayloomError
 from wayloom.pipeline.settings import load_settings
 from wayloom.pipeline.usable import check_usable
 from wayloom_services.app import create_app
+from wayloom_services.collector import spare_what_is_loaded
 from wayloom_services.connections import patient_protocol
 
 GRACE_S = 3
@@ -30,8 +31,10 @@ def main() -> int:
     except WayloomError as error:
         sys.stderr.write(f"wayloom: {error}\n")
         return 2
+    app = create_app(settings)
+    spare_what_is_loaded()
     config = uvicorn.Config(
-        create_app(settings),
+        app,
         settings.host,
         settings.port,
         log_level="warning",

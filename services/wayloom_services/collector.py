@@ -9,6 +9,12 @@ _lock = threading.Lock()
 _paused = 0
 
 
+def spare_what_is_loaded() -> None:
+    """Modules, routes and compiled kernels' types stay for the life of the process: no collection looks at them again."""
+    gc.collect()
+    gc.freeze()
+
+
 @contextmanager
 def paused_collector() -> Iterator[None]:
     """No collection while any thread is in such a block. For work whose objects form no cycles, so that nothing stays for it."""

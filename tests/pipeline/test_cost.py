@@ -1,4 +1,4 @@
-"""No stage takes a larger share of a drive's CPU than it did, beyond the noise of the committed runs (`benchmarks/cost.json`)."""
+"""No stage takes a larger share of a drive's CPU than in the committed runs (`benchmarks/cost.json`)."""
 
 import json
 import os
@@ -12,6 +12,8 @@ import pytest
 from pipeline.real_log import first_frames
 
 ROOT = Path(__file__).resolve().parents[2]
+MORE, A_LITTLE = 1.25, 0.01
+"""Runs on one machine differ by up to a fourteenth of a share (`noise`); another processor weighs the stages otherwise by more."""
 COMMITTED: dict[str, Any] = json.loads((ROOT / "benchmarks" / "cost.json").read_text(encoding="utf-8"))
 
 
@@ -36,5 +38,9 @@ def _cpu_of_stages(log: Path, out: Path, gnss: Path) -> dict[str, float]:
 @pytest.mark.real_data
 @pytest.mark.parametrize("stage", COMMITTED["shares"])
 def test_a_stage_takes_no_larger_share_of_a_drives_cpu_than_before(stage: str, shares: dict[str, float]) -> None:
-    before, noise = COMMITTED["shares"][stage], COMMITTED["noise"][stage]
-    assert shares[stage] <= before + noise
+    assert shares[stage] <= MORE * COMMITTED["shares"][stage] + A_LITTLE
+
+
+@pytest.mark.parametrize("stage", COMMITTED["shares"])
+def test_what_is_allowed_is_beyond_the_noise_of_the_committed_runs(stage: str) -> None:
+    assert 2.0 * COMMITTED["noise"][stage] < (MORE - 1.0) * COMMITTED["shares"][stage] + A_LITTLE

@@ -12,7 +12,7 @@ import numpy as np
 import structlog
 from numpy.typing import NDArray
 
-from wayloom.errors import InputError
+from wayloom.errors import InputError, NotFoundError
 from wayloom.exports.ply import ply_blocks
 from wayloom.files.trajectory_files import tum_text
 from wayloom.geodesy.antimeridian import line_geometry
@@ -61,6 +61,12 @@ class DriveContents:
     def frame(self) -> MapFrame | None:
         """The map's frame; None where the drive has no place on Earth."""
         return MapFrame(*self.rows[0].frame) if self.rows and self.rows[0].frame is not None else None
+
+    def check(self) -> None:
+        """Raises NotFoundError where a blob of the drive is gone: an archive that has begun can say so only by breaking off."""
+        for digest in filter(None, (self.quality, self.preview, *(row.digest for row in self.rows))):
+            if not self.blobs.has(digest):
+                raise NotFoundError(f"blob {digest} of this drive is not in the store")
 
     def members(self) -> Iterator[Member]:
         """The files one after another, the README last: it lists those that are there."""

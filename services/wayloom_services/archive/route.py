@@ -36,6 +36,7 @@ async def archive(drive_id: DriveId, service: ServiceDep) -> Response:
     the ground, quality report, log of attempts, as far as it has come; README.txt in it says what is what. It is made while it is
     sent: one that breaks off has no directory, and no reader takes it for whole."""
     contents = await service.read(lambda session: _contents(service, session, drive_id))
+    await service.in_thread(contents.check)
     points = sum(row.point_count for row in contents.rows)
     headers = {**as_download(contents.drive["name"], "zip"), ESTIMATE: str(points * VERTEX.itemsize), "Cache-Control": "no-store"}
     blocks = zip_stream(contents.members(), contents.drive["finished_at"] or contents.drive["created_at"])
