@@ -12,7 +12,7 @@ from wayloom.cli.interrupts import listen
 from wayloom.errors import InputError, WayloomError
 
 COMMANDS = {
-    "One drive": ("inspect", "process", "odometry", "calibrate", "export", "render", "convert"),
+    "One drive": ("inspect", "process", "odometry", "calibrate", "export", "render", "report", "convert"),
     "A fleet's service": ("demo", "up", "upload", "sync", "drives", "rigs", "areas", "keys", "users", "audit", "selftest"),
     "Made and measured": ("simulate", "benchmark", "models"),
     "This installation": ("config", "doctor"),

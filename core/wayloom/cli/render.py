@@ -62,16 +62,22 @@ def _size(text: str) -> tuple[int, int]:
 
 def _scene(where: list[Path], city: str, box: "Box | None", progress: "Progress") -> "Scene":
     from wayloom.exports.cloud_files import SUFFIXES
-    from wayloom.exports.drive_outputs import DriveOutputs
     from wayloom.rendering.scene import scene_of_file, scene_of_map
+
+    if len(where) == 1 and where[0].suffix in SUFFIXES:
+        return scene_of_file(where[0])
+    return scene_of_map(map_source(where, city, box), box, progress)
+
+
+def map_source(where: list[Path], city: str, box: "Box | None") -> "MapSource":
+    """The map of a service, whose URL has become a path, or of folders of `wayloom process`."""
+    from wayloom.exports.drive_outputs import DriveOutputs
     from wayloom.stitching.settings import MergeSettings
 
     first = str(where[0])
     if first.startswith(("http:", "https:")):  # a path has lost one of the two strokes
-        return scene_of_map(_served(first, city, box), box, progress)
-    if len(where) == 1 and where[0].suffix in SUFFIXES:
-        return scene_of_file(where[0])
-    return scene_of_map(DriveOutputs(where, MergeSettings(), box), box, progress)
+        return _served(first, city, box)
+    return DriveOutputs(where, MergeSettings(), box)
 
 
 def _served(path: str, city: str, box: "Box | None") -> "MapSource":

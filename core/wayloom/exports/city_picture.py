@@ -61,7 +61,7 @@ def write_city_picture(path: Path, source: MapSource, box: Box | None, provenanc
     data = io.BytesIO()
     figure.savefig(data, format="png", metadata={"Software": "wayloom", "Comment": json.dumps(provenance)})
     write_atomically(path, data.getvalue())
-    return f"{survey.count} points and {len(survey.tracks)} tracks, {len(insets)} insets"
+    return f"{survey.count} points and {len(survey.tracks)} tracks, {len(insets)} inset{'' if len(insets) == 1 else 's'}"
 
 
 def _inset_places(count: int) -> list[tuple[float, float, float, float]]:

@@ -1,4 +1,4 @@
-"""Three views of a drive's cloud, as the paper shows them: raw, with classes, and from the street."""
+"""Three views of a cloud, as the paper shows them: raw, with classes, and from the street."""
 
 from typing import Final
 
@@ -20,9 +20,11 @@ Image = NDArray[np.uint8]
 
 def cloud_views(result: DriveResult) -> dict[str, Image]:
     """(h, w, 3) RGB by caption; none of a drive without points."""
-    if not any(len(placed.submap) for placed in result.submaps):
-        return {}
-    scene = _scene(result)
+    return scene_views(_scene(result)) if any(len(placed.submap) for placed in result.submaps) else {}
+
+
+def scene_views(scene: Scene) -> dict[str, Image]:
+    """(h, w, 3) RGB by caption; from the street where there is a way."""
     found = {
         "The cloud as the cameras saw it, with the way": _view(scene, "grey", street=False),
         "The same with classes": _view(scene, "class", street=False),
@@ -42,5 +44,5 @@ def _scene(result: DriveResult) -> Scene:
 def _view(scene: Scene, colouring: str, street: bool) -> Image:
     colours, legend = COLOURINGS[colouring](scene)
     drawn, colours = with_tracks(scene, colours, way_colours(scene, colouring))
-    view = street_level(scene.tracks[0], SIZE_PX) if street else oblique(drawn.points, SIZE_PX)
+    view = street_level(max(scene.tracks, key=len), SIZE_PX) if street else oblique(drawn.points, SIZE_PX)
     return laid_over(rendered(drawn, colours, view), overlay(view, legend, scene.north_up))
