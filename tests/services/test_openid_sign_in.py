@@ -168,7 +168,8 @@ NOW = int(time.time())
     ],
     ids=[
         "another nonce", "no nonce", "expired", "never expires", "another audience", "no audience", "another party",
-        "another issuer", "no issuer", "no subject", "an empty subject", "a numeric subject", "a wordy expiry", "not yet", "another access token",
+        "another issuer", "no issuer", "no subject", "an empty subject", "a numeric subject", "a wordy expiry", "not yet",
+        "another access token",
     ],
 )  # fmt: skip
 def test_a_token_that_is_not_for_this_sign_in_begins_no_session(
