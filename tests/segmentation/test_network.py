@@ -11,6 +11,7 @@ from made_network import FLOAT, IDS, PLAIN, THREE, ids_network, ids_of_any_size,
 
 from wayloom.errors import ModelError
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, MODELS, find_model
+from wayloom.segmentation.kernels.network_input import scaled_pixels, scaled_planes
 from wayloom.segmentation.kernels.upsampling import upsampled_argmax
 from wayloom.segmentation.network import Network
 from wayloom.segmentation.onnx_file import check_onnx
@@ -149,6 +150,18 @@ def test_the_upsampling_kernel_agrees_with_its_twin(stride: int, height: int, wi
     chosen = np.take_along_axis(scores, labels[..., None].astype(int), axis=2)[..., 0]
     assert np.allclose(chosen, scores.max(axis=2), atol=1e-5)
     assert np.array_equal(labels, upsampled_argmax.py_func(logits, gh * stride, gw * stride, height, width))
+
+
+def test_bytes_are_scaled_as_the_description_says_in_either_order_of_the_axes() -> None:
+    rng = np.random.default_rng(5)
+    image = rng.integers(0, 256, (7, 9, 3)).astype(np.uint8)
+    levels = rng.normal(size=(3, 256)).astype(np.float32)
+    planes, pixels = np.empty((3, 7, 9), np.float32), np.empty((7, 9, 3), np.float32)
+    scaled_planes(image, levels, planes)
+    scaled_pixels(image, levels, pixels)
+    expected = np.stack([levels[c][image[:, :, c]] for c in range(3)])
+    assert np.array_equal(planes, expected)
+    assert np.array_equal(pixels, expected.transpose(1, 2, 0))
 
 
 @pytest.mark.parametrize("step", [0.0, 0.5, 1.0])

@@ -11,6 +11,7 @@ import numpy as np
 from wayloom import __version__
 from wayloom.config.classes import CLASS_COUNT, CLASS_NAMES, PALETTE
 from wayloom.config.progress import Progress, silent
+from wayloom.evaluation.trajectory import path_length
 from wayloom.exports.city_picture import write_city_picture
 from wayloom.exports.features import read_collection
 from wayloom.exports.source import MapSource
@@ -49,9 +50,9 @@ def map_facts(source: MapSource, labels: np.ndarray[Any, np.dtype[np.uint8]], bo
 
     labels : (N,) train ids of the map's points
     """
-    road: Counter[str] = Counter()
+    road: dict[str, float] = {}
     for track in source.tracks():
-        road[track.drive_id] += float(np.linalg.norm(np.diff(track.points_enu, axis=0), axis=1).sum())  # type: ignore[assignment]
+        road[track.drive_id] = road.get(track.drive_id, 0.0) + path_length(track.points_enu)
     counts = np.bincount(labels, minlength=256)[:CLASS_COUNT]
     most = max(int(counts.max()), 1)
     classes = [
@@ -63,8 +64,8 @@ def map_facts(source: MapSource, labels: np.ndarray[Any, np.dtype[np.uint8]], bo
     ]  # fmt: skip
     return {
         "wayloom": __version__,
-        "drives": [{"id": name, "road_m": metres} for name, metres in road.most_common()],
-        "road_m": float(sum(road.values())),
+        "drives": [{"id": name, "road_m": road[name]} for name in sorted(road, key=lambda name: (-road[name], name))],
+        "road_m": sum(road.values()),
         "points": len(labels),
         "voxel_m": source.voxel_m,
         "classes": classes,
