@@ -114,7 +114,6 @@ def test_a_map_without_poses_in_time_is_told(tmp_path: Path) -> None:
 
 
 def test_a_rerun_recording_is_sound_by_reruns_own_reader(drives: DriveOutputs, tmp_path: Path) -> None:
-    pytest.importorskip("rerun")
     out = tmp_path / "results.rrd"
     export_map(Export(drives, out))
     home = {**os.environ, "HOME": str(tmp_path / "home"), "XDG_CONFIG_HOME": str(tmp_path / "home")}

@@ -95,7 +95,6 @@ def test_ground_heights_are_those_of_the_cells_and_nan_elsewhere(own: wayloom.Ma
 
 
 def test_geodataframes_have_a_row_a_feature_and_the_columns_of_their_collection(own: wayloom.Map) -> None:
-    pytest.importorskip("geopandas")
     objects, kerbs = own.geo("objects"), own.geo("kerbs")
     assert len(objects) == len(own.features("objects"))
     assert {"kind", "confidence", "height_m"} <= {*objects.columns}

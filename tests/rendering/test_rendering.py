@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import cv2
+import laspy
 import numpy as np
 import pytest
 
@@ -161,7 +162,6 @@ def test_cloud_files_come_back_with_their_labels(suffix: str, tmp_path: Path) ->
 
 
 def test_a_cloud_of_others_is_labelled_by_the_standards_classes_and_coloured_by_its_photographs(tmp_path: Path) -> None:
-    laspy = pytest.importorskip("laspy")
     las = laspy.create(point_format=2, file_version="1.2")
     las.x, las.y, las.z = np.arange(3.0), np.zeros(3), np.zeros(3)
     las.classification = np.array([2, 6, 5])

@@ -10,19 +10,15 @@ from typing import Any
 
 import pytest
 import requests
+import schemathesis
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.errors import Unsatisfiable
+from schemathesis.generation import GenerationMode
+from schemathesis.specs.openapi import checks
 
 from service_kit.guarded import API_KEY, Guarded, bearer
 from service_kit.lived_in import lived_in
-
-if os.environ.get("CI"):
-    import schemathesis
-else:
-    schemathesis = pytest.importorskip("schemathesis", reason="comes with the extra dev")
-from schemathesis.generation import GenerationMode
-from schemathesis.specs.openapi import checks
 
 schemathesis.serializer.alias("application/offset+octet-stream", "application/octet-stream")
 ASKED = os.environ.get("WAYLOOM_CONFORMANCE_EXAMPLES")

@@ -261,12 +261,17 @@ def test_images_of_another_size_than_the_calibration_are_refused(tmp_path: Path)
 
 
 def test_the_calibration_is_read_by_kitti_360s_own_tools(written: tuple[Path, np.ndarray]) -> None:
-    tools = pytest.importorskip("kitti360scripts.devkits.commons.loadCalibration")
+    from kitti360scripts.devkits.commons.loadCalibration import (
+        loadCalibrationCameraToPose,
+        loadCalibrationRigid,
+        loadPerspectiveIntrinsic,
+    )
+
     folder = written[0] / "calibration"
-    T_pose_cam = tools.loadCalibrationCameraToPose(str(folder / "calib_cam_to_pose.txt"))
+    T_pose_cam = loadCalibrationCameraToPose(str(folder / "calib_cam_to_pose.txt"))
     assert [*T_pose_cam] == ["image_00", "image_01", "image_02", "image_03"]
     T_left_right = np.linalg.inv(T_pose_cam["image_00"]) @ T_pose_cam["image_01"]
     assert T_left_right[:3, 3] == pytest.approx(-np.array(RIG.t_right_left), abs=1e-9)
-    intrinsics = tools.loadPerspectiveIntrinsic(str(folder / "perspective.txt"))
+    intrinsics = loadPerspectiveIntrinsic(str(folder / "perspective.txt"))
     assert intrinsics["P_rect_00"][:3, :3] == pytest.approx(RIG.camera.K)
-    assert tools.loadCalibrationRigid(str(folder / "calib_cam_to_velo.txt")) == pytest.approx(np.linalg.inv(T_CAM_LIDAR))
+    assert loadCalibrationRigid(str(folder / "calib_cam_to_velo.txt")) == pytest.approx(np.linalg.inv(T_CAM_LIDAR))
