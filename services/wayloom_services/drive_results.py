@@ -42,7 +42,7 @@ async def report(drive_id: DriveId, service: ServiceDep) -> Response:
     """The drive's quality report as one page that needs no other file; 404 until it is geo-referenced."""
 
     def read(session: Session) -> tuple[dict[str, Any], str | None]:
-        row = drives.get(session, drive_id)
+        row = drives.shown(session, drive_id)
         return drives_out(session, [row])[0].model_dump(mode="json"), (row.facts or {}).get("quality")
 
     drive, digest = await service.read(read)
@@ -63,7 +63,7 @@ async def events(
     """What became of each attempt at the drive's stages, newest first."""
 
     def read(session: Session) -> History:
-        drives.get(session, drive_id)
+        drives.shown(session, drive_id)
         rows = history.of_drive(session, drive_id, limit, before)
         found = [EventOut.of(row) for row in rows]
         return History(events=found, next=rows[-1].id if len(rows) == limit else None)
@@ -90,7 +90,7 @@ async def cloud(drive_id: DriveId, service: ServiceDep) -> Response:
 @router.get("/log.tar", response_class=Response, responses={200: {"content": {"application/x-tar": {}}}})
 async def log(drive_id: DriveId, service: ServiceDep) -> Response:
     """What the drive has sent, as a tar archive; 409 where its images were deleted or have not arrived."""
-    drive = await service.read(lambda session: drives.get(session, drive_id))
+    drive = await service.read(lambda session: drives.shown(session, drive_id))
     check_kept(drive)
     folder = service.folders.drive(drive_id)
     return StreamingResponse(_tar(folder), headers=as_download(drive.name, "tar"), media_type="application/x-tar")
@@ -98,7 +98,7 @@ async def log(drive_id: DriveId, service: ServiceDep) -> Response:
 
 async def _submaps(drive_id: str, service: Service) -> tuple[Drive, list[SubmapRow]]:
     def read(session: Session) -> tuple[Drive, list[SubmapRow]]:
-        return drives.get(session, drive_id), [*maps.submaps_of(session, drive_id)]
+        return drives.shown(session, drive_id), [*maps.submaps_of(session, drive_id)]
 
     drive, rows = await service.read(read)
     if not rows:

@@ -118,7 +118,7 @@ def _odometry(path: FilePath) -> OdometryResult:
 
 async def _rows(drive_id: str, service: Service) -> tuple[Drive, list[SubmapRow]]:
     def read(session: Session) -> tuple[Drive, list[SubmapRow]]:
-        return drives.get(session, drive_id), [*maps.submaps_of(session, drive_id)]
+        return drives.shown(session, drive_id), [*maps.submaps_of(session, drive_id)]
 
     return await service.read(read)
 

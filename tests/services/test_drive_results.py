@@ -122,6 +122,34 @@ def test_what_needs_images_is_refused_once_they_are_deleted(kept: tuple[ApiAlone
         set_images(kept, "kept")
 
 
+@pytest.mark.parametrize(
+    "path",
+    [
+        "report.html", "history", "trajectory.tum", "cloud.ply", "log.tar", "archive.zip", "keyframes", "keyframes/0/points.webp",
+        "keyframes/0/image.webp", "track", "preview.png", "quality", "quality/track.svg", "runs",
+    ],
+)  # fmt: skip
+def test_a_drive_that_is_being_removed_hands_nothing_out(kept: tuple[ApiAlone, str], path: str) -> None:
+    before = set_state(kept, "removing")
+    try:
+        answer = get(kept, path)
+        assert (answer.status_code, answer.json()["code"]) == (404, "not-found")
+        assert answer.json()["detail"] == f"drive {kept[1][:12]} is being removed"
+        assert httpx2.get(f"{kept[0].url}/v1/drives/{kept[1]}").json()["state"] == "removing"
+    finally:
+        set_state(kept, before)
+
+
+def set_state(kept: tuple[ApiAlone, str], state: str) -> str:
+    """Returns the one before."""
+    database = Database(f"sqlite:///{kept[0].data / 'wayloom.db'}")
+    with database.write() as session:
+        row = drives.get(session, kept[1])
+        before, row.state = row.state, state
+    database.close()
+    return before
+
+
 def set_images(kept: tuple[ApiAlone, str], state: str) -> None:
     database = Database(f"sqlite:///{kept[0].data / 'wayloom.db'}")
     with database.write() as session:

@@ -72,10 +72,18 @@ def register(
 
 
 def get(session: Session, drive_id: str) -> Drive:
-    """The drive. Raises NotFoundError."""
+    """The drive, whatever its state. Raises NotFoundError."""
     drive = session.get(Drive, drive_id)
     if drive is None:
         raise NotFoundError(f"there is no drive {drive_id[:80]!r}")
+    return drive
+
+
+def shown(session: Session, drive_id: str) -> Drive:
+    """The drive, to hand out what it has led to. Raises NotFoundError, also of one that is being removed."""
+    drive = get(session, drive_id)
+    if drive.state == "removing":
+        raise NotFoundError(f"drive {drive_id[:12]} is being removed")
     return drive
 
 

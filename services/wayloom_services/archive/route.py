@@ -45,7 +45,7 @@ async def archive(drive_id: DriveId, service: ServiceDep) -> Response:
 
 def _contents(service: Service, session: Session, drive_id: str) -> DriveContents:
     """All that the database says of the drive, by one transaction. Raises NotFoundError."""
-    row = drives.get(session, drive_id)
+    row = drives.shown(session, drive_id)
     facts, stages = row.facts or {}, service.folders.drive(drive_id) / "stages"
     return DriveContents(
         blobs=service.blobs,
