@@ -7,6 +7,7 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 from fastapi import APIRouter, Depends, Path, Query, Response
+from numpy.typing import NDArray
 
 from wayloom.errors import NotFoundError
 from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
@@ -27,10 +28,24 @@ from wayloom_services.schemas.keyframes import KeyframeList, KeyframeOut
 WEBP: Final[dict[int | str, dict[str, Any]]] = {200: {"content": {"image/webp": {}}}}
 HELD: Final = 12
 """Submaps in memory: whoever scrubs through a drive asks for the same ones again."""
+LISTED: Final = 4096
+"""Submaps whose tables of keyframes are in memory, about a kilobyte each."""
 Number = Annotated[int, Path(ge=0, lt=2**31, description="as the list numbers them")]
 router = APIRouter(
     prefix="/v1/drives/{drive_id}/keyframes", tags=["drives"], dependencies=[Depends(require_key)], responses=PROBLEMS
 )
+
+
+@dataclass(frozen=True, slots=True)
+class _Keyframes:
+    """A submap's K keyframes: frame (K,) of the drive, t_ns (K,) and points (K,), of how many each is the host."""
+
+    frame: NDArray[np.uint32]
+    t_ns: NDArray[np.int64]
+    points: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.frame)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +65,11 @@ async def keyframes(drive_id: DriveId, service: ServiceDep) -> KeyframeList:
     def read() -> list[KeyframeOut]:
         found: list[KeyframeOut] = []
         for row in rows:
-            submap = _submap(service.blobs, row.digest)
-            counts = np.bincount(submap.keyframe, minlength=len(submap.keyframe_frame))
-            for k, (frame, t_ns) in enumerate(zip(submap.keyframe_frame.tolist(), submap.keyframe_t_ns.tolist(), strict=True)):
-                place = [None, None] if k >= len(row.track) else row.track[k]
-                found.append(
-                    KeyframeOut(number=len(found), frame=frame, t_s=t_ns * 1e-9, points=int(counts[k]), lon=place[0], lat=place[1])
-                )
+            listed = _keyframes(service.blobs, row.digest)
+            columns = listed.frame.tolist(), listed.t_ns.tolist(), listed.points.tolist()
+            for k, (frame, t_ns, hosted) in enumerate(zip(*columns, strict=True)):
+                lon, lat = [None, None] if k >= len(row.track) else row.track[k]
+                found.append(KeyframeOut(number=len(found), frame=frame, t_s=t_ns * 1e-9, points=hosted, lon=lon, lat=lat))
         return found
 
     return KeyframeList(
@@ -129,13 +142,21 @@ async def _keyframe(drive_id: str, number: int, service: Service) -> _Found:
     def find() -> _Found:
         left = number
         for row in rows:
-            submap = _submap(service.blobs, row.digest)
-            if left < len(submap.keyframe_frame):
-                return _Found(submap, left, drive.facts)
-            left -= len(submap.keyframe_frame)
+            count = len(_keyframes(service.blobs, row.digest))
+            if left < count:
+                return _Found(_submap(service.blobs, row.digest), left, drive.facts)
+            left -= count
         raise NotFoundError(f"drive {drive_id[:12]} has no keyframe {number}")
 
     return await service.in_thread(find)
+
+
+@lru_cache(maxsize=LISTED)
+def _keyframes(blobs: BlobStore, digest: str) -> _Keyframes:
+    """By copies, so that the submap's bytes can go."""
+    submap = _submap(blobs, digest)
+    points = np.bincount(submap.keyframe, minlength=len(submap.keyframe_frame))
+    return _Keyframes(submap.keyframe_frame.copy(), submap.keyframe_t_ns.copy(), points)
 
 
 @lru_cache(maxsize=HELD)
