@@ -1,8 +1,8 @@
 """Endpoints of a drive's keyframes: when and where they are, what was seen there as points, and their image while that is kept."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path as FilePath
 from typing import Annotated, Any, Final
 
 import numpy as np
@@ -10,11 +10,6 @@ from fastapi import APIRouter, Depends, Path, Query, Response
 from numpy.typing import NDArray
 
 from wayloom.errors import NotFoundError
-from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
-from wayloom.odometry.types import OdometryResult
-from wayloom.pipeline.log_source import LogSource
-from wayloom.reports.keyframe_view import labelled_image, points_view, webp_bytes
-from wayloom.segmentation.keyframe_labels import label_path, read_labels
 from wayloom.store import drives, jobs, maps
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Session
@@ -84,8 +79,7 @@ async def points(drive_id: DriveId, number: Number, service: ServiceDep) -> Resp
     camera = (found.facts.get("log") or {}).get("camera")
     if camera is None:
         raise NotFoundError(f"nothing is known of the camera of drive {drive_id[:12]}")
-    image, _ = await service.in_thread(lambda: points_view(found.submap, found.row, camera))
-    content = await service.in_thread(lambda: webp_bytes(image))
+    content = await service.in_thread(lambda: _points(found, camera))
     return Response(content, headers={"Cache-Control": "private, max-age=600"}, media_type="image/webp")
 
 
@@ -103,30 +97,20 @@ async def image(
     found = await _keyframe(drive_id, number, service)
     frame = int(found.submap.keyframe_frame[found.row])
     keys = await service.read(lambda session: jobs.keys_of_outputs(session, drive_id, ["odometry", "segmentation"]))
-    content = await service.in_thread(lambda: _labelled(service, drive, keys, frame, labels))
+    content = await service.in_thread(lambda: _image(service, drive, keys, frame, labels))
     return Response(content, headers={"Cache-Control": "no-store"}, media_type="image/webp")
 
 
-def _labelled(service: Service, drive: Drive, keys: dict[str, str], frame: int, share: float) -> bytes:
-    folder = service.folders.drive(drive.id)
-    stages = {name: folder / "stages" / name / key for name, key in keys.items()}
-    seen = read_labels(label_path(stages["segmentation"], "left", frame)) if "segmentation" in stages else None
-    if seen is None:
-        raise NotFoundError(f"frame {frame} of drive {drive.id[:12]} has no labels on this disk")
-    manifest = drive.manifest
-    gnss = None if manifest.get("gnss") is None else folder / manifest["gnss"]
-    shown = LogSource(folder / manifest.get("log", "log"), gnss).log.frame(frame).left
-    uv = np.zeros((0, 2))
-    if "odometry" in stages:
-        odometry = _odometry(stages["odometry"] / ODOMETRY_FILE)
-        here = np.flatnonzero(odometry.keyframes.frame == frame)
-        uv = odometry.points.uv_host.astype(np.float64)[np.isin(odometry.points.host, here)]
-    return webp_bytes(labelled_image(shown, seen, uv, share))
+def _points(found: _Found, camera: Mapping[str, Any]) -> bytes:
+    from wayloom_services.keyframe_pictures import picture_of_points
+
+    return picture_of_points(found.submap, found.row, camera)
 
 
-@lru_cache(maxsize=2)
-def _odometry(path: FilePath) -> OdometryResult:
-    return load_odometry(path)
+def _image(service: Service, drive: Drive, keys: Mapping[str, str], frame: int, share: float) -> bytes:
+    from wayloom_services.keyframe_pictures import picture_of_image
+
+    return picture_of_image(service.folders.drive(drive.id), drive, keys, frame, share)
 
 
 async def _rows(drive_id: str, service: Service) -> tuple[Drive, list[SubmapRow]]:
