@@ -36,7 +36,7 @@ while True:
     with suppress(DatabaseError):
         notify(open_jobs(context.database))
 """
-"""Sends the message of every job that is queued or runs, again and again: what a broker does at its worst. As text, for it runs by what
+"""Sends the message of every job that is queued or runs, again and again: what a broker does at its worst. As text: it runs by what
 the deployment has installed."""
 
 
