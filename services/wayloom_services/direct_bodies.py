@@ -9,6 +9,7 @@ import mmap
 import select
 import socket
 import time
+from collections import deque
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Final, Self
@@ -17,6 +18,8 @@ from fastapi import Request
 
 BUFFER: Final = 1 << 20
 """Whole buffers are stored, and pieces are parts of them: no byte waits for the other half of its piece."""
+BUFFERS: Final = 4
+"""So far receiving may be ahead of storing: with two, each waits for the other one's slowest moments."""
 TURN: Final = 32 << 20
 TURN_S: Final = 0.25
 """Bytes, and seconds, after which a thread is given to the next request that waits for one."""
@@ -40,7 +43,7 @@ class LentSocket:
 
 
 class DirectBody:
-    """Two buffers: one is filled from the socket while what is in the other one is stored by a thread of its own.
+    """Buffers that are filled from the socket while those before are stored by a thread of its own.
 
     left    bytes of the body that are not received yet
     broken  the connection has ended before the body has
@@ -49,11 +52,13 @@ class DirectBody:
     def __init__(self, lent: LentSocket, link: socket.socket, early: bytes, left: int, store: Callable[[memoryview], None]) -> None:
         self.left, self.broken = left, False
         self._lent, self._link, self._store = lent, link, store
-        self._filling, self._other = (memoryview(mmap.mmap(-1, BUFFER)) for _ in range(2))  # pages, as direct writing wants them
+        self._filling, *others = (memoryview(mmap.mmap(-1, BUFFER)) for _ in range(BUFFERS))  # pages, as direct writing wants them
+        self._free = deque(others)
         self._filling[: len(early)] = early
         self._filled = len(early)
         self._thread = ThreadPoolExecutor(1)
-        self._storing: Future[None] | None = None
+        self._storing: deque[tuple[Future[None], memoryview]] = deque()
+        self._failed = False
         self._poll = select.poll()
         self._poll.register(link, select.POLLIN)
 
@@ -102,7 +107,8 @@ class DirectBody:
         """Store what has come. Blocking. Raises what storing raises."""
         if self._filled:
             self._hand_over()
-        self._wait()
+        while self._storing:
+            self._wait_for_first()
 
     def give_back(self) -> None:
         """Nothing is stored any more, the server has its socket again. From the event loop; `settle` first."""
@@ -114,15 +120,24 @@ class DirectBody:
         self._thread.shutdown()
 
     def _hand_over(self) -> None:
-        self._wait()
-        content = self._filling[: self._filled]
-        self._filling, self._other, self._filled = self._other, self._filling, 0
-        self._storing = self._thread.submit(self._store, content)
+        self._storing.append((self._thread.submit(self._store_in_turn, self._filling[: self._filled]), self._filling))
+        self._filled = 0
+        if not self._free:
+            self._wait_for_first()
+        self._filling = self._free.popleft()
 
-    def _wait(self) -> None:
-        if self._storing is not None:
-            storing, self._storing = self._storing, None
-            storing.result()
+    def _store_in_turn(self, content: memoryview) -> None:
+        """Nothing behind bytes that could not be stored."""
+        if self._failed:
+            return
+        self._failed = True
+        self._store(content)
+        self._failed = False
+
+    def _wait_for_first(self) -> None:
+        storing, buffer = self._storing.popleft()
+        self._free.append(buffer)
+        storing.result()
 
 
 def _tell(ready: "asyncio.Future[None]") -> None:

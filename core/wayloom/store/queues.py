@@ -33,6 +33,6 @@ def celery_settings(broker_url: str) -> dict[str, Any]:
             "max_retries": 3,
         },
         "task_default_queue": REMOVAL.queue,
-        "task_publish_retry_policy": {"max_retries": 2, "interval_start": 0.1, "interval_step": 0.2, "interval_max": 0.5},
+        "task_publish_retry_policy": {"max_retries": 1, "interval_start": 0},  # a new connection at once; whoever asked waits
         "worker_hijack_root_logger": False,
     }
