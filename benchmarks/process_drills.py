@@ -31,6 +31,7 @@ from sqlalchemy import select
 from pages import DOCS, put_between_marks
 from service_kit import postgres
 from wayloom.client.selftest.embedded import EmbeddedHands
+from wayloom.client.selftest.process_drills import REPEATED, SWEEPER
 from wayloom.client.selftest.trial import Trial, small_drives
 from wayloom.config.stages import drive_stages, map_stages
 from wayloom.store.database import Database, DatabaseError
@@ -233,7 +234,7 @@ def main() -> None:
         trial.finish()
         stages.learn()
         trial.forget()
-        with hands.beside("repeat"), hands.beside("sweep"):
+        with hands.beside("-c", REPEATED), hands.beside(*SWEEPER):
             while time.monotonic() - began < 60 * arguments.minutes and tally.of("worker killed") < arguments.kills:
                 kinds = faults if arguments.mixed or tally.rounds % 3 == 2 else faults[:2] if tally.rounds % 3 == 1 else faults[:1]
                 try:

@@ -9,11 +9,12 @@ import hashlib
 import mimetypes
 import re
 from dataclasses import dataclass
-from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from threading import Lock
 from typing import Final
 
+import anyio.to_thread
 from starlette._utils import get_route_path
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -51,11 +52,12 @@ class Assets:
         for name in sorted(self._names):
             digest.update(name.encode() + b"\0" + (folder / name).read_bytes())
         self.prefix = f"~{digest.hexdigest()[:12]}"
-        self._asset = cache(self._read)
+        self._held: dict[str, Asset] = {}
+        self._lock = Lock()
 
-    def page(self, name: str, request: Request) -> Response:
+    async def page(self, name: str, request: Request) -> Response:
         """A page by its name, asked for each time."""
-        return self._answer(f"{PAGES}/{name}.html", EACH_TIME, request)
+        return await self._answer(f"{PAGES}/{name}.html", EACH_TIME, request)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request below the place where this is mounted. Raises HTTPException."""
@@ -66,12 +68,15 @@ class Assets:
         known = name.startswith(f"{self.prefix}/")
         if name.startswith("~"):
             name = name.partition("/")[2]
-        await self._answer(name, FOR_GOOD if known else EACH_TIME, request)(scope, receive, send)
+        answer = await self._answer(name, FOR_GOOD if known else EACH_TIME, request)
+        await answer(scope, receive, send)
 
-    def _answer(self, name: str, keep: str, request: Request) -> Response:
+    async def _answer(self, name: str, keep: str, request: Request) -> Response:
         if name not in self._names:
             raise HTTPException(404)
-        asset = self._asset(name)
+        asset = self._held.get(name)
+        if asset is None:
+            asset = await anyio.to_thread.run_sync(self._made, name)
         headers = {"ETag": asset.tag, "Cache-Control": keep, "Vary": "Accept-Encoding"}
         if asset.tag in [one.strip().removeprefix("W/") for one in request.headers.get("if-none-match", "").split(",")]:
             return Response(status_code=304, headers=headers)
@@ -79,6 +84,13 @@ class Assets:
         if asset.compressed is not None and "gzip" in request.headers.get("accept-encoding", ""):
             body, headers["Content-Encoding"] = asset.compressed, "gzip"
         return Response(body, headers=headers, media_type=asset.media_type)
+
+    def _made(self, name: str) -> Asset:
+        """The file as it is sent, made once: it takes some tens of milliseconds to compress one."""
+        with self._lock:
+            if name not in self._held:
+                self._held[name] = self._read(name)
+            return self._held[name]
 
     def _read(self, name: str) -> Asset:
         content, suffix = (self._folder / name).read_bytes(), Path(name).suffix

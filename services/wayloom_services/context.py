@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 FILE_THREADS = 16
+BODY_THREADS = 16
+"""Threads that receive large bodies, beside those that everything else needs: however many bodies come, a query waits for none."""
 SIGN_INS = (0.2, 10)
 """Tries of one address: a second in the long run, and at once before that counts."""
 HASHES_AT_ONCE = 2
@@ -43,7 +45,7 @@ HASHES_AT_ONCE = 2
 class Service:
     """Shared resources of the endpoints: settings, database, blobs, notifier of the workers, metrics, look-ups of tiles, blobs held
     in memory; of access the callers, the audit log's trail, rates of known callers, of strangers and of sign-ins by address, the
-    OpenID provider where there is one; of uploads the running digests, locks, threads."""
+    OpenID provider where there is one; of uploads the running digests, locks, threads for bodies; threads for all else."""
 
     settings: ServiceSettings
     database: Database
@@ -62,11 +64,16 @@ class Service:
     hashing: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(HASHES_AT_ONCE))
     digests: RunningDigests = field(default_factory=RunningDigests)
     locks: UploadLocks = field(default_factory=UploadLocks)
+    bodies: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(BODY_THREADS))
     threads: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(FILE_THREADS))
 
     async def in_thread(self, work: Callable[[], T]) -> T:
         """Run blocking work in one of a fixed number of threads."""
         return await anyio.to_thread.run_sync(work, limiter=self.threads)
+
+    async def for_body(self, work: Callable[[], T]) -> T:
+        """Receive or store a large body's bytes in one of the threads that do nothing else."""
+        return await anyio.to_thread.run_sync(work, limiter=self.bodies)
 
     async def read(self, query: Callable[[Session], T]) -> T:
         """Run a query in a read-only transaction."""

@@ -8,6 +8,7 @@ import asyncio
 import mmap
 import select
 import socket
+import time
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Final, Self
@@ -17,7 +18,8 @@ from fastapi import Request
 BUFFER: Final = 1 << 20
 """Whole buffers are stored, and pieces are parts of them: no byte waits for the other half of its piece."""
 TURN: Final = 32 << 20
-"""Bytes after which a thread is given to the next request that waits for one."""
+TURN_S: Final = 0.25
+"""Bytes, and seconds, after which a thread is given to the next request that waits for one."""
 IDLE_MS: Final = 20
 """Nothing comes for so long: the thread is given back."""
 LEAST: Final = 256 << 10
@@ -80,8 +82,8 @@ class DirectBody:
     def receive(self, is_asked: Callable[[], bool]) -> None:
         """Receive and store what comes until nothing does for a moment. Where somebody else has asked for the upload, what has come
         is taken, and nothing is waited for. Blocking. Raises what storing raises."""
-        last = max(0, self.left - TURN)
-        while self.left > last and not self.broken:
+        last, until = max(0, self.left - TURN), time.monotonic() + TURN_S
+        while self.left > last and not self.broken and time.monotonic() < until:
             room = min(BUFFER - self._filled, self.left)
             try:
                 come = self._link.recv_into(self._filling[self._filled :], room)

@@ -106,7 +106,7 @@ async def one(drive_id: DriveId, service: ServiceDep) -> DriveOut:
 @router.get("/{drive_id}/track")
 async def track(drive_id: DriveId, service: ServiceDep) -> Feature:
     """Track of the drive as a GeoJSON LineString in WGS84, cut at the antimeridian; no geometry until it is geo-referenced."""
-    drive = await service.read(lambda session: drives.get(session, drive_id))
+    drive = await service.read(lambda session: drives.shown(session, drive_id))
     geometry = line_geometry(drive.track) if drive.track else None
     return Feature(geometry=geometry, properties={"id": drive.id, "name": drive.name, "state": drive.state})
 
@@ -114,7 +114,7 @@ async def track(drive_id: DriveId, service: ServiceDep) -> Feature:
 @router.get("/{drive_id}/preview.png", response_class=Response, responses={200: {"content": {"image/png": {}}}})
 async def preview(drive_id: DriveId, service: ServiceDep) -> Response:
     """The drive's labelled points from above, in its own plane; 404 until its submaps are cut."""
-    drive = await service.read(lambda session: drives.get(session, drive_id))
+    drive = await service.read(lambda session: drives.shown(session, drive_id))
     digest = drive.facts.get("preview")
     if digest is None:
         raise ProtocolError(404, "not-found", f"drive {drive_id[:12]} has no picture yet: its submaps are not cut")
@@ -197,7 +197,7 @@ async def runs_of_drive(drive_id: DriveId, service: ServiceDep) -> RunList:
     """The runs whose submaps the map has or had: for each stage its key, code, libraries and settings."""
 
     def read(session: Session) -> RunList:
-        drives.get(session, drive_id)
+        drives.shown(session, drive_id)
         return RunList(runs=[run_detail(run) for run in runs.of_drives(session, [drive_id])[drive_id]])
 
     return await service.read(read)
@@ -214,7 +214,7 @@ async def remove(drive_id: DriveId, service: ServiceDep) -> DriveOut:
 
 
 async def _quality(drive_id: str, service: Service) -> dict[str, Any]:
-    drive = await service.read(lambda session: drives.get(session, drive_id))
+    drive = await service.read(lambda session: drives.shown(session, drive_id))
     digest = drive.facts.get("quality")
     if digest is None:
         raise ProtocolError(404, "not-found", f"drive {drive_id[:12]} has no quality report yet: it is not geo-referenced")

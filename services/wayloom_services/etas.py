@@ -12,11 +12,15 @@ from wayloom_services.schemas.drives import EtaOut, StageOut
 NOTHING_LEARNT: Final[Learnt] = MappingProxyType({})
 
 
-def eta_of(drive: Drive, stages: Sequence[StageOut], usual: Mapping[str, float], learnt: Learnt) -> EtaOut | None:
-    """From what is left of each stage; None where nobody works on the drive. usual : s by stage, of those that were ever done."""
+def etas_of(
+    drive: Drive, stages: Sequence[StageOut], usual: Mapping[str, float], learnt: Learnt
+) -> tuple[float | None, EtaOut | None]:
+    """Seconds as one number, None where a stage to come was never seen, and as an interval; None where nobody works on the drive.
+    usual : s by stage, of those that were ever done"""
     at_work = drive.state in ("queued", "running", "stitching") or drive.coming is not None
     if not at_work or (drive.coming or {}).get("error"):
-        return None
+        return None, None
     found = estimate(stages, usual, frames_of(drive), learnt)
-    low, high, rough = (0.0, 0.0, False) if found is None else (found.low_s, found.high_s, found.rough)
-    return EtaOut(low_s=low, high_s=high, rough=rough)
+    if found is None:
+        return 0.0, EtaOut(low_s=0.0, high_s=0.0, rough=False)
+    return None if found.rough else found.expected_s, EtaOut(low_s=found.low_s, high_s=found.high_s, rough=found.rough)

@@ -122,9 +122,10 @@ router = APIRouter(prefix="/v1", tags=["events"], dependencies=[Depends(require_
 
 @router.get("/events", response_class=EventSourceResponse, responses={200: {"content": {"text/event-stream": {}}}})
 async def events(request: Request, service: ServiceDep) -> EventSourceResponse:
-    """Server-sent events: `drive` (as /v1/drives shows it), `removed` (id), `map` (id and version): first all, then changes. Then
-    also `tiles`, for each version that is published: `map`, `version`, the tiles that it `changed` and those `gone`, by layer as
-    "z/x/y", and their `count`; of more than 5000 none is named, `whole` is false, and `versions/{n}/changes` has them. A vehicle
-    hears of its own drives alone. The stream ends soon after its key or session does."""
+    """Server-sent events: `drive` (as /v1/drives shows it), `removed` (id), both of the 200 drives that were announced last, and
+    `map` (id and version): first all, then changes. Then also `tiles`, for each version that is published: `map`, `version`, the
+    tiles that it `changed` and those `gone`, by layer as "z/x/y", and their `count`; of more than 5000 none is named, `whole` is
+    false, and `versions/{n}/changes` has them. A vehicle hears of its own drives alone. The stream ends soon after its key or
+    session does."""
     feed: Feed = request.app.state.feed
     return EventSourceResponse(stream_for(request, service, feed.listen()), ping=15)

@@ -1,19 +1,15 @@
 """Endpoints of a drive's keyframes: when and where they are, what was seen there as points, and their image while that is kept."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path as FilePath
 from typing import Annotated, Any, Final
 
 import numpy as np
 from fastapi import APIRouter, Depends, Path, Query, Response
+from numpy.typing import NDArray
 
 from wayloom.errors import NotFoundError
-from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
-from wayloom.odometry.types import OdometryResult
-from wayloom.pipeline.log_source import LogSource
-from wayloom.reports.keyframe_view import labelled_image, points_view, webp_bytes
-from wayloom.segmentation.keyframe_labels import label_path, read_labels
 from wayloom.store import drives, jobs, maps
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Session
@@ -27,10 +23,24 @@ from wayloom_services.schemas.keyframes import KeyframeList, KeyframeOut
 WEBP: Final[dict[int | str, dict[str, Any]]] = {200: {"content": {"image/webp": {}}}}
 HELD: Final = 12
 """Submaps in memory: whoever scrubs through a drive asks for the same ones again."""
+LISTED: Final = 4096
+"""Submaps whose tables of keyframes are in memory, about a kilobyte each."""
 Number = Annotated[int, Path(ge=0, lt=2**31, description="as the list numbers them")]
 router = APIRouter(
     prefix="/v1/drives/{drive_id}/keyframes", tags=["drives"], dependencies=[Depends(require_key)], responses=PROBLEMS
 )
+
+
+@dataclass(frozen=True, slots=True)
+class _Keyframes:
+    """A submap's K keyframes: frame (K,) of the drive, t_ns (K,) and points (K,), of how many each is the host."""
+
+    frame: NDArray[np.uint32]
+    t_ns: NDArray[np.int64]
+    points: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.frame)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +60,11 @@ async def keyframes(drive_id: DriveId, service: ServiceDep) -> KeyframeList:
     def read() -> list[KeyframeOut]:
         found: list[KeyframeOut] = []
         for row in rows:
-            submap = _submap(service.blobs, row.digest)
-            counts = np.bincount(submap.keyframe, minlength=len(submap.keyframe_frame))
-            for k, (frame, t_ns) in enumerate(zip(submap.keyframe_frame.tolist(), submap.keyframe_t_ns.tolist(), strict=True)):
-                place = [None, None] if k >= len(row.track) else row.track[k]
-                found.append(
-                    KeyframeOut(number=len(found), frame=frame, t_s=t_ns * 1e-9, points=int(counts[k]), lon=place[0], lat=place[1])
-                )
+            listed = _keyframes(service.blobs, row.digest)
+            columns = listed.frame.tolist(), listed.t_ns.tolist(), listed.points.tolist()
+            for k, (frame, t_ns, hosted) in enumerate(zip(*columns, strict=True)):
+                lon, lat = [None, None] if k >= len(row.track) else row.track[k]
+                found.append(KeyframeOut(number=len(found), frame=frame, t_s=t_ns * 1e-9, points=hosted, lon=lon, lat=lat))
         return found
 
     return KeyframeList(
@@ -71,8 +79,7 @@ async def points(drive_id: DriveId, number: Number, service: ServiceDep) -> Resp
     camera = (found.facts.get("log") or {}).get("camera")
     if camera is None:
         raise NotFoundError(f"nothing is known of the camera of drive {drive_id[:12]}")
-    image, _ = await service.in_thread(lambda: points_view(found.submap, found.row, camera))
-    content = await service.in_thread(lambda: webp_bytes(image))
+    content = await service.in_thread(lambda: _points(found, camera))
     return Response(content, headers={"Cache-Control": "private, max-age=600"}, media_type="image/webp")
 
 
@@ -90,35 +97,25 @@ async def image(
     found = await _keyframe(drive_id, number, service)
     frame = int(found.submap.keyframe_frame[found.row])
     keys = await service.read(lambda session: jobs.keys_of_outputs(session, drive_id, ["odometry", "segmentation"]))
-    content = await service.in_thread(lambda: _labelled(service, drive, keys, frame, labels))
+    content = await service.in_thread(lambda: _image(service, drive, keys, frame, labels))
     return Response(content, headers={"Cache-Control": "no-store"}, media_type="image/webp")
 
 
-def _labelled(service: Service, drive: Drive, keys: dict[str, str], frame: int, share: float) -> bytes:
-    folder = service.folders.drive(drive.id)
-    stages = {name: folder / "stages" / name / key for name, key in keys.items()}
-    seen = read_labels(label_path(stages["segmentation"], "left", frame)) if "segmentation" in stages else None
-    if seen is None:
-        raise NotFoundError(f"frame {frame} of drive {drive.id[:12]} has no labels on this disk")
-    manifest = drive.manifest
-    gnss = None if manifest.get("gnss") is None else folder / manifest["gnss"]
-    shown = LogSource(folder / manifest.get("log", "log"), gnss).log.frame(frame).left
-    uv = np.zeros((0, 2))
-    if "odometry" in stages:
-        odometry = _odometry(stages["odometry"] / ODOMETRY_FILE)
-        here = np.flatnonzero(odometry.keyframes.frame == frame)
-        uv = odometry.points.uv_host.astype(np.float64)[np.isin(odometry.points.host, here)]
-    return webp_bytes(labelled_image(shown, seen, uv, share))
+def _points(found: _Found, camera: Mapping[str, Any]) -> bytes:
+    from wayloom_services.keyframe_pictures import picture_of_points
+
+    return picture_of_points(found.submap, found.row, camera)
 
 
-@lru_cache(maxsize=2)
-def _odometry(path: FilePath) -> OdometryResult:
-    return load_odometry(path)
+def _image(service: Service, drive: Drive, keys: Mapping[str, str], frame: int, share: float) -> bytes:
+    from wayloom_services.keyframe_pictures import picture_of_image
+
+    return picture_of_image(service.folders.drive(drive.id), drive, keys, frame, share)
 
 
 async def _rows(drive_id: str, service: Service) -> tuple[Drive, list[SubmapRow]]:
     def read(session: Session) -> tuple[Drive, list[SubmapRow]]:
-        return drives.get(session, drive_id), [*maps.submaps_of(session, drive_id)]
+        return drives.shown(session, drive_id), [*maps.submaps_of(session, drive_id)]
 
     return await service.read(read)
 
@@ -129,13 +126,21 @@ async def _keyframe(drive_id: str, number: int, service: Service) -> _Found:
     def find() -> _Found:
         left = number
         for row in rows:
-            submap = _submap(service.blobs, row.digest)
-            if left < len(submap.keyframe_frame):
-                return _Found(submap, left, drive.facts)
-            left -= len(submap.keyframe_frame)
+            count = len(_keyframes(service.blobs, row.digest))
+            if left < count:
+                return _Found(_submap(service.blobs, row.digest), left, drive.facts)
+            left -= count
         raise NotFoundError(f"drive {drive_id[:12]} has no keyframe {number}")
 
     return await service.in_thread(find)
+
+
+@lru_cache(maxsize=LISTED)
+def _keyframes(blobs: BlobStore, digest: str) -> _Keyframes:
+    """By copies, so that the submap's bytes can go."""
+    submap = _submap(blobs, digest)
+    points = np.bincount(submap.keyframe, minlength=len(submap.keyframe_frame))
+    return _Keyframes(submap.keyframe_frame.copy(), submap.keyframe_t_ns.copy(), points)
 
 
 @lru_cache(maxsize=HELD)

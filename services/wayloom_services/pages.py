@@ -19,41 +19,41 @@ def assets() -> Assets:
 @router.get("/")
 async def dashboard(request: Request) -> Response:
     """Map and list of drives."""
-    return assets().page("index", request)
+    return await assets().page("index", request)
 
 
 @router.get("/3d")
 async def view3d(request: Request) -> Response:
     """The map's points in 3D."""
-    return assets().page("view3d", request)
+    return await assets().page("view3d", request)
 
 
 @router.get("/sign-in")
 async def sign_in(request: Request) -> Response:
     """Where people say who they are."""
-    return assets().page("sign-in", request)
+    return await assets().page("sign-in", request)
 
 
 @router.get("/fleet")
 async def fleet(request: Request) -> Response:
     """Vehicles, queues, workers, storage."""
-    return assets().page("fleet", request)
+    return await assets().page("fleet", request)
 
 
 @router.get("/areas")
 async def areas(request: Request) -> Response:
     """Excluded areas."""
-    return assets().page("areas", request)
+    return await assets().page("areas", request)
 
 
 @router.get("/access")
 async def access(request: Request) -> Response:
     """Keys and audit log."""
-    return assets().page("access", request)
+    return await assets().page("access", request)
 
 
 @router.get("/drives/{drive_id}")
 async def drive(drive_id: DriveId, request: Request) -> Response:
     """One drive."""
     del drive_id
-    return assets().page("drive", request)
+    return await assets().page("drive", request)

@@ -108,16 +108,16 @@ async def _pour_directly(body: DirectBody, service: Service, expiry: "_Expiry", 
     try:
         try:
             async for _ in hold.chunks(body.readable(), service.settings.body_pause_s):
-                await _until_done(service.in_thread(lambda: body.receive(hold.is_asked)))
+                await _until_done(service.for_body(lambda: body.receive(hold.is_asked)))
                 await expiry.put_off()
         except ProtocolError:
-            await _until_done(service.in_thread(lambda: body.receive(hold.is_asked)))
-            await _until_done(service.in_thread(body.flush))
+            await _until_done(service.for_body(lambda: body.receive(hold.is_asked)))
+            await _until_done(service.for_body(body.flush))
             raise
-        await _until_done(service.in_thread(body.flush))
+        await _until_done(service.for_body(body.flush))
     finally:
         try:
-            await _until_done(service.in_thread(body.settle))
+            await _until_done(service.for_body(body.settle))
         finally:
             body.give_back()
     return not body.broken

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from wayloom.config.stages import drive_stages, map_stages
 from wayloom.pipeline.digests import sha256_of_json
-from wayloom.reports.drive_warnings import served_warnings
+from wayloom.reports.drive_warnings import noted_warnings
 from wayloom.store import drives, maps
 from wayloom.store.coming import shown_verdict
 from wayloom.store.database import Session
@@ -16,7 +16,7 @@ from wayloom.store.etas.intervals import Learnt
 from wayloom.store.gate import STATE_OUTSIDE, passes
 from wayloom.store.tables.drives import Drive, DriveRun, Job, SubmapRow
 from wayloom.store.tables.maps import MapVersion
-from wayloom_services.etas import NOTHING_LEARNT, eta_of
+from wayloom_services.etas import NOTHING_LEARNT, etas_of
 from wayloom_services.schemas.drives import DriveOut, LossOut, MapVerdictOut, QualityOut, ReleaseOut, ReprocessOut, StageOut
 from wayloom_services.schemas.lineage import MadeBy, NetworkOut, RunDetail, RunOut
 from wayloom_services.schemas.maps import SubmapOut, VersionOut
@@ -40,14 +40,15 @@ def drive_out(
     now = time.time()
     stages = _stages(drive, jobs, now)
     is_over = drive.coming is None and drive.state in STATE_OUTSIDE.values()
+    eta_s, eta = etas_of(drive, stages, usual, learnt)
     current = next((stage for stage in stages if stage.state not in ("done",)), None)
     return DriveOut(
         id=drive.id, name=drive.name, vehicle_id=drive.vehicle_id, map_id=drive.map_id, state=drive.state,
         error=drive.error,
         note=_note(drive), quality=_quality(drive), reprocess=_reprocess(drive),
         stage=None if current is None or is_over or drive.state in ("uploading", "removing") else current.stage,
-        progress=_share_done(drive, stages, received), eta_s=_eta(drive, stages, usual),
-        eta=eta_of(drive, stages, usual, learnt), warnings=_warnings(drive), stages=stages, files=drive.file_count,
+        progress=_share_done(drive, stages, received), eta_s=eta_s,
+        eta=eta, warnings=_warnings(drive), stages=stages, files=drive.file_count,
         bytes=drive.byte_count, received_files=received.files, received_bytes=received.bytes, placed=drive.placed,
         images=ImagesOut.model_validate({"state": drive.images, "since": drive.images_since}),
         facts=drive.facts, created_at=drive.created_at, uploaded_at=drive.uploaded_at, finished_at=drive.finished_at,
@@ -56,7 +57,7 @@ def drive_out(
 
 def _warnings(drive: Drive) -> list[str]:
     """Of the result that is shown; of a drive that is being removed none."""
-    return [] if drive.state == "removing" else served_warnings(drive.facts or {})
+    return [] if drive.state == "removing" else noted_warnings(drive.facts or {})
 
 
 def _quality(drive: Drive) -> QualityOut | None:
@@ -187,19 +188,3 @@ def _share_done(drive: Drive, stages: Sequence[StageOut], received: Received) ->
     if drive.state == "uploading":
         return received.bytes / drive.byte_count if drive.byte_count else 0.0
     return sum(stage.progress for stage in stages) / len(stages)
-
-
-def _eta(drive: Drive, stages: Sequence[StageOut], usual: Mapping[str, float]) -> float | None:
-    """Remaining time: the running stage by its own pace, the following ones by their usual duration."""
-    at_work = drive.state in ("queued", "running", "stitching") or drive.coming is not None
-    if not at_work or (drive.coming or {}).get("error"):
-        return None
-    rest = 0.0
-    for stage in stages:
-        if stage.state == "running" and stage.seconds and stage.progress > 0.02:
-            rest += stage.seconds * (1 - stage.progress) / stage.progress
-        elif stage.state != "done":
-            if stage.stage not in usual:
-                return None
-            rest += usual[stage.stage]
-    return rest

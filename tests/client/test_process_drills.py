@@ -15,7 +15,7 @@ from service_kit.running import ROOT, environment
 from wayloom.client.selftest.compose import ComposeHands
 from wayloom.client.selftest.embedded import EmbeddedHands
 from wayloom.client.selftest.hands import NotTriedError
-from wayloom.client.selftest.process_drills import PROCESS_DRILLS, drilled
+from wayloom.client.selftest.process_drills import PROCESS_DRILLS, REPEATED, drilled
 from wayloom.client.selftest.report import Verdict
 from wayloom.client.selftest.trial import Trial, small_drives
 from wayloom.config.stages import drive_stages
@@ -103,7 +103,7 @@ def test_compose_is_asked_for_what_the_drills_do(monkeypatch: pytest.MonkeyPatch
     hands.hold_workers(135.0)
     hands.wipe_broker()
     hands.restart_database()
-    with hands.beside("repeat"):
+    with hands.beside("-m", "wayloom_workers", "sweep"):
         pass
     base = "docker compose -f stack.yml"
     assert docker.commands == [
@@ -117,10 +117,19 @@ def test_compose_is_asked_for_what_the_drills_do(monkeypatch: pytest.MonkeyPatch
         f"{base} exec -T broker valkey-cli FLUSHALL",
         f"{base} kill --signal SIGKILL database",
         f"{base} start database",
-        f"{base} exec -T -d sweeper timeout 600 python -m wayloom_workers repeat",
+        f"{base} exec -T -d sweeper timeout 600 python -m wayloom_workers sweep",
         f"{base} kill --signal SIGKILL sweeper",
         f"{base} start sweeper",
     ]
+
+
+def test_messages_are_repeated_by_the_drills_alone(hands: EmbeddedHands) -> None:
+    """The production entry point does not know how; what the drill runs instead does not end by itself."""
+    command = [sys.executable, "-m", "wayloom_workers", "repeat"]
+    refused = subprocess.run(command, env=hands.environment, capture_output=True, text=True, check=False)
+    assert (refused.returncode, "invalid choice: 'repeat'" in refused.stderr) == (2, True)
+    with pytest.raises(subprocess.TimeoutExpired):
+        subprocess.run([sys.executable, "-c", REPEATED], env=hands.environment, check=False, timeout=6.0)
 
 
 def test_what_would_harm_others_on_a_machine_of_containers_is_not_tried() -> None:

@@ -28,12 +28,19 @@ def test_whole_settings_are_taken_and_ask_for_access() -> None:
     assert not ServiceSettings().is_closed
 
 
+@pytest.mark.parametrize("given", ["map-admins = admin", " map-admins=admin ", "map-admins\t= admin"])
+def test_blanks_around_values_and_roles_are_no_part_of_them(given: str) -> None:
+    access = AccessSettings(**{**WHOLE, "oidc_roles": (given,)})  # type: ignore[arg-type]
+    assert access.role_of_claim == {"map-admins": Role.ADMIN}
+
+
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
         ({"oidc_client_id": None}, "oidc_client_id"), ({"oidc_client_secret": None}, "either"),
         ({"oidc_client_secret_file": Path("x")}, "either"), ({"oidc_roles": ()}, "nobody could sign in"),
         ({"oidc_roles": ("a=vehicle",)}, "no role of a person"), ({"oidc_roles": ("admin",)}, "VALUE=ROLE"),
+        ({"oidc_roles": ("a = boss",)}, "'a = boss' gives no role of a person"), ({"oidc_roles": (" = admin",)}, "VALUE=ROLE"),
         ({"oidc_default_role": "vehicle"}, "no role of a person"), ({"oidc_scope": "profile"}, "openid"),
         ({"oidc_issuer": "http://sso.example"}, "https"), ({"oidc_issuer": "sso.example"}, "https"),
     ],

@@ -2,6 +2,7 @@
 
 import os
 import socket
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,11 +17,13 @@ from wayloom.store.uploads import Part, open_past_cache, write_past_cache
 
 MIB = 1 << 20
 SIZE = 5 * MIB + 12_345
+PAUSE_S = 6
+"""After which a body of which nothing comes is given up."""
 
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ApiAlone]:
-    alone = ApiAlone(tmp_path_factory.mktemp("direct") / "data", WAYLOOM_BODY_PAUSE_S="2")
+    alone = ApiAlone(tmp_path_factory.mktemp("direct") / "data", WAYLOOM_BODY_PAUSE_S=str(PAUSE_S))
     with httpx2.Client(base_url=alone.url, trust_env=False, timeout=30.0) as client:
         until(lambda: client.get("/healthz"))
     yield alone
@@ -87,8 +90,10 @@ def test_a_large_chunk_whose_link_breaks_leaves_its_whole_pieces(server: ApiAlon
     content = os.urandom(SIZE)
     _, address = begin(http, "breaks", content)
     sent = 3 * MIB + 70_000
+    whole = sent - sent % 65536
     link_with(server, address, content, sent).close()
-    assert tus.offset(http, address) == sent - sent % 65536
+    until(lambda: stored_so_far(server, address) >= whole)  # whoever asks before takes over what has come until then
+    assert tus.offset(http, address) == whole
 
 
 def test_a_large_chunk_that_is_under_way_is_taken_over_by_whoever_asks_for_the_offset(
@@ -100,11 +105,35 @@ def test_a_large_chunk_that_is_under_way_is_taken_over_by_whoever_asks_for_the_o
         until(lambda: stored_so_far(server, address) >= MIB)
         started = time.monotonic()
         assert tus.offset(http, address) == 2 * MIB
-        assert time.monotonic() - started < 1.9  # not by the pause after which a body is given up
+        assert time.monotonic() - started < PAUSE_S - 1  # not by the pause after which a body is given up
         assert link.recv(10_000).startswith(b"HTTP/1.1 423")
     rest = content[2 * MIB :]
     assert tus.patch(http, address, 2 * MIB, rest).status_code == 204
     assert stored(server, drive) == content
+
+
+def test_bodies_that_trickle_hold_up_no_query(server: ApiAlone, http: httpx2.Client) -> None:
+    content = os.urandom(SIZE)
+    links = [link_with(server, begin(http, f"trickles {i}", content)[1], content, 1000) for i in range(24)]
+    ended = threading.Event()
+
+    def trickle() -> None:
+        while not ended.is_set():
+            for link in links:
+                link.sendall(b"0")
+            ended.wait(0.005)
+
+    trickling = threading.Thread(target=trickle)
+    trickling.start()
+    try:
+        time.sleep(0.5)  # longer than a turn
+        answers = [http.get("/v1/drives", timeout=5.0).status_code for _ in range(10)]
+    finally:
+        ended.set()
+        trickling.join()
+        for link in links:
+            link.close()
+    assert answers == [200] * 10
 
 
 def test_a_connection_whose_large_chunk_was_refused_serves_the_next_request(server: ApiAlone, http: httpx2.Client) -> None:

@@ -21,6 +21,7 @@ from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.history import note_event
 from wayloom.store.tables.drives import DriveEstimate
+from wayloom_services.keyframes import HELD
 from wayloom_workers.submap_rows import submap_row
 from workers.test_stitching import placed
 
@@ -111,6 +112,25 @@ def test_keyframes_are_listed_and_their_points_drawn_without_persons(kept: tuple
     assert get(kept, "keyframes/0/image.webp").status_code == 404  # its labels are not there: no stage has run
 
 
+def test_the_picture_of_a_keyframe_opens_its_own_submap_alone_once_the_list_is_known(kept: tuple[ApiAlone, str]) -> None:
+    """Scrubbing would be quadratic otherwise: the submaps before it are gone from the store here, and from memory."""
+    data = kept[0].data
+    with httpx2.Client(base_url=kept[0].url) as http:
+        drive = register(http, "a long one", a=b"bytes of a long log")
+        blobs, database = BlobStore(data / "blobs"), Database(f"sqlite:///{data / 'wayloom.db'}")
+        items = [placed(drive, seed) for seed in range(100, 101 + HELD + 1)]
+        digests = [blobs.put(item.submap.encoded) for item in items]
+        with database.write() as session:
+            maps.place_submaps(session, drive, [submap_row(drive, "city", k, item) for k, item in enumerate(items)])
+            drives.get(session, drive).facts = {"log": {"camera": CAMERA}}
+        database.close()
+        assert len(http.get(f"/v1/drives/{drive}/keyframes").json()["keyframes"]) == 2 * len(items)
+        for digest in digests[:-1]:
+            blobs.delete(digest)
+        assert http.get(f"/v1/drives/{drive}/keyframes/{2 * len(items) - 1}/points.webp").status_code == 200
+        assert http.get(f"/v1/drives/{drive}/keyframes/0/points.webp").status_code == 404
+
+
 def test_what_needs_images_is_refused_once_they_are_deleted(kept: tuple[ApiAlone, str]) -> None:
     set_images(kept, "deleted")
     try:
@@ -120,6 +140,34 @@ def test_what_needs_images_is_refused_once_they_are_deleted(kept: tuple[ApiAlone
         assert get(kept, "keyframes/0/points.webp").status_code == 200
     finally:
         set_images(kept, "kept")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "report.html", "history", "trajectory.tum", "cloud.ply", "log.tar", "archive.zip", "keyframes", "keyframes/0/points.webp",
+        "keyframes/0/image.webp", "track", "preview.png", "quality", "quality/track.svg", "runs",
+    ],
+)  # fmt: skip
+def test_a_drive_that_is_being_removed_hands_nothing_out(kept: tuple[ApiAlone, str], path: str) -> None:
+    before = set_state(kept, "removing")
+    try:
+        answer = get(kept, path)
+        assert (answer.status_code, answer.json()["code"]) == (404, "not-found")
+        assert answer.json()["detail"] == f"drive {kept[1][:12]} is being removed"
+        assert httpx2.get(f"{kept[0].url}/v1/drives/{kept[1]}").json()["state"] == "removing"
+    finally:
+        set_state(kept, before)
+
+
+def set_state(kept: tuple[ApiAlone, str], state: str) -> str:
+    """Returns the one before."""
+    database = Database(f"sqlite:///{kept[0].data / 'wayloom.db'}")
+    with database.write() as session:
+        row = drives.get(session, kept[1])
+        before, row.state = row.state, state
+    database.close()
+    return before
 
 
 def set_images(kept: tuple[ApiAlone, str], state: str) -> None:

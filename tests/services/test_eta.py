@@ -80,6 +80,14 @@ def test_the_first_drive_of_a_service_has_a_rough_interval_that_its_done_stages_
     assert slow.low_s == pytest.approx(10.0 * quick.low_s, rel=0.05)
 
 
+def test_the_plain_guess_is_not_corrected_by_history_as_the_interval_is() -> None:
+    late = drive_out(drive("queued"), [], Received(1, 10), USUAL, {(STAGES[0], False): (3.0, 4.0)})
+    assert late.eta is not None
+    assert late.eta_s == pytest.approx(sum(USUAL.values()))
+    assert late.eta_s < late.eta.low_s
+    assert "may lie outside" in str(DriveOut.model_fields["eta_s"].description)
+
+
 def test_the_interval_is_narrow_and_not_rough_where_every_stage_was_seen() -> None:
     known = told(drive("queued"), [], USUAL).eta
     assert known is not None

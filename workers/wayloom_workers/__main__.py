@@ -1,10 +1,8 @@
-"""`python -m wayloom_workers worker|sweep|repeat`: one process; settings from the environment and WAYLOOM_CONFIG."""
+"""`python -m wayloom_workers worker|sweep`: one process; settings from the environment and WAYLOOM_CONFIG."""
 
 import argparse
 import signal
 import sys
-from contextlib import suppress
-from typing import Final
 
 from celery import signals
 
@@ -14,10 +12,9 @@ from wayloom.errors import WayloomError
 from wayloom.pipeline.settings import WayloomSettings, load_settings
 from wayloom.pipeline.usable import check_usable
 from wayloom.store.blobs import BlobStore
-from wayloom.store.database import Database, DatabaseError
+from wayloom.store.database import Database
 from wayloom.store.folders import Folders
 from wayloom.store.queues import TASK_NAME
-from wayloom.store.sweep import open_jobs
 from wayloom_workers.broker import make_app, make_notifier
 from wayloom_workers.faults import limit_memory
 from wayloom_workers.heartbeat import stop_requested
@@ -25,13 +22,11 @@ from wayloom_workers.runner import run_job
 from wayloom_workers.stage_hooks import WorkerContext, load_hooks
 from wayloom_workers.sweeper import sweep_until_stopped
 
-REPEAT_S: Final = 0.7
-
 
 def main() -> int:
     """Run until told to stop."""
     parser = argparse.ArgumentParser(prog="python -m wayloom_workers")
-    parser.add_argument("role", choices=("worker", "sweep", "repeat"), help="repeat: a drill")
+    parser.add_argument("role", choices=("worker", "sweep"))
     parser.add_argument("--queues", default=",".join(queues()), help="queues to work on, comma-separated")
     arguments = parser.parse_args()
     configure_log()
@@ -40,8 +35,6 @@ def main() -> int:
         context = make_context(loaded.settings)
         if arguments.role == "sweep":
             _sweep(context)
-        elif arguments.role == "repeat":
-            _repeat(context)
         else:
             check_usable(loaded)
             _work(context, arguments.queues)
@@ -58,22 +51,9 @@ def make_context(settings: WayloomSettings) -> WorkerContext:
 
 
 def _sweep(context: WorkerContext) -> None:
-    _stop_when_told()
-    sweep_until_stopped(context)
-
-
-def _repeat(context: WorkerContext) -> None:
-    """The message of every job that is queued or runs, again and again: what a broker does at its worst."""
-    _stop_when_told()
-    notify = make_notifier(make_app(context.settings), context.database)
-    while not stop_requested.wait(REPEAT_S):
-        with suppress(DatabaseError):
-            notify(open_jobs(context.database))
-
-
-def _stop_when_told() -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop_requested.set())
+    sweep_until_stopped(context)
 
 
 def _work(context: WorkerContext, queues: str) -> None:

@@ -68,12 +68,13 @@ class AccessSettings(Settings):
     @field_validator("oidc_roles")
     @classmethod
     def _roles(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        for one in value:
-            claimed, _, role = one.rpartition("=")
+        """Without blanks around values and roles."""
+        pairs = [(claimed.strip(), role.strip()) for claimed, _, role in (one.rpartition("=") for one in value)]
+        for one, (claimed, role) in zip(value, pairs, strict=True):
             _check_role(role, one)
             if not claimed:
                 raise ValueError(f"{one!r} names no value of the claim: write VALUE=ROLE")
-        return value
+        return tuple(f"{claimed}={role}" for claimed, role in pairs)
 
     @field_validator("oidc_default_role")
     @classmethod
@@ -97,7 +98,7 @@ class AccessSettings(Settings):
     @property
     def role_of_claim(self) -> Mapping[str, Role]:
         """Role by the claim's value."""
-        return {claimed: Role(role) for claimed, _, role in (one.strip().rpartition("=") for one in self.oidc_roles)}
+        return {claimed: Role(role) for claimed, _, role in (one.rpartition("=") for one in self.oidc_roles)}
 
     def client_secret(self) -> str:
         """The secret that the provider gave. Raises ConfigError where its file cannot be read or is empty."""
@@ -133,5 +134,5 @@ def _is_loopback(name: str) -> bool:
 
 
 def _check_role(role: str, given: str) -> None:
-    if role.strip() not in (Role.VIEWER, Role.OPERATOR, Role.ADMIN):
+    if role not in (Role.VIEWER, Role.OPERATOR, Role.ADMIN):
         raise ValueError(f"{given!r} gives no role of a person: viewer, operator, admin")

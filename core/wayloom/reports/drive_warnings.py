@@ -9,19 +9,19 @@ UNNEEDED: Final = ("IMU", "GNSS", "truth poses")
 """What a log may lack without a warning of its own: the geo-reference tells of missing GNSS, the rest costs little."""
 
 
-def served_warnings(facts: Mapping[str, Any]) -> list[str]:
-    """The warnings of a drive of a service, the most serious first; of a drive that is under way, those that are known.
+def noted_warnings(facts: Mapping[str, Any]) -> list[str]:
+    """The warnings by what the stages have noted, the most serious first; of a drive that is under way, those that are known.
 
     facts : what the stages noted: `odometry`, `georeference`, `log`, each of which may be missing
     """
     odometry, georeference, log = (facts.get(name) or {} for name in ("odometry", "georeference", "log"))
-    found = lost_frames(odometry) if odometry else []
-    found += scale(georeference)
+    found = _lost_frames(odometry) if odometry else []
+    found += _scale(georeference)
     found += [str(message) for message in georeference.get("messages", ())]
-    return found + of_log(log)
+    return found + _of_log(log)
 
 
-def scale(georeference: Mapping[str, Any]) -> list[str]:
+def _scale(georeference: Mapping[str, Any]) -> list[str]:
     """That odometry and fixes disagree on the length of the drive."""
     found = georeference.get("scale")
     if found is None or abs(found["mean"] - 1.0) <= DOUBTFUL_SCALE:
@@ -32,7 +32,7 @@ def scale(georeference: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def of_log(log: Mapping[str, Any]) -> list[str]:
+def _of_log(log: Mapping[str, Any]) -> list[str]:
     """What the log lacks. log : its facts, as `log.json` has them"""
     found = []
     lacking = [thing for thing in log.get("missing", ()) if thing not in UNNEEDED]
@@ -45,7 +45,7 @@ def of_log(log: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def lost_frames(odometry: Mapping[str, Any]) -> list[str]:
+def _lost_frames(odometry: Mapping[str, Any]) -> list[str]:
     """That frames were lost: how many, why the first ones were, and whether the track goes on.
 
     odometry : `frames`, `frames_tracked`, `segments`, and `losses` with `frame` and `reason`

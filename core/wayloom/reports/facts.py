@@ -138,11 +138,9 @@ def truth_errors(result: DriveResult) -> dict[str, Any] | None:
 
 def warnings(result: DriveResult) -> list[str]:
     """Warnings about the result, the most serious first."""
-    found = drive_warnings.lost_frames(_tracking(result.odometry))
-    if not any(len(placed.submap) for placed in result.submaps):
-        found.append("no point was good enough for the cloud")
-    found += [str(message) for message in result.geo.report.get("messages", ())]
-    found += drive_warnings.of_log(result.log_facts["log"])
+    noted = {"odometry": _tracking(result.odometry), "georeference": result.geo.report, "log": result.log_facts["log"]}
+    found = [] if any(len(placed.submap) for placed in result.submaps) else ["no point was good enough for the cloud"]
+    found += drive_warnings.noted_warnings(noted)
     if result.model.get("grey_images_to_a_colour_network"):
         found.append(
             f"the images are grey and the network {result.model['name']} was trained on colour: its labels are less certain"
@@ -152,7 +150,6 @@ def warnings(result: DriveResult) -> list[str]:
             f"the network {result.model['name']} knows simulated streets only: its labels of real ones are mostly wrong; give "
             "another by --model (`wayloom models` lists those that are known)"
         )
-    found += drive_warnings.scale(result.geo.report)
     void = int((result.labels.stereo == VOID).sum())
     if len(result.labels) and void > 0.2 * len(result.labels):
         found.append(f"{100.0 * void / len(result.labels):.0f} % of the points have no label")
@@ -160,7 +157,7 @@ def warnings(result: DriveResult) -> list[str]:
 
 
 def _tracking(odometry: OdometryResult) -> dict[str, Any]:
-    """What `drive_warnings.lost_frames` reads."""
+    """What `drive_warnings` reads of the odometry."""
     trajectory = odometry.trajectory
     return {
         "frames": len(trajectory), "frames_tracked": int(trajectory.tracked.sum()),

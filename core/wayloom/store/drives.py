@@ -12,6 +12,7 @@ from wayloom.errors import ConflictError, NotFoundError
 from wayloom.store.access.owners import Owner
 from wayloom.store.database import now_s
 from wayloom.store.erasure import forget_names, forget_rig
+from wayloom.store.etas.told import forget_open
 from wayloom.store.images import DELETING, RETURNING
 from wayloom.store.jobs import JobMessage, create_drive_jobs, create_removal_job
 from wayloom.store.manifest import Manifest
@@ -72,10 +73,18 @@ def register(
 
 
 def get(session: Session, drive_id: str) -> Drive:
-    """The drive. Raises NotFoundError."""
+    """The drive, whatever its state. Raises NotFoundError."""
     drive = session.get(Drive, drive_id)
     if drive is None:
         raise NotFoundError(f"there is no drive {drive_id[:80]!r}")
+    return drive
+
+
+def shown(session: Session, drive_id: str) -> Drive:
+    """The drive, to hand out what it has led to. Raises NotFoundError, also of one that is being removed."""
+    drive = get(session, drive_id)
+    if drive.state == "removing":
+        raise NotFoundError(f"drive {drive_id[:12]} is being removed")
     return drive
 
 
@@ -155,6 +164,7 @@ def request_removal(session: Session, drive_id: str) -> JobMessage:
     if drive.state == "removing":
         raise ConflictError(f"drive {drive_id[:12]} is being removed already")
     session.execute(delete(Job).where(Job.drive_id == drive_id))
+    forget_open(session, drive_id)
     mark_changed(session, drive_id)  # a stitch may run before the removal does
     drive.state, drive.error = "removing", None
     return create_removal_job(session, drive_id)

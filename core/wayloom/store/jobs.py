@@ -132,7 +132,6 @@ def finish(session: Session, held: Claim, key: str) -> JobMessage | None:
     _note(session, held, "done")
     if held.drive_id is None or held.part:
         return None
-    thin(session, held.drive_id)
     following = select(Job).where(Job.drive_id == held.drive_id, Job.state == "waiting").order_by(Job.position)
     job = session.scalars(following).first()
     if job is None:
@@ -198,6 +197,7 @@ def cancel(session: Session, drive_id: str) -> None:
     _update(session, update(Job).where(Job.id.in_([job.id for job in stages]), Job.state.in_(("queued", "running"))), **values)
     for job in stages:
         note_event(session, drive_id, job.stage, CANCELLED, part=job.part, attempt=job.attempt)
+    thin(session, drive_id)
     coming.fail(drive, f"{stages[0].stage}: {CANCELLED}", now)
     settle(session, Drive.id == drive_id)
 
@@ -286,8 +286,9 @@ def _refresh(job: Job, state: str) -> None:
 
 
 def _note(session: Session, held: Claim, what: str, text: str = "") -> None:
-    """Into the drive's history."""
+    """Into the drive's history, which stays short."""
     note_event(session, held.drive_id, held.stage, what, part=held.part, attempt=held.attempt, text=_text(text))
+    thin(session, held.drive_id)
 
 
 def mark_sent(database: Database, messages: Iterable[JobMessage]) -> None:

@@ -12,9 +12,7 @@ import numpy as np
 import structlog
 from numpy.typing import NDArray
 
-from wayloom.errors import InputError, NotFoundError
-from wayloom.exports.ply import ply_blocks
-from wayloom.files.trajectory_files import tum_text
+from wayloom.errors import InputError
 from wayloom.geodesy.antimeridian import line_geometry
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.ground.files import SHEETS
@@ -27,10 +25,9 @@ from wayloom.objects.types import PlacedSightings
 from wayloom.reports.served_drive import render
 from wayloom.store.blobs import BlobStore
 from wayloom.store.tables.drives import SubmapRow
-from wayloom.submaps.submap import PlacedSubmap
 from wayloom_services.archive.readme import readme
 from wayloom_services.archive.zip_stream import Member
-from wayloom_services.drive_results import placed_submap, without_persons
+from wayloom_services.drive_points import DrivePoints, check_blobs
 
 log = structlog.get_logger()
 STAGES: Final = ("ground", "objects")
@@ -57,16 +54,19 @@ class DriveContents:
     rows: list[SubmapRow]
     folders: Mapping[str, Path]
 
+    @cached_property
+    def points(self) -> DrivePoints | None:
+        """None before the submaps are cut."""
+        return DrivePoints(self.blobs, self.rows) if self.rows else None
+
     @property
     def frame(self) -> MapFrame | None:
         """The map's frame; None where the drive has no place on Earth."""
-        return MapFrame(*self.rows[0].frame) if self.rows and self.rows[0].frame is not None else None
+        return None if self.points is None else self.points.frame
 
     def check(self) -> None:
-        """Raises NotFoundError where a blob of the drive is gone: an archive that has begun can say so only by breaking off."""
-        for digest in filter(None, (self.quality, self.preview, *(row.digest for row in self.rows))):
-            if not self.blobs.has(digest):
-                raise NotFoundError(f"blob {digest} of this drive is not in the store")
+        """Raises NotFoundError where a blob of the drive is gone."""
+        check_blobs(self.blobs, filter(None, (self.quality, self.preview, *(row.digest for row in self.rows))))
 
     def members(self) -> Iterator[Member]:
         """The files one after another, the README last: it lists those that are there."""
@@ -87,8 +87,8 @@ class DriveContents:
             yield Member("preview.png", self._blob(self.preview), "the labelled points from above", packed=False)
         if self.quality is not None:
             yield from self._report(json.loads(self.blobs.get(self.quality)))
-        if self.rows:
-            yield from self._of_submaps()
+        if self.points is not None:
+            yield from self._of_submaps(self.points)
 
     def _report(self, found: dict[str, Any]) -> Iterator[Member]:
         pictures = found["pictures"]
@@ -98,39 +98,20 @@ class DriveContents:
             yield Member(f"quality/{name}.svg", (picture.encode(),), "a plot of the quality report")
         yield Member("report.html", (render(self.drive, found, pictures).encode(),), "the quality report as a page by itself")
 
-    def _of_submaps(self) -> Iterator[Member]:
-        t_ns, T, count = self._passed_through
+    def _of_submaps(self, points: DrivePoints) -> Iterator[Member]:
         yield Member(
-            "trajectory.tum", (tum_text(t_ns, T),),
+            "trajectory.tum", (points.trajectory(),),
             "poses of the keyframes' left camera: seconds since 1970 (UTC), x y z in m, quaternion x y z w; "
             f"{'the map frame, see below' if self.frame else 'in the frame of the drive itself'}",
         )  # fmt: skip
         yield Member(
-            "cloud.ply", self._cloud(count),
+            "cloud.ply", points.cloud()[1],
             "labelled points, persons left out: x y z in m near an origin that the comment in its header names (east, north, up; "
             "WGS84), colour and train id of the class, sigma in m, time in seconds since 1970 (UTC)",
             packed=False, huge=True,
         )  # fmt: skip
         yield from self._objects()
         yield from self._ground()
-
-    @cached_property
-    def _passed_through(self) -> tuple[NDArray[np.int64], NDArray[np.float64], int]:
-        """Times (K,) ns and poses (K, 4, 4) of the keyframes, and how many points there are without persons, by one pass."""
-        t_ns, T, count = [], [], 0
-        for one in self._placed():
-            t_ns.append(one.submap.keyframe_t_ns)
-            T.append(one.T_enu_submap @ one.submap.T_submap_cam)
-            count += len(without_persons(one))
-        times, first = np.unique(np.concatenate(t_ns), return_index=True)  # neighbours share the keyframe at which they meet
-        return times, np.concatenate(T)[first], count
-
-    def _placed(self) -> Iterator[PlacedSubmap]:
-        return (placed_submap(self.blobs, row) for row in self.rows)
-
-    def _cloud(self, count: int) -> Iterator[bytes]:
-        place = np.array(self.rows[0].T_enu_submap, np.float64)[:3, 3]
-        yield from ply_blocks(map(without_persons, self._placed()), count, place, self.frame)
 
     def _blob(self, digest: str) -> Iterator[bytes]:
         yield self.blobs.get(digest)

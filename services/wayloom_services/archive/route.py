@@ -1,6 +1,6 @@
 """Endpoint of a drive's archive: all that it has led to, in one zip that is made while it is sent."""
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from fastapi import APIRouter, Depends, Response
 from fastapi.responses import StreamingResponse
@@ -8,13 +8,15 @@ from fastapi.responses import StreamingResponse
 from wayloom.exports.ply import VERTEX
 from wayloom.store import drives, history, jobs, maps
 from wayloom.store.database import Session
-from wayloom_services.archive.contents import STAGES, DriveContents
 from wayloom_services.archive.zip_stream import zip_stream
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.drive_results import as_download
 from wayloom_services.drives import PROBLEMS, DriveId
 from wayloom_services.schemas.history import EventOut
 from wayloom_services.views import drives_out
+
+if TYPE_CHECKING:
+    from wayloom_services.archive.contents import DriveContents
 
 ESTIMATE: Final = "Wayloom-Length-Estimate"
 """Header: how many bytes there will be about, for progress bars. Of a zip that is made on the way nobody knows it exactly."""
@@ -43,9 +45,11 @@ async def archive(drive_id: DriveId, service: ServiceDep) -> Response:
     return StreamingResponse(blocks, headers=headers, media_type="application/zip")
 
 
-def _contents(service: Service, session: Session, drive_id: str) -> DriveContents:
+def _contents(service: Service, session: Session, drive_id: str) -> "DriveContents":
     """All that the database says of the drive, by one transaction. Raises NotFoundError."""
-    row = drives.get(session, drive_id)
+    from wayloom_services.archive.contents import STAGES, DriveContents  # with it comes scipy
+
+    row = drives.shown(session, drive_id)
     facts, stages = row.facts or {}, service.folders.drive(drive_id) / "stages"
     return DriveContents(
         blobs=service.blobs,

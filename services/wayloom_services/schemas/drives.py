@@ -146,7 +146,10 @@ class DriveOut(BaseModel):
     error: str | None
     stage: str | None = Field(description="the stage that is running or comes next")
     progress: float = Field(ge=0, le=1, description="share of all stages that is done")
-    eta_s: float | None = Field(description="seconds to the end as guessed from this and earlier drives; None: nothing is known")
+    eta_s: float | None = Field(
+        description="seconds to the end as guessed from the usual time of the stages; None: one of them was never seen. It is not "
+        "corrected by how earlier guesses turned out, as `eta` is, and may lie outside of that"
+    )
     eta: EtaOut | None = Field(
         None, description="the same as an interval, from the first drive on; None: nobody works on the drive"
     )

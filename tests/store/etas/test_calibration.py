@@ -163,6 +163,15 @@ def test_judged_estimates_outlive_their_drive_without_its_name(database: Databas
     assert (row.drive_id, row.truth_s) == (None, 100.0)
 
 
+def test_open_estimates_go_when_their_drive_is_to_be_removed(database: Database) -> None:
+    drive_id, job_id = new_drive(database)
+    assert jobs.claim(database, job_id, "elsewhere|1|1", 60.0) is not None
+    assert len(rows(database)) == 1
+    with database.write() as session:
+        drives.request_removal(session, drive_id)
+    assert rows(database) == []
+
+
 def test_a_drive_that_is_processed_anew_notes_nothing(database: Database) -> None:
     drive_id, _ = new_drive(database)
     with database.write() as session:

@@ -70,9 +70,9 @@ class ComposeHands:
         self._kill(DATABASE)
 
     @contextlib.contextmanager
-    def beside(self, role: str) -> Iterator[None]:
+    def beside(self, *arguments: str) -> Iterator[None]:
         """Within the sweeper's container."""
-        command = ["timeout", str(BESIDE_S), "python", "-m", "wayloom_workers", role]
+        command = ["timeout", str(BESIDE_S), "python", *arguments]
         self._compose("exec", "-T", "-d", SWEEPER, *command)
         try:
             yield

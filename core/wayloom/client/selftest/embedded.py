@@ -156,11 +156,10 @@ class EmbeddedHands:
         raise NotTriedError("the database is a file, there is no process to end")
 
     @contextlib.contextmanager
-    def beside(self, role: str) -> Iterator[None]:
+    def beside(self, *arguments: str) -> Iterator[None]:
         """A child of ours."""
-        command = [sys.executable, "-m", "wayloom_workers", role]
         process = subprocess.Popen(
-            command, env=self.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            [sys.executable, *arguments], env=self.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             preexec_fn=ending_with_parent(signal.SIGTERM),
         )  # fmt: skip
         try:

@@ -38,8 +38,8 @@ class Hands(Protocol):
         """End the database without a word, and start it again."""
         ...
 
-    def beside(self, role: str) -> AbstractContextManager[None]:
-        """One more process of `python -m wayloom_workers` in this role while this lasts."""
+    def beside(self, *arguments: str) -> AbstractContextManager[None]:
+        """One more process, of `python` with these arguments, where the sweeper's is, while this lasts."""
         ...
 
     def full_disk(self) -> AbstractContextManager[None]:

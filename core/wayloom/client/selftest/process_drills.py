@@ -18,6 +18,26 @@ KILLS: Final = 2
 HELD_LEASES: Final = 1.5
 FULL_S: Final = 4.0
 JUMP_S: Final = 3600.0
+SWEEPER: Final = ("-m", "wayloom_workers", "sweep")
+REPEATED: Final = """\
+import time
+from contextlib import suppress
+
+from wayloom.pipeline.settings import load_settings
+from wayloom.store.database import DatabaseError
+from wayloom.store.sweep import open_jobs
+from wayloom_workers.__main__ import make_context
+from wayloom_workers.broker import make_app, make_notifier
+
+context = make_context(load_settings().settings)
+notify = make_notifier(make_app(context.settings), context.database)
+while True:
+    time.sleep(0.7)
+    with suppress(DatabaseError):
+        notify(open_jobs(context.database))
+"""
+"""Sends the message of every job that is queued or runs, again and again: what a broker does at its worst. As text: it runs by what
+the deployment has installed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,14 +76,14 @@ def killed_workers(hands: Hands, trial: Trial) -> None:
 
 def twice_delivered(hands: Hands, trial: Trial) -> None:
     """The message of every open job again and again."""
-    with hands.beside("repeat"):
+    with hands.beside("-c", REPEATED):
         trial.send()
         trial.finish()
 
 
 def two_sweepers(hands: Hands, trial: Trial) -> None:
     """One sweeper more, while workers are killed."""
-    with hands.beside("sweep"):
+    with hands.beside(*SWEEPER):
         killed_workers(hands, trial)
         trial.finish()
 

@@ -101,6 +101,11 @@ def settle(session: Session, which: ColumnElement[bool]) -> None:
     session.execute(delete(DriveEstimate).where(is_open, DriveEstimate.drive_id.in_(failed)))
 
 
+def forget_open(session: Session, drive_id: str) -> None:
+    """Forget the estimates of a drive that are not judged: it is to be removed, and nobody will know how long it took."""
+    session.execute(delete(DriveEstimate).where(DriveEstimate.drive_id == drive_id, DriveEstimate.truth_s.is_(None)))
+
+
 def calibration(session: Session, newest: int = JUDGED) -> Calibration:
     """Of the newest judged estimates."""
     query = select(_within()).where(DriveEstimate.truth_s.is_not(None)).order_by(DriveEstimate.id.desc()).limit(newest)
