@@ -219,7 +219,8 @@ def main() -> None:
             for tree in trees:
                 measure(tree, wanted[0], 1)  # compiles the kernels
             found = {f"{case.drive} {case.network}": measured_case(trees, case, args.cores, args.rounds) for case in wanted}
-    load = f"{os.cpu_count()} cores, load average {os.getloadavg()[2]:.1f}, the least of {args.rounds} rounds."
+    rounds = "one round" if args.rounds == 1 else f"the least of {args.rounds} rounds"
+    load = f"{os.cpu_count()} cores, load average {os.getloadavg()[2]:.1f}, {rounds}."
     text = "\n\n".join([load, *(told(case, trees, found[f"{case.drive} {case.network}"]) for case in wanted)])
     print(text)
     if args.json:

@@ -206,11 +206,11 @@ def table(tally: Tally) -> list[str]:
     return lines
 
 
-def keep(hands: EmbeddedHands, tally: Tally) -> None:
+def keep(hands: EmbeddedHands, tally: Tally, seed: int) -> None:
     """What a round that ended otherwise leaves to be looked at."""
     kept = Path(tempfile.mkdtemp(prefix="wayloom-drill-kept-"))
     shutil.copytree(hands.folder, kept, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.sock"))
-    print(f"round {tally.rounds + 1} failed; the service's folder is kept as {kept}", file=sys.stderr)
+    print(f"round {tally.rounds + 1} of seed {seed}; the service's folder is kept as {kept}", file=sys.stderr)
     print("\n".join(table(tally)), file=sys.stderr, flush=True)
 
 
@@ -240,13 +240,7 @@ def main() -> None:
                 try:
                     one_round(hands, trial, stages, kinds, tally, dice)
                 except BaseException:
-                    kept = Path(tempfile.mkdtemp(prefix="wayloom-drill-kept-"))
-                    shutil.copytree(hands.folder, kept, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.sock"))
-                    print(
-                        f"round {tally.rounds + 1} of seed {arguments.seed}; the service's folder is kept as {kept}",
-                        file=sys.stderr,
-                    )
-                    print("\n".join(table(tally)), file=sys.stderr, flush=True)
+                    keep(hands, tally, arguments.seed)
                     raise
                 print(f"round {tally.rounds}: {tally.of('worker killed')} kills, {time.monotonic() - began:.0f} s", flush=True)
     minutes = (time.monotonic() - began) / 60

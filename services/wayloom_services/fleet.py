@@ -1,19 +1,32 @@
-"""Endpoint of the fleet page: vehicles, queues, workers, storage."""
+"""Endpoints of the fleet page: vehicles, queues, workers, storage; the jobs of a map."""
 
 import shutil
 from dataclasses import asdict
+from typing import Annotated
 
-from fastapi import APIRouter, Depends
+from fastapi import APIRouter, Depends, Query
 
 from wayloom import __version__
 from wayloom.config.stages import queues as all_queues
-from wayloom.store import fleet
+from wayloom.store import fleet, maps
 from wayloom.store.database import Session
 from wayloom.store.etas import told
 from wayloom.store.etas.intervals import NOMINAL
 from wayloom.store.processes import name_of
 from wayloom_services.context import Service, ServiceDep, require_key
-from wayloom_services.schemas.fleet import EtaCalibrationOut, EtaStageOut, FleetOut, QueueOut, StorageOut, VehicleOut, WorkOut
+from wayloom_services.drives import PROBLEMS
+from wayloom_services.maps import MapId
+from wayloom_services.schemas.fleet import (
+    EtaCalibrationOut,
+    EtaStageOut,
+    FleetOut,
+    MapJobOut,
+    MapJobs,
+    QueueOut,
+    StorageOut,
+    VehicleOut,
+    WorkOut,
+)
 
 router = APIRouter(prefix="/v1", tags=["service"], dependencies=[Depends(require_key)])
 
@@ -23,6 +36,24 @@ async def the_fleet(service: ServiceDep) -> FleetOut:
     """Vehicles with their drives, queues with what waits and runs in them, the jobs that workers hold, and the disk's room."""
     storage = await service.in_thread(lambda: _storage(service))
     return await service.read(lambda session: _fleet(service, session, storage))
+
+
+@router.get("/maps/{map_id}/jobs", tags=["maps"], responses=PROBLEMS)
+async def jobs_of_map(
+    map_id: MapId,
+    service: ServiceDep,
+    limit: Annotated[int, Query(ge=1, le=500)] = 50,
+    before: Annotated[int | None, Query(ge=1, le=2**53, description="`next` of the page before")] = None,
+) -> MapJobs:
+    """Every stitch and publish of the map, newest first: when, for how long, what became of it."""
+
+    def read(session: Session) -> MapJobs:
+        maps.get(session, map_id)
+        rows = fleet.map_jobs(session, map_id, limit, before)
+        found = [MapJobOut.model_validate(asdict(row)) for row in rows]
+        return MapJobs(jobs=found, next=rows[-1].id if len(rows) == limit else None)
+
+    return await service.read(read)
 
 
 def _fleet(service: Service, session: Session, storage: StorageOut) -> FleetOut:

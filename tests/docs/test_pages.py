@@ -46,3 +46,8 @@ def test_source_files_that_a_page_names_are_there(page: str) -> None:
     assert named
     missing = [name for name in named if not is_there(name)]
     assert not missing
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if re.match(r"\d{4}-", page.name)], ids=lambda page: page.stem)
+def test_a_decision_is_headed_by_its_number_and_its_title(page: Path) -> None:
+    assert re.match(rf"# {page.name[:4]} · \S", page.read_text(encoding="utf-8")), page.name

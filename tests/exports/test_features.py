@@ -13,6 +13,7 @@ import pytest
 import shapely
 
 from exports.made_sources import POLES, made_source
+from service_kit.programs import needed
 from wayloom.errors import InputError
 from wayloom.exports import geopackage, geoparquet
 from wayloom.exports.drive_outputs import DriveOutputs
@@ -42,8 +43,7 @@ def files(street, tmp_path_factory):
 
 
 def ogrinfo(*arguments):
-    if shutil.which("ogrinfo") is None:
-        pytest.skip("ogrinfo is not installed (Debian: gdal-bin)")
+    needed("ogrinfo", "gdal-bin")
     done = subprocess.run(["ogrinfo", *map(str, arguments)], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout
@@ -136,8 +136,7 @@ def test_a_geopackage_is_one_by_its_own_tables(files, street, truth):
 
 
 def test_gdal_finds_features_by_the_r_tree_and_keeps_it_when_it_edits(files, truth, tmp_path):
-    if shutil.which("ogrinfo") is None:
-        pytest.skip("ogrinfo is not installed (Debian: gdal-bin)")
+    needed("ogrinfo", "gdal-bin")
     west, south, _, _ = shapes(truth["markings"])[0].bounds
     box = (west - 1e-7, south - 1e-7, west + 1e-7, south + 1e-7)
     found = pyogrio.raw.read(files / "a.gpkg", layer="markings", bbox=box)[2]

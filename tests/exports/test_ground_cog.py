@@ -1,7 +1,6 @@
 """The ground of several drives as GeoTIFF, asked by GDAL at places whose height and colour are known."""
 
 import json
-import shutil
 import subprocess
 
 import numpy as np
@@ -9,6 +8,7 @@ import pytest
 
 from exports.made_sources import made_source
 from ground.made_sheets import Street
+from service_kit.programs import needed
 from wayloom.errors import InputError
 from wayloom.exports.cog import write_ground_cog
 from wayloom.geodesy import wgs84
@@ -23,8 +23,7 @@ def files(street, tmp_path_factory):
 
 
 def gdal(*arguments, **more):
-    if shutil.which("gdallocationinfo") is None:
-        pytest.skip("GDAL's tools are not installed (Debian: gdal-bin)")
+    needed("gdallocationinfo", "gdal-bin")
     done = subprocess.run([*map(str, arguments)], capture_output=True, text=True, check=True, **more)
     return done.stdout
 

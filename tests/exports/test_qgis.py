@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from service_kit.programs import needed
 from wayloom.config.classes import CLASS_ID, PALETTE
 from wayloom.exports.drive_outputs import DriveOutputs
 from wayloom.exports.features import COLLECTIONS
@@ -28,6 +29,7 @@ def project_of(folder: Path) -> ElementTree.Element:
 
 
 def test_every_layer_of_the_project_is_one_that_gdal_reads(folder: Path) -> None:
+    needed("ogrinfo", "gdal-bin")
     project = project_of(folder)
     sources = [one.text or "" for one in project.iter("datasource")]
     assert len(sources) >= 3

@@ -178,5 +178,5 @@ def test_viewers_see_drives_without_any_action_and_no_page_of_admins(browser: An
                 "pages": page.locator("nav a:visible").all_inner_texts(),
             }
             context.close()
-        assert found["vera"] == {"actions": [], "send": False, "pages": ["Map", "Fleet", "Areas"]}
-        assert found["otto"] == {"actions": ["delete"], "send": True, "pages": ["Map", "Fleet", "Areas"]}
+        assert found["vera"] == {"actions": [], "send": False, "pages": ["Map", "3D", "Fleet", "Areas"]}
+        assert found["otto"] == {"actions": ["delete"], "send": True, "pages": ["Map", "3D", "Fleet", "Areas"]}

@@ -65,6 +65,7 @@ def test_a_second_visit_asks_for_no_script_again(shown: tuple[Any, str]) -> None
     context = browser.new_context()
     page = context.new_page()
     visit(page, url)
+    until(lambda: page.evaluate("!!globalThis.wayloomMap?.loaded()"))  # the first visit was not cut short
     page.reload()
     page.wait_for_selector("#drives .drive")
     sizes = page.evaluate(

@@ -1,6 +1,5 @@
 """Tiles as GDAL reads them: what is mapped is there, and empty places are silent."""
 
-import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from service_kit.programs import needed
 from service_kit.published_tiles import PublishedMap
 from service_kit.running import ApiAlone
 
@@ -36,8 +36,7 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 def test_gdal_reads_the_tiles_and_takes_empty_places_without_a_word(url: str, tmp_path: Path) -> None:
-    if shutil.which("gdal_translate") is None:
-        pytest.skip("no gdal-bin")
+    needed("gdal_translate", "gdal-bin")
     (tmp_path / "city.xml").write_text(DESCRIPTION.format(url=url, edge=EARTH_M, zoom=ZOOM))
     command = ["gdal_translate", "-q", "-of", "PNG", "-srcwin", "768", "512", "512", "256", "city.xml", "out.png"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)

@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import subprocess
 from collections.abc import Iterator
 from datetime import datetime
@@ -12,6 +11,7 @@ import httpx2
 import numpy as np
 import pytest
 
+from service_kit.programs import needed
 from services.conftest import ApiAlone
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame
@@ -199,10 +199,7 @@ def test_the_definition_tells_every_answer_of_every_endpoint(http: httpx2.Client
 
 
 def test_gdal_reads_every_collection(api_process: ApiAlone) -> None:
-    if shutil.which("ogrinfo") is None:
-        if os.environ.get("CI"):
-            pytest.fail("no ogrinfo: install Debian's gdal-bin")
-        pytest.skip("no ogrinfo")
+    needed("ogrinfo", "gdal-bin")
     source = f"OAPIF:{api_process.url.rstrip('/')}{HOME}"
     for name, count, geometry in (
         ("objects", 7, "POINT"),

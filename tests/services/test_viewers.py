@@ -1,8 +1,6 @@
 """The map in other viewers: CesiumJS and deck.gl draw its 3D tiles, MapLibre its style, GDAL its pictures and vector tiles."""
 
 import json
-import os
-import shutil
 import subprocess
 from collections.abc import Iterator
 from contextlib import closing
@@ -18,6 +16,7 @@ import pytest
 from service_kit.browsers import chromium, pixels_by_class, shot, site
 from service_kit.javascript import packages
 from service_kit.made_version import served_map
+from service_kit.programs import needed
 from service_kit.running import ApiAlone, until
 from tiles.made_maps import made_map, made_tracks
 from wayloom.config.classes import CLASS_NAMES
@@ -171,10 +170,7 @@ def test_maplibre_loads_the_style_and_draws_its_pictures_and_lines(shown: Shown)
 
 def gdal(*command: str, folder: Path) -> str:
     """What a tool of GDAL says, all of it. None on the machine is a failure in CI and a skip elsewhere."""
-    if shutil.which(command[0]) is None:
-        if os.environ.get("CI"):
-            pytest.fail(f"no {command[0]}: install Debian's gdal-bin")
-        pytest.skip(f"no {command[0]}: install Debian's gdal-bin")
+    needed(command[0], "gdal-bin")
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stderr) == (0, ""), done.stderr
     return done.stdout

@@ -1,11 +1,13 @@
 """Facts on the fleet and on this service's work: vehicles, waiting and running jobs, the workers that hold them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import func, select
+from sqlalchemy import func, select, true
 
 from wayloom.store.database import Session
 from wayloom.store.tables.drives import Drive, Job, Vehicle
+from wayloom.store.tables.maps import MapVersion
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +35,28 @@ class Held:
     attempt: int
     started_at: float | None
     heartbeat_at: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class MapJob:
+    """A job of a map, a stitch or a publish. Its rows are never thinned, so they are the map's history.
+
+    parts    into how many it was cut
+    version  what it published, as long as that version has a row
+    """
+
+    id: int
+    stage: str
+    state: str
+    parts: int
+    attempt: int
+    losses: int
+    asked_at: float
+    started_at: float | None
+    finished_at: float | None
+    version: int | None
+    message: str
+    error: str | None
 
 
 def vehicles(session: Session) -> list[VehicleFacts]:
@@ -68,3 +92,29 @@ def held_jobs(session: Session) -> list[Held]:
         )
         for job, name in session.execute(query.order_by(Job.started_at))
     ]  # fmt: skip
+
+
+def map_jobs(session: Session, map_id: str, limit: int, before: int | None = None) -> Sequence[MapJob]:
+    """The map's jobs, newest first. before : ids below this one alone"""
+    query = select(Job).where(Job.map_id == map_id, Job.part == 0)
+    if before is not None:
+        query = query.where(Job.id < before)
+    rows = session.scalars(query.order_by(Job.id.desc()).limit(limit)).all()
+    counted = select(Job.parent_id, func.count()).where(Job.parent_id.in_([job.id for job in rows]), Job.part > 0)
+    parts = dict(session.execute(counted.group_by(Job.parent_id)).tuples().all())
+    return [
+        MapJob(
+            job.id, job.stage, job.state, parts.get(job.id, 0), job.attempt, len(job.losses), job.created_at, job.started_at,
+            job.finished_at, _published(session, job), job.message, job.error,
+        )
+        for job in rows
+    ]  # fmt: skip
+
+
+def _published(session: Session, job: Job) -> int | None:
+    """A map's jobs run one at a time, so the version that came after this one began, and before another did, is its own."""
+    if job.stage != "publish" or job.state != "done":
+        return None
+    later = select(func.min(Job.started_at)).where(Job.map_id == job.map_id, Job.started_at > job.started_at).scalar_subquery()
+    came = MapVersion.created_at >= job.started_at, func.coalesce(MapVersion.created_at < later, true())
+    return session.scalar(select(func.min(MapVersion.version)).where(MapVersion.map_id == job.map_id, *came))

@@ -40,6 +40,7 @@ NEEDS: Final[Mapping[str, Mapping[str, Need]]] = {
     "/v1/maps": {"GET": READ},
     f"{MAP}/versions": {"GET": READ},
     f"{MAP}/coverage": {"GET": READ},
+    f"{MAP}/jobs": {"GET": READ},
     f"{MAP}/submaps": {"GET": READ},
     f"{MAP}/tracks": {"GET": READ},
     f"{MAP}/diff/{{base}}/{{number}}": {"GET": READ},

@@ -36,6 +36,30 @@ class WorkOut(BaseModel):
     heartbeat_at: float | None
 
 
+class MapJobOut(BaseModel):
+    """A stitch or a publish of a map."""
+
+    id: int
+    stage: str = Field(description="stitch or publish")
+    state: str = Field(description="waiting, queued, running, done or failed")
+    parts: int = Field(description="into how many it was cut")
+    attempt: int
+    losses: int = Field(description="workers that were lost while they ran it")
+    asked_at: float
+    started_at: float | None = Field(description="of the newest attempt")
+    finished_at: float | None
+    version: int | None = Field(description="what it published, as long as that is known")
+    message: str
+    error: str | None
+
+
+class MapJobs(BaseModel):
+    """Jobs of a map, newest first. next: `before` of the next page, null on the last."""
+
+    jobs: list[MapJobOut]
+    next: int | None
+
+
 class StorageOut(BaseModel):
     """Room on the disk of the data folder, bytes."""
 

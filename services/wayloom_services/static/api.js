@@ -1,6 +1,7 @@
 // Requests to the service, with its key where it wants one, and its stream of events with polling where that breaks.
 
 const KEY = "wayloom-key";
+const SIGN_IN = "/sign-in";
 
 export const headers = () => {
   const key = sessionStorage.getItem(KEY);
@@ -17,21 +18,38 @@ export class Refused extends Error {
   }
 }
 
+// To the sign-in, which leads back to what is seen now.
+export function toSignIn() {
+  location.replace(`${SIGN_IN}?next=${encodeURIComponent(location.pathname + location.search + location.hash)}`);
+}
+
+// The answer to a request, whatever its status; but where the session is over the page goes to the sign-in, and there is none.
+export async function send(path, options = {}) {
+  const answer = await fetch(path, { ...options, headers: { ...headers(), ...options.headers } });
+  if (answer.status !== 401 || location.pathname === SIGN_IN) return answer;
+  toSignIn();
+  return new Promise(() => {});
+}
+
+async function accepted(answer) {
+  if (answer.ok) return answer;
+  const body = await answer.json().catch(() => ({}));
+  throw new Refused(answer.status, body.detail ?? answer.statusText);
+}
+
 export async function ask(path, options = {}) {
   const typed = options.body === undefined ? {} : { "Content-Type": "application/json" };
-  const answer = await fetch(path, { ...options, headers: { ...headers(), ...typed } });
-  if (!answer.ok) {
-    const body = await answer.json().catch(() => ({}));
-    throw new Refused(answer.status, body.detail ?? answer.statusText);
-  }
+  const answer = await accepted(await send(path, { ...options, headers: typed }));
   return answer.status === 204 ? null : answer.json();
 }
+
+export const blobOf = async (path) => (await accepted(await send(path))).blob();
 
 // Calls hear(event, data) for every change. Events come over one long answer; when it breaks, the lists are asked for until it is back.
 export async function listen(hear, live) {
   for (let pause = 1000; ; pause = Math.min(2 * pause, 15000)) {
     try {
-      const answer = await fetch("/v1/events", { headers: headers() });
+      const answer = await send("/v1/events");
       if (!answer.ok || !answer.body) throw new Refused(answer.status, answer.statusText);
       live("live");
       pause = 1000;

@@ -1,14 +1,13 @@
 // The dashboard: the list of drives and what an operator does with them, kept current by events; the map beside it comes when it comes.
 
-import { ask, listen } from "/static/api.js";
+import { ask } from "/static/api.js";
 import { DriveList } from "/static/list/list.js";
 import { MapHost } from "/static/map_host.js";
 import { at, element, say } from "/static/ui/dom.js";
-import { frame, live } from "/static/ui/frame.js";
+import { follow, frame } from "/static/ui/frame.js";
 import { many } from "/static/ui/words.js";
 
 const [info, caller] = await Promise.all([ask("/v1/info"), frame()]);
-let chosen = null;
 let shownVersion = 0;
 
 const list = new DriveList({ caller, models: info.models, choose });
@@ -35,17 +34,18 @@ for (const name of info.overlays) {
 }
 
 await filled; // what an operator came for is there before a megabyte of map is asked for
-const city = new MapHost(at("map"), info, at);
+const city = new MapHost(at("map"), info, at, (id) => list.choose(id));
 at("fit").addEventListener("click", () => city.fit());
 const TOGGLES = ["ortho", "semantic", "areas", "markings", "objects", "tracks", "coverage", ...info.overlays];
 for (const name of TOGGLES) {
   at(`show-${name}`).addEventListener("change", (event) => city.visible(name, event.target.checked));
 }
 
+// Its card is marked at once; its way, where it has not come by an event, is asked for.
 function choose(id) {
   list.choose(id);
-  city.choose(id, chosen);
-  chosen = id;
+  city.choose(id);
+  city.track(list.drive(id));
 }
 
 async function showMap({ id, version }) {
@@ -77,4 +77,4 @@ function hear(event, data) {
 if (caller.rights.includes("send")) {
   import("/static/upload/panel.js").then(({ mountUpload }) => mountUpload()).catch((error) => say(at("problem"), `No upload: ${error.message}`));
 }
-listen(hear, live);
+follow(hear, () => list.load());

@@ -25,7 +25,9 @@ export class CityMap {
     this.overlays = overlays;
     this.bounds = null;
     this.held = false;
-    this.heard = { version: [], visible: [], chosen: [] };
+    this.heard = { version: [], visible: [], chosen: [], tracks: [] };
+    this.chosen = null;
+    this.awaited = null;
     this.map = new maplibregl.Map({
       container, attributionControl: false, fadeDuration: 0, maxPitch: 0, dragRotate: false, center: [10, 48], zoom: 3,
       transformRequest: withKey, style: plainStyle(),
@@ -36,6 +38,7 @@ export class CityMap {
     this.map.addControl(new maplibregl.ScaleControl({ maxWidth: 140 }), "bottom-right");
     this.coverage = new Coverage(this.map, ask);
     this.tracks = new Tracks(this.map, ask);
+    this.tracks.changed = () => this.#tell("tracks");
     this.layers = new VersionLayers(this.map, overlays, "coverage");
     this.ready = new Promise((resolve) => this.map.once("style.load", resolve)).then(() => {
       this.coverage.addLayers();
@@ -53,7 +56,7 @@ export class CityMap {
     this.tracks.recolour();
   }
 
-  // hear(what, work): work is called when the version that is shown, what is visible, or the chosen drive has changed.
+  // hear(what, work): work is called when the version that is shown, what is visible, the chosen drive, or a way of a drive has changed.
   hear(what, work) {
     this.heard[what].push(work);
   }
@@ -88,7 +91,9 @@ export class CityMap {
 
   async track(drive) {
     await this.ready;
-    if ((await this.tracks.take(drive)) && this.bounds === null && !this.held) this.fit();
+    if (!drive || !(await this.tracks.take(drive))) return;
+    if (drive.id === this.awaited) this.#fitToDrive(drive.id);
+    else if (this.bounds === null && !this.held) this.fit();
   }
 
   async forget(id) {
@@ -96,21 +101,31 @@ export class CityMap {
     this.tracks.forget(id);
   }
 
-  async choose(id, before, fits = true) {
-    await this.ready;
-    const was = before ?? this.chosen;
-    if (was) this.map.setFeatureState({ source: "tracks", id: was }, { chosen: false });
+  // id: of a drive, or null. fits: whether the view goes to its way, as soon as that is here.
+  async choose(id, fits = true) {
+    const was = this.chosen;
     this.chosen = id;
+    this.awaited = fits ? id : null;
     this.#tell("chosen", id);
-    const feature = this.tracks.drives.get(id);
-    if (!feature) return;
-    this.map.setFeatureState({ source: "tracks", id }, { chosen: true });
-    if (fits) this.fitTo(placesOf(feature));
+    await this.ready;
+    if (was) this.tracks.mark(was, false);
+    if (!id || id !== this.chosen) return;
+    this.tracks.mark(id, true);
+    if (fits) this.#fitToDrive(id);
   }
 
+  #fitToDrive(id) {
+    const feature = this.tracks.drives.get(id);
+    if (!feature) return;
+    this.awaited = null;
+    this.fitTo(placesOf(feature));
+  }
+
+  // Everywhere that drives have covered; the map's own bounds reach as far as the farthest thing that they saw.
   fit() {
-    const [west, south, east, north] = this.bounds ?? [];
     // Across the antimeridian west is the greater.
+    const isPlain = this.bounds && this.bounds[0] <= this.bounds[2];
+    const [west, south, east, north] = (isPlain && this.coverage.box) || this.bounds || [];
     const corners = this.bounds ? [[west, south], [east < west ? east + 360 : east, north]] : this.tracks.features.flatMap(placesOf);
     this.fitTo(corners);
   }

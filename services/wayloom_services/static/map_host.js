@@ -31,16 +31,19 @@ async function anyMap(container, about) {
   }
 }
 
-// The one interface of every map: show(version), track(drive), forget(id), choose(id, before), fit(), visible(name, on).
+// The one interface of every map: show(version), track(drive), forget(id), choose(id, fits), fit(), visible(name, on), hear(what, work).
 // Calls may come before the map is there: they wait for it, in their order. Where no map loads at all they do nothing.
 export class MapHost {
-  // container: an element; info: the answer of /v1/info; at: finds an element of the page by its id.
-  constructor(container, info, at) {
+  // container: an element; info: the answer of /v1/info; at: finds an element of the page by its id; chosen(id): a drive has been chosen.
+  constructor(container, info, at, chosen) {
     this.mounted = anyMap(container, { info, ask }).catch((error) => {
       container.textContent = `No map: ${error.message}`;
       return null;
     });
-    this.mounted.then((city) => city && this.#mountTools(city, info, at));
+    this.mounted.then((city) => {
+      city?.hear("chosen", chosen);
+      if (city) this.#mountTools(city, info, at);
+    });
   }
 
   // Measuring, 3D and whatever else draws on the map; the page does without where they do not load.
@@ -70,8 +73,8 @@ export class MapHost {
     return this.#call("forget", id);
   }
 
-  choose(id, before) {
-    return this.#call("choose", id, before);
+  choose(id, fits = true) {
+    return this.#call("choose", id, fits);
   }
 
   fit() {

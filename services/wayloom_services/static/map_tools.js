@@ -1,6 +1,6 @@
 // Tools beside the map: mounted once the map is there, in whatever form it came.
 
-import { element } from "/static/ui/dom.js";
+import { addressIn3d, metresPerPixel } from "/static/map/scale.js";
 
 // city: the map's interface; about: { info, ask, at }.
 export async function mountTools(city, { info, ask, at }) {
@@ -16,7 +16,7 @@ export async function mountTools(city, { info, ask, at }) {
   const versions = new Versions(city, info.map_id, ask, changed);
   new Sites(city, lists);
   const changes = new Changes(city, lists, told, ask);
-  at("tools").append(linkTo3d(city));
+  follow3d(city, at("to-3d"));
   address = new Address({ city, at, legend, versions, told });
   city.held = address.isPlaced;
   globalThis.wayloomTools = { address, told, legend, versions };
@@ -28,27 +28,24 @@ export async function mountTools(city, { info, ask, at }) {
   city.hear("version", () => {
     if (restored) return;
     restored = true;
-    address.restore();
+    address.restore(true);
   });
   if (!city.newest) return void (address.quiet = false);
   // The map was quicker than its tools.
   restored = true;
   await Promise.all([versions.refresh(), changes.refresh()]);
-  await address.restore();
+  await address.restore(true);
 }
 
-// To the same place in 3D.
-function linkTo3d(city) {
-  const link = element("a", "tool", "3D");
-  link.id = "to-3d";
+// Keeps a link to 3D at the same place.
+function follow3d(city, link) {
   const follow = () => {
     const { lng, lat } = city.map.getCenter();
-    const metres = (78_271.517 * Math.cos((lat * Math.PI) / 180) * city.map.getContainer().clientHeight) / 2 ** city.map.getZoom();
-    link.href = `/3d#at=${lng.toFixed(7)},${lat.toFixed(7)}&distance=${Math.max(metres, 15).toFixed(0)}${city.chosen ? `&drive=${city.chosen}` : ""}${city.pinned ? `&v=${city.pinned.version}` : ""}`;
+    const metres = metresPerPixel(lat, city.map.getZoom()) * city.map.getContainer().clientHeight;
+    link.href = addressIn3d([lng, lat], { distance: Math.max(metres, 15), drive: city.chosen, version: city.pinned });
   };
   city.map.on("moveend", follow);
   city.hear("chosen", follow);
   city.hear("version", follow);
   follow();
-  return link;
 }

@@ -1,6 +1,6 @@
 // A map without WebGL: published tiles as images, tracks as SVG, moved by drag, wheel, keys and buttons. The same interface as map.js.
 
-import { ask, headers } from "/static/api.js";
+import { ask, send } from "/static/api.js";
 import { element } from "/static/ui/dom.js";
 
 const TILE = 256;
@@ -145,7 +145,7 @@ export class PlainMap {
 
   // By a request of ours: an image of its own accord sends no key.
   async #load(image, address) {
-    const answer = await fetch(address, { headers: headers() }).catch(() => null);
+    const answer = await send(address).catch(() => null);
     if (answer?.status !== 200) return;
     const url = URL.createObjectURL(await answer.blob());
     image.addEventListener("load", () => URL.revokeObjectURL(url), { once: true });
@@ -179,15 +179,20 @@ export class PlainMap {
     if (!drive.placed || this.tracks.has(drive.id)) return;
     this.tracks.set(drive.id, null);
     const feature = await ask(`/v1/drives/${drive.id}/track`).catch(() => null);
+    if (!this.tracks.has(drive.id)) return; // forgotten meanwhile
     if (!feature?.geometry) return void this.tracks.delete(drive.id);
     this.tracks.set(drive.id, feature);
-    if (this.version === null) this.fit();
+    if (drive.id === this.chosen) this.choose(drive.id);
+    else if (this.version === null) this.fit();
     else this.#draw();
   }
 
   async forget(id) {
     if (this.tracks.delete(id)) this.#draw();
   }
+
+  // A plain map tells nobody: what is chosen is chosen in the list.
+  hear() {}
 
   async choose(id) {
     this.chosen = id;

@@ -1,17 +1,9 @@
 // Who looks at this page: asked of the server, which sends those whom it does not know to the sign-in.
 
-import { ask, keepKey, Refused } from "/static/api.js";
+import { ask, headers, keepKey } from "/static/api.js";
 
 // The caller, or never where the server wants a sign-in: the page goes there.
-export async function whoever() {
-  try {
-    return await ask("/v1/session");
-  } catch (error) {
-    if (!(error instanceof Refused) || error.status !== 401) throw error;
-    location.replace(`/sign-in?next=${encodeURIComponent(location.pathname)}`);
-    return new Promise(() => {});
-  }
-}
+export const whoever = () => ask("/v1/session");
 
 // Shows who has signed in, and a button that ends it; nothing on a server that asks nobody.
 export function showCaller({ name }, into) {
@@ -25,7 +17,7 @@ export function showCaller({ name }, into) {
   button.id = "sign-out";
   button.textContent = "Sign out";
   button.addEventListener("click", async () => {
-    await ask("/v1/session", { method: "DELETE" }).catch(() => null);
+    await fetch("/v1/session", { method: "DELETE", headers: headers() }).catch(() => null);
     keepKey(null);
     location.replace("/sign-in");
   });

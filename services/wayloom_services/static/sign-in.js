@@ -4,11 +4,13 @@ import { ask, keepKey, Refused } from "/static/api.js";
 
 const at = (id) => document.getElementById(id);
 
-// A page of this server, whatever the address says.
+// A page of this server with what it shows, whatever the address says.
 function ownPath() {
-  const wanted = new URL(new URLSearchParams(location.search).get("next") ?? "/", location.origin);
+  const next = new URLSearchParams(location.search).get("next") ?? "/";
+  const wanted = URL.canParse(next, location.origin) ? new URL(next, location.origin) : new URL(location.origin);
   // `//host` is a path in an address, and another host where it stands alone.
-  return wanted.origin === location.origin && !wanted.pathname.startsWith("//") ? wanted.pathname : "/";
+  const isOwn = wanted.origin === location.origin && !wanted.pathname.startsWith("//") && wanted.pathname !== location.pathname;
+  return isOwn ? wanted.pathname + wanted.search + wanted.hash : "/";
 }
 
 // The way to the OpenID provider, where the server has one.

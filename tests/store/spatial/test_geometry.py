@@ -1,8 +1,6 @@
 """Geometry in the database: box look-ups by an index, features of the newest version in tables, who may read them."""
 
-import os
 import re
-import shutil
 import subprocess
 import sys
 import uuid
@@ -16,6 +14,7 @@ from alembic.config import Config
 from sqlalchemy import event, select, text
 
 from service_kit import postgres, running
+from service_kit.programs import needed
 from wayloom.errors import ConfigError, InputError
 from wayloom.stitching.marking_files import encode_features
 from wayloom.store import drives, gate, map_versions, maps
@@ -244,9 +243,7 @@ def test_the_views_own_word_on_who_is_in_the_map_is_that_of_the_queries(database
 
 def ogrinfo(database: Database, *arguments: str, user: str = "wayloom") -> str:
     """What GDAL says of the database. Missing is a failure in CI and a skip elsewhere, as for the server."""
-    if shutil.which("ogrinfo") is None:
-        message = "no ogrinfo on this machine: install Debian's gdal-bin"
-        pytest.fail(message) if os.environ.get("CI") else pytest.skip(message)
+    needed("ogrinfo", "gdal-bin")
     url = database.engine.url
     source = f"PG:host={url.query['host']} dbname={url.database} user={user}"
     done = subprocess.run(["ogrinfo", "-ro", source, *arguments], capture_output=True, text=True)

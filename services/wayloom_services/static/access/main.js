@@ -1,9 +1,9 @@
 // Access, for admins: keys, made, given a new secret and revoked; and the audit log.
 
-import { ask, listen } from "/static/api.js";
+import { ask } from "/static/api.js";
 import { dialog } from "/static/ui/dialogs.js";
 import { at, button, element, say, table } from "/static/ui/dom.js";
-import { frame, live } from "/static/ui/frame.js";
+import { follow, frame, telling } from "/static/ui/frame.js";
 import { moment } from "/static/ui/words.js";
 
 const DAY_S = 86400;
@@ -11,6 +11,7 @@ const ROLES = ["vehicle", "viewer", "operator", "admin"];
 const caller = await frame();
 let entries = [];
 let next = null;
+let asked = 0;
 
 const stateOf = ({ revoked_at: revoked, expires_at: expires }) => {
   if (revoked) return `revoked ${moment(revoked)}`;
@@ -18,12 +19,19 @@ const stateOf = ({ revoked_at: revoked, expires_at: expires }) => {
   return expires * 1000 < Date.now() ? `expired ${moment(expires)}` : `valid until ${moment(expires)}`;
 };
 
+// Ids of drives are too long for a table: their beginning, and all of it in its title.
+function brief(object) {
+  const cell = element("code", "", object.length > 20 ? `${object.slice(0, 12)}…` : object);
+  cell.title = object;
+  return cell;
+}
+
 async function showKeys() {
   const { keys } = await ask("/v1/keys");
   if (!keys.length) return at("keys").replaceChildren(element("p", "quiet", "There is no key yet."));
   const rows = keys.map((key) => {
     const acts = element("div", "row");
-    if (!key.revoked_at) acts.append(button("New secret…", "", () => rotate(key)), button("Revoke…", "danger", () => revoke(key)));
+    if (!key.revoked_at) acts.append(button("New secret…", "", () => telling("keys", () => rotate(key))), button("Revoke…", "danger", () => telling("keys", () => revoke(key))));
     return [key.name, element("code", "", key.prefix), key.role, key.vehicle_id ?? "", stateOf(key), moment(key.used_at), acts];
   });
   at("keys").replaceChildren(table(rows, ["What for", "Key", "Role", "Vehicle", "State", "Last used", "Actions"]));
@@ -74,28 +82,37 @@ async function revoke(key) {
 }
 
 async function showAudit(before) {
-  const asked = { limit: 100, ...(before ? { before } : {}), ...(at("actor").value.trim() ? { actor: at("actor").value.trim() } : {}), ...(at("outcome").value ? { outcome: at("outcome").value } : {}) };
-  const page = await ask(`/v1/audit?${new URLSearchParams(asked)}`);
+  const mine = ++asked;
+  const wanted = { limit: 100, ...(before ? { before } : {}), ...(at("actor").value.trim() ? { actor: at("actor").value.trim() } : {}), ...(at("outcome").value ? { outcome: at("outcome").value } : {}) };
+  const page = await ask(`/v1/audit?${new URLSearchParams(wanted)}`);
+  if (mine !== asked) return;
   entries = before ? [...entries, ...page.entries] : page.entries;
   next = page.next;
   at("older").hidden = next === null;
   if (!entries.length) return at("audit").replaceChildren(element("p", "quiet", "Nothing of that kind."));
   const rows = entries.map((one) => [
-    moment(one.at), one.actor, one.action, one.object, element("span", `what ${one.outcome}`, `${one.outcome} (${one.status})`), one.count > 1 ? `${one.count} times` : "", one.address,
+    moment(one.at), one.actor, one.action, brief(one.object), element("span", `what ${one.outcome}`, `${one.outcome} (${one.status})`), one.count > 1 ? `${one.count} times` : "", one.address,
   ]);
   at("audit").replaceChildren(table(rows, ["When", "Who", "What", "Of", "Outcome", "Times", "From"]));
 }
 
-const tell = (error) => say(at("problem"), error.message);
+async function showOlder() {
+  at("older").disabled = true;
+  try {
+    await showAudit(next);
+  } finally {
+    at("older").disabled = false;
+  }
+}
 
 if (!caller.rights.includes("manage")) say(at("problem"), "Keys and audit log are shown to admins alone.");
 else {
-  at("new-key").addEventListener("click", () => create().catch(tell));
+  at("new-key").addEventListener("click", () => telling("keys", create));
   at("audit-filter").addEventListener("submit", (event) => {
     event.preventDefault();
-    showAudit().catch(tell);
+    telling("audit", showAudit);
   });
-  at("older").addEventListener("click", () => showAudit(next).catch(tell));
-  await Promise.all([showKeys(), showAudit()]).catch(tell);
+  at("older").addEventListener("click", () => telling("audit", showOlder));
+  await Promise.all([telling("keys", showKeys), telling("audit", showAudit)]);
 }
-listen(() => {}, live);
+follow(() => {});

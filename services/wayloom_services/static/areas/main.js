@@ -1,9 +1,9 @@
 // Excluded areas: those that there are, one more by GeoJSON, one less.
 
-import { ask, listen } from "/static/api.js";
+import { ask } from "/static/api.js";
 import { dialog } from "/static/ui/dialogs.js";
-import { at, button, element, say, table } from "/static/ui/dom.js";
-import { announce, frame, live } from "/static/ui/frame.js";
+import { at, button, element, table } from "/static/ui/dom.js";
+import { announce, follow, frame, telling } from "/static/ui/frame.js";
 import { moment } from "/static/ui/words.js";
 
 const caller = await frame();
@@ -27,6 +27,8 @@ async function refresh() {
   at("areas").replaceChildren(table(rows, ["Name", "Centre", "Corners", "By", "Since", "Out of the map from", "Actions"]));
 }
 
+const renew = () => telling("list", refresh);
+
 async function remove(id, name) {
   const done = await dialog({
     title: `Remove ${name}`, action: "Remove", danger: true, text: "The map may have the area again, of drives that come from now on or are processed anew.",
@@ -34,7 +36,7 @@ async function remove(id, name) {
   });
   if (!done) return;
   announce(`${name} is removed`);
-  await refresh();
+  await renew();
 }
 
 // The text as a feature of this name, where it has none of its own.
@@ -45,21 +47,22 @@ function named(text, name) {
   return { ...feature, properties: { name, ...feature.properties } };
 }
 
-at("file").addEventListener("change", async ({ target: { files } }) => {
-  if (files[0]) at("geojson").value = await files[0].text();
-});
-at("add-form").addEventListener("submit", async (event) => {
+async function add(form) {
+  const { features } = await ask("/v1/excluded-areas", { method: "POST", body: JSON.stringify(named(at("geojson").value, at("area-name").value.trim())) });
+  announce(`${features.length} added`);
+  form.reset();
+  await refresh();
+}
+
+at("file").addEventListener("change", ({ target: { files } }) =>
+  telling("add", async () => {
+    if (files[0]) at("geojson").value = await files[0].text();
+  }),
+);
+at("add-form").addEventListener("submit", (event) => {
   event.preventDefault();
-  try {
-    const { features } = await ask("/v1/excluded-areas", { method: "POST", body: JSON.stringify(named(at("geojson").value, at("area-name").value.trim())) });
-    say(at("problem"), "");
-    announce(`${features.length} added`);
-    event.target.reset();
-    await refresh();
-  } catch (error) {
-    say(at("problem"), error.message);
-  }
+  telling("add", () => add(event.target));
 });
 
-await refresh().catch((error) => say(at("problem"), error.message));
-listen((event) => event === "map" && refresh(), live);
+await renew();
+follow((event) => event === "map" && renew(), renew);

@@ -2,7 +2,8 @@
 
 import { element, svg } from "/static/ui/dom.js";
 
-const [WIDTH, HEIGHT] = [720, 220];
+// On a narrow screen as many units as there are pixels, or its words would be too small to read.
+const [WIDTH, HEIGHT] = [matchMedia("(max-width: 800px)").matches ? 380 : 720, 220];
 const EDGE = { left: 52, right: 12, top: 12, bottom: 34 };
 
 // Round steps for an axis of so many ticks.
@@ -44,7 +45,7 @@ export function chart(about) {
   const X = (value) => EDGE.left + ((value - x0) / (x1 - x0)) * room[0];
   const Y = (value) => EDGE.top + (1 - (Math.max(y0, Math.min(y1, value)) - y0) / (y1 - y0)) * room[1];
   const grid = svg("g", { class: "grid" });
-  for (const at of ticks(x0, x1, 8)) {
+  for (const at of ticks(x0, x1, WIDTH / 90)) {
     grid.append(svg("line", { x1: X(at), x2: X(at), y1: EDGE.top, y2: height - EDGE.bottom }));
     grid.append(svg("text", { x: X(at), y: height - EDGE.bottom + 14, "text-anchor": "middle" }, String(at)));
   }

@@ -1,7 +1,8 @@
 // A drive's keyframes, scrubbed in time by a slider and keys: their image with labels while images are kept, else what the map has of them.
 
-import { ask, headers } from "/static/api.js";
+import { ask, send } from "/static/api.js";
 import { at, element, say } from "/static/ui/dom.js";
+import { many } from "/static/ui/words.js";
 
 const WAIT_MS = 90;
 
@@ -16,7 +17,7 @@ const why = ({ images, retention }, may) => {
 export class Scrubber {
   // id: the drive's; operates: whether the caller sees images; here(t_s): called with the seconds from the first keyframe.
   constructor(id, operates, here) {
-    Object.assign(this, { id, operates, here, list: [], timer: null, shown: null });
+    Object.assign(this, { id, operates, here, list: [], timer: null, shown: null, asked: 0 });
     this.slider = at("keyframe");
     this.slider.addEventListener("input", () => this.#soon());
     at("labels").addEventListener("input", () => this.#soon());
@@ -25,7 +26,9 @@ export class Scrubber {
   }
 
   async load() {
+    const mine = ++this.asked;
     const found = await ask(`/v1/drives/${this.id}/keyframes`);
+    if (mine !== this.asked) return;
     this.list = found.keyframes;
     at("keyframes").hidden = !this.list.length;
     if (!this.list.length) return;
@@ -53,7 +56,7 @@ export class Scrubber {
     const one = this.list[Number(this.slider.value)];
     const seconds = one.t_s - this.list[0].t_s;
     const place = one.lon === null ? "" : `, ${one.lat.toFixed(6)}° ${one.lon.toFixed(6)}°`;
-    const text = `Keyframe ${one.number + 1} of ${this.list.length}, frame ${one.frame}, ${seconds.toFixed(1)} s${place}, ${one.points.toLocaleString("en")} points`;
+    const text = `Keyframe ${one.number + 1} of ${this.list.length}, frame ${one.frame}, ${seconds.toFixed(1)} s${place}, ${many(one.points, "point")}`;
     say(at("keyframe-words"), text);
     this.slider.setAttribute("aria-valuetext", text);
     this.here(seconds);
@@ -61,11 +64,14 @@ export class Scrubber {
 
   async #show() {
     this.#tell();
+    const mine = ++this.asked;
+    const words = at("keyframe-words").textContent;
     const number = Number(this.slider.value);
     const kind = at("what").value;
     const address = kind === "points" ? "points.webp" : `image.webp?labels=${at("labels").value}`;
-    const answer = await fetch(`/v1/drives/${this.id}/keyframes/${number}/${address}`, { headers: headers() });
-    if (number !== Number(this.slider.value)) return;
+    const answer = await send(`/v1/drives/${this.id}/keyframes/${number}/${address}`).catch(() => null);
+    if (mine !== this.asked) return;
+    if (!answer) return say(at("no-image"), "The service does not answer.");
     if (!answer.ok) {
       const { detail } = await answer.json().catch(() => ({}));
       say(at("no-image"), detail ?? answer.statusText);
@@ -76,8 +82,9 @@ export class Scrubber {
     const url = URL.createObjectURL(await answer.blob());
     const image = element("img");
     image.src = url;
-    image.alt = `${kind === "points" ? "Labelled points" : "Left image with labels and tracked points"} of ${at("keyframe-words").textContent}`;
+    image.alt = `${kind === "points" ? "Labelled points" : "Left image with labels and tracked points"} of ${words}`;
     await image.decode().catch(() => null);
+    if (mine !== this.asked) return URL.revokeObjectURL(url);
     at("picture").replaceChildren(image);
     if (this.shown) URL.revokeObjectURL(this.shown);
     this.shown = url;

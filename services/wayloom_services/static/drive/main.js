@@ -1,6 +1,6 @@
 // The page of one drive: its grade with reasons and warnings, what an operator does with it, its plots, keyframes, log and downloads.
 
-import { ask, headers, listen } from "/static/api.js";
+import { ask, blobOf, headers } from "/static/api.js";
 import { Scrubber } from "/static/drive/keyframes.js";
 import { showHistory, showStages } from "/static/drive/log.js";
 import { numbers } from "/static/drive/numbers.js";
@@ -8,10 +8,12 @@ import { plotsOf } from "/static/drive/plots.js";
 import { gradeBadge } from "/static/list/card.js";
 import { actionsFor } from "/static/ui/actions.js";
 import { at, button, element, link, say, table } from "/static/ui/dom.js";
-import { announce, frame, live } from "/static/ui/frame.js";
+import { announce, follow, frame, telling } from "/static/ui/frame.js";
 import { driveWords, duration, errorOf, moment, OVER, STATES } from "/static/ui/words.js";
 
 const id = location.pathname.split("/").pop();
+const RENEW_MS = 10_000;
+const SAVING_MS = 60_000;
 const VERDICTS = { merge: "merged into the map", hold: "held: it waits for drives that place it, or an operator", quarantine: "quarantined: not merged" };
 const RUNS = { running: "Being processed anew", publishing: "Processed anew, joining the map", failed: "Processing anew failed" };
 
@@ -21,6 +23,7 @@ const about = { caller, models: info.models };
 let shown = null;
 let quality = null;
 let plots = {};
+let isRemoved = false;
 const scrubber = new Scrubber(id, mayOperate, (seconds) => markAt(seconds));
 
 function showVerdict(drive) {
@@ -69,6 +72,7 @@ function showActions(drive) {
   const key = actions.map(({ id: name }) => name).join();
   if (at("actions").dataset.key === key) return;
   at("actions").dataset.key = key;
+  const had = at("actions").contains(document.activeElement) ? document.activeElement.id : null;
   at("actions").replaceChildren(
     ...actions.map(({ id: name, label, danger }) => {
       const one = button(label, danger ? "danger" : "", () => act(() => actionsFor(shown, about).find((found) => found.id === name)?.run()));
@@ -76,17 +80,14 @@ function showActions(drive) {
       return one;
     }),
   );
+  if (had) (at(had) ?? at("actions").firstElementChild)?.focus();
 }
 
-async function act(work) {
-  try {
+const act = (work) =>
+  telling("act", async () => {
     await work();
-    say(at("problem"), "");
     await refresh();
-  } catch (error) {
-    say(at("problem"), error.message);
-  }
-}
+  });
 
 function showDownloads(drive) {
   const files = [
@@ -97,27 +98,32 @@ function showDownloads(drive) {
     ["All of these in one archive, zip", "archive.zip", Boolean(drive.facts.preview), "With objects, pictures of the ground, and a README that says what is what"],
     ["Log as it was sent, tar", "log.tar", mayOperate && drive.images.state === "kept" && drive.uploaded_at !== null, "Images and all; for operators"],
   ];
+  const key = JSON.stringify([drive.name, files.map(([, , has]) => has)]);
+  if (at("downloads").dataset.key === key) return;
+  at("downloads").dataset.key = key;
+  const had = at("downloads").contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
   at("downloads").replaceChildren(
     ...files.filter(([, , has]) => has).map(([text, name, , hint]) => {
       const item = element("li");
       const one = link(text, "", `/v1/drives/${id}/${name}`);
       if (name === "report.html") one.target = "_blank";
       else one.download = name === "track" ? `${drive.name}.geojson` : "";
-      if (headers().Authorization) one.addEventListener("click", (event) => byKey(event, one));
+      if (headers().Authorization) one.addEventListener("click", (event) => (event.preventDefault(), telling("download", () => byKey(one))));
       item.append(one, element("span", "quiet", ` ${hint}`));
       return item;
     }),
   );
+  if (had) [...at("downloads").querySelectorAll("a")].find((one) => one.getAttribute("href") === had)?.focus();
   if (!at("downloads").children.length) at("downloads").append(element("li", "quiet", "Nothing yet: the drive is not processed."));
 }
 
 // A link sends no key: what it leads to is fetched with it, and saved.
-async function byKey(event, one) {
-  event.preventDefault();
-  const answer = await fetch(one.href, { headers: headers() });
-  const saved = link("", "", URL.createObjectURL(await answer.blob()));
-  saved.download = `${shown.name}-${one.href.split("/").pop()}`;
+async function byKey(one) {
+  const url = URL.createObjectURL(await blobOf(one.href));
+  const saved = link("", "", url);
+  saved.download = one.download || `${shown.name}-${one.href.split("/").pop()}`;
   saved.click();
+  setTimeout(() => URL.revokeObjectURL(url), SAVING_MS);
 }
 
 function show(drive) {
@@ -138,15 +144,16 @@ function show(drive) {
   showStages(drive);
   if (before && before.state !== drive.state) announce(`${drive.name}: ${STATES[drive.state]}`);
   const news = [before?.facts.quality !== drive.facts.quality, before?.facts.preview !== drive.facts.preview, before?.images.state !== drive.images.state];
-  if (news[0] && drive.facts.quality) showQuality().catch(tell);
-  if ((news[1] || news[2]) && drive.facts.preview) scrubber.load().catch(tell);
-  if (!before || before.stages.map((one) => one.state).join() !== drive.stages.map((one) => one.state).join()) showHistory(id).catch(tell);
+  if (news[0] && drive.facts.quality) telling("quality", showQuality);
+  if ((news[1] || news[2]) && drive.facts.preview) telling("keyframes", () => scrubber.load());
+  if (!before || before.stages.map((one) => one.state).join() !== drive.stages.map((one) => one.state).join()) telling("history", () => showHistory(id));
 }
 
-const tell = (error) => say(at("problem"), error.message);
-
 async function showQuality() {
-  quality = await ask(`/v1/drives/${id}/quality`);
+  const report = shown.facts.quality;
+  const found = await ask(`/v1/drives/${id}/quality`);
+  if (report !== shown.facts.quality) return;
+  quality = found;
   at("numbers").replaceChildren(table(numbers(quality, shown.facts)));
   if (!quality.track) return showPictures();
   plots = plotsOf(quality);
@@ -168,10 +175,11 @@ async function showPictures() {
   at("pictures").replaceChildren(
     ...(await Promise.all(
       quality.pictures.map(async (name) => {
-        const answer = await fetch(`/v1/drives/${id}/quality/${name}.svg`, { headers: headers() });
+        const url = URL.createObjectURL(await blobOf(`/v1/drives/${id}/quality/${name}.svg`));
         const image = element("img", "plot");
         image.alt = name;
-        image.src = URL.createObjectURL(await answer.blob());
+        image.addEventListener("load", () => URL.revokeObjectURL(url), { once: true });
+        image.src = url;
         const section = element("section");
         section.append(image);
         return section;
@@ -201,14 +209,16 @@ at("by").value = caller.name === "this machine" ? "" : caller.name.replace(/^use
 function hear(event, data) {
   if (event === "drive" && data.id === id) show(data);
   if (event === "removed" && data.id === id) {
-    say(at("problem"), "This drive was removed.");
+    isRemoved = true;
+    telling("drive", () => Promise.reject(new Error("This drive was removed.")));
     at("actions").replaceChildren();
   }
 }
 
-try {
-  await refresh();
-} catch (error) {
-  tell(error);
-}
-listen(hear, live);
+const renew = () => telling("drive", refresh);
+const isAtWork = () => shown && (!OVER.includes(shown.state) || shown.reprocess);
+
+await renew();
+// The stream tells of the newest drives alone.
+setInterval(() => isAtWork() && !isRemoved && renew(), RENEW_MS);
+follow(hear, renew);

@@ -1,13 +1,16 @@
-// The fleet: what waits and runs, room on the disk, vehicles with their drives, and each rig's calibration over time.
+// The fleet: what waits and runs, room on the disk, the jobs of the map, vehicles with their drives, and each rig's calibration over time.
 
-import { ask, listen } from "/static/api.js";
+import { ask } from "/static/api.js";
 import { rigSection } from "/static/fleet/rig.js";
-import { at, element, link, say, table } from "/static/ui/dom.js";
-import { frame, live } from "/static/ui/frame.js";
-import { duration, moment, size, STATES } from "/static/ui/words.js";
+import { at, element, link, table } from "/static/ui/dom.js";
+import { follow, frame, telling } from "/static/ui/frame.js";
+import { duration, many, moment, size, STATES } from "/static/ui/words.js";
 
 const WAIT_MS = 1500;
-await frame();
+const RENEW_MS = 10_000;
+let asked = 0;
+const JOBS = 50;
+const [info] = await Promise.all([ask("/v1/info"), frame()]);
 
 const progress = (share, name) => {
   const bar = element("progress");
@@ -46,6 +49,26 @@ function showWork(work) {
   at("work").replaceChildren(table(rows, ["Worker", "Stage", "Drive", "Progress", "Doing", "For", "Heard of"]));
 }
 
+// None before the first drive, which begins the map.
+async function mapJobs() {
+  const { maps } = await ask("/v1/maps");
+  return maps.some(({ id }) => id === info.map_id) ? ask(`/v1/maps/${info.map_id}/jobs?limit=${JOBS}`) : { jobs: [] };
+}
+
+const took = ({ state, started_at: from, finished_at: to }) => {
+  if (!from || state === "queued") return "";
+  return duration((state === "running" ? Date.now() / 1000 : to) - from);
+};
+
+function showMapJobs(jobs) {
+  if (!jobs.length) return at("map-jobs").replaceChildren(element("p", "quiet", "Nothing was stitched or published yet."));
+  const rows = jobs.map((one) => [
+    moment(one.asked_at), one.parts ? `${one.stage}, ${many(one.parts, "part")}` : one.stage, element("span", `what ${one.state}`, one.state), moment(one.started_at), took(one),
+    [one.version && `version ${one.version}`, one.attempt > 1 && `attempt ${one.attempt}`, one.losses && many(one.losses, "lost worker"), one.error ?? one.message].filter(Boolean).join(" · "),
+  ]);
+  at("map-jobs").replaceChildren(table(rows, ["Asked for", "Job", "State", "Begun", "Took", "What became of it"]));
+}
+
 function showVehicles(vehicles) {
   if (!vehicles.length) return at("vehicles").replaceChildren(element("p", "quiet", "No vehicle has sent a drive yet."));
   const rows = vehicles.map(({ id, drives, last_at: last, bytes, created_at: since }) => [
@@ -56,10 +79,13 @@ function showVehicles(vehicles) {
 }
 
 async function refresh() {
-  const [fleet, { rigs }] = await Promise.all([ask("/v1/fleet"), ask("/v1/rigs")]);
+  const mine = ++asked;
+  const [fleet, { rigs }, { jobs }] = await Promise.all([ask("/v1/fleet"), ask("/v1/rigs"), mapJobs()]);
+  if (mine !== asked) return;
   showQueues(fleet.queues);
   showStorage(fleet);
   showWork(fleet.work);
+  showMapJobs(jobs);
   showVehicles(fleet.vehicles);
   const key = JSON.stringify(rigs);
   if (at("rigs").dataset.key === key) return;
@@ -67,13 +93,15 @@ async function refresh() {
   at("rigs").replaceChildren(...rigs.map(rigSection));
 }
 
+const renew = () => telling("list", refresh);
 let waiting = null;
 const soon = () => {
   waiting ??= setTimeout(async () => {
     waiting = null;
-    await refresh().catch((error) => say(at("problem"), error.message));
+    await renew();
   }, WAIT_MS);
 };
 
-await refresh().catch((error) => say(at("problem"), error.message));
-listen(soon, live);
+await renew();
+setInterval(renew, RENEW_MS);
+follow(soon, renew);

@@ -15,7 +15,7 @@ export function gradeBadge(quality) {
 }
 
 export class Card {
-  // about: { caller, models, choose(id), tell(text) }
+  // about: { caller, models, choose(id), tell(text), acted() }
   constructor(about) {
     this.about = about;
     this.drive = null;
@@ -134,7 +134,8 @@ export class Card {
     try {
       await found?.run();
     } catch (error) {
-      this.about.tell(`${this.drive.name}: ${error.message}`);
+      return this.about.tell(`${this.drive.name}: ${error.message}`);
     }
+    await this.about.acted();
   }
 }

@@ -8,12 +8,13 @@ import { many, STATES } from "/static/ui/words.js";
 
 const PAGE = 40;
 const WAIT_MS = 400;
+const RENEW_MS = 10_000;
 const IN_WORK = ["queued", "running", "stitching"];
 
 export class DriveList {
   // about: { caller, models, choose(id) }
   constructor(about) {
-    this.about = { ...about, tell: (text) => this.tell(text) };
+    this.about = { ...about, tell: (text) => this.tell(text), acted: () => this.load() };
     this.cards = new Map();
     this.states = new Map();
     this.offset = 0;
@@ -21,6 +22,7 @@ export class DriveList {
     this.waiting = null;
     this.asked = 0;
     this.#listen();
+    setInterval(() => this.isAtWork && this.load(), RENEW_MS);
   }
 
   #listen() {
@@ -46,6 +48,15 @@ export class DriveList {
     this.offset = offset;
     at("aside").scrollTop = 0;
     return this.load();
+  }
+
+  // Whether a drive of this page is: the stream tells of the newest drives alone.
+  get isAtWork() {
+    return [...this.cards.values()].some(({ drive }) => IN_WORK.includes(drive.state) || drive.reprocess);
+  }
+
+  drive(id) {
+    return this.cards.get(id)?.drive;
   }
 
   get #wanted() {

@@ -42,8 +42,8 @@ export class Address {
     return numbersOf(readHash().get("at"), 3) !== null;
   }
 
-  // The view that the address names.
-  async restore() {
+  // The view that the address names. first: when the page is opened, a drive that was chosen meanwhile stays where the address names none.
+  async restore(first = false) {
     const words = readHash();
     const list = (name) => new Set((words.get(name) ?? "").split(",").filter(Boolean));
     this.quiet = true;
@@ -62,7 +62,8 @@ export class Address {
     this.legend.hide(list("hide"));
     this.legend.choose({ tracks: words.get("tracks") ?? "plain", coverage: words.get("coverage") ?? "plain" });
     await this.#restoreVersion(words);
-    if (words.get("drive")) await this.city.choose(words.get("drive"), null, false);
+    const drive = words.get("drive");
+    if (drive !== this.city.chosen && (drive || !first)) await this.city.choose(drive, false);
     const told = numbersOf(words.get("told"), 2);
     if (told) this.told.tellOf(told, this.city.map.project(told));
     else this.told.close();

@@ -1,5 +1,6 @@
 // Where the map is: areas along the streets, or squares by how many drives came, or by when the last one did.
 
+import { boxOf, joined } from "/static/map/sites.js";
 import { AGE_RAMP, colour, COUNT_RAMP, ramped } from "/static/map/style.js";
 
 const EMPTY = { type: "FeatureCollection", features: [] };
@@ -25,6 +26,12 @@ export class Coverage {
     this.streets = await this.ask(`/v1/maps/${version.map_id}/coverage`);
     this.known(this.streets.features);
     await this.#draw();
+  }
+
+  // Around all areas; null of none.
+  get box() {
+    const boxes = this.streets.features.map(({ geometry }) => boxOf(geometry));
+    return boxes.length ? boxes.reduce(joined) : null;
   }
 
   async by(mode) {

@@ -2,6 +2,7 @@
 
 import { element } from "/static/ui/dom.js";
 import { AGE_RAMP, COUNT_RAMP } from "/static/map/style.js";
+import { many } from "/static/ui/words.js";
 
 const day = (seconds) => new Date(1000 * seconds).toISOString().slice(0, 10);
 const CHOICES = {
@@ -17,7 +18,7 @@ export class Legend {
     into.querySelector("summary").textContent = "Legend";
     this.tracks = this.#choice("tracks", "Tracks by", (mode) => city.tracks.by(mode));
     this.coverage = this.#choice("coverage", "Coverage by", (mode) => this.#cover(mode));
-    city.tracks.changed = () => this.#showTracks();
+    city.hear("tracks", () => this.#showTracks());
     city.coverage.changed = () => this.#showCoverage();
     city.map.on("idle", () => this.#listClasses());
     this.#fill(classes);
@@ -99,7 +100,7 @@ export class Legend {
   #showCoverage() {
     const { mode } = this.city.coverage;
     const [low, high] = this.city.coverage.range();
-    const count = (value) => `${Math.round(value)} drive${Math.round(value) === 1 ? "" : "s"}`;
+    const count = (value) => many(Math.round(value), "drive");
     const shown = { plain: () => [], drives: () => ramp(COUNT_RAMP, [count(low), count(high)]), age: () => ramp(AGE_RAMP, [day(low), day(high)]) };
     this.coverage.meaning.replaceChildren(...shown[mode]());
   }

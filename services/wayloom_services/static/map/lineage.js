@@ -2,6 +2,7 @@
 
 import { ask } from "/static/api.js";
 import { element } from "/static/ui/dom.js";
+import { many } from "/static/ui/words.js";
 
 export const day = (seconds) => new Date(1000 * seconds).toISOString().slice(0, 10);
 
@@ -28,7 +29,7 @@ export function driveList(drives) {
     const item = element("li");
     const link = element("a", "", name ?? id.slice(0, 12));
     link.href = `/drives/${id}`;
-    const parts = [vehicle, submaps.length && `${submaps.length} submap${submaps.length === 1 ? "" : "s"}`, run?.network?.name && `labelled by ${run.network.name}`];
+    const parts = [vehicle, submaps.length && many(submaps.length, "submap"), run?.network?.name && `labelled by ${run.network.name}`];
     item.append(link, element("span", "quiet", ` ${parts.filter(Boolean).join(" · ")}`));
     list.append(item);
   }

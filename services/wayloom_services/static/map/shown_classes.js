@@ -1,7 +1,7 @@
 // Pictures of classes without those that are switched off: each pixel counts as the class whose colour is nearest, as small shares soften edges.
 
 import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
-import { headers } from "/static/api.js";
+import { send } from "/static/api.js";
 
 const BITS = 5;
 const SHIFT = 8 - BITS;
@@ -44,7 +44,7 @@ export function withoutClasses(data, hidden) {
 // `shown://3.7/https://…`: the picture behind the slash without classes 3 and 7.
 maplibregl.addProtocol("shown", async ({ url }, { signal }) => {
   const [, ids, address] = url.match(/^shown:\/\/([0-9.]+)\/(.*)$/);
-  const answer = await fetch(address, { headers: headers(), signal });
+  const answer = await send(address, { signal });
   if (answer.status !== 200) return { data: null };
   const picture = await createImageBitmap(await answer.blob(), { premultiplyAlpha: "none", colorSpaceConversion: "none" });
   const canvas = new OffscreenCanvas(picture.width, picture.height);

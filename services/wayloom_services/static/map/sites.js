@@ -3,7 +3,7 @@
 const GAP_M = 400;
 const M_PER_DEGREE = 111_320;
 
-const boxOf = (polygon) => {
+export const boxOf = (polygon) => {
   const box = [Infinity, Infinity, -Infinity, -Infinity];
   for (const [lon, lat] of polygon.coordinates[0]) {
     box[0] = Math.min(box[0], lon);
@@ -17,9 +17,14 @@ const boxOf = (polygon) => {
 export const joined = (a, b) => [Math.min(a[0], b[0]), Math.min(a[1], b[1]), Math.max(a[2], b[2]), Math.max(a[3], b[3])];
 export const middleOf = ([west, south, east, north]) => [(west + east) / 2, (south + north) / 2];
 
-export function areaOf([west, south, east, north]) {
-  const metres = M_PER_DEGREE * Math.cos((((south + north) / 2) * Math.PI) / 180);
-  return (east - west) * metres * (north - south) * M_PER_DEGREE;
+// Metres from west to east and from south to north.
+export const sizeOf = ([west, south, east, north]) => [
+  (east - west) * M_PER_DEGREE * Math.cos((((south + north) / 2) * Math.PI) / 180), (north - south) * M_PER_DEGREE,
+];
+
+export function areaOf(bounds) {
+  const [wide, high] = sizeOf(bounds);
+  return wide * high;
 }
 
 function near(a, b) {
@@ -27,18 +32,18 @@ function near(a, b) {
   return a[0] - dLon <= b[2] && b[0] - dLon <= a[2] && a[1] - dLat <= b[3] && b[1] - dLat <= a[3];
 }
 
-// [{ bounds: [west, south, east, north] }], the largest first; areas (polygons) less than 400 m apart are of one site.
+// [{ bounds: [west, south, east, north], areas: polygons }], the largest first; areas less than 400 m apart are of one site.
 export function sitesOf(features) {
-  let boxes = features.map(({ geometry }) => boxOf(geometry));
-  for (let before = Infinity; boxes.length < before; ) {
-    before = boxes.length;
+  let sites = features.map(({ geometry }) => ({ bounds: boxOf(geometry), areas: [geometry] }));
+  for (let before = Infinity; sites.length < before; ) {
+    before = sites.length;
     const next = [];
-    for (const box of boxes) {
-      const row = next.findIndex((other) => near(other, box));
-      if (row < 0) next.push(box);
-      else next[row] = joined(next[row], box);
+    for (const site of sites) {
+      const row = next.findIndex(({ bounds }) => near(bounds, site.bounds));
+      if (row < 0) next.push(site);
+      else next[row] = { bounds: joined(next[row].bounds, site.bounds), areas: [...next[row].areas, ...site.areas] };
     }
-    boxes = next;
+    sites = next;
   }
-  return boxes.sort((a, b) => areaOf(b) - areaOf(a)).map((bounds) => ({ bounds }));
+  return sites.sort((a, b) => areaOf(b.bounds) - areaOf(a.bounds));
 }

@@ -23,6 +23,8 @@ export class Swipe {
     this.line.addEventListener("keydown", (event) => this.#key(event));
     city.hear("version", () => this.#name());
     city.hear("visible", (name) => this.#follow(name));
+    city.hear("tracks", () => this.#followTracks());
+    city.hear("chosen", (id) => this.#followChoice(id));
   }
 
   #hide(hidden) {
@@ -54,11 +56,15 @@ export class Swipe {
     this.keep = () => this.map?.jumpTo({ center: map.getCenter(), zoom: map.getZoom() });
     map.on("move", this.keep);
     globalThis.wayloomOther = this.map;
-    this.ready = new Promise((resolve) => this.map.once("style.load", resolve)).then(() => {
+    const other = this.map;
+    this.ready = new Promise((resolve) => other.once("style.load", resolve)).then(() => {
+      if (this.map !== other) return;
       this.tracks = new Tracks(this.map, null);
-      Object.assign(this.tracks, { drives: this.city.tracks.drives, mode: this.city.tracks.mode });
       this.tracks.addLayers();
-      this.tracks.draw();
+      this.#followTracks();
+      this.marked = null;
+      this.#followChoice(this.city.chosen);
+      this.#follow("tracks");
       this.layers = new VersionLayers(this.map, this.city.overlays, "tracks-edge");
       this.layers.off = new Set(this.city.layers.off);
       this.layers.hidden = this.city.layers.hidden;
@@ -74,15 +80,28 @@ export class Swipe {
     if (!this.map) return;
     this.city.map.off("move", this.keep);
     this.map.remove();
-    Object.assign(this, { map: null, layers: null });
+    Object.assign(this, { map: null, layers: null, tracks: null });
     this.city.other = null;
   }
 
+  #followTracks() {
+    if (!this.tracks) return;
+    Object.assign(this.tracks, { drives: this.city.tracks.drives, mode: this.city.tracks.mode });
+    this.tracks.draw();
+  }
+
+  #followChoice(id) {
+    if (!this.tracks) return;
+    if (this.marked) this.tracks.mark(this.marked, false);
+    if (id) this.tracks.mark(id, true);
+    this.marked = id;
+  }
+
   #follow(name) {
-    if (!this.layers) return;
+    if (!this.tracks) return;
     const on = (id) => this.city.map.getLayer(id) && this.city.map.getLayoutProperty(id, "visibility") !== "none";
     if (name === "tracks") for (const id of ["tracks-edge", "tracks"]) this.map.setLayoutProperty(id, "visibility", on(id) ? "visible" : "none");
-    else if (name !== "coverage") this.layers.visible(name, !this.city.layers.off.has(name));
+    else if (name !== "coverage") this.layers?.visible(name, !this.city.layers.off.has(name));
   }
 
   #name() {

@@ -2,6 +2,8 @@
 
 import { element } from "/static/ui/dom.js";
 import { day, driveList, factTable, lineageOf } from "/static/map/lineage.js";
+import { addressIn3d, metresPerPixel } from "/static/map/scale.js";
+import { many } from "/static/ui/words.js";
 
 const EMPTY = { type: "FeatureCollection", features: [] };
 const NEAR_PX = 5;
@@ -99,8 +101,8 @@ export class Told {
     const where = element("p", "quiet", `${lat.toFixed(6)}, ${lon.toFixed(6)} · `);
     const link = element("a", "", "in 3D");
     const height = this.map.getContainer().clientHeight;
-    const metres = (78_271.517 * Math.cos((lat * Math.PI) / 180) * height) / 2 ** this.map.getZoom();
-    link.href = `/3d#at=${lon.toFixed(7)},${lat.toFixed(7)}&distance=${Math.min(metres, 200).toFixed(0)}`;
+    const metres = metresPerPixel(lat, this.map.getZoom()) * height;
+    link.href = addressIn3d([lon, lat], { distance: Math.min(metres, 200), drive: this.city.chosen, version: this.city.pinned });
     where.append(link);
     this.panel.replaceChildren(title, where);
   }
@@ -129,7 +131,7 @@ export class Told {
     const parts = [];
     if (voxels?.length) {
       const table = element("table", "voxels");
-      table.createCaption().textContent = `${voxels.length} voxel${voxels.length === 1 ? "" : "s"} within 1 m`;
+      table.createCaption().textContent = `${many(voxels.length, "voxel")} within 1 m`;
       const head = table.createTHead().insertRow();
       for (const name of ["class", "height", "drives", "last seen"]) head.append(Object.assign(element("th", "", name), { scope: "col" }));
       for (const one of voxels.slice(0, LISTED)) {
@@ -139,7 +141,7 @@ export class Told {
       }
       parts.push(table);
     }
-    const title = drives.length ? `Made from ${drives.length} drive${drives.length === 1 ? "" : "s"}, version ${version}` : `Nothing is mapped here in version ${version}`;
+    const title = drives.length ? `Made from ${many(drives.length, "drive")}, version ${version}` : `Nothing is mapped here in version ${version}`;
     parts.push(element("h3", "", title), driveList(drives));
     return parts;
   }

@@ -56,6 +56,7 @@ export class Tracks {
     }
     this.drives.set(drive.id, null);
     const feature = await this.ask(`/v1/drives/${drive.id}/track`).catch(() => null);
+    if (!this.drives.has(drive.id)) return false; // forgotten meanwhile
     if (!feature?.geometry) return void this.drives.delete(drive.id);
     this.#keep(feature, drive);
     return true;
@@ -72,6 +73,11 @@ export class Tracks {
 
   get features() {
     return [...this.drives.values()].filter(Boolean);
+  }
+
+  // The line of one drive stands out, whether its way is here or comes later.
+  mark(id, on) {
+    this.map.setFeatureState({ source: "tracks", id }, { chosen: on });
   }
 
   draw() {

@@ -3,7 +3,7 @@
 import { element } from "/static/ui/dom.js";
 
 // Asks. about: { title, text, fields, action, danger, check(values) -> why not | "" }. A field: { name, label, kind, value, options, hint }.
-// The values by name, or null where the dialog is closed without an answer. work(values) runs while the dialog is open, and an error of it is
+// The values by name, of kinds file and folder lists of files, or null where the dialog is closed without an answer. work(values) runs while the dialog is open, and an error of it is
 // told there, so that what was typed is not lost.
 export function dialog({ title, text, fields = [], action, danger = false, check = () => "", work }) {
   return new Promise((resolve) => {
@@ -25,7 +25,7 @@ export function dialog({ title, text, fields = [], action, danger = false, check
     form.append(heading, ...(text ? [element("p", "", text)] : []), ...inputs.map(({ label }) => label), problem, row);
     box.append(form);
     document.body.append(box);
-    const values = () => Object.fromEntries(inputs.map(({ name, input }) => [name, input.value]));
+    const values = () => Object.fromEntries(inputs.map(({ name, input }) => [name, input.type === "file" ? [...input.files] : input.value]));
     const look = () => (yes.disabled = check(values()) !== "");
     form.addEventListener("input", look);
     look();
@@ -57,9 +57,10 @@ function inputOf({ name, label, kind = "text", value = "", options = [], hint = 
   const wrap = element("label", "", label);
   const input = element(kind === "select" ? "select" : kind === "long" ? "textarea" : "input");
   if (kind === "select") input.append(...options.map(([key, words]) => new Option(words, key)));
-  else if (kind !== "long") input.type = kind;
+  else if (kind !== "long") input.type = kind === "folder" ? "file" : kind;
   input.name = name;
-  input.value = value;
+  if (kind === "folder") input.webkitdirectory = true;
+  if (input.type !== "file") input.value = value;
   input.required = required;
   if (kind === "text") input.autocomplete = "off";
   wrap.append(input);

@@ -5,9 +5,9 @@ const JUNK = /(^|\/)(\.DS_Store|Thumbs\.db|desktop\.ini|__MACOSX|\.git)(\/|$)/;
 const readBatch = (reader) => new Promise((resolve, reject) => reader.readEntries(resolve, reject));
 const fileOf = (entry) => new Promise((resolve, reject) => entry.file(resolve, reject));
 
-// Every file below an entry: [path from the entry on, File].
+// Every file below an entry: [path from the entry on, File, how to have it as it is by then].
 async function filesBelow(entry, path) {
-  if (entry.isFile) return [[path, await fileOf(entry)]];
+  if (entry.isFile) return [[path, await fileOf(entry), () => fileOf(entry)]];
   const reader = entry.createReader();
   const found = [];
   for (let batch = await readBatch(reader); batch.length; batch = await readBatch(reader)) {
@@ -16,7 +16,7 @@ async function filesBelow(entry, path) {
   return found;
 }
 
-// [path, File] of all that was dropped. The entries are taken at once: the browser forgets them after the event.
+// [path, File, renew] of all that was dropped. The entries are taken at once: the browser forgets them after the event.
 export async function dropped(transfer) {
   const entries = [...transfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
   return (await Promise.all(entries.map((entry) => filesBelow(entry, entry.name)))).flat();
@@ -24,23 +24,37 @@ export async function dropped(transfer) {
 
 export const chosen = (list) => [...list].map((file) => [file.webkitRelativePath || file.name, file]);
 
-// Drives of the files: { name, log, files: [{ path, file }], bytes }.
+// Files of a GNSS log that is kept beside a drive, a file or a folder of them: { gnss, files } of its manifest, null of none.
+export function gnssOf(pairs) {
+  const found = pairs.filter(([path]) => !JUNK.test(path));
+  if (!found.length) return null;
+  const isPart = found[0][0].startsWith("oxts/"); // readers look for `oxts` below what they are given
+  const part = found.filter(([path]) => path.split("/")[1] === "oxts");
+  const files = (part.length ? part : found).map(([path, file]) => ({ path: isPart ? `gnss/log/${path}` : `gnss/${path}`, file }));
+  return { gnss: files[0].path.split("/", 2).join("/"), files };
+}
+
+const bytesOf = (files) => files.reduce((sum, { file }) => sum + file.size, 0);
+export const withGnss = (drive, beside) =>
+  beside ? { ...drive, gnss: beside.gnss, files: [...drive.files, ...beside.files], bytes: bytesOf([...drive.files, ...beside.files]) } : drive;
+
+// Drives of the files: { name, log, files: [{ path, file, renew }], bytes }.
 export function drivesOf(pairs) {
   const tops = new Map();
-  for (const [path, file] of pairs) {
+  for (const [path, file, renew] of pairs) {
     if (JUNK.test(path)) continue;
     const top = path.split("/")[0];
     if (!tops.has(top)) tops.set(top, []);
-    tops.get(top).push([path, file]);
+    tops.get(top).push([path, file, renew]);
   }
   return [...tops].map(([name, found]) => {
     const isFolder = found.some(([path]) => path.includes("/"));
     const files = found
-      .map(([path, file]) => ({ path: `log/${isFolder ? path.slice(name.length + 1) : path}`, file }))
+      .map(([path, file, renew]) => ({ path: `log/${isFolder ? path.slice(name.length + 1) : path}`, file, renew }))
       .sort((a, b) => (a.path < b.path ? -1 : 1));
     return {
       name: isFolder ? name : name.replace(/\.[^.]+$/, ""), log: isFolder ? "log" : `log/${name}`, files,
-      bytes: files.reduce((sum, { file }) => sum + file.size, 0),
+      bytes: bytesOf(files),
     };
   });
 }

@@ -22,12 +22,12 @@ async function hashed(file, told) {
 }
 
 addEventListener("message", async ({ data: { files } }) => {
-  try {
-    for (const [index, file] of files.entries()) {
+  for (const [index, file] of files.entries()) {
+    try {
       postMessage({ index, sha256: await hashed(file, (bytes) => postMessage({ bytes })) });
+    } catch (error) {
+      return postMessage({ index, error: error.message });
     }
-    postMessage({ done: true });
-  } catch (error) {
-    postMessage({ error: `a file cannot be read: ${error.message}` });
   }
+  postMessage({ done: true });
 });

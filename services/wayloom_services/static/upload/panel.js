@@ -1,6 +1,6 @@
 // Sending drives from the page: a folder is dropped anywhere or chosen by a button, looked at, named, and sent; its progress stands over the list.
 
-import { chosen, drivesOf, dropped } from "/static/upload/files.js";
+import { chosen, drivesOf, dropped, gnssOf, withGnss } from "/static/upload/files.js";
 import { Sender } from "/static/upload/sender.js";
 import { dialog } from "/static/ui/dialogs.js";
 import { at, button, element, say } from "/static/ui/dom.js";
@@ -58,10 +58,14 @@ async function offer(pairs) {
       fields: [
         { name: "name", label: "Name", value: drive.name, required: true },
         { name: "vehicle", label: "Vehicle", hint: "empty: as the log says" },
+        { name: "gnss", label: "GNSS log that is kept beside it, a file", kind: "file" },
+        { name: "gnssFolder", label: "or a folder of one", kind: "folder" },
       ],
-      check: ({ name }) => (name.trim() ? "" : "no name"),
+      check: ({ name, gnss, gnssFolder }) => (!name.trim() ? "no name" : gnss.length && gnssFolder.length ? "a file or a folder" : ""),
     });
-    if (wanted) at("uploads").append(new UploadCard({ ...drive, name: wanted.name.trim(), vehicle: wanted.vehicle.trim() }).root);
+    if (!wanted) continue;
+    const beside = gnssOf(chosen([...wanted.gnss, ...wanted.gnssFolder]));
+    at("uploads").append(new UploadCard({ ...withGnss(drive, beside), name: wanted.name.trim(), vehicle: wanted.vehicle.trim() }).root);
   }
 }
 

@@ -23,6 +23,15 @@ function tus() {
   return library;
 }
 
+// A browser does not give a file that has been changed since it was chosen.
+async function legible(path, file) {
+  try {
+    await file.slice(0, 1).arrayBuffer();
+  } catch {
+    throw new Error(`${path} has changed on this disk since it was read, or is gone: give the folder again`);
+  }
+}
+
 export class Sender {
   // drive: of `drivesOf`, with vehicle; changed(): called after every change of what is shown of it.
   constructor(drive, changed) {
@@ -40,6 +49,7 @@ export class Sender {
     return this.arrived + [...this.active.values()].reduce((sum, { bytes }) => sum + bytes, 0);
   }
 
+  // Reads what is not read yet, asks what the server has, and sends the rest.
   async run() {
     try {
       await this.#hash();
@@ -47,6 +57,27 @@ export class Sender {
     } catch (error) {
       await this.#fail(error);
     }
+  }
+
+  // As `run`, of the files as they are now: those that have changed since are read anew, and the drive is announced with them.
+  async resume() {
+    this.#to("hashing");
+    try {
+      await this.#renew();
+    } catch (error) {
+      return this.#fail(error);
+    }
+    await this.run();
+  }
+
+  async #renew() {
+    for (const one of this.drive.files) {
+      const file = (await one.renew?.()) ?? one.file;
+      if (file.size === one.file.size && file.lastModified === one.file.lastModified) continue;
+      this.drive.bytes += file.size - one.file.size;
+      Object.assign(one, { file, sha256: null });
+    }
+    this.read = this.drive.files.reduce((sum, { file, sha256 }) => sum + (sha256 ? file.size : 0), 0);
   }
 
   #to(state, error = "") {
@@ -61,27 +92,38 @@ export class Sender {
     this.#to("stopped", error.message);
   }
 
-  #hash() {
+  async #hash() {
+    const wanted = this.drive.files.filter(({ sha256 }) => !sha256);
+    if (!wanted.length) return;
     this.worker = new Worker(new URL("./hasher.js", import.meta.url), { type: "module" });
+    try {
+      await this.#hashed(wanted);
+    } finally {
+      this.worker.terminate();
+      this.worker = null;
+    }
+  }
+
+  #hashed(wanted) {
     return new Promise((resolve, reject) => {
-      this.worker.addEventListener("error", () => reject(new Error("the files cannot be hashed in this browser")));
+      for (const name of ["error", "messageerror"]) {
+        this.worker.addEventListener(name, () => reject(new Error("the files cannot be hashed in this browser")));
+      }
       this.worker.addEventListener("message", ({ data }) => {
         if (data.bytes) this.read += data.bytes;
-        if (data.sha256) this.drive.files[data.index].sha256 = data.sha256;
-        if (data.error) reject(new Error(data.error));
+        if (data.sha256) wanted[data.index].sha256 = data.sha256;
+        if (data.error) reject(new Error(`${wanted[data.index].path} cannot be read: ${data.error}`));
         this.changed();
-        if (!data.done) return;
-        this.worker.terminate();
-        resolve();
+        if (data.done) resolve();
       });
-      this.worker.postMessage({ files: this.drive.files.map(({ file }) => file) });
+      this.worker.postMessage({ files: wanted.map(({ file }) => file) });
     });
   }
 
   get #manifest() {
-    const { name, vehicle, log, files } = this.drive;
+    const { name, vehicle, log, gnss, files } = this.drive;
     const listed = files.map(({ path, file, sha256 }) => ({ path, size: file.size, sha256 }));
-    return JSON.stringify({ name, ...(vehicle ? { vehicle_id: vehicle } : {}), log, files: listed });
+    return JSON.stringify({ name, ...(vehicle ? { vehicle_id: vehicle } : {}), log, ...(gnss ? { gnss } : {}), files: listed });
   }
 
   async #send() {
@@ -106,7 +148,8 @@ export class Sender {
     const lane = async () => {
       while (waiting.length && this.state === "sending") {
         const one = waiting.pop();
-        await this.#sendFile(one, sources.get(one.path));
+        await legible(one.path, sources.get(one.path));
+        if (this.state === "sending") await this.#sendFile(one, sources.get(one.path));
       }
     };
     await Promise.all(Array.from({ length: AT_ONCE }, lane));
@@ -132,7 +175,7 @@ export class Sender {
         },
         onError: (error) => {
           this.active.delete(path);
-          reject(new Error(error.originalResponse ? error.message : "the link is down"));
+          legible(path, file).then(() => reject(new Error(error.originalResponse ? error.message : "the link is down")), reject);
         },
       });
       progress.upload = upload;
@@ -151,16 +194,6 @@ export class Sender {
 
   pause() {
     return this.#halt("paused");
-  }
-
-  // Asks what the server has and sends the rest.
-  async resume() {
-    this.state = "announcing";
-    try {
-      await this.#send();
-    } catch (error) {
-      await this.#fail(error);
-    }
   }
 
   // What has arrived stays on the server until its time is over; the same folder given again goes on there.

@@ -1,6 +1,7 @@
 // How points are coloured: by class, height, drives, age or confidence, in one shader; hidden classes are not drawn.
 
 import { Color, GLSL3, RawShaderMaterial, Vector3, Vector4 } from "/static/vendor/three/three.bundle.mjs";
+import { many } from "/static/ui/words.js";
 
 export const MODES = ["class", "height", "drives", "age", "confidence"];
 // Eight steps each, even in lightness: viridis for what grows, cividis for what gets old.
@@ -73,6 +74,6 @@ export const showClass = (material, id, on) => material.uniforms.classes.value[i
 export function endsOf(mode, [low, high], baseM) {
   const day = (value) => new Date(value * 86_400_000).toISOString().slice(0, 10);
   if (mode === "height") return [`${(baseM + low).toFixed(0)} m`, `${(baseM + high).toFixed(0)} m above the ellipsoid`];
-  if (mode === "drives") return ["1 drive", `${Math.round(2 ** high)} drives`];
+  if (mode === "drives") return [many(1, "drive"), many(Math.round(2 ** high), "drive")];
   return mode === "age" ? [day(low), day(high)] : ["0 %", "100 % of votes"];
 }

@@ -1,10 +1,12 @@
 // The 3D page: points of the map with level of detail, coloured as asked, flown along a drive; its view is in its address.
 
-import { ask, listen } from "/static/api.js";
+import { ask } from "/static/api.js";
 import { at, element } from "/static/ui/dom.js";
 import { numbersOf, readHash, writeHash } from "/static/map/hash.js";
+import { zoomOf } from "/static/map/scale.js";
 import { sitesOf } from "/static/map/sites.js";
-import { frame, live } from "/static/ui/frame.js";
+import { follow, frame } from "/static/ui/frame.js";
+import { many } from "/static/ui/words.js";
 import { MODES } from "/static/view3d/colours.js";
 import { Flight, wayOf } from "/static/view3d/fly.js";
 import { Panel } from "/static/view3d/panel.js";
@@ -22,6 +24,9 @@ let placed = false;
 let downAt = [0, 0];
 let lastRange = "";
 let waiting = 0;
+let restoring = 0;
+let showing = Promise.resolve();
+let newest = 0;
 
 const [info] = await Promise.all([ask("/v1/info"), frame()]);
 function begin() {
@@ -33,10 +38,11 @@ function begin() {
   globalThis.wayloom3d = { scene, flight, state };
   at("view").addEventListener("click", (event) => pick(event.clientX, event.clientY));
   at("view").addEventListener("pointerdown", (event) => (downAt = [event.clientX, event.clientY]));
+  at("newest").addEventListener("click", () => showNewest().then(() => at("view").focus()).catch(tellFailed));
   addEventListener("keydown", keys);
   addEventListener("popstate", () => restore().catch(tellFailed));
   restore().catch(tellFailed);
-  listen(hear, live);
+  follow(hear);
 }
 
 function pick(x, y) {
@@ -45,13 +51,19 @@ function pick(x, y) {
   tellPoint(at("picked"), point, { info, version: found?.version, frame: scene.frame, back: () => at("view").focus() });
 }
 
+function closeCard() {
+  const hadFocus = at("picked").contains(document.activeElement);
+  at("picked").hidden = true;
+  if (hadFocus) at("view").focus();
+}
+
 function keys(event) {
+  if (event.key === "Escape") return closeCard();
   if (event.target.closest("input, select, textarea, button, a, summary") || event.ctrlKey || event.metaKey || event.altKey) return;
   if (event.key === "f") fit();
   else if (event.key === "m") location.assign(at("to-map").href);
   else if (event.key === "s") save();
   else if (event.key === " ") fly();
-  else if (event.key === "Escape") at("picked").hidden = true;
   else if (event.key === "Enter" && event.target === at("view")) {
     const box = at("view").getBoundingClientRect();
     downAt = [box.left + box.width / 2, box.top + box.height / 2];
@@ -71,7 +83,9 @@ async function restore() {
     version: Number(words.get("v")) || null,
   });
   panel.show(state);
+  const mine = ++restoring;
   await showVersion();
+  if (mine !== restoring) return;
   const place = numbersOf(words.get("at"), 3);
   const view = numbersOf(words.get("view"), 3);
   placed = place !== null;
@@ -87,14 +101,23 @@ async function restore() {
   await chooseDrive();
 }
 
-async function showVersion() {
-  const path = state.version === null ? `/v1/maps/${info.map_id}` : `/v1/maps/${info.map_id}/versions/${state.version}`;
+// One after the other: a version stands in the frame that the first one gave.
+function showVersion() {
+  showing = showing.catch(() => null).then(showOne);
+  return showing;
+}
+
+async function showOne() {
+  const { version: wanted } = state;
+  const path = wanted === null ? `/v1/maps/${info.map_id}` : `/v1/maps/${info.map_id}/versions/${wanted}`;
   const next = await ask(path).catch((error) => {
-    if (error.status === 404) tell("Nothing to show yet", ["Send a drive; this page shows the map as soon as it is published."]);
+    if (wanted !== null && [404, 410].includes(error.status)) tell(`Version ${wanted} is not kept any more`, ["Its time is over, or it was withdrawn. The button above shows the newest."]);
+    else if (error.status === 404) tell("Nothing to show yet", ["Send a drive; this page shows the map as soon as it is published."]);
     else throw error;
   });
-  if (!next) return;
+  if (!next || wanted !== state.version) return;
   at("message").hidden = true;
+  offerNewest();
   const first = found === null;
   const isNew = found?.version !== next.version;
   found = next;
@@ -102,9 +125,9 @@ async function showVersion() {
   if (first) await standSomewhere();
   panel.layers(info.overlays.filter((name) => found.layers[`${name}-tilesets`]), state);
   const base = `/v1/maps/${found.map_id}/versions/${found.version}/3dtiles`;
-  const wanted = new Map([[STATIC, `${base}/tileset.json`], ...[...state.layers].filter((name) => found.layers[`${name}-tilesets`]).map((name) => [name, `${base}/${name}/tileset.json`])]);
-  for (const name of scene.trees.keys()) if (!wanted.has(name)) scene.remove(name);
-  await Promise.all([...wanted].filter(([name]) => isNew || !scene.trees.has(name)).map(([name, address]) => scene.add(name, address)));
+  const trees = new Map([[STATIC, `${base}/tileset.json`], ...[...state.layers].filter((name) => found.layers[`${name}-tilesets`]).map((name) => [name, `${base}/${name}/tileset.json`])]);
+  for (const name of scene.trees.keys()) if (!trees.has(name)) scene.remove(name);
+  await Promise.all([...trees].filter(([name]) => isNew || !(scene.trees.has(name) || scene.coming.has(name))).map(([name, address]) => scene.add(name, address)));
 }
 
 // The frame of the view, around the map's largest site.
@@ -132,6 +155,7 @@ function goToSite(number) {
 }
 
 function goTo(lon, lat, distance) {
+  if (!scene.frame) return;
   scene.orbit.place({ target: scene.frame.local(lon, lat, found.frame[2]), distance, bearing: 0, tilt: 45 });
 }
 
@@ -155,8 +179,10 @@ function recolour() {
 }
 
 async function chooseDrive() {
-  const feature = state.drive && (await ask(`/v1/drives/${state.drive}/track`).catch(() => null));
-  if (!feature?.geometry) {
+  const { drive } = state;
+  const feature = drive && (await ask(`/v1/drives/${drive}/track`).catch(() => null));
+  if (drive !== state.drive) return; // another one was chosen meanwhile
+  if (!feature?.geometry || !scene.frame) {
     scene.line(null);
     flight.take([]);
     return;
@@ -185,7 +211,7 @@ async function save() {
 function told() {
   if (!panel) return;
   const settled = scene.isSettled;
-  at("status").textContent = `${scene.points.toLocaleString("en")} points${settled ? "" : " · loading"}`;
+  at("status-words").textContent = `${many(scene.points, "point")}${settled ? "" : " · loading"}`;
   panel.classes(scene.classesHere(), state);
   if (!placed && scene.points && scene.frame) {
     placed = true;
@@ -219,15 +245,35 @@ function writeAddress(step) {
   }, step);
   // Zoom of the map at which as many metres are seen from top to bottom.
   const metres = (2 * orbit.distance * Math.tan((scene.camera.fov * Math.PI) / 360)) / at("view").clientHeight;
-  const zoom = Math.log2((78_271.517 * Math.cos((lat * Math.PI) / 180)) / metres);
+  const zoom = zoomOf(lat, metres);
   const more = [state.version && `v=${state.version}`, state.drive && `drive=${state.drive}`].filter(Boolean).map((one) => `&${one}`).join("");
   at("to-map").href = `/#at=${lon.toFixed(7)},${lat.toFixed(7)},${Math.min(zoom, 22).toFixed(2)}${more}`;
 }
 
 function hear(event, data) {
-  if (event === "map" && data.id === info.map_id && data.version && state.version === null && data.version !== found?.version) showVersion().catch(tellFailed);
+  if (event === "map" && data.id === info.map_id && data.version) hearVersion(data.version);
   if (event === "drive" && data.placed) panel.drive(data, state);
   if (event === "removed") panel.forget(data.id);
+}
+
+// A version that was asked for by the address stays until the newest is; before the first one there is nothing of the address to see yet.
+function hearVersion(number) {
+  newest = number;
+  offerNewest();
+  if (found === null) restore().catch(tellFailed);
+  else if (state.version === null && number !== found.version) showVersion().catch(tellFailed);
+}
+
+function offerNewest() {
+  at("newest").hidden = state.version === null || newest <= state.version;
+  at("newest").textContent = `Show the newest, version ${newest}`;
+}
+
+async function showNewest() {
+  state.version = null;
+  offerNewest();
+  await showVersion();
+  keepAddress(true);
 }
 
 function tell(title, lines) {
@@ -238,7 +284,7 @@ function tell(title, lines) {
 }
 
 function tellFailed(error) {
-  at("status").textContent = `a part did not come: ${error.message}`;
+  at("status-words").textContent = `a part did not come: ${error.message}`;
 }
 
 function tellNoWebGL(error) {

@@ -1,10 +1,11 @@
 // Level of detail of the 3D tiles: a tree of tiles, refined where its screen-space error is largest until all is fine or a budget of points is spent.
 
 import { Frustum, Matrix4, Points, Sphere, Vector3 } from "/static/vendor/three/three.bundle.mjs";
-import { headers } from "/static/api.js";
+import { send } from "/static/api.js";
 import { pointsOf } from "/static/view3d/glb.js";
 
 const AT_ONCE = 6;
+const AGAIN_MS = 10_000;
 const USUAL_POINTS = 15_000;
 const KEPT_OVER_BUDGET = 3;
 // glTF's y is up, the map's is z.
@@ -50,7 +51,7 @@ export class TileTree {
   }
 
   async #get(address, kind) {
-    const answer = await fetch(address, { headers: headers() });
+    const answer = await send(address);
     if (!answer.ok || answer.status === 204) throw new Error(`${answer.status} for ${new URL(address, location.href).pathname}`);
     return kind === "json" ? answer.json() : answer.arrayBuffer();
   }
@@ -129,9 +130,21 @@ export class TileTree {
       tile.state = "coming";
       this.loading++;
       this.#fetch(tile)
-        .then(() => (tile.state = "here"), (error) => ((tile.state = "failed"), this.gone || this.failed(error)))
+        .then(() => (tile.state = "here"), (error) => this.#fail(tile, error))
         .finally(() => (this.loading--, this.gone || this.changed()));
     }
+  }
+
+  // It is tried again after a while: the link may be back.
+  #fail(tile, error) {
+    tile.state = "failed";
+    if (this.gone) return;
+    this.failed(error);
+    setTimeout(() => {
+      if (this.gone || tile.state !== "failed") return;
+      tile.state = "new";
+      this.changed();
+    }, AGAIN_MS);
   }
 
   async #fetch(tile) {

@@ -1,0 +1,264 @@
+"""The dashboard's pages when things do not go well: a session ends, the stream is away, answers fail or come late."""
+
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote, unquote
+
+import pytest
+
+from service_kit.browsers import answering, chromium
+from service_kit.filled_service import filled
+from service_kit.guarded import PASSWORD, Guarded
+from service_kit.running import ApiAlone, until
+from wayloom.config.roles import Role
+from wayloom.store.database import Database
+from wayloom.store.drives import get
+from wayloom.store.jobs import create_map_job
+
+PATHS = {"map": "/", "3d": "/3d", "drive": "/drives/{done}", "fleet": "/fleet", "areas": "/areas", "access": "/access"}
+BEATS = {"map": ".head", "drive": "#main", "fleet": "#main", "areas": "#main", "3d": "#status"}
+RENEWED_S = 20.0
+"""Pages ask again after 10 s."""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as launched:
+        yield launched
+
+
+@pytest.fixture
+def shown(tmp_path: Path) -> Iterator[tuple[ApiAlone, dict[str, str]]]:
+    """A service with something on every page, and its drives by their states."""
+    alone, ids = filled(tmp_path / "data")
+    with closing(alone):
+        yield alone, ids
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    service = Guarded(tmp_path_factory.mktemp("guarded") / "data")
+    service.user("anna", Role.ADMIN)
+    with closing(service):
+        answering(service.api.url)
+        yield service
+
+
+def sign_in(page: Any) -> None:
+    page.fill("#name", "anna")
+    page.fill("#password", PASSWORD)
+    page.click("#sign-in button")
+
+
+def change(alone: ApiAlone, drive_id: str, **values: Any) -> None:
+    """A drive's row, as a worker would change it."""
+    database = Database(f"sqlite:///{alone.data / 'wayloom.db'}")
+    with closing(database), database.write() as session:
+        row = get(session, drive_id)
+        for name, value in values.items():
+            setattr(row, name, value)
+
+
+def without_stream(page: Any) -> None:
+    """Events never come: what changes, the page has to ask for."""
+    page.route("**/v1/events*", lambda route: None)
+
+
+@pytest.mark.browser
+def test_every_page_leads_to_every_other(browser: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
+    alone, ids = shown
+    answering(alone.url)
+    page = browser.new_page()
+    for name, path in PATHS.items():
+        page.goto(alone.url + path.format(**ids))
+        until(lambda: page.locator("nav a:visible").count() == 5)
+        assert page.locator("nav a").all_inner_texts() == ["Map", "3D", "Fleet", "Areas", "Access"], name
+    page.close()
+
+
+@pytest.mark.browser
+def test_who_has_to_sign_in_comes_back_to_the_same_view(browser: Any, guarded: Guarded) -> None:
+    context = browser.new_context()
+    page = context.new_page()
+    view = "/3d?of=all#at=8.4,49&colour=height"
+    page.goto(guarded.api.url + view)
+    page.wait_for_url("**/sign-in?next=*")
+    assert unquote(page.url.partition("next=")[2]) == view
+    sign_in(page)
+    page.wait_for_url(f"{guarded.api.url}{view}")
+    context.close()
+
+
+@pytest.mark.browser
+def test_a_session_that_ends_while_a_page_is_open_leads_to_the_sign_in_and_back(browser: Any, guarded: Guarded) -> None:
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(f"{guarded.api.url}/sign-in?next=%2Faccess")
+    sign_in(page)
+    page.wait_for_selector("#audit table")
+    assert (
+        page.evaluate(
+            "fetch('/v1/session', { method: 'DELETE', headers: { 'X-Requested-With': 'wayloom' } }).then((one) => one.status)"
+        )
+        == 204
+    )
+    page.click("#audit-filter button")
+    page.wait_for_url("**/sign-in?next=%2Faccess")
+    context.close()
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize(
+    "wanted",
+    ["//evil.example/", "https://evil.example/x", "/\\evil.example", "javascript:alert(1)", "http://", "/sign-in?next=%2F"],
+)
+def test_the_sign_in_leads_to_pages_of_this_service_alone(browser: Any, guarded: Guarded, wanted: str) -> None:
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(f"{guarded.api.url}/sign-in?next={quote(wanted, safe='')}")
+    sign_in(page)
+    page.wait_for_url(f"{guarded.api.url}/")
+    context.close()
+
+
+@pytest.mark.browser
+def test_blocks_say_whether_they_are_live_and_the_list_comes_anew_after_the_service_was_away(
+    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+) -> None:
+    alone, ids = shown
+    page = browser.new_page()
+    page.goto(alone.url)
+    page.wait_for_selector(f"[data-id='{ids['queued']}']")
+    beat = page.locator("aside [data-live]")
+    until(lambda: beat.get_attribute("aria-label") == "The list: live")
+    alone.kill()
+    until(lambda: "the service does not answer" in beat.get_attribute("aria-label"))
+    database = Database(f"sqlite:///{alone.data / 'wayloom.db'}")
+    with closing(database), database.write() as session:
+        session.delete(get(session, ids["queued"]))  # of which no event tells
+    alone.start()
+    until(lambda: beat.get_attribute("aria-label") == "The list: live", 40)
+    page.wait_for_selector(f"[data-id='{ids['queued']}']", state="detached")
+    page.close()
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("name", BEATS)
+def test_blocks_of_every_page_are_live(browser: Any, shown: tuple[ApiAlone, dict[str, str]], name: str) -> None:
+    alone, ids = shown
+    answering(alone.url)
+    page = browser.new_page()
+    page.goto(alone.url + PATHS[name].format(**ids))
+    beats = page.locator(f"{BEATS[name]} [data-live]")
+    until(lambda: {one.get_attribute("data-live") for one in beats.all()} == {"live"})
+    page.close()
+
+
+@pytest.mark.browser
+def test_drives_at_work_are_asked_for_every_ten_seconds_and_after_each_action(
+    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+) -> None:
+    alone, ids = shown
+    answering(alone.url)
+    page = browser.new_page()
+    without_stream(page)
+    page.goto(alone.url)
+    page.wait_for_selector(f"[data-id='{ids['running']}'][data-state=running]")
+    change(alone, ids["running"], state="failed", error="odometry: frame 12 is black")
+    page.wait_for_selector(f"[data-id='{ids['running']}'][data-state=failed]", timeout=1000 * RENEWED_S)
+    for state in ("running", "queued", "stitching"):
+        change(alone, ids[state], state="done")
+    until(lambda: "in work" not in page.inner_text("#count"), RENEWED_S)
+    card = page.locator(f"[data-id='{ids['held']}']")
+    card.locator("summary").click()
+    card.locator("[data-action=delete]").click()
+    page.fill("dialog input", "street held")
+    page.click("dialog .danger")
+    until(lambda: card.count() == 0 or card.get_attribute("data-state") == "removing", 5)
+    page.close()
+
+
+@pytest.mark.browser
+def test_a_drive_at_work_is_asked_for_on_its_page_too_and_the_focus_stays(
+    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+) -> None:
+    alone, ids = shown
+    answering(alone.url)
+    page = browser.new_page()
+    without_stream(page)
+    page.goto(f"{alone.url}/drives/{ids['running']}")
+    until(lambda: page.inner_text("#state") == "working")
+    page.focus("#delete")
+    change(alone, ids["running"], state="failed", error="odometry: frame 12 is black", placed=True)
+    until(lambda: page.inner_text("#state") == "failed", RENEWED_S)
+    assert page.evaluate("document.activeElement.id") == "delete"
+    assert page.is_visible("#downloads a")  # they were drawn anew
+    page.close()
+
+
+@pytest.mark.browser
+def test_the_fleet_page_takes_its_complaint_back_and_tells_what_the_map_s_jobs_did(
+    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+) -> None:
+    alone, _ = shown
+    database = Database(f"sqlite:///{alone.data / 'wayloom.db'}")
+    with closing(database), database.write() as session:
+        job = create_map_job(session, "stitch", "city")
+        job.state, job.started_at, job.finished_at, job.error = "failed", job.created_at, job.created_at + 75.0, "no memory"
+    answering(alone.url)
+    page = browser.new_page()
+    page.route("**/v1/fleet", lambda route: route.fulfill(status=503, json={"detail": "the database is away"}), times=1)
+    page.goto(f"{alone.url}/fleet")
+    until(lambda: page.is_visible("#problem") and page.inner_text("#problem") == "the database is away")
+    until(lambda: not page.is_visible("#problem"), RENEWED_S)
+    cells = page.locator("#map-jobs tbody tr").first.locator("td").all_inner_texts()
+    assert [cells[1], cells[2], cells[4], cells[5]] == ["stitch", "failed", "75 s", "no memory"]
+    page.close()
+
+
+@pytest.mark.browser
+def test_a_download_that_is_refused_is_said_and_not_saved(browser: Any, tmp_path: Path) -> None:
+    alone, ids = filled(tmp_path / "data")
+    with closing(alone):
+        answering(alone.url)
+        page = browser.new_page()
+        page.add_init_script("sessionStorage.setItem('wayloom-key', 'any')")  # where a link sends no key, the page fetches
+        downloads: list[Any] = []
+        page.on("download", lambda one: downloads.append(one))
+        page.route("**/cloud.ply", lambda route: route.fulfill(status=404, json={"detail": "its points are gone"}))
+        page.goto(f"{alone.url}/drives/{ids['done']}")
+        link = page.locator("#downloads a", has_text="PLY")
+        link.click()
+        until(lambda: page.is_visible("#problem") and page.inner_text("#problem") == "its points are gone")
+        assert downloads == []
+        assert page.evaluate("document.activeElement.textContent") == "Labelled points, PLY"
+        with page.expect_download() as found:
+            page.locator("#downloads a", has_text="GeoJSON").click()
+        assert found.value.suggested_filename == "street done.geojson"
+        page.close()
+
+
+@pytest.mark.browser
+def test_a_picture_of_a_keyframe_that_comes_late_is_not_shown(browser: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
+    """Asked for before another one was, it would stand under the other one's words."""
+    alone, ids = shown
+    answering(alone.url)
+    page = browser.new_page()
+    late: list[Any] = []
+    page.route("**/keyframes/0/points.webp", lambda route: late.append(route))
+    page.goto(f"{alone.url}/drives/{ids['done']}")
+    page.wait_for_selector("#picture img")
+    last = int(page.get_attribute("#keyframe", "max"))
+    assert last > 0
+    page.focus("#keyframe")
+    page.keyboard.press("Home")
+    until(lambda: page.evaluate("true") and late)
+    page.keyboard.press("End")
+    words = f"of Keyframe {last + 1} of"
+    until(lambda: words in page.get_attribute("#picture img", "alt"))
+    late[0].continue_()
+    page.wait_for_timeout(700)
+    assert words in page.get_attribute("#picture img", "alt")
+    page.close()
