@@ -13,6 +13,8 @@ import pytest
 from service_kit.browsers import answering, chromium, watched
 from service_kit.running import ApiAlone, service, until
 from wayloom.client.watch import wait_for_drive
+from wayloom.store.database import Database
+from wayloom.store.drives import get
 
 LARGE = 40 * 2**20
 
@@ -118,6 +120,23 @@ def test_a_dropped_folder_is_offered_and_a_cancelled_upload_leaves_the_page(brow
         page.wait_for_selector(".upload", state="detached")
         (drive,) = httpx2.get(f"{alone.url}/v1/drives").json()["drives"]
         assert (drive["name"], drive["state"], drive["received_files"]) == ("lane", "queued", 2)
+
+
+@pytest.mark.browser
+def test_a_gnss_log_from_elsewhere_goes_beside_the_drive(browser: Any, tmp_path: Path) -> None:
+    fixes = tmp_path / "fixes.csv"
+    fixes.write_text("time_s,latitude,longitude\n1.0,49.0,8.4\n")
+    with closing(ApiAlone(tmp_path / "data")) as alone, watched(browser, alone.url) as page:
+        choose(page, folder(tmp_path, (1000, 2000)))
+        page.set_input_files("dialog input[name=gnss]", str(fixes))
+        page.click("dialog .primary")
+        page.wait_for_selector(".upload[data-state=sent]")
+        (drive,) = httpx2.get(f"{alone.url}/v1/drives").json()["drives"]
+        assert (drive["state"], drive["files"]) == ("queued", 4)
+        assert (alone.data / "drives" / drive["id"] / "gnss" / "fixes.csv").read_bytes() == fixes.read_bytes()
+        database = Database(f"sqlite:///{alone.data / 'wayloom.db'}")
+        with closing(database), database.read() as session:
+            assert get(session, drive["id"]).manifest["gnss"] == "gnss/fixes.csv"
 
 
 DROP = """() => {

@@ -88,6 +88,25 @@ def test_sites_that_lie_apart_are_marks_from_afar_and_a_list_leads_to_each(opene
 
 
 @pytest.mark.browser
+def test_sites_that_lie_apart_have_insets_that_are_reached_by_keys_and_say_where_one_is(opened: Open) -> None:
+    page = opened("at=8.41,48.98,9")
+    until(lambda: page.locator("#insets .inset").count() == 2)
+    names = page.eval_on_selector_all(".inset", "found => found.map((one) => one.ariaLabel)")
+    assert all(name.startswith(f"Site {number}: 48.98") and name.endswith("go there") for number, name in enumerate(names, 1))
+    assert page.eval_on_selector_all(".inset svg path.area", "found => found.every((one) => one.getAttribute('d').length > 10)")
+    for number in range(2):
+        page.focus(f".inset >> nth={number}")
+        page.keyboard.press("Enter")
+        until(
+            lambda number=number: (
+                page.locator(".inset[aria-current=location]").count() == 1
+                and page.get_attribute(f".inset >> nth={number}", "aria-current") == "location"
+            )
+        )
+        assert page.evaluate("wayloomMap.getZoom()") > 14
+
+
+@pytest.mark.browser
 def test_changes_are_on_the_map_and_in_a_list_that_leads_to_them(opened: Open) -> None:
     page = opened("at=8.39,48.98,19&off=tracks")
     until(lambda: page.evaluate("wayloomMap.queryRenderedFeatures({layers: ['changes']}).length") == 2, 60)
