@@ -95,6 +95,50 @@ def test_a_large_file_is_hashed_in_pieces_paused_and_goes_on_after_a_reload(brow
         context.close()
 
 
+@pytest.mark.browser
+def test_small_files_go_in_packs_that_go_on_after_a_reload(browser: Any, tmp_path: Path) -> None:
+    log = folder(tmp_path, (20_000,) * 600)
+    with closing(ApiAlone(tmp_path / "data")) as alone:
+        answering(alone.url)
+        context = browser.new_context()
+        page = context.new_page()
+        link = context.new_cdp_session(page)
+        asked: list[tuple[str, str]] = []
+        page.on("request", lambda request: asked.append((request.method, request.url.removeprefix(alone.url))))
+        page.goto(alone.url)
+        slow_down(link, 3 * 2**20)
+        choose(page, log)
+        page.click("dialog .primary")
+        until(lambda: arrived(alone) > 100, 60)
+        words = page.inner_text(".upload .words")
+        assert 0 < int(words.rpartition("· ")[2].split()[0]) < 601, words
+        page.on("dialog", lambda dialog: dialog.accept())
+        page.reload()
+        before = arrived(alone)
+        assert before < 601
+        packs = [url for method, url in asked if method == "POST" and url.endswith("/packs")]
+        assert len(packs) == 2
+        asked.clear()
+        slow_down(link, -1)
+        choose(page, log)
+        page.click("dialog .primary")
+        until(lambda: page.locator(".upload").get_attribute("data-state") == "sent", 60)
+        assert not [url for method, url in asked if method == "POST" and url.endswith("/packs")]  # those of before go on
+        assert not [url for method, url in asked if method == "POST" and url == "/v1/uploads"]
+        assert 1 <= len([url for method, url in asked if method == "PATCH"]) <= 2  # the small one of the two may be whole
+        (drive,) = httpx2.get(f"{alone.url}/v1/drives").json()["drives"]
+        assert (drive["state"], drive["received_files"]) == ("queued", 601)
+        stored = alone.data / "drives" / drive["id"] / "log" / "image_0"
+        assert all((stored / path.name).read_bytes() == path.read_bytes() for path in (log / "image_0").iterdir())
+        context.close()
+
+
+def arrived(alone: ApiAlone) -> int:
+    """Whole files of the one drive."""
+    drives = httpx2.get(f"{alone.url}/v1/drives").json()["drives"]
+    return int(drives[0]["received_files"]) if drives else 0
+
+
 def slow_down(link: Any, bytes_a_second: int) -> None:
     about = {"offline": False, "latency": 0, "downloadThroughput": -1, "uploadThroughput": bytes_a_second}
     link.send("Network.enable")

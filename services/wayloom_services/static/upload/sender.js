@@ -3,6 +3,7 @@
 // It goes on after everything: a lost link, a pause, a reloaded page once the same folder is given again. The server says what it has.
 
 import { ask, headers } from "/static/api.js";
+import { streamsOf } from "/static/upload/streams.js";
 
 const AT_ONCE = 4;
 const CHUNK = 16 * 2 ** 20;
@@ -23,20 +24,21 @@ function tus() {
   return library;
 }
 
-// A browser does not give a file that has been changed since it was chosen.
-async function legible(path, file) {
+// What the server says of a refusal, or what the library makes of it.
+function reasonOf(error) {
+  if (!error.originalResponse) return "the link is down";
   try {
-    await file.slice(0, 1).arrayBuffer();
+    return JSON.parse(error.originalResponse.getBody()).detail ?? error.message;
   } catch {
-    throw new Error(`${path} has changed on this disk since it was read, or is gone: give the folder again`);
+    return error.message;
   }
 }
 
 export class Sender {
   // drive: of `drivesOf`, with vehicle; changed(): called after every change of what is shown of it.
   constructor(drive, changed) {
-    Object.assign(this, { drive, changed, state: "hashing", error: "", read: 0, arrived: 0, filesDone: 0, id: null });
-    this.active = new Map();
+    Object.assign(this, { drive, changed, state: "hashing", error: "", read: 0, arrived: 0, filesArrived: 0 });
+    this.active = new Set();
     this.worker = null;
   }
 
@@ -46,7 +48,11 @@ export class Sender {
 
   // Bytes that the server has, as far as this page knows.
   get sent() {
-    return this.arrived + [...this.active.values()].reduce((sum, { bytes }) => sum + bytes, 0);
+    return this.arrived + [...this.active].reduce((sum, { sent }) => sum + sent, 0);
+  }
+
+  get filesDone() {
+    return this.filesArrived + [...this.active].reduce((sum, { filesDone }) => sum + filesDone, 0);
   }
 
   // Reads what is not read yet, asks what the server has, and sends the rest.
@@ -130,63 +136,70 @@ export class Sender {
     await tus();
     for (let round = 0; round < ROUNDS; round++) {
       this.#to("announcing");
-      const { id, missing, drive } = await ask("/v1/drives", { method: "POST", body: this.#manifest });
-      this.id = id;
-      this.filesDone = this.drive.files.length - missing.length;
+      const registration = await ask("/v1/drives", { method: "POST", body: this.#manifest });
+      const { missing, drive } = registration;
+      this.filesArrived = this.drive.files.length - missing.length;
       this.arrived = this.total - missing.reduce((sum, { size }) => sum + size, 0);
       if (!missing.length) return this.#to(drive.state === "uploading" ? "stopped" : "sent");
       this.#to("sending");
-      await this.#sendFiles(missing);
+      await this.#sendStreams(await streamsOf(registration, new Map(this.drive.files.map(({ path, file }) => [path, file]))));
       if (this.state !== "sending") return;
     }
     throw new Error("some files did not arrive whole: check the disk they are on, and send them again");
   }
 
-  async #sendFiles(missing) {
-    const sources = new Map(this.drive.files.map(({ path, file }) => [path, file]));
-    const waiting = [...missing].reverse();
+  async #sendStreams(streams) {
+    const waiting = streams.reverse();
     const lane = async () => {
-      while (waiting.length && this.state === "sending") {
-        const one = waiting.pop();
-        await legible(one.path, sources.get(one.path));
-        if (this.state === "sending") await this.#sendFile(one, sources.get(one.path));
-      }
+      while (waiting.length && this.state === "sending") await this.#sendStream(waiting.pop());
     };
     await Promise.all(Array.from({ length: AT_ONCE }, lane));
   }
 
-  #sendFile({ path, upload: address, offset }, file) {
+  async #sendStream(stream) {
+    await stream.check();
+    for (const { file } of await stream.begin()) this.#count(file.size, 1);
+    if (!stream.files.length || this.state !== "sending") return;
+    await this.#sendBytes(stream);
+  }
+
+  #count(bytes, files) {
+    this.arrived += bytes;
+    this.filesArrived += files;
+    this.changed();
+  }
+
+  #sendBytes(stream) {
     return new Promise((resolve, reject) => {
-      const progress = { bytes: offset, upload: null, resolve };
-      const upload = new globalThis.tus.Upload(file, {
-        endpoint: "/v1/uploads", ...(address ? { uploadUrl: new URL(address, location.origin).href } : {}),
-        metadata: { drive: this.id, path }, headers: headers(), chunkSize: CHUNK, retryDelays: PAUSES_MS, uploadDataDuringCreation: true,
-        storeFingerprintForResuming: false,
+      const { address, metadata, source } = stream;
+      const upload = new globalThis.tus.Upload(source, {
+        ...(metadata ? { endpoint: "/v1/uploads", metadata } : {}),
+        ...(address ? { uploadUrl: new URL(address, location.origin).href } : {}), headers: headers(), chunkSize: CHUNK,
+        retryDelays: PAUSES_MS, uploadDataDuringCreation: true, storeFingerprintForResuming: false,
         onProgress: (bytes) => {
-          progress.bytes = bytes;
+          stream.bytes = bytes;
           this.changed();
         },
         onSuccess: () => {
-          this.active.delete(path);
-          this.arrived += file.size;
-          this.filesDone += 1;
-          this.changed();
+          stream.bytes = stream.total;
+          this.active.delete(stream);
+          this.#count(stream.sent, stream.filesDone);
           resolve();
         },
         onError: (error) => {
-          this.active.delete(path);
-          legible(path, file).then(() => reject(new Error(error.originalResponse ? error.message : "the link is down")), reject);
+          this.active.delete(stream);
+          stream.check().then(() => reject(new Error(reasonOf(error))), reject);
         },
       });
-      progress.upload = upload;
-      this.active.set(path, progress);
+      Object.assign(stream, { upload, resolve });
+      this.active.add(stream);
       upload.start();
     });
   }
 
   async #halt(state) {
     this.#to(state);
-    const held = [...this.active.values()];
+    const held = [...this.active];
     this.active.clear();
     await Promise.all(held.map(({ upload }) => upload.abort().catch(() => null)));
     for (const { resolve } of held) resolve();
