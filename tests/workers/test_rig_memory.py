@@ -259,6 +259,12 @@ def test_what_drives_tell_of_the_gnss_clock_is_in_the_file_of_the_next(context: 
     assert np.sqrt(learnt.covariance[0, 0]) < 0.005
 
 
+def test_what_fixes_say_of_a_rigs_only_drive_is_no_knock(context: WorkerContext) -> None:
+    told_of_receiver(context, 0, 0.02)
+    with context.database.read() as session:
+        assert [version.reason for version in rigs.versions(session, KEY)] == ["evidence changed", "first drive"]
+
+
 def test_a_receiver_that_was_changed_begins_an_epoch_and_leaves_the_lens_alone(context: WorkerContext) -> None:
     for number, late_s in enumerate((0.0, 0.0, 0.09)):
         told_of_receiver(context, number, late_s)

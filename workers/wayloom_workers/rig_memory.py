@@ -112,7 +112,7 @@ def learn_anew(
         evidence = [_with_gnss(one, (by_gnss or {}).get(one.drive_id, ByGnss())) for one in (*evidence, *new)]
         epochs = memory.split_epochs([_remembered(blobs, one) for one in evidence])
         newest = {version.from_ns: version.evidence for version in reversed(made)}
-        found = [_version(blobs, epoch, evidence, bool(made)) for epoch in epochs if _is_new(epoch, evidence, newest)]
+        found = [_version(blobs, epoch, evidence, newest) for epoch in epochs if _is_new(epoch, evidence, newest)]
         of_drive = {name: EvidenceEpoch(epoch.from_ns, epoch.chi_square, epoch.stray) for epoch in epochs for name in epoch.ids}
         with database.write() as session:
             if rigs.write(session, key, revision, of_drive, found, new, by_gnss):
@@ -142,7 +142,9 @@ def _with_gnss(one: Evidence, said: ByGnss) -> Evidence:
     return replace(one, scale=said.scale or one.scale, receiver=said.receiver or one.receiver)
 
 
-def _version(blobs: BlobStore, epoch: Epoch[RememberedDrive], evidence: Sequence[Evidence], has_versions: bool) -> NewRigVersion:
+def _version(
+    blobs: BlobStore, epoch: Epoch[RememberedDrive], evidence: Sequence[Evidence], newest: Mapping[int, str]
+) -> NewRigVersion:
     """A version of an epoch's evidence; its file is in the blob store when this returns."""
     rig = replace(memory.learn_epoch(epoch), receivers=_receivers(epoch, evidence))
     assert rig.covariance is not None
@@ -151,12 +153,20 @@ def _version(blobs: BlobStore, epoch: Epoch[RememberedDrive], evidence: Sequence
     scale = scale_facts(epoch.drives[-1].observations(), rig.lens, rig.baseline_ratio, rig.covariance, settings) or {}
     facts = rig_facts(rig) | {"scale_sigma": scale.get("sigma"), "scale_sigma_of_lens": scale.get("lens_sigma")}
     facts |= {"receiver": receiver_facts(rig.receivers)}
-    reason = "first drive" if not has_versions else "the rig was knocked" if len(epoch.drives) == 1 else "evidence changed"
-    if has_versions and rig.receivers and begins_epoch(rig.receivers, epoch.drives[-1].drive_id):
-        reason = "the GNSS receiver was changed"
+    reason = _reason(epoch, rig, newest)
     log.info("rig learnt", rig_id=rig.rig_id, drives=len(epoch.drives), reason=reason)
     digest = blobs.put(text_of(rig).encode())
     return NewRigVersion(epoch.from_ns, _evidence_digest(epoch, evidence), digest, tuple(sorted(epoch.ids)), reason, facts)
+
+
+def _reason(epoch: Epoch[RememberedDrive], rig: RigFile, newest: Mapping[int, str]) -> str:
+    """Why there is a version. newest : digest of the evidence of each epoch's newest version so far"""
+    if not newest:
+        return "first drive"
+    if rig.receivers and begins_epoch(rig.receivers, epoch.drives[-1].drive_id):
+        return "the GNSS receiver was changed"
+    begins = epoch.from_ns not in newest and epoch.chi_square is not None
+    return "the rig was knocked" if begins and len(epoch.drives) == 1 else "evidence changed"
 
 
 def _remembered(blobs: BlobStore, one: Evidence) -> RememberedDrive:
