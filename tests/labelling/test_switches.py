@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_drive import CAMERA, HeldImages, even_images, made_drive, random_images, still_drive, texture
 
+from wayloom.config.classes import VOID
 from wayloom.labelling.settings import PAPER, LabellingSettings
 from wayloom.labelling.tcl import label_points
 from wayloom.labelling.types import PointLabels
@@ -181,6 +182,19 @@ def test_frames_between_keyframes_vote_where_that_is_asked() -> None:
     labels = label_points(drive, labels_of(8, 8, 4, 8), between)
     assert (labels.baseline == 4).all()
     assert (labels.mono == 8).all()
+
+
+@pytest.mark.parametrize(("every", "voting"), [(0, ()), (2, (0, 2, 4)), (3, (0, 3))])
+def test_only_some_right_images_vote_and_no_other_is_read(every: int, voting: tuple[int, ...]) -> None:
+    drive, images = made_drive(7), random_images(7)
+    form = HARD.model_copy(update={"ncc_power": 0.0, "reach": 3, "right_images": every})
+    rows, nothing = range(len(images.rights)), np.full_like(images.rights[0], VOID)
+    voids = replace(images, rights=[images.rights[row] if row in voting else nothing for row in rows])
+    some = replace(images, rights={row: images.rights[row] for row in voting})  # type: ignore[arg-type]
+    expected = label_points(drive, voids, form.model_copy(update={"right_images": 1}))
+    found = label_points(drive, some, form)
+    for name in ("baseline", "mono", "stereo", "vote_start", "vote_class", "vote_weight"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
 def test_nearness_may_count_more_or_not_at_all() -> None:

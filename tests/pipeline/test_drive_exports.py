@@ -19,8 +19,9 @@ from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geodesy.wgs84 import T_enu_enu, enu_from_lonlatheight
 from wayloom.geometry import se3
 from wayloom.pipeline.drive_map import cloud
-from wayloom.pipeline.exports import write_dense, write_exports
+from wayloom.pipeline.exports import write_dense, write_exports, write_overlays
 from wayloom.pipeline.plane import T_plane_enu, axis_labels
+from wayloom.reports.drive_report import overlays
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +98,17 @@ def test_overlays_are_spread_over_the_drive_and_of_the_cameras_size(folder):
     assert left == [f"{frame:010d}_left.jpg" for frame in range(0, 30, 5)]
     assert len(list((folder / "overlays").iterdir())) == 12
     assert cv2.imread(str(folder / "overlays" / left[0])).shape == (CAMERA.height, CAMERA.width, 3)
+
+
+def test_a_right_image_that_was_not_labelled_is_in_no_overlay_and_no_report(tmp_path):
+    result = made_result(tmp_path)
+    for row in (1, 2, 3, 4, 5):
+        next(tmp_path.rglob(f"right/{5 * row:010d}.png")).unlink()
+    write_overlays(result.log, result.odometry, result.images, tmp_path / "overlays")
+    assert [path.name for path in (tmp_path / "overlays").glob("*_right.jpg")] == ["0000000000_right.jpg"]
+    assert len(list((tmp_path / "overlays").glob("*_left.jpg"))) == 6
+    captions = [picture.caption for picture in overlays(result, tmp_path)]
+    assert captions == ["frame 0, 0.0 s, left", "right", *(f"frame {5 * row}, {0.5 * row} s, left" for row in (1, 2, 3, 4, 5))]
 
 
 def test_the_plane_of_a_geo_referenced_drive_starts_at_its_first_camera_with_up_up(result):

@@ -171,6 +171,7 @@ def test_library_versions_are_in_the_key(tmp_path, monkeypatch):
     [
         (ProcessSettings(odometry=OdometrySettings(row_frames=(0,))), {"odometry"}),
         (ProcessSettings(labelling=LabellingSettings(between_keyframes=True)), {"segmentation"}),
+        (ProcessSettings(labelling=LabellingSettings(right_images=5)), {"segmentation"}),
         (ProcessSettings(georeference=GeoReferenceSettings(position_noise_m=0.2)), {"georeference"}),
         (ProcessSettings(map_origin=(8.4, 49.0, 0.0)), {"georeference"}),
         (ProcessSettings(threads=3), set()),

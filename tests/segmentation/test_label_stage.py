@@ -1,6 +1,7 @@
 """The labels of a drive's keyframes: resumable, whole files only, read back lazily."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -25,9 +26,9 @@ class CountingNetwork(Network):
 
     images = 0
 
-    def label_pair(self, left: np.ndarray, right: np.ndarray, k: int = 4) -> tuple[Labelled, Labelled]:
-        self.images += 2
-        return super().label_pair(left, right, k)
+    def label_images(self, images: Sequence[np.ndarray], k: int = 4) -> list[Labelled]:
+        self.images += len(images)
+        return super().label_images(images, k)
 
 
 @pytest.fixture
@@ -58,6 +59,15 @@ def test_left_and_right_of_every_keyframe_are_labelled(log: DriveLog, network: C
     ]  # fmt: skip
     facts = json.loads((tmp_path / "out" / "model.json").read_text())
     assert (facts["name"], facts["sha256"], facts["licence"]) == ("made", network.sha256, "unknown")
+
+
+def test_right_images_that_do_not_vote_are_not_labelled(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:
+    labels = segment_keyframes(log, KEYFRAMES, network, tmp_path / "out", right=np.array([True, False, True]))
+    assert network.images == 5
+    assert [labels.sides(row) for row in range(3)] == [("left", "right"), ("left",), ("left", "right")]
+    for folder in ("right", "right_small", "right_scores"):
+        assert sorted(path.stem for path in (tmp_path / "out" / folder).iterdir()) == ["0000000000", "0000000021"]
+    assert np.array_equal(labels.left(1), network.labels(log.frame(9).left))
 
 
 def test_a_second_run_labels_only_what_is_missing_or_torn(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:

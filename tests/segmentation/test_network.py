@@ -81,7 +81,7 @@ def test_a_network_with_an_arg_max_only_has_no_scores(tmp_path: Path) -> None:
     network = Network(find_model(put(tmp_path, "made", ids_network(64), IDS)))
     with pytest.raises(ModelError, match="arg max"):
         network.scores(painted(64, 64))
-    left, right = network.label_pair(painted(64, 64), painted(64, 64)[::-1])
+    left, right = network.label_images((painted(64, 64), painted(64, 64)[::-1]))
     assert left.scores is None
     assert right.scores is None
     assert np.array_equal(left.labels, network.labels(painted(64, 64)))
@@ -92,7 +92,7 @@ def test_a_pair_gets_the_labels_and_scores_of_its_images(several: bool, tmp_path
     network = Network(find_model(put(tmp_path, "made", logits_network(pool=4, count="n" if several else 1), THREE)))
     rng = np.random.default_rng(0)
     left, right = rng.integers(0, 255, (2, 37, 53, 3)).astype(np.uint8)
-    for image, labelled in zip((left, right), network.label_pair(left, right, k=2), strict=True):
+    for image, labelled in zip((left, right), network.label_images((left, right), k=2), strict=True):
         assert labelled.scores is not None
         assert np.array_equal(labelled.labels, network.labels(image))
         alone = network.scores(image, k=2)

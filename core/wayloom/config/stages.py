@@ -52,7 +52,7 @@ STAGES: tuple[Stage, ...] = (
     Stage("odometry", "odometry", log_parts=("images", "imu", "name"), settings=("odometry",), room=f"{_ROOMS}.odometry"),
     Stage(
         "segmentation", "segmentation", inputs=("odometry",), log_parts=("images", "name"),
-        settings=("labelling.between_keyframes",), room=f"{_ROOMS}.segmentation",
+        settings=("labelling.between_keyframes", "labelling.right_images"), room=f"{_ROOMS}.segmentation",
     ),
     Stage("labelling", "odometry", inputs=("odometry", "segmentation"), settings=("labelling",), room=f"{_ROOMS}.labelling"),
     Stage(

@@ -37,25 +37,31 @@ class LabelImages(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class VoterImages:
-    """The images of one voter, each for left and right.
+    """The images of one voter, each for left and right; the right ones None where it does not vote.
 
-    labels       (h, w) uint8; the right one None where its scores suffice
+    labels       (h, w) uint8; the right one None where its scores suffice, too
     scores       where they are wanted and there; rest (gh, gw) goes with them (`rest_steps`)
     small        the grey image at half size, where it is wanted
     to_boundary  (h, w) float32 px: distance of every pixel to the nearest label boundary, where it is wanted
+    scores_suffice  whether the labels are read for the points' host alone
     """
 
     labels: tuple[Image, Image | None]
     scores: tuple[tuple[Scores, NDArray[np.float32]] | None, tuple[Scores, NDArray[np.float32]] | None]
-    small: tuple[Image, Image] | None
-    to_boundary: tuple[NDArray[np.float32], NDArray[np.float32]] | None
+    small: tuple[Image, Image | None] | None
+    to_boundary: tuple[NDArray[np.float32], NDArray[np.float32] | None] | None
+    scores_suffice: bool
 
 
 class VoterImageCache:
     """Images of the voters by row, read when asked for; the least recently used beyond `capacity` are dropped."""
 
-    def __init__(self, images: LabelImages, rig: StereoRig, capacity: int, settings: LabellingSettings) -> None:
+    def __init__(
+        self, images: LabelImages, right: NDArray[np.bool_], rig: StereoRig, capacity: int, settings: LabellingSettings
+    ) -> None:
+        """right: (V,) whose right images vote."""
         self._images = images
+        self._right = right
         self._size = (rig.camera.height, rig.camera.width)
         self._capacity = capacity
         self._with_small = settings.ncc_power > 0
@@ -72,13 +78,14 @@ class VoterImageCache:
         return self._cache[row]
 
     def _read(self, row: int) -> VoterImages:
-        scores = (self._scores("left", row), self._scores("right", row))
+        both = bool(self._right[row])
+        scores = (self._scores("left", row), self._scores("right", row) if both else None)
+        scores_suffice = scores[0] is not None and not (self._images.may_be_void or self._with_boundaries)
         left = self._label_image("left", row)
-        scores_suffice = scores[1] is not None and not (self._images.may_be_void or self._with_boundaries)
-        right = None if scores_suffice else self._label_image("right", row)
-        to_boundary = (_to_boundary(left), _to_boundary(right)) if self._with_boundaries and right is not None else None
-        small = (self._images.small("left", row), self._images.small("right", row)) if self._with_small else None
-        return VoterImages((left, right), scores, small, to_boundary)
+        right = self._label_image("right", row) if both and not scores_suffice else None
+        to_boundary = (_to_boundary(left), None if right is None else _to_boundary(right)) if self._with_boundaries else None
+        small = (self._images.small("left", row), self._images.small("right", row) if both else None) if self._with_small else None
+        return VoterImages((left, right), scores, small, to_boundary, scores_suffice)
 
     def _label_image(self, side: str, row: int) -> Image:
         image = self._images.left(row) if side == "left" else self._images.right(row)

@@ -72,19 +72,21 @@ def add_votes(
     uv, d_voter = _projected(points.inverse_depth, points, T_voter_host, odometry, settings)
     if projections.is_host:
         uv[0] = points.uv
-    scores_suffice = images.labels[1] is None and images.scores[0] is not None
     left_labels: NDArray[np.uint8] = (
-        np.zeros(len(uv[0]), np.uint8) if scores_suffice and not projections.is_host else read_labels(images.labels[0], uv[0])
+        np.zeros(len(uv[0]), np.uint8)
+        if images.scores_suffice and not projections.is_host
+        else read_labels(images.labels[0], uv[0])
     )
     if not d_voter.any():
         return left_labels  # every point lies behind it, or too near
-    for side in (0, 1):
+    for side in (0, 1) if projections.right.any() else (0,):
         weight = d_voter[side] if settings.inverse_depth_power == 1 else d_voter[side] ** np.float32(settings.inverse_depth_power)
         in_host = projections.is_host and side == 0
         if not in_host:
             weight = weight * _visibility(points, uv[side], d_voter[side], side, images, projections, settings)
-        if settings.boundary_px > 0 and images.to_boundary is not None:
-            weight = weight * _boundary_weight(images.to_boundary[side], uv[side], settings.boundary_px)
+        to_boundary = None if images.to_boundary is None else images.to_boundary[side]
+        if to_boundary is not None:
+            weight = weight * _boundary_weight(to_boundary, uv[side], settings.boundary_px)
         if settings.reprojection_px > 0:
             moved = _projected(points.inverse_depth + points.sigma, points, T_voter_host, odometry, settings)[0][side]
             shift = np.linalg.norm(moved - uv[side], axis=1) if not in_host else np.zeros(len(uv[side]))
@@ -141,10 +143,11 @@ def _visibility(
     visible = projections.right if side else projections.left
     if projections.occlusion_buffer is not None and side == 0 and not projections.is_host:
         visible = visible & ~occluded(uv, d_voter, projections.occlusion_buffer, CELL_PX, OCCLUSION_MARGIN)
-    if settings.ncc_power == 0 or points.descriptors is None or images.small is None:
+    small = None if images.small is None else images.small[side]
+    if settings.ncc_power == 0 or points.descriptors is None or small is None:
         return visible.astype(np.float32)
     weights: Weights = ncc_weights(
-        points.descriptors, images.small[side], SMALL, images.labels[0].shape, uv, d_voter, points.inverse_depth, visible,
+        points.descriptors, small, SMALL, images.labels[0].shape, uv, d_voter, points.inverse_depth, visible,
         MIN_NCC, np.float32(settings.ncc_power),
     )  # fmt: skip
     return weights

@@ -53,8 +53,11 @@ class LabellingSettings(Settings):
         description="class prior correction: a class's votes are divided by its share of the drive's votes to this power, where "
         "the network's training did not weight rare classes; 0: off",
     )
+    right_images: int = Field(
+        1, ge=0, le=50, description="the right image of every so many keyframes is labelled and votes beside the left one; 0: none"
+    )
     between_keyframes: bool = Field(False, description="the frames between keyframes are labelled and vote as well")
 
 
-PAPER: Final = LabellingSettings(votes="hard", reach=0, ncc_power=0.0, spread=0.0, class_prior_power=0.0)
+PAPER: Final = LabellingSettings(votes="hard", reach=0, ncc_power=0.0, spread=0.0, class_prior_power=0.0, right_images=1)
 """Equations 2 and 3 as they stand in the paper."""

@@ -36,7 +36,7 @@ from wayloom.labelling.neighbours import neighbours, no_neighbours, smoothed
 from wayloom.labelling.projection import CELL_PX, HostedPoints, Projections, add_votes, host_descriptors
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.labelling.types import PointLabels, SparseVotes
-from wayloom.labelling.voting_frames import voting_frames
+from wayloom.labelling.voting_frames import right_images_vote, voting_frames
 from wayloom.odometry.types import OdometryResult
 
 MIN_VOTE_SHARE = 0.01
@@ -54,6 +54,7 @@ class Voters:
     frame                     (V,) the log's frame of each voter, increasing
     T_world_cam, T_cam_world  (V, 4, 4)
     segment                   (V,)
+    right                     (V,) whether the right image votes as well
     of_keyframe               (K,) row of the voter that each keyframe is
     """
 
@@ -61,6 +62,7 @@ class Voters:
     T_world_cam: NDArray[np.float64]
     T_cam_world: NDArray[np.float64]
     segment: NDArray[np.int32]
+    right: NDArray[np.bool_]
     of_keyframe: NDArray[np.int64]
 
 
@@ -79,7 +81,7 @@ def label_points(
     """
     points, count = odometry.points, len(odometry.keyframes)
     voters = _voters(odometry, settings)
-    cache = VoterImageCache(images, odometry.rig, _cache_capacity(odometry, voters, settings), settings)
+    cache = VoterImageCache(images, voters.right, odometry.rig, _cache_capacity(odometry, voters, settings), settings)
     buffers = _OcclusionBuffers(odometry) if settings.occlusion_check else None
     labels = np.full((3, len(points)), VOID, np.uint8)
     min_share = MIN_VOTE_SHARE if settings.votes == "soft" or settings.spread > 0 else 0.0
@@ -113,7 +115,8 @@ def _voters(odometry: OdometryResult, settings: LabellingSettings) -> Voters:
     of_keyframe = np.searchsorted(frame, keyframes.frame)
     T_world_cam, segment = trajectory.T_world_cam[frame].copy(), trajectory.segment[frame].copy()
     T_world_cam[of_keyframe], segment[of_keyframe] = keyframes.T_world_cam, keyframes.segment
-    return Voters(frame, T_world_cam, se3.inverse(T_world_cam), segment, of_keyframe)
+    right = right_images_vote(len(frame), settings)
+    return Voters(frame, T_world_cam, se3.inverse(T_world_cam), segment, right, of_keyframe)
 
 
 def _cache_capacity(odometry: OdometryResult, voters: Voters, settings: LabellingSettings) -> int:
@@ -178,17 +181,17 @@ def _voters_of(
     by_observer = np.argsort(observer, kind="stable")
     chosen = np.unique(np.concatenate([observer, near, [host]]))
     bounds = np.searchsorted(observer[by_observer], np.append(chosen, chosen[-1] + 1)).tolist()
-    all_points = np.ones(len(rows), bool)
+    all_points, none = np.ones(len(rows), bool), np.zeros(len(rows), bool)
     for i, voter in enumerate(chosen.tolist()):
         if voter in reached:
-            yield voter, all_points, all_points
+            yield voter, all_points, all_points if voters.right[voter] else none
             continue
         left, right = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
         here = by_observer[bounds[i] : bounds[i + 1]]
         left[of_point[here]], right[of_point[here]] = True, points.obs_right[taken[here]]
         if voter == host:
             left[:], right[:] = True, points.host_right[rows]
-        yield voter, left, right
+        yield voter, left, right if voters.right[voter] else none
 
 
 class _OcclusionBuffers:

@@ -17,3 +17,9 @@ def voting_frames(odometry: OdometryResult, settings: "LabellingSettings") -> ND
         return odometry.keyframes.frame
     frames = np.union1d(np.flatnonzero(odometry.trajectory.tracked), odometry.keyframes.frame)
     return frames.astype(np.int32)
+
+
+def right_images_vote(count: int, settings: "LabellingSettings") -> NDArray[np.bool_]:
+    """(count,) of the voters in time order, whether the right image votes as well."""
+    every = settings.right_images
+    return np.arange(count) % every == 0 if every else np.zeros(count, np.bool_)

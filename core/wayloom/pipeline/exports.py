@@ -119,11 +119,12 @@ def _dense_batch(placed: PlacedSubmap, found: DensePoints) -> PointBatch:
 
 
 def write_overlays(log: DriveLog, odometry: OdometryResult, images: KeyframeLabels, folder: Path, count: int = OVERLAYS) -> None:
-    """`%010d_left.jpg` and `%010d_right.jpg`, named by frame, of keyframes spread evenly; persons are painted over."""
+    """`%010d_left.jpg` and, if labelled, `%010d_right.jpg`, by frame, of keyframes spread evenly; persons are painted over."""
     folder.mkdir()
     rows = np.unique(np.linspace(0, len(odometry.keyframes) - 1, count).round().astype(np.int64))
     for row in rows.tolist():
         frame = log.frame(int(odometry.keyframes.frame[row]))
-        for side, image, labels in (("left", frame.left, images.left(row)), ("right", frame.right, images.right(row))):
+        for side in images.sides(row):
+            image, labels = (frame.left, images.left(row)) if side == "left" else (frame.right, images.right(row))
             picture = overlay(without_persons(image, labels), labels)
             write_image(folder / f"{frame.index:010d}_{side}.jpg", picture)

@@ -99,15 +99,15 @@ def track_picture(result: DriveResult, track: FloatArray, T: FloatArray) -> plot
     )
 
 
-def overlays(result: DriveResult, folder: Path) -> list[tuple[Picture, Picture]]:
-    """Left and right label overlays of each keyframe that was drawn."""
-    t_ns, shown = result.odometry.trajectory.t_ns, []
+def overlays(result: DriveResult, folder: Path) -> list[Picture]:
+    """Label overlays of each keyframe that was drawn, the left one and where it was labelled the right one."""
+    t_ns, shown = result.odometry.trajectory.t_ns, list[Picture]()
     for left in sorted((folder / OVERLAYS_DIR).glob("*_left.jpg")):
         frame = int(left.name.removesuffix("_left.jpg"))
         caption = f"frame {frame}, {(t_ns[frame] - t_ns[0]) * 1e-9:.1f} s"
-        sides = (left, left.with_name(left.name.replace("_left", "_right")))
-        images = [views.jpeg_bytes(views.shrunk(read_image(file), OVERLAY_WIDTH_PX)) for file in sides]
-        shown.append((Picture(data_uri(images[0], "jpeg"), caption + ", left"), Picture(data_uri(images[1], "jpeg"), "right")))
+        sides = {left: f"{caption}, left", left.with_name(left.name.replace("_left", "_right")): "right"}
+        images = {file: views.shrunk(read_image(file), OVERLAY_WIDTH_PX) for file in sides if file.is_file()}
+        shown += [Picture(data_uri(views.jpeg_bytes(image), "jpeg"), sides[file]) for file, image in images.items()]
     return shown
 
 

@@ -46,6 +46,10 @@ class KeyframeLabels:
         """(h, w) uint8 train ids of the right image of the keyframe in this row. Raises StageError where the file is missing."""
         return self._get("right", keyframe)
 
+    def sides(self, keyframe: int) -> tuple[str, ...]:
+        """Which images of the keyframe in this row are labelled: "left", and where it votes "right"."""
+        return tuple(side for side in SIDES if label_path(self._folder, side, self._frames[keyframe]).is_file())
+
     def scores(self, side: str, keyframe: int) -> Scores | None:
         """The likeliest classes of the "left" or "right" image of the keyframe in this row; None from a network without scores.
 

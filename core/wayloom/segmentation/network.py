@@ -91,15 +91,14 @@ class Network:
         """
         return self._scores(self.logits(image), image, k)
 
-    def label_pair(self, left: Image, right: Image, k: int = BEST) -> tuple[Labelled, Labelled]:
-        """Labels of both images of a pair, and their scores where the network gives any.
+    def label_images(self, images: Sequence[Image], k: int = BEST) -> list[Labelled]:
+        """Labels of each image, and their scores where the network gives any.
 
-        Devices beside the CPU get both in one run, where the network takes several images; a CPU's caches hold one better.
-        left, right : (h, w) grey or (h, w, 3) RGB uint8, of one size
+        Devices beside the CPU get all in one run, where the network takes several images; a CPU's caches hold one better.
+        images : each (h, w) grey or (h, w, 3) RGB uint8, of one size
         """
-        images = (left, right)
         if not self.gives_scores:
-            return Labelled(self.labels(left), None), Labelled(self.labels(right), None)
+            return [Labelled(self.labels(image), None) for image in images]
         padded = [self._prepared(_as_rgb(image)) for image in images]
         if self._takes_several and self.device != "cpu":
             grids = list(self._run(*padded)[0])
@@ -109,7 +108,7 @@ class Network:
         for image, grid in zip(images, grids, strict=True):
             logits = self._channels_last(grid)
             done.append(Labelled(self._labels_of_logits(logits, image), self._scores(logits, image, k)))
-        return done[0], done[1]
+        return done
 
     def _labels_of_frame(self, rgb: Image) -> Labels:
         """The whole frame, padded by its own border to the network's multiple, at once."""

@@ -43,14 +43,16 @@ def segment_keyframes(
     network: Network,
     out_dir: Path,
     progress: Progress = silent,
+    right: NDArray[np.bool_] | None = None,
 ) -> KeyframeLabels:
     """Write `left/%010d.png` and `right/%010d.png`, named by frame index, and `model.json`, into out_dir.
 
     Beside them lie `left_small/` and `right_small/`, the grey images at half size (npy), and, from a network that gives scores,
     `left_scores/` and `right_scores/`, the likeliest classes of each cell (`encode_scores`).
-    A run that was cut short goes on where it stopped: a pair whose files can be read is kept as long as `model.json` says
+    A run that was cut short goes on where it stopped: images whose files can be read is kept as long as `model.json` says
     that the same network labelled the same drive. Every file appears whole or not at all.
     keyframes : frame indices (`Keyframes.frame` of the odometry)
+    right : (K,) of which keyframes the right image is labelled, too; None: of all
     Raises LogError from the log's reader.
     """
     out_dir.mkdir(parents=True, exist_ok=True)
@@ -59,17 +61,19 @@ def segment_keyframes(
     frames = [int(index) for index in keyframes]
     for done, index in enumerate(frames):
         progress(done / len(frames), f"labelling keyframe {done + 1} of {len(frames)}")
-        _segment_pair(log, network, out_dir, index, shape)
+        _segment_frame(log, network, out_dir, index, shape, SIDES if right is None or right[done] else SIDES[:1])
     progress(1.0, f"labelled {len(frames)} keyframes")
     return KeyframeLabels(out_dir, frames)
 
 
-def _segment_pair(log: DriveLog, network: Network, out_dir: Path, index: int, shape: tuple[int, int]) -> None:
-    if all(_is_done(out_dir, side, index, shape, network.gives_scores) for side in SIDES):
+def _segment_frame(
+    log: DriveLog, network: Network, out_dir: Path, index: int, shape: tuple[int, int], sides: Sequence[str]
+) -> None:
+    if all(_is_done(out_dir, side, index, shape, network.gives_scores) for side in sides):
         return
     frame = log.frame(index)
-    images = (frame.left, frame.right)
-    for side, image, labelled in zip(SIDES, images, network.label_pair(*images), strict=True):
+    images = (frame.left, frame.right)[: len(sides)]
+    for side, image, labelled in zip(sides, images, network.label_images(images), strict=True):
         write_atomically(small_path(out_dir, side, index), _as_npy(small_grey(image)))
         if labelled.scores is not None:
             write_atomically(scores_path(out_dir, side, index), encode_scores(labelled.scores))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from wayloom.config.progress import Progress
-from wayloom.labelling.voting_frames import voting_frames
+from wayloom.labelling.voting_frames import right_images_vote, voting_frames
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.tracked_drive import tracked_drive
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model, locate
@@ -21,7 +21,8 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     settings = context.settings
     network = Network(find_model(settings.segmentation.model or DEFAULT_MODEL), settings.threads, settings.segmentation.device)
     frames = voting_frames(tracked_drive(context), settings.labelling)
-    segment_keyframes(context.log, frames, network, out_dir, progress)
+    right = right_images_vote(len(frames), settings.labelling)
+    segment_keyframes(context.log, frames, network, out_dir, progress, right)
 
 
 def key_parts(context: StageContext) -> dict[str, Any]:
