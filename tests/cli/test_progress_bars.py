@@ -1,6 +1,10 @@
-"""What a command says while it works, where nobody looks at a terminal."""
+"""What a command says while it works: lines where nobody looks at a terminal, bars where somebody does."""
 
 import io
+import sys
+import time
+
+import pytest
 
 from wayloom.cli.progress_bars import ProgressBars
 
@@ -35,3 +39,23 @@ def test_work_that_begins_again_ends_again() -> None:
         for share, what in ((1.0, "done"), (0.2, "again"), (1.0, "done at last")):
             bars("stitch")(share, what)
     assert lines.getvalue() == "stitch: done\nstitch: done at last\n"
+
+
+class Terminal(io.StringIO):
+    """What is written to it is shown on a screen."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_a_services_work_that_is_done_tells_its_own_seconds_alone(elsewhere: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    with ProgressBars(elsewhere=elsewhere) as bars:
+        bars("drive, odometry")(0.5, "tracked half")
+        time.sleep(1.1)  # the bar's own clock, which rich reads
+        bars("drive, odometry")(1.0, "done in 42.0 s")
+    last = screen.getvalue().rpartition("drive, odometry")[2]
+    assert "done in 42.0 s" in last
+    assert ("0:00:01" in last) == (not elsewhere)

@@ -76,7 +76,7 @@ def demo_command(
         if log is not None and settings.segmentation.model is None:
             say("labels: the built-in network knows simulated streets only; give another by --model (`wayloom models` lists some)")
         api = Api(url, settings.api_key)
-        with ProgressBars(sys.stdout) as bars:
+        with ProgressBars(sys.stdout, elsewhere=True) as bars:
             packed_drives = [pack(path, fleet.gnss) for path in fleet.logs]
             before = [finished_stages(api, packed_drive.manifest.drive_id) for packed_drive in packed_drives]
             ids = [send(api, packed_drive, bars, 4) for packed_drive in packed_drives]

@@ -1,4 +1,4 @@
-"""`wayloom`: one module a command. Exit status: 0 done, 2 bad input (one clear line on stderr), 1 anything else."""
+"""`wayloom`: one module a command. It ends with one of `STATUSES`; a failure is one clear line on stderr."""
 
 import importlib
 import os
@@ -9,6 +9,7 @@ import typer
 
 from wayloom import __version__
 from wayloom.cli.interrupts import listen
+from wayloom.cli.statuses import BAD_INPUT, FAILED, STOPPED, epilog
 from wayloom.errors import InputError, WayloomError
 
 COMMANDS = {
@@ -18,13 +19,13 @@ COMMANDS = {
     "This installation": ("config", "doctor"),
 }
 """By what they are for, as the help shows them."""
-STOPPED = 130
 
 app = typer.Typer(
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     help="Weaves the drives of a vehicle fleet into one semantic 3D map of a city.",
+    epilog=epilog(),
 )
 
 
@@ -61,14 +62,14 @@ def main() -> None:
     except typer.TyperException as error:
         status = _told_usage(error)
     except InputError as error:
-        status = _told(f"{error} [{error.reason}]", 2)
+        status = _told(f"{error} [{error.reason}]", BAD_INPUT)
     except WayloomError as error:
-        status = _told(str(error), 1)
+        status = _told(str(error), FAILED)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        status = 1
+        status = FAILED
     except OSError as error:
-        status = _told(f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}", 1)
+        status = _told(f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}", FAILED)
     if status == STOPPED:
         _told("stopped", STOPPED)
     sys.exit(status)

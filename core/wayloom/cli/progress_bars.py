@@ -19,9 +19,10 @@ class ProgressBars:
     """A bar on stderr for each piece of work. Where stderr is no terminal: a line in `lines` at the end of each.
 
     quarters : where there are no bars, a line at the beginning and after each quarter as well: for one long piece of work
+    elsewhere : the work is a service's, and its words tell how long it took: a bar that began late would tell another time
     """
 
-    def __init__(self, lines: TextIO | None = None, quarters: bool = False) -> None:
+    def __init__(self, lines: TextIO | None = None, quarters: bool = False, elsewhere: bool = False) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -32,7 +33,7 @@ class ProgressBars:
         self._shown: dict[str, float] = {}
         self._bars = Progress(
             TextColumn("{task.fields[name]}"), BarColumn(28), TextColumn("{task.percentage:3.0f} %"),
-            TimeRemainingColumn(elapsed_when_finished=True), TextColumn("{task.description}", style="dim"),
+            TimeRemainingColumn(elapsed_when_finished=not elsewhere), TextColumn("{task.description}", style="dim"),
             console=console, disable=not console.is_terminal,
         )  # fmt: skip
 

@@ -64,7 +64,7 @@ def upload_command(
             watching = Watching(what, target, vehicle, connections, limit, progress=bars, say=lambda line: print(line, flush=True))
             watch(api, Spool(spool, settle), watching, once)
         return
-    with Api(to, key, connections) as api, ProgressBars(sys.stdout) as bars:
+    with Api(to, key, connections) as api, ProgressBars(sys.stdout, elsewhere=True) as bars:
         packed_drives = [pack(path, gnss, vehicle, bars(f"{path.name}, reading")) for path in logs]
         before = [finished_stages(api, packed_drive.manifest.drive_id) for packed_drive in packed_drives]
         sent = [send(api, packed_drive, bars, connections, limit, again) for packed_drive in packed_drives]
