@@ -41,6 +41,12 @@ def test_a_text_is_found_in_names_and_vehicles_in_any_case_and_means_itself(fill
     assert names(filled, Asked(search="main", state="done", vehicle="van-2")) == ["main 50%"]
 
 
+def test_letters_beyond_ascii_are_found_in_any_case(database: Database) -> None:
+    announce(database, "ÖSTLICHE ÉCOLE", "ЛАДА-1")
+    for text in ("östliche é", "ÖSTLICHE", "лада"):
+        assert names(database, Asked(search=text)) == ["ÖSTLICHE ÉCOLE"]
+
+
 def test_the_start_of_an_id_finds_its_drive(filled: Database) -> None:
     with filled.read() as session:
         (row,) = drive_search.page(session, Asked(vehicle="van-1"), "newest", 1, 0)

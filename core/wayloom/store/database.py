@@ -92,6 +92,7 @@ def _sqlite_engine(url: str, begins: bool = True) -> Engine:
         connection.isolation_level = None  # the driver's own BEGIN would come too late and be deferred
         for pragma in (*PRAGMAS, f"busy_timeout={BUSY_TIMEOUT_MS}"):
             connection.execute(f"PRAGMA {pragma}")
+        connection.create_function("lower", 1, _lower, deterministic=True)  # SQLite's own knows ASCII alone
 
     @event.listens_for(engine, "begin")
     def _begin(connection: Connection) -> None:
@@ -99,3 +100,8 @@ def _sqlite_engine(url: str, begins: bool = True) -> Engine:
             connection.exec_driver_sql(connection.get_execution_options().get("wayloom_begin", "BEGIN"))
 
     return engine
+
+
+def _lower(text: Any) -> Any:
+    """SQL's `lower` as PostgreSQL has it, of texts in any script."""
+    return text.lower() if isinstance(text, str) else text
