@@ -27,7 +27,7 @@ from wayloom.tiles.png import png_bytes
 from wayloom_workers import production
 from wayloom_workers.publishing import TILES_FILE, publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
-from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, key_of_inputs, keyed_by_inputs
+from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, at_once, key_of_inputs, keyed_by_inputs
 
 LON, LAT = 8.4, 49.01
 RUNS = "runs.txt"
@@ -161,11 +161,11 @@ def prepare(attempt: StageAttempt) -> PreparedStage:
 
 
 _HOOKS = {
-    "georeference": StageHooks(prepare, record=judge),
-    "submaps": StageHooks(prepare, record=place),
-    "stitch": StageHooks(keyed_by_inputs(stitch), record=request_publish),
-    "publish": StageHooks(keyed_by_inputs(tidy), record=publish),
-    REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=remove_files, record=remove_rows),
+    "georeference": StageHooks(prepare, record=at_once(judge)),
+    "submaps": StageHooks(prepare, record=at_once(place)),
+    "stitch": StageHooks(keyed_by_inputs(stitch), record=at_once(request_publish)),
+    "publish": StageHooks(keyed_by_inputs(tidy), record=at_once(publish)),
+    REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=remove_files, record=at_once(remove_rows)),
 }
 
 
@@ -194,7 +194,7 @@ def easy_hooks(stage: str) -> StageHooks:
     if stage == "georeference":
         return StageHooks(keyed_by_inputs(easy))
     if stage == "submaps":
-        return StageHooks(keyed_by_inputs(easy), record=place_easily)
+        return StageHooks(keyed_by_inputs(easy), record=at_once(place_easily))
     return _HOOKS.get(stage) or StageHooks(keyed_by_inputs(easy))
 
 

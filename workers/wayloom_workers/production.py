@@ -31,7 +31,7 @@ from wayloom_workers.finished_stages import finished_stages
 from wayloom_workers.publishing import publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
 from wayloom_workers.rig_memory import forget, remember, remember_gnss, rig_file_for
-from wayloom_workers.stage_hooks import PreparedStage, StageAttempt, StageHooks, StageParts, keyed_by_inputs
+from wayloom_workers.stage_hooks import PreparedStage, Record, StageAttempt, StageHooks, StageParts, at_once, keyed_by_inputs
 from wayloom_workers.stitching import prepare_stitch
 from wayloom_workers.submap_rows import submap_row
 
@@ -82,22 +82,31 @@ def _parts(attempt: StageAttempt, context: StageContext) -> StageParts | None:
     )
 
 
-def _record_log(session: Session, attempt: StageAttempt) -> list[JobMessage]:
+def _record_log(attempt: StageAttempt) -> Record:
     """What the log is, for the drive's page."""
     content = json.loads((attempt.out_dir / LOG_FILE).read_text(encoding="utf-8"))
-    drive = drives.get(session, str(attempt.claim.drive_id))
-    note(drive, log=_finite({name: content["log"][name] for name in content["log"].keys() - {"path", "name"}}))
-    return []
+    facts = _finite({name: content["log"][name] for name in content["log"].keys() - {"path", "name"}})
+
+    def write(session: Session) -> list[JobMessage]:
+        note(drives.get(session, str(attempt.claim.drive_id)), log=facts)
+        return []
+
+    return write
 
 
-def _record_tracking(session: Session, attempt: StageAttempt) -> list[JobMessage]:
+def _record_tracking(attempt: StageAttempt) -> Record:
     """How much of the drive was tracked, for its warnings."""
     odometry = load_odometry(attempt.out_dir / ODOMETRY_FILE)
     tracked, segment = odometry.trajectory.tracked, odometry.trajectory.segment
     losses = [{"frame": one["frame"], "reason": one["reason"]} for one in odometry.report.get("losses", ())]
     counted = {"frames": len(tracked), "frames_tracked": int(tracked.sum()), "segments": len(np.unique(segment))}
-    note(drives.get(session, str(attempt.claim.drive_id)), odometry=_finite({**counted, "losses": losses[:20]}))
-    return []
+    facts = _finite({**counted, "losses": losses[:20]})
+
+    def write(session: Session) -> list[JobMessage]:
+        note(drives.get(session, str(attempt.claim.drive_id)), odometry=facts)
+        return []
+
+    return write
 
 
 def _remember_rig(attempt: StageAttempt) -> None:
@@ -118,22 +127,27 @@ def _remove(attempt: StageAttempt) -> None:
     remove_files(attempt)
 
 
-def _record_track(session: Session, attempt: StageAttempt) -> list[JobMessage]:
+def _record_track(attempt: StageAttempt) -> Record:
     """Where the drive went, thinned for the page, and what the geo-reference says of itself."""
     geo = load_georeference(attempt.out_dir / GEOREFERENCE_FILE)
-    drive = drives.get(session, str(attempt.claim.drive_id))
     track = None
     if geo.frame is not None:
         rows = np.unique(np.linspace(0, len(geo.T_enu_cam) - 1, TRACK_POINTS).round().astype(int))
         lon_lat_height = wgs84.lonlatheight_from_enu(geo.T_enu_cam[rows, :3, 3], geo.frame)
         track = np.column_stack([lon_lat_height[:, :2].round(9), lon_lat_height[:, 2].round(4)]).tolist()
-    note_place(drive, geo.frame is not None, track)
     quality = read_quality(attempt.out_dir / QUALITY_FILE)
     sound = bool(quality.get("sound"))
     verdict = gate_of(quality["grade"], attempt.context.settings.gate, sound)
-    reprocessing.judge(session, drive.id, quality["grade"], quality["reasons"], verdict, sound)
-    note(drive, georeference=_finite(geo.report), quality=hashlib.sha256(_quality(attempt)).hexdigest())
-    return []
+    facts = {"georeference": _finite(geo.report), "quality": hashlib.sha256(_quality(attempt)).hexdigest()}
+
+    def write(session: Session) -> list[JobMessage]:
+        drive = drives.get(session, str(attempt.claim.drive_id))
+        note_place(drive, geo.frame is not None, track)
+        reprocessing.judge(session, drive.id, quality["grade"], quality["reasons"], verdict, sound)
+        note(drive, **facts)
+        return []
+
+    return write
 
 
 def _share_quality(attempt: StageAttempt) -> None:
@@ -171,16 +185,21 @@ def _preview(attempt: StageAttempt) -> bytes:
     return (attempt.inputs_dir / SUBMAPS / PREVIEW_FILE).read_bytes()
 
 
-def _record_submaps(session: Session, attempt: StageAttempt) -> list[JobMessage]:
+def _record_submaps(attempt: StageAttempt) -> Record:
     """Place the submaps, now that all that the map takes of them is there; those without a place on Earth wait for other drives to
     give them one."""
-    drive = drives.get(session, str(attempt.claim.drive_id))
     items = load_submaps(attempt.inputs_dir / SUBMAPS)
-    rows = [submap_row(drive.id, drive.map_id, position, item) for position, item in enumerate(items)]
-    reprocessing.place_submaps(session, drive.id, rows)
-    runs.record(session, drive, finished_stages(session, attempt), [item.submap.digest for item in items])
-    note(drive, preview=hashlib.sha256(_preview(attempt)).hexdigest())
-    return []
+    preview = hashlib.sha256(_preview(attempt)).hexdigest()
+
+    def write(session: Session) -> list[JobMessage]:
+        drive = drives.get(session, str(attempt.claim.drive_id))
+        rows = [submap_row(drive.id, drive.map_id, position, item) for position, item in enumerate(items)]
+        reprocessing.place_submaps(session, drive.id, rows)
+        runs.record(session, drive, finished_stages(session, attempt), [item.submap.digest for item in items])
+        note(drive, preview=preview)
+        return []
+
+    return write
 
 
 _HOOKS: Final = {
@@ -188,9 +207,9 @@ _HOOKS: Final = {
     ODOMETRY: StageHooks(_prepare, share=_remember_rig, record=_record_tracking),
     "georeference": StageHooks(_prepare, share=_share_georeference, record=_record_track),
     OBJECTS: StageHooks(_prepare, share=_share_submaps, record=_record_submaps),
-    "stitch": StageHooks(_prepare_stitch, record=request_publish),
-    "publish": StageHooks(keyed_by_inputs(tidy), record=publish),
-    REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=_remove, record=remove_rows),
+    "stitch": StageHooks(_prepare_stitch, record=at_once(request_publish)),
+    "publish": StageHooks(keyed_by_inputs(tidy), record=at_once(publish)),
+    REMOVAL.name: StageHooks(keyed_by_inputs(nothing), share=_remove, record=at_once(remove_rows)),
 }
 
 

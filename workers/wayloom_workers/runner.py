@@ -85,9 +85,10 @@ def _make_and_commit(
         _keep(attempt.out_dir, output, anew=ANEW in held.payload)
     done = replace(attempt, out_dir=output)
     hooks.share(done)
+    record = hooks.record(done)
     with context.database.write() as session:
         following = jobs.finish(session, held, prepared.key)
-        messages = [*hooks.record(session, done), *([following] if following else [])]
+        messages = [*record(session), *([following] if following else [])]
         if held.drive_id is not None and following is None and held.stage != REMOVAL.name:
             messages += complete_drive(session, held.drive_id)
     if prepared.parts:

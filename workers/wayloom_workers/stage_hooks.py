@@ -80,22 +80,32 @@ class PreparedStage:
     parts: StageParts | None = None
 
 
+Record = Callable[[Session], list[JobMessage]]
+"""Writes rows in a transaction that is open; returns messages of new jobs."""
+
+
 @dataclass(frozen=True, slots=True)
 class StageHooks:
     """What a worker does around a stage.
 
     prepare  the output's key and how to make it; where an output of that key exists it is not made again
     share    puts what others need of the output into the blob store; idempotent, also called when the output was there already
-    record   writes what follows from it into the database, in the transaction that finishes the job; returns messages of new jobs
+    record   reads of the output what the database is to know, and returns what writes it in the transaction that finishes the job:
+             what takes time is done before that one begins, as on SQLite it keeps all others from writing
     """
 
     prepare: Callable[[StageAttempt], PreparedStage]
     share: Callable[[StageAttempt], None] = lambda _attempt: None
-    record: Callable[[Session, StageAttempt], list[JobMessage]] = lambda _session, _attempt: []
+    record: Callable[[StageAttempt], Record] = lambda _attempt: lambda _session: []
 
 
 HookTable = Callable[[str], StageHooks]
 """The hooks of a stage by its name."""
+
+
+def at_once(write: Callable[[Session, StageAttempt], list[JobMessage]]) -> Callable[[StageAttempt], Record]:
+    """`record` of a stage that has nothing to read."""
+    return lambda attempt: lambda session: write(session, attempt)
 
 
 def keyed_by_inputs(run: Callable[[StageAttempt], None]) -> Callable[[StageAttempt], PreparedStage]:
