@@ -6,6 +6,7 @@ docs/results.md gives the commands that draw the datasets; only the files of for
 """
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +20,7 @@ from wayloom.config.classes import CLASS_ID
 from wayloom.evaluation.label_gains import Gain, share_of_right_votes, some_vote_is_right
 from wayloom.evaluation.label_scores import LabelScores, count, scores
 from wayloom.evaluation.label_tables import PAPER_ROWS
-from wayloom.evaluation.label_truth import find_labelled_drives
+from wayloom.evaluation.label_truth import LabelledDrive, find_labelled_drives
 from wayloom.evaluation.labels import LabelBenchmark, LabelledPoints, benchmark_labels
 from wayloom.labelling.settings import PAPER, LabellingSettings
 from wayloom.labelling.tcl import label_points
@@ -74,13 +75,12 @@ def main() -> None:
     for network in found_networks(options.models):
         for source in options.source:
             bounds = {name: Bound() for name in VOTERS}
-            drives = [
-                replace(drive, name=f"{dataset.name}-{drive.name}")
-                for dataset in options.datasets
-                for drive in find_labelled_drives(dataset, source)
-            ]
             result = benchmark_labels(
-                drives, network, work_dir=options.work, threads=options.threads, show=partial(add_to_bounds, bounds)
+                drives_of(options.datasets, source),
+                network,
+                work_dir=options.work,
+                threads=options.threads,
+                show=partial(add_to_bounds, bounds),
             )
             title = result.model if len(options.source) == 1 else f"{result.model}, {TRUTHS[source] or source}"
             measured.append(Measured(title, result, bounds))
@@ -89,6 +89,15 @@ def main() -> None:
     print(text, end="")
     if options.write:
         put_between_marks(RESULTS, options.write, text)
+
+
+def drives_of(datasets: Sequence[Path], source: str) -> list[LabelledDrive]:
+    """Those of all data sets, named by their data set, too."""
+    return [
+        replace(drive, name=f"{dataset.name}-{drive.name}")
+        for dataset in datasets
+        for drive in find_labelled_drives(dataset, source)
+    ]
 
 
 def add_to_bounds(bounds: dict[str, Bound], done: LabelledPoints) -> None:

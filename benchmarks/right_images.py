@@ -6,12 +6,11 @@ docs/labelling-choices.md gives the commands that draw the datasets.
 """
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from labels import TRUTHS, drives_of
 from real_labels import found_networks
-from wayloom.evaluation.label_truth import find_labelled_drives
 from wayloom.evaluation.labels import LabelBenchmark, LabelBenchmarkSettings, benchmark_labels
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.segmentation.catalogue import MODELS
@@ -26,19 +25,14 @@ def main() -> None:
     """Print a row for each network and number."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("datasets", type=Path, nargs="+")
-    parser.add_argument("--source", default="auto", help="of the truth, as in benchmarks/labels.py")
+    parser.add_argument("--source", choices=list(TRUTHS), default="auto", help="of the truth")
     parser.add_argument("--models", nargs="+", default=list(MODELS), help="names of the catalogue, or TOML files")
     parser.add_argument("--work", type=Path, help="keep tracks and label images here")
     options = parser.parse_args()
     settings = LabelBenchmarkSettings(variants={str(every): LabellingSettings(right_images=every) for every in EVERY})
     print(HEAD)
     for network in found_networks(options.models):
-        drives = [
-            replace(drive, name=f"{dataset.name}-{drive.name}")
-            for dataset in options.datasets
-            for drive in find_labelled_drives(dataset, options.source)
-        ]
-        result = benchmark_labels(drives, network, settings, options.work)
+        result = benchmark_labels(drives_of(options.datasets, options.source), network, settings, options.work)
         print("\n".join(row(result, every) for every in EVERY), flush=True)
 
 

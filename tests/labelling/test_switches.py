@@ -190,7 +190,8 @@ def test_only_some_right_images_vote_and_no_other_is_read(every: int, voting: tu
     form = HARD.model_copy(update={"ncc_power": 0.0, "reach": 3, "right_images": every})
     rows, nothing = range(len(images.rights)), np.full_like(images.rights[0], VOID)
     voids = replace(images, rights=[images.rights[row] if row in voting else nothing for row in rows])
-    some = replace(images, rights={row: images.rights[row] for row in voting})  # type: ignore[arg-type]
+    refused = np.zeros((1, 1), np.uint8)  # of a size that raises where it is read
+    some = replace(images, rights=[images.rights[row] if row in voting else refused for row in rows])
     expected = label_points(drive, voids, form.model_copy(update={"right_images": 1}))
     found = label_points(drive, some, form)
     for name in ("baseline", "mono", "stereo", "vote_start", "vote_class", "vote_weight"):

@@ -1,11 +1,13 @@
-"""One API process for the tests that leave it as it is."""
+"""One API process for the tests that leave it as it is, and one browser a module."""
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import httpx2
 import pytest
 
+from service_kit.browsers import chromium
 from service_kit.running import ApiAlone
 
 
@@ -14,6 +16,12 @@ def api_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ApiAlone]:
     alone = ApiAlone(tmp_path_factory.mktemp("api") / "data", WAYLOOM_MAX_FILE_BYTES=str(64 << 20))
     yield alone
     alone.close()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as launched:
+        yield launched
 
 
 @pytest.fixture

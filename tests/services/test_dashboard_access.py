@@ -7,19 +7,13 @@ from typing import Any
 
 import pytest
 
-from service_kit.browsers import answering, chromium
+from service_kit.browsers import answering
 from service_kit.guarded import PASSWORD, Guarded, bearer
 from service_kit.running import until
 from wayloom.config.roles import Role
 
 USERS = {"anna": Role.ADMIN, "otto": Role.OPERATOR, "vera": Role.VIEWER}
 YARD = {"type": "Polygon", "coordinates": [[[8.40, 49.01], [8.41, 49.01], [8.41, 49.02], [8.40, 49.01]]]}
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as launched:
-        yield launched
 
 
 @pytest.fixture(scope="module")

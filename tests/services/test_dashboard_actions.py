@@ -7,17 +7,11 @@ from typing import Any
 import httpx2
 import pytest
 
-from service_kit.browsers import chromium, watched
+from service_kit.browsers import watched
 from service_kit.packed_drives import packed_drive
 from service_kit.running import Up, service, until
 from wayloom.client.upload import upload
 from wayloom.client.watch import wait_for_drive
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as launched:
-        yield launched
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from typing import Any
 import httpx2
 import pytest
 
-from service_kit.browsers import chromium, watched
+from service_kit.browsers import watched
 from service_kit.guarded import PASSWORD, Guarded
 from service_kit.packed_drives import packed_drive
 from service_kit.running import ApiAlone, service, until
@@ -19,12 +19,6 @@ from wayloom.store.database import Database
 from wayloom.store.drives import get
 
 MANY = 130
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as launched:
-        yield launched
 
 
 @pytest.fixture(scope="module")

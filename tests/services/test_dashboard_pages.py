@@ -8,7 +8,7 @@ from urllib.parse import quote, unquote
 
 import pytest
 
-from service_kit.browsers import answering, chromium
+from service_kit.browsers import answering
 from service_kit.filled_service import filled
 from service_kit.guarded import PASSWORD, Guarded
 from service_kit.running import ApiAlone, until
@@ -21,12 +21,6 @@ PATHS = {"map": "/", "3d": "/3d", "drive": "/drives/{done}", "fleet": "/fleet", 
 BEATS = {"map": ".head", "drive": "#main", "fleet": "#main", "areas": "#main", "3d": "#status"}
 RENEWED_S = 20.0
 """Pages ask again after 10 s."""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as launched:
-        yield launched
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """A drive sent from the page: chosen or dropped, hashed, sent resumably; it goes on after a pause and after a reload."""
 
 import hashlib
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -10,19 +9,13 @@ import httpx2
 import numpy as np
 import pytest
 
-from service_kit.browsers import answering, chromium, watched
+from service_kit.browsers import answering, watched
 from service_kit.running import ApiAlone, service, until
 from wayloom.client.watch import wait_for_drive
 from wayloom.store.database import Database
 from wayloom.store.drives import get
 
 LARGE = 40 * 2**20
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as launched:
-        yield launched
 
 
 def folder(root: Path, sizes: tuple[int, ...]) -> Path:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from map_pages import Open, like, opening
 
-from service_kit.browsers import chromium
 from service_kit.looked_at import LookedAt, looked_at
 from service_kit.running import until
 from wayloom.config.classes import CLASS_NAMES, PALETTE
@@ -23,12 +22,6 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LookedAt]:
     served = looked_at(tmp_path_factory.mktemp("legend") / "data")
     with closing(served.api):
         yield served
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as launched:
-        yield launched
 
 
 @pytest.fixture

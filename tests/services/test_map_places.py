@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 from map_pages import Open, opening
 
-from service_kit.browsers import chromium
 from service_kit.looked_at import LookedAt, looked_at
 from service_kit.running import until
 from wayloom.geodesy import wgs84
@@ -18,12 +17,6 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LookedAt]:
     served = looked_at(tmp_path_factory.mktemp("places") / "data", away_m=3600.0, changes=True)
     with closing(served.api):
         yield served
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as launched:
-        yield launched
 
 
 @pytest.fixture

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from map_pages import READY, Open, like, opening
 
-from service_kit.browsers import chromium
 from service_kit.looked_at import LookedAt, looked_at
 from service_kit.running import until
 from wayloom.config.classes import CLASS_NAMES, PALETTE
@@ -32,12 +31,6 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LookedAt]:
 def painted(served: LookedAt, name: str) -> Any:
     label = np.full(len(served.city), CLASS_NAMES.index(name), np.uint8)
     return replace(served.city, label=label)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as launched:
-        yield launched
 
 
 @pytest.fixture

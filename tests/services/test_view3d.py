@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from service_kit.browsers import chromium, pixels_by_class, shot
+from service_kit.browsers import pixels_by_class, shot
 from service_kit.looked_at import LookedAt, looked_at
 from service_kit.running import ApiAlone, until
 from tiles.made_maps import made_map
@@ -19,12 +19,6 @@ NO_WEBGL = """const of = HTMLCanvasElement.prototype.getContext;
 HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
   return kind.startsWith("webgl") ? null : of.call(this, kind, ...rest);
 };"""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as launched:
-        yield launched
 
 
 @pytest.fixture(scope="module")

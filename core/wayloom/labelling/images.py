@@ -39,11 +39,11 @@ class LabelImages(Protocol):
 class VoterImages:
     """The images of one voter, each for left and right; the right ones None where it does not vote.
 
-    labels       (h, w) uint8; the right one None where its scores suffice, too
-    scores       where they are wanted and there; rest (gh, gw) goes with them (`rest_steps`)
-    small        the grey image at half size, where it is wanted
-    to_boundary  (h, w) float32 px: distance of every pixel to the nearest label boundary, where it is wanted
-    scores_suffice  whether the labels are read for the points' host alone
+    labels          (h, w) uint8; the right one None where its scores suffice, too
+    scores          where they are wanted and there; rest (gh, gw) goes with them (`rest_steps`)
+    small           the grey image at half size, where it is wanted
+    to_boundary     (h, w) float32 px: distance of every pixel to the nearest label boundary, where it is wanted
+    scores_suffice  whether labels are read for the host's own points alone, as no pixel is void and none is near a boundary
     """
 
     labels: tuple[Image, Image | None]

@@ -105,9 +105,11 @@ def overlays(result: DriveResult, folder: Path) -> list[Picture]:
     for left in sorted((folder / OVERLAYS_DIR).glob("*_left.jpg")):
         frame = int(left.name.removesuffix("_left.jpg"))
         caption = f"frame {frame}, {(t_ns[frame] - t_ns[0]) * 1e-9:.1f} s"
-        sides = {left: f"{caption}, left", left.with_name(left.name.replace("_left", "_right")): "right"}
-        images = {file: views.shrunk(read_image(file), OVERLAY_WIDTH_PX) for file in sides if file.is_file()}
-        shown += [Picture(data_uri(views.jpeg_bytes(image), "jpeg"), sides[file]) for file, image in images.items()]
+        right = left.with_name(left.name.replace("_left", "_right"))
+        for file, words in ((left, f"{caption}, left"), (right, "right")):
+            if file.is_file():
+                jpeg = views.jpeg_bytes(views.shrunk(read_image(file), OVERLAY_WIDTH_PX))
+                shown.append(Picture(data_uri(jpeg, "jpeg"), words))
     return shown
 
 

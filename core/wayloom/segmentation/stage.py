@@ -49,7 +49,7 @@ def segment_keyframes(
 
     Beside them lie `left_small/` and `right_small/`, the grey images at half size (npy), and, from a network that gives scores,
     `left_scores/` and `right_scores/`, the likeliest classes of each cell (`encode_scores`).
-    A run that was cut short goes on where it stopped: images whose files can be read is kept as long as `model.json` says
+    A run that was cut short goes on where it stopped: images whose files can be read are kept as long as `model.json` says
     that the same network labelled the same drive. Every file appears whole or not at all.
     keyframes : frame indices (`Keyframes.frame` of the odometry)
     right : (K,) of which keyframes the right image is labelled, too; None: of all

@@ -59,6 +59,7 @@ def at_once(subject: Subject) -> None:
     expect(bool(statuses), "neither of two at once was answered")
     expect(all(status in (204, 408, 409, 423) for status in statuses), f"two at once were answered {statuses}")
     stored = _settled_offset(subject, address)
+    expect(stored <= len(content), f"of {len(content)} bytes that came twice at once, {stored} are said to be there")
     if stored < len(content):
         subject.patch(address, stored, content[stored:])
     expect(not subject.is_missing(path), "the file came twice at once and is asked for again")
