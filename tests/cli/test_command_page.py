@@ -1,5 +1,6 @@
 """docs/command-line.md says what the program says of itself, and commands end as its table has it."""
 
+import json
 import re
 import subprocess
 import sys
@@ -9,9 +10,12 @@ import pytest
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
+from logs.made_drives import write_drive
 from wayloom.cli.main import COMMANDS, app
+from wayloom.cli.results import JsonOption
 from wayloom.cli.statuses import BAD_INPUT, DONE, FAILED, STATUSES
 
+JSON_HELP = JsonOption.__metadata__[0].help
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "command-line.md").read_text(encoding="utf-8")
 
 
@@ -46,18 +50,37 @@ def test_every_status_stands_there_and_in_the_help() -> None:
     assert last == "; ".join(f"{status} {words}" for status, words in STATUSES.items())
 
 
-def test_json_is_a_switch_of_those_commands_and_a_file_of_the_others() -> None:
-    commands = commands_of_the_program()
-    switches, files = set(), set()
+def test_json_is_the_one_switch_of_every_command_but_those_that_are_named() -> None:
+    without = set()
     for name in (name for names in COMMANDS.values() for name in names):
-        command = commands[name]
+        command = commands_of_the_program()[name]
         for below, one in (getattr(command, "commands", None) or {"": command}).items():
-            for option in one.params:
-                if isinstance(option, TyperOption) and "--json" in option.opts:
-                    (switches if option.is_flag else files).add(name if name != "config" else f"{name} {below}")
+            options = [option for option in one.params if isinstance(option, TyperOption) and "--json" in option.opts]
+            assert all(option.is_flag and option.help == JSON_HELP for option in options), (name, below)
+            without |= set() if options else {f"{name} {below}".strip()}
     told = PAGE.split("- `--json`")[1].split("\n- ")[0]
-    first, second = (re.findall(r"`([a-z ]+)`", part.split("(")[1]) for part in told.split("With those"))
-    assert (sorted(first), sorted(second)) == (sorted(switches), sorted(files))
+    always, files = (set(re.findall(r"`([a-z ]+)`", part)) for part in re.findall(r"\(([^)]+)\)", told))
+    assert {name for name in without if name.split()[0] not in always} == files
+    assert {name.split()[0] for name in without} >= always
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("config", "show", "--json"),
+        ("doctor", "--json"),
+        ("inspect", "drive", "--json"),
+        ("models", "--json"),
+        ("models", "show", "wayloom-city", "--json"),
+    ],
+)
+def test_with_json_standard_output_is_one_document(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    write_drive(tmp_path, "kitti-odometry").rename(tmp_path / "drive")
+    done = subprocess.run(
+        [sys.executable, "-m", "wayloom.cli.main", *arguments], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert done.returncode in (DONE, FAILED), done.stderr
+    assert json.loads(done.stdout)
 
 
 @pytest.mark.parametrize(

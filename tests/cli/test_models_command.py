@@ -20,11 +20,11 @@ def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]
     )
 
 
-def test_every_network_is_listed_with_its_licence_and_its_state(tmp_path: Path) -> None:
-    done = run("--json", str(tmp_path / "models.json"))
+def test_every_network_is_listed_with_its_licence_and_its_state() -> None:
+    done, told = run(), run("--json")
     assert done.returncode == 0
     assert "wayloom-city (default): ready" in done.stdout
-    rows = {row["name"]: row for row in json.loads((tmp_path / "models.json").read_text())["models"]}
+    rows = {row["name"]: row for row in json.loads(told.stdout)["models"]}
     assert rows["deeplab-slim"]["state"] == "absent"
     assert "Apache-2.0" in rows["deeplab-slim"]["licence"]
     assert rows["deeplab-slim"]["source"] in done.stdout

@@ -223,10 +223,10 @@ def test_a_kitti_raw_log_with_its_calibration_beside_it_is_packed_whole(alone: A
 def test_the_command_uploads_waits_and_tells(tmp_path: Path, clip_a: Path) -> None:
     with service(tmp_path / "data", WAYLOOM_STAGE_HOOKS="service_kit.little_stages:easy_hooks") as up:
         few = few_frames(clip_a, tmp_path / "few")
-        done = run_upload(up, few, "--wait", "--json", str(tmp_path / "said.json"))
+        done = run_upload(up, few, "--wait", "--json")
         assert done.returncode == 0, done.stderr
-        assert "in the map" in done.stdout
-        (drive,) = json.loads((tmp_path / "said.json").read_text())["drives"]
+        assert "in the map" in done.stderr
+        (drive,) = json.loads(done.stdout)["drives"]
         assert (drive["state"], drive["files"]) == ("done", 10)
         on_terminal = run_upload(up, few, "--wait", on_terminal=True)
         assert (on_terminal.returncode, "publish" in on_terminal.stdout) == (0, True)

@@ -192,13 +192,24 @@ def test_votes_are_better_than_the_single_image_by_more_than_their_noise(
 
 
 def test_the_command_writes_what_scripts_rely_on(dataset: Path, work: Path, tmp_path: Path) -> None:
-    outputs = {"--json": "t.json", "--csv": "t.csv", "--latex": "t.tex", "--picture": "t.jpg"}
-    options = [part for name, file in outputs.items() for part in (name, str(tmp_path / file))]
-    command = [sys.executable, "-m", "wayloom.cli.main", "benchmark", "labels", str(dataset), "--work", str(work), *options]
+    outputs = {"--csv": "t.csv", "--latex": "t.tex", "--picture": "t.jpg"}
+    options = [part for name, file in outputs.items() for part in (name, str(tmp_path / file))] + ["--json"]
+    command = [
+        sys.executable,
+        "-m",
+        "wayloom.cli.main",
+        "benchmark",
+        "labels",
+        str(dataset),
+        "--work",
+        str(work),
+        *options,
+        "--json",
+    ]
     told = subprocess.run(command, capture_output=True, text=True, check=False)
     assert told.returncode == 0, told.stderr
-    assert "TCL stereo" in told.stdout
-    content = json.loads((tmp_path / "t.json").read_text())
+    assert "TCL stereo" in told.stderr
+    content = json.loads(told.stdout)
     assert set(content["rows"]) == set(ROWS)
     for row in content["rows"].values():
         assert 0 < row["miou"] <= 100

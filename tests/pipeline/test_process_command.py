@@ -61,6 +61,7 @@ def test_a_run_after_kill_9_finishes_without_redoing_what_was_done(log_path, net
     after = stage_times(out)
     assert {name: after[name] for name in before} == before
     stages = json.loads(ended.stdout)["stages"]
+    assert f"{FRAMES} of {FRAMES} frames tracked" in ended.stderr
     assert [name for name, said in stages.items() if said["reused"]] == [name for name in stages if name in before]
     assert not list((out / "stages").glob(".unfinished-*"))
 

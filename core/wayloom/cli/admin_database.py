@@ -1,13 +1,12 @@
 """The service's database for the commands of its admins, and their entries in the audit log."""
 
 import getpass
-import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
@@ -51,11 +50,6 @@ def changed(database: "Database", action: str, change: Callable[["Session"], tup
         actor = f"command line of {getpass.getuser()}"
         append(session, [Noted(time.time(), actor, "admin", f"wayloom {action}", about, "this machine", 0, "done")])
     return result
-
-
-def told(found: Any) -> None:
-    """Print as JSON."""
-    typer.echo(json.dumps(found, indent=1))
 
 
 def when(t_s: float | None) -> str | None:

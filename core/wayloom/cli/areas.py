@@ -6,8 +6,9 @@ from typing import Annotated, Any
 
 import typer
 
-from wayloom.cli.drives import SHORT, JsonOption, ToOption, confirm, service
+from wayloom.cli.drives import SHORT, ToOption, confirm, service
 from wayloom.cli.options import ConfigOption
+from wayloom.cli.results import JsonOption, print_json
 from wayloom.errors import InputError, NotFoundError
 
 group = typer.Typer(help="Excluded areas of a service's map: add, list, remove.", no_args_is_help=True)
@@ -18,6 +19,7 @@ def add_command(
     file: Annotated[Path, typer.Argument(metavar="FILE.geojson", help="Polygons in WGS84; a feature's `name` is kept.")],
     to: ToOption,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    as_json: JsonOption = False,
     config: ConfigOption = None,
 ) -> None:
     """Keep nothing of these areas any more, and drop for good what is there."""
@@ -31,8 +33,11 @@ def add_command(
     if not yes:
         confirm(f"drop all that the map has in {len(found)} areas for good?")
     with service(to, config) as api:
-        added = api.json("POST", "/v1/excluded-areas", json=content)["features"]
-    for area in added:
+        added = api.json("POST", "/v1/excluded-areas", json=content)
+    if as_json:
+        print_json(added)
+        return
+    for area in added["features"]:
         typer.echo(line(area))
 
 
@@ -42,7 +47,7 @@ def list_command(to: ToOption, as_json: JsonOption = False, config: ConfigOption
     with service(to, config) as api:
         found = api.json("GET", "/v1/excluded-areas")
     if as_json:
-        typer.echo(json.dumps(found, indent=1))
+        print_json(found)
         return
     for area in found["features"]:
         typer.echo(line(area))
@@ -54,6 +59,7 @@ def list_command(to: ToOption, as_json: JsonOption = False, config: ConfigOption
 def remove_command(
     area: Annotated[str, typer.Argument(metavar="AREA", help="Its id, or the beginning; or its name.")],
     to: ToOption,
+    as_json: JsonOption = False,
     config: ConfigOption = None,
 ) -> None:
     """Let the map have an area again, of drives that come from now on."""
@@ -63,7 +69,10 @@ def remove_command(
         if len(found) != 1:
             raise NotFoundError(f"{len(found) or 'no'} areas are called {area!r}; `wayloom areas list --to {to}` shows them")
         api.once("DELETE", f"/v1/excluded-areas/{found[0]['id']}")
-    typer.echo(f"removed: {line(found[0])}")
+    if as_json:
+        print_json(found[0])
+    else:
+        typer.echo(f"removed: {line(found[0])}")
 
 
 def line(area: dict[str, Any]) -> str:

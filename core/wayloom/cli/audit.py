@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
-from wayloom.cli.admin_database import DataOption, admin_database, told, when
+from wayloom.cli.admin_database import DataOption, admin_database, when
 from wayloom.cli.options import ConfigOption
+from wayloom.cli.results import print_json
 
 SHOWN = ("id", "at", "actor", "role", "action", "object", "address", "status", "outcome", "count")
 
@@ -32,4 +33,4 @@ def audit_command(
 
     with admin_database(data, config) as (database, _), database.read() as session:
         rows = audit.page(session, limit, before, actor, None if outcome is None else outcome.value)
-        told([{name: getattr(row, name) for name in SHOWN} | {"at": when(row.at)} for row in rows])
+        print_json([{name: getattr(row, name) for name in SHOWN} | {"at": when(row.at)} for row in rows])

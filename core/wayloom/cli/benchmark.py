@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from wayloom.cli.progress_bars import ProgressBars
+from wayloom.cli.results import JsonOption, print_json, words
 
 group = typer.Typer(add_completion=False, no_args_is_help=True, help="Measure on data with truth: one command for each table.")
 
@@ -33,7 +34,6 @@ def labels(
     model: Annotated[
         str | None, typer.Option(envvar="WAYLOOM_MODEL", help="Network: a name of `wayloom models`, or a TOML or ONNX file.")
     ] = None,
-    json: Annotated[Path | None, typer.Option(help="Write rows, filters and classes to this file.", metavar="FILE")] = None,
     csv: Annotated[Path | None, typer.Option(help="Write the tables to this file.", metavar="FILE")] = None,
     latex: Annotated[Path | None, typer.Option(help="Write the tables to this file.", metavar="FILE")] = None,
     picture: Annotated[
@@ -49,6 +49,7 @@ def labels(
     work: Annotated[Path | None, typer.Option(help="Keep tracks and label images here for the next run.", metavar="DIR")] = None,
     threads: Annotated[int | None, typer.Option(min=1, max=64, help="Threads; default all cores.")] = None,
     ablation: Annotated[bool, typer.Option("--ablation", help="A row for each switch of the labelling as well.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Accuracy of labelled points: single image, TCL mono, TCL stereo, our best form (the paper's table)."""
     from wayloom.cli.options import default_threads
@@ -61,7 +62,7 @@ def labels(
     from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model
     from wayloom.segmentation.network import Network
 
-    for file in filter(None, (json, csv, latex, picture)):
+    for file in filter(None, (csv, latex, picture)):
         check_writable(file)
     first, stop = parse_frames(frames)
     network = Network(find_model(model or DEFAULT_MODEL), threads or default_threads())
@@ -77,20 +78,15 @@ def labels(
             drives, network, LabelBenchmarkSettings(variants=ABLATION if ablation else {}), work_dir=work,
             threads=threads or default_threads(), progress=bars("labels"), show=show,
         )  # fmt: skip
-    typer.echo(as_text(result))
-    texts = {json: lambda: dumped(result.as_json()), csv: lambda: as_csv(result), latex: lambda: as_latex(result)}
+    words(as_json)(as_text(result))
+    texts = {csv: lambda: as_csv(result), latex: lambda: as_latex(result)}
     for target, text in texts.items():
         if target:
             write_atomically(target, text().encode())
     if picture and pictures:
         write_atomically(picture, pictures[0])
-
-
-def dumped(content: object) -> str:
-    """JSON for people and machines."""
-    import json
-
-    return json.dumps(content, indent=1) + "\n"
+    if as_json:
+        print_json(result.as_json())
 
 
 def parse_frames(text: str | None) -> tuple[int, int | None]:

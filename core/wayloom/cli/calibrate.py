@@ -3,11 +3,12 @@
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from wayloom.cli.progress_bars import ProgressBars
+from wayloom.cli.results import JsonOption, print_json, words
 
 if TYPE_CHECKING:
     from wayloom.calibration.learn import Calibration
@@ -26,31 +27,31 @@ def calibrate_command(
     ],
     out: Annotated[Path, typer.Option(help="Where the rig's file goes: a RIG.toml.")],
     rig: Annotated[Path | None, typer.Option(help="What is known of the rig already; the drives are added to it.")] = None,
-    json: Annotated[Path | None, typer.Option(help="Also write the result to this file.")] = None,
     threads: Annotated[int, typer.Option(min=1, help="More than one: decode ahead. The result is the same.")] = 1,
+    as_json: JsonOption = False,
 ) -> None:
     """Learn how the right camera of a rig differs from the ideal one. Logs are tracked first; observations are used as they are."""
     from wayloom.calibration.learn import learn_rig
     from wayloom.calibration.report import facts, lines
     from wayloom.calibration.rig_file import read_rig_file, write_rig_file
-    from wayloom.files.atomic import check_writable, write_atomically
+    from wayloom.files.atomic import check_writable
     from wayloom.pipeline.folders import writing_to
     from wayloom.pipeline.rig_learning import receivers_of, with_receivers
 
     known = None if rig is None else read_rig_file(rig)
     with writing_to(out):
-        for file in filter(None, (out, json)):
-            check_writable(file)
-        drives = [(source, drive) for source in sources for drive in observations_of(source, threads, (out, json))]
+        check_writable(out)
+        drives = [(source, drive) for source in sources for drive in observations_of(source, threads, (out,))]
         calibration = learn_rig([drive for _, drive in drives], known=known)
         told = [one for source, drive in drives for one in receivers_of(source / IN_STAGES.parts[0], drive.name)]
         write_rig_file(with_receivers(calibration, (*calibration.rig.receivers, *told)), out)
-        if json is not None:
-            write_atomically(json, _json(facts(calibration)))
     warn(calibration)
+    say = words(as_json)
     for line in lines(calibration):
-        typer.echo(line)
-    typer.echo(f"written: {out}")
+        say(line)
+    say(f"written: {out}")
+    if as_json:
+        print_json(facts(calibration))
 
 
 def observations_of(source: Path, threads: int, outputs: tuple[Path | None, ...]) -> "Iterator[CalibrationObservations]":
@@ -88,9 +89,3 @@ def warn(calibration: "Calibration") -> None:
 
     for warning in warnings(calibration):
         sys.stderr.write(f"wayloom: warning: {warning}\n")
-
-
-def _json(content: dict[str, Any]) -> bytes:
-    import json
-
-    return (json.dumps(content, indent=2) + "\n").encode()

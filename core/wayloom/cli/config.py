@@ -1,12 +1,12 @@
 """`wayloom config`: the settings in force, and where each of them comes from."""
 
-import json as json_format
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from wayloom.cli.options import ConfigOption
+from wayloom.cli.results import JsonOption, print_json
 
 if TYPE_CHECKING:
     from wayloom.config.sources import Loaded
@@ -23,7 +23,7 @@ def config_command() -> None:
 @group.command()
 def show(
     config: ConfigOption = None,
-    json: Annotated[bool, typer.Option("--json", help="Print settings and origins as JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Print the settings in force as a settings file that `--config` takes, with the origin and the meaning of each.
 
@@ -32,10 +32,13 @@ def show(
     from wayloom.pipeline.settings import load_settings
 
     loaded = load_settings(config)
-    typer.echo(json_format.dumps(as_json(loaded), indent=1) if json else as_toml(loaded), nl=json)
+    if as_json:
+        print_json(document(loaded))
+    else:
+        typer.echo(as_toml(loaded), nl=False)
 
 
-def as_json(loaded: "Loaded[WayloomSettings]") -> dict[str, Any]:
+def document(loaded: "Loaded[WayloomSettings]") -> dict[str, Any]:
     """`settings`, nested, without what is secret; `origins` by the path of the field."""
     from wayloom.config.sources import leaves, value_of
 

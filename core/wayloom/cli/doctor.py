@@ -1,6 +1,5 @@
 """`wayloom doctor`: whether this machine has what wayloom needs."""
 
-import json as json_format
 import os
 import platform
 import shutil
@@ -9,10 +8,11 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Final, Literal
 
 import typer
 
+from wayloom.cli.results import JsonOption, print_json
 from wayloom.errors import WayloomError
 
 PACKAGES: Final = (
@@ -43,12 +43,12 @@ class Finding:
 
 
 def doctor_command(
-    json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Look for what wayloom needs: packages, caches, networks, a broker, disk space. Exit status 1 where something is missing."""
     findings = [finding for check in CHECKS for finding in check()]
-    if json:
-        typer.echo(json_format.dumps([asdict(finding) for finding in findings], indent=1))
+    if as_json:
+        print_json([asdict(finding) for finding in findings])
     else:
         for finding in findings:
             typer.echo(f"{MARK[finding.state]}  {finding.what:22} {finding.found}")

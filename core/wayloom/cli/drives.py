@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from wayloom.cli.options import ConfigOption
+from wayloom.cli.results import JsonOption, print_json, words
 from wayloom.errors import ConfigError, NotFoundError
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ group = typer.Typer(
 )
 ToOption = Annotated[str, typer.Option("--to", metavar="URL", help="Address of the service, e.g. http://127.0.0.1:8088")]
 DriveArgument = Annotated[str, typer.Argument(metavar="DRIVE", help="The drive's id, or its beginning; or its name.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print what the service says, as JSON.")]
 SHORT: Final = 12
 """Digits of an id that people are shown."""
 
@@ -37,7 +37,7 @@ def list_command(
     with service(to, config) as api:
         found = api.json("GET", "/v1/drives", params=wanted)
     if as_json:
-        typer.echo(json.dumps(found, indent=1))
+        print_json(found)
         return
     for drive in found["drives"]:
         typer.echo(line(drive))
@@ -50,23 +50,26 @@ def show_command(drive: DriveArgument, to: ToOption, as_json: JsonOption = False
     """One drive: what it is, how far each stage is, its grade and the reasons for it."""
     with service(to, config) as api:
         found = find(api, drive)
-    for text in [json.dumps(found, indent=1)] if as_json else lines(found):
+    if as_json:
+        print_json(found)
+        return
+    for text in lines(found):
         typer.echo(text)
 
 
 @group.command("watch")
-def watch_command(drive: DriveArgument, to: ToOption, config: ConfigOption = None) -> None:
+def watch_command(drive: DriveArgument, to: ToOption, as_json: JsonOption = False, config: ConfigOption = None) -> None:
     """Follow a drive's stages until it is in the map, held or failed; of an upload that was not waited for, too."""
     from wayloom.cli.progress_bars import ProgressBars
     from wayloom.client.watch import wait_for_drive
 
-    with service(to, config) as api, ProgressBars(sys.stdout, elsewhere=True) as bars:
+    with service(to, config) as api, ProgressBars(sys.stderr if as_json else sys.stdout, elsewhere=True) as bars:
         found = find(api, drive)
         before = {stage["stage"] for stage in found["stages"] if stage["state"] == "done"}
         ended = wait_for_drive(api, found["id"], lambda stage: bars(f"{found['name']}, {stage}"), before)
-    typer.echo(line(ended))
+    _tell(ended, as_json)
     if ended["state"] == "failed":
-        typer.echo(f"  {ended['error']}")
+        words(as_json)(f"  {ended['error']}")
         raise typer.Exit(1)
 
 
@@ -75,19 +78,20 @@ def retry_command(
     drive: DriveArgument,
     to: ToOption,
     stage: Annotated[str | None, typer.Option(help="Make this stage and those after it anew; else the one that failed.")] = None,
+    as_json: JsonOption = False,
     config: ConfigOption = None,
 ) -> None:
     """Try the failed stage of a drive again, with a fresh set of attempts, or begin at a stage; those before it are kept."""
     wanted = {} if stage is None else {"json": {"stage": stage}}
     with service(to, config) as api:
-        typer.echo(line(api.json("POST", f"/v1/drives/{find(api, drive)['id']}/retry", **wanted)))
+        _tell(api.json("POST", f"/v1/drives/{find(api, drive)['id']}/retry", **wanted), as_json)
 
 
 @group.command("cancel")
-def cancel_command(drive: DriveArgument, to: ToOption, config: ConfigOption = None) -> None:
+def cancel_command(drive: DriveArgument, to: ToOption, as_json: JsonOption = False, config: ConfigOption = None) -> None:
     """Stop the stages of a drive: it fails as cancelled, and `retry` goes on with it."""
     with service(to, config) as api:
-        typer.echo(line(api.json("POST", f"/v1/drives/{find(api, drive)['id']}/cancel")))
+        _tell(api.json("POST", f"/v1/drives/{find(api, drive)['id']}/cancel"), as_json)
 
 
 @group.command("delete")
@@ -95,6 +99,7 @@ def delete_command(
     drive: DriveArgument,
     to: ToOption,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    as_json: JsonOption = False,
     config: ConfigOption = None,
 ) -> None:
     """Remove a drive for good: its files at once, its part of the map with the next version."""
@@ -102,7 +107,7 @@ def delete_command(
         found = find(api, drive)
         if not yes:
             confirm(f"remove {found['name']} ({found['id'][:SHORT]}) and its part of the map for good?")
-        typer.echo(line(api.json("DELETE", f"/v1/drives/{found['id']}")))
+        _tell(api.json("DELETE", f"/v1/drives/{found['id']}"), as_json)
 
 
 @group.command("report")
@@ -147,6 +152,14 @@ def download_command(
         found = find(api, drive)
         download_archive(api, found["id"], out, bars(found["name"]))
     typer.echo(f"written: {out}")
+
+
+def _tell(drive: dict[str, Any], as_json: bool) -> None:
+    """What the service says of a drive, as a line or whole."""
+    if as_json:
+        print_json(drive)
+    else:
+        typer.echo(line(drive))
 
 
 def service(url: str, config: Path | None) -> "Api":

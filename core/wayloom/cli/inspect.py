@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from wayloom.cli.results import JsonOption, print_json
+
 if TYPE_CHECKING:
     from wayloom.logs.inspection import LogReport, RateReport
 
@@ -18,23 +20,19 @@ def inspect_command(
         typer.Argument(help="The log: a folder of KITTI odometry, raw or 360, or of EuRoC, or a ROS 2 recording (.mcap)."),
     ],
     gnss: Annotated[Path | None, typer.Option(help="A GNSS log kept elsewhere: a KITTI …_sync folder or a gnss.csv.")] = None,
-    json: Annotated[Path | None, typer.Option(help="Also write what was found to this file.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Look at both ends of each image instead of decoding all.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Print what is in a log, what is missing, rates, gaps, duration, distance. Exit status 2 where it cannot be used."""
     from wayloom.errors import LogError
-    from wayloom.files.atomic import write_atomically
     from wayloom.logs.inspection import inspect_log
-    from wayloom.logs.registry import check_outside, open_log_unchecked
-    from wayloom.pipeline.folders import writing_to
+    from wayloom.logs.registry import open_log_unchecked
 
-    drive = open_log_unchecked(log, gnss=gnss)
-    check_outside(drive, json)
-    report = inspect_log(drive, decode=not quick)
-    if json is not None:
-        with writing_to(json):
-            write_atomically(json, (report.model_dump_json(indent=2) + "\n").encode())
-    print_report(report)
+    report = inspect_log(open_log_unchecked(log, gnss=gnss), decode=not quick)
+    if as_json:
+        print_json(report.model_dump(mode="json"))
+    else:
+        print_report(report)
     if not report.usable:
         count = len(report.damaged)
         raise LogError(f"{count} of {2 * report.frames.count} images cannot be used, the first: {report.damaged[0].problem}")

@@ -4,8 +4,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wayloom.cli.admin_database import DataOption, admin_database, changed, told, when
+from wayloom.cli.admin_database import DataOption, admin_database, changed, when
 from wayloom.cli.options import ConfigOption
+from wayloom.cli.results import print_json
 from wayloom.config.roles import Role
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def create_command(
             row, text = keys.create(session, name, role, vehicle, None if days is None else days * DAY_S)
             return shown(row) | {"key": text}, f"key {row.prefix}"
 
-        told(changed(database, "keys create", change))
+        print_json(changed(database, "keys create", change))
 
 
 @group.command("list")
@@ -43,7 +44,7 @@ def list_command(data: DataOption = None, config: ConfigOption = None) -> None:
     from wayloom.store.access import keys
 
     with admin_database(data, config) as (database, _), database.read() as session:
-        told([shown(row) for row in keys.every(session)])
+        print_json([shown(row) for row in keys.every(session)])
 
 
 @group.command("rotate")
@@ -66,7 +67,7 @@ def rotate_command(
             row, text = keys.rotate(session, prefix, grace_s)
             return shown(row) | {"key": text}, f"key {prefix}"
 
-        told(changed(database, "keys rotate", change))
+        print_json(changed(database, "keys rotate", change))
 
 
 @group.command("revoke")
@@ -75,7 +76,7 @@ def revoke_command(prefix: Prefix, data: DataOption = None, config: ConfigOption
     from wayloom.store.access import keys
 
     with admin_database(data, config) as (database, _):
-        told(changed(database, "keys revoke", lambda session: (shown(keys.revoke(session, prefix)), f"key {prefix}")))
+        print_json(changed(database, "keys revoke", lambda session: (shown(keys.revoke(session, prefix)), f"key {prefix}")))
 
 
 def shown(row: "AccessKey") -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """`wayloom models`: which networks there are, under which licence, and whether they are here; and how they get here."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,8 +7,7 @@ import typer
 from typer.core import TyperGroup
 
 from wayloom.cli.progress_bars import ProgressBars
-
-JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the list as JSON to this file.", metavar="FILE")]
+from wayloom.cli.results import JsonOption, print_json
 
 
 class _NameOrCommand(TyperGroup):
@@ -24,22 +22,22 @@ group = typer.Typer(cls=_NameOrCommand, add_completion=False)
 
 
 @group.callback(invoke_without_command=True)
-def models_command(context: typer.Context, json_file: JsonFile = None) -> None:
+def models_command(context: typer.Context, as_json: JsonOption = False) -> None:
     """List the networks: licence, and whether the file is here and is the right one. `wayloom models NAME` shows one."""
     from wayloom.segmentation.catalogue import MODELS
 
     if context.invoked_subcommand is None:
-        _tell(list(MODELS.values()), json_file)
+        _tell(list(MODELS.values()), as_json)
 
 
 @group.command()
 def show(
-    name: Annotated[str, typer.Argument(help="A network of the catalogue, or a TOML or ONNX file.")], json_file: JsonFile = None
+    name: Annotated[str, typer.Argument(help="A network of the catalogue, or a TOML or ONNX file.")], as_json: JsonOption = False
 ) -> None:
     """Show one network."""
     from wayloom.segmentation.catalogue import find_model
 
-    _tell([find_model(name)], json_file)
+    _tell([find_model(name)], as_json)
 
 
 @group.command()
@@ -75,12 +73,13 @@ def fetch(
     typer.echo(str(path))
 
 
-def _tell(descriptions: list[Any], json_file: Path | None) -> None:
+def _tell(descriptions: list[Any], as_json: bool) -> None:
     from wayloom.segmentation.catalogue import DEFAULT_MODEL
 
     rows = [_row(description, description.name == DEFAULT_MODEL) for description in descriptions]
-    if json_file:
-        json_file.write_text(json.dumps({"models": rows}, indent=1) + "\n", encoding="utf-8")
+    if as_json:
+        print_json({"models": rows})
+        return
     for row in rows:
         typer.echo(f"{row['name']}{' (default)' if row['default'] else ''}: {row['state']}")
         for key in ("title", "file", "sha256", "licence", "source", "input", "output"):

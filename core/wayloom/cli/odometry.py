@@ -9,6 +9,7 @@ import typer
 
 from wayloom.cli.options import ConfigOption
 from wayloom.cli.progress_bars import ProgressBars
+from wayloom.cli.results import JsonOption, print_json, words
 
 if TYPE_CHECKING:
     from wayloom.odometry.types import OdometryResult
@@ -31,7 +32,6 @@ def odometry_command(
     points: Annotated[
         Path | None, typer.Option(help="Also write the cloud, in the first camera's frame, to this PLY file.")
     ] = None,
-    json: Annotated[Path | None, typer.Option(help="Also write segments, losses, counts and times to this file.")] = None,
     threads: Annotated[
         int | None, typer.Option(min=1, max=64, help="More than one: decode ahead. The result is the same. [default: 1]")
     ] = None,
@@ -43,6 +43,7 @@ def odometry_command(
     debug: Annotated[
         Path | None, typer.Option(help="Also write into this folder what decided each frame: tables, pictures, plots.")
     ] = None,
+    as_json: JsonOption = False,
     config: ConfigOption = None,
 ) -> None:
     """Track a drive by its stereo pairs, and its IMU if it has one. Exit status 0 with a warning where parts of it were lost."""
@@ -62,34 +63,31 @@ def odometry_command(
     check_rig(loaded)
     settings = loaded.settings
     drive = open_log(log, gnss=gnss)
-    check_outside(drive, out, points, json, evidence, debug)
+    check_outside(drive, out, points, evidence, debug)
     known, doubts = rig_for_log(settings.rig, drive)
     for doubt in doubts:
         sys.stderr.write(f"wayloom: warning: {doubt}\n")
     collector = None if evidence is None else ObservationCollector(drive.rig)
     with writing_to(out):
-        for file in filter(None, (out, points, json, evidence)):
+        for file in filter(None, (out, points, evidence)):
             check_writable(file)
         observers = [observer for observer in (collector, None if debug is None else DebugRecorder(debug)) if observer is not None]
         with ProgressBars(quarters=True) as bars:
             result = track_calibrated(drive, settings.odometry, bars("odometry"), settings.threads, observers=observers, rig=known)
-        write_results(result, out, format, points, json)
+        write_results(result, out, format, points)
         if collector is not None and evidence is not None:
             save_observations(collector.observations(drive), evidence)
     warn_of_losses(result.report)
     warn_of_calibration(result.report)
-    typer.echo(f"{result.report['tracked']} of {len(drive)} frames tracked, {result.report['keyframes']} keyframes: {out}")
+    words(as_json)(f"{result.report['tracked']} of {len(drive)} frames tracked, {result.report['keyframes']} keyframes: {out}")
+    if as_json:
+        print_json(result.report)
 
 
-def write_results(
-    result: "OdometryResult", out: Path, trajectory_format: TrajectoryFormat, points: Path | None, json: Path | None
-) -> None:
-    """Trajectory, cloud and report, each whole or not at all."""
-    import json as json_text
-
+def write_results(result: "OdometryResult", out: Path, trajectory_format: TrajectoryFormat, points: Path | None) -> None:
+    """Trajectory and cloud, each whole or not at all."""
     import numpy as np
 
-    from wayloom.files.atomic import write_atomically
     from wayloom.files.ply import write_ply
     from wayloom.files.trajectory_files import write_kitti, write_tum
 
@@ -101,8 +99,6 @@ def write_results(
     if points is not None:
         grey = np.repeat(result.points.grey[:, None], 3, axis=1)
         write_ply(points, result.points_world(), grey, np.full(len(grey), VOID, np.uint8), ("frame world: the first left camera",))
-    if json is not None:
-        write_atomically(json, (json_text.dumps(result.report, indent=2) + "\n").encode())
 
 
 def warn_of_calibration(report: dict[str, Any]) -> None:

@@ -8,6 +8,7 @@ import typer
 
 from wayloom.cli.options import ConfigOption, default_threads
 from wayloom.cli.progress_bars import ProgressBars
+from wayloom.cli.results import JsonOption, words
 
 if TYPE_CHECKING:
     from wayloom.pipeline.drive import DriveResult
@@ -33,7 +34,7 @@ def process_command(
         bool | None,
         typer.Option("--dense", help="Also write dense.laz: points of facades, poles and vegetation in voxels of 10 cm."),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
+    as_json: JsonOption = False,
     config: ConfigOption = None,
 ) -> None:
     """Track, segment, label, geo-reference: trajectory, cloud, overlays, map picture and report of one drive."""
@@ -60,10 +61,9 @@ def process_command(
     learnt = [] if learn_rig is None else learn_from_drive(out / STAGES_DIR, learn_rig)
     for warning in (*warnings(result), *learnt):
         sys.stderr.write(f"wayloom: warning: {warning}\n")
-    if json:
+    words(as_json)(summary(result, out))
+    if as_json:
         typer.echo((out / JSON_FILE).read_text(), nl=False)
-    else:
-        typer.echo(summary(result, out))
 
 
 def summary(result: "DriveResult", out: Path) -> str:

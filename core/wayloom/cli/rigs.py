@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from wayloom.cli.options import ConfigOption
+from wayloom.cli.results import JsonOption, print_json, words
 from wayloom.errors import NotFoundError
 
 group = typer.Typer(help="What a service remembers of the rigs of its vehicles.", no_args_is_help=True)
@@ -14,9 +15,12 @@ Url = Annotated[str, typer.Argument(metavar="URL", help="Address of the service,
 
 
 @group.command("list")
-def list_command(url: Url, config: ConfigOption = None) -> None:
+def list_command(url: Url, as_json: JsonOption = False, config: ConfigOption = None) -> None:
     """Every rig: vehicle, drives, newest version of its file, its GNSS clock."""
     found = fetched(url, config)
+    if as_json:
+        print_json({"rigs": found})
+        return
     for rig in found:
         typer.echo(line(rig))
     if not found:
@@ -28,6 +32,7 @@ def show_command(
     url: Url,
     rig: Annotated[str, typer.Argument(help="The rig's id, or its beginning; or its vehicle's id.")],
     out: Annotated[Path | None, typer.Option(help="Also write the newest RIG.toml there.")] = None,
+    as_json: JsonOption = False,
     config: ConfigOption = None,
 ) -> None:
     """One rig: its drives, epochs, GNSS receivers and versions."""
@@ -38,12 +43,15 @@ def show_command(
     chosen = [one for one in fetched(url, config) if one["id"].startswith(rig) or one["vehicle_id"] == rig]
     if len(chosen) != 1:
         raise NotFoundError(f"{len(chosen)} rigs are called {rig!r}; `wayloom rigs list {url}` shows them")
+    say = words(as_json)
     for text in lines(chosen[0]):
-        typer.echo(text)
+        say(text)
     if out is not None:
         with Api(url, load_settings(config).settings.api_key) as api:
             write_atomically(out, api.once("GET", f"/v1/rigs/{chosen[0]['id']}/RIG.toml").content)
-        typer.echo(f"written: {out}")
+        say(f"written: {out}")
+    if as_json:
+        print_json(chosen[0])
 
 
 def fetched(url: str, config: Path | None) -> list[dict[str, Any]]:

@@ -1,6 +1,5 @@
 """`wayloom sync`: a folder kept equal to a map; only what has changed travels."""
 
-import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -10,6 +9,7 @@ import typer
 
 from wayloom.cli.options import ConfigOption
 from wayloom.cli.progress_bars import ProgressBars
+from wayloom.cli.results import JsonOption, print_json, words
 from wayloom.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -27,25 +27,25 @@ def sync_command(
     delete: Annotated[bool, typer.Option("--delete", help="Delete files in DIR that are not of the map.")] = False,
     check: Annotated[bool, typer.Option("--check", help="Read every file, also those that look unchanged.")] = False,
     connections: Annotated[int, typer.Option(min=1, max=32, help="Tiles fetched at once.")] = 8,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write what was done there.")] = None,
+    as_json: JsonOption = False,
     config: ConfigOption = None,
 ) -> None:
     """Make DIR equal to the newest version of a map. Run it again after any interruption, or to follow the map: only what DIR lacks
     is fetched."""
     from wayloom.client.api import Api
     from wayloom.client.map_sync import SyncChoice, SyncOptions, sync_map
-    from wayloom.files.atomic import write_atomically
     from wayloom.pipeline.settings import load_settings
 
     choice = SyncChoice(map_id, tuple(layers.split(",")) if layers else (), None if bbox is None else box_of_option(bbox))
     options = SyncOptions(delete, check, connections)
     key = load_settings(config).settings.api_key
-    with Api(url, key, connections) as api, ProgressBars(sys.stdout) as bars:
+    with Api(url, key, connections) as api, ProgressBars(sys.stderr if as_json else sys.stdout) as bars:
         report = sync_map(api, folder, choice, options, bars(f"map {map_id}"))
+    say = words(as_json)
     for line in lines(report, map_id, delete):
-        print(line)
-    if json_file is not None:
-        write_atomically(json_file, (json.dumps(asdict(report), indent=1) + "\n").encode())
+        say(line)
+    if as_json:
+        print_json(asdict(report))
 
 
 def box_of_option(text: str) -> tuple[float, float, float, float]:

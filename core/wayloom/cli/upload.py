@@ -1,6 +1,5 @@
 """`wayloom upload`: drive logs to a service, resumed where an earlier try ended."""
 
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,6 +8,7 @@ import typer
 
 from wayloom.cli.options import ConfigOption
 from wayloom.cli.progress_bars import ProgressBars
+from wayloom.cli.results import JsonOption, print_json, words
 from wayloom.errors import ConfigError, NotFoundError
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ def upload_command(
     gnss: Annotated[Path | None, typer.Option(help="GNSS log kept beside the drive (one LOG only).")] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Show the stages until the drives are in the map.")] = False,
     vehicle: Annotated[str | None, typer.Option(help="Id of the vehicle that drove.")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write what the service says of each drive there.")] = None,
     connections: Annotated[int, typer.Option(min=1, max=32, help="Files sent at once.")] = 4,
     again: Annotated[bool, typer.Option("--again", help="Send also what the service had and deleted after processing.")] = False,
     limit_rate: Annotated[str | None, typer.Option(metavar="RATE", help="Send no faster, e.g. 2MB/s.")] = None,
@@ -39,18 +38,20 @@ def upload_command(
         float, typer.Option(min=0.0, metavar="SECONDS", help="A log that has not changed for so long is complete.")
     ] = 60.0,
     once: Annotated[bool, typer.Option("--once", help="With --watch: end when nothing is left to be sent.")] = False,
+    as_json: JsonOption = False,
     config: ConfigOption = None,
 ) -> None:
     """Send drive logs to a service. Run it again after any interruption: it continues where the service has it."""
     from wayloom.client.api import Api
     from wayloom.client.manifests import pack
     from wayloom.client.rates import UNLIMITED, RateLimit, bytes_a_second
-    from wayloom.files.atomic import write_atomically
     from wayloom.pipeline.settings import load_settings
 
     logs = logs or []
     if (spool is None) == (not logs):
         raise ConfigError("either logs or --watch SPOOL is to be given", remedy="give one of them")
+    if as_json and spool is not None:
+        raise ConfigError("--json tells of LOGs that are sent, --watch goes on for ever", remedy="leave one of the two out")
     if gnss is not None and len(logs) != 1:
         raise ConfigError("--gnss belongs to one drive, several were given", remedy="send the drives one by one")
     limit = UNLIMITED if limit_rate is None else RateLimit(bytes_a_second(limit_rate))
@@ -64,17 +65,18 @@ def upload_command(
             watching = Watching(what, target, vehicle, connections, limit, progress=bars, say=lambda line: print(line, flush=True))
             watch(api, Spool(spool, settle), watching, once)
         return
-    with Api(to, key, connections) as api, ProgressBars(sys.stdout, elsewhere=True) as bars:
+    with Api(to, key, connections) as api, ProgressBars(sys.stderr if as_json else sys.stdout, elsewhere=True) as bars:
         packed_drives = [pack(path, gnss, vehicle, bars(f"{path.name}, reading")) for path in logs]
         before = [finished_stages(api, packed_drive.manifest.drive_id) for packed_drive in packed_drives]
         sent = [send(api, packed_drive, bars, connections, limit, again) for packed_drive in packed_drives]
         drives = [
             follow(api, drive_id, bars, done) if wait else api.drive(drive_id) for drive_id, done in zip(sent, before, strict=True)
         ]
+    say = words(as_json)
     for drive in drives:
-        print(summary(drive))
-    if json_file is not None:
-        write_atomically(json_file, (json.dumps({"drives": drives}, indent=1) + "\n").encode())
+        say(summary(drive))
+    if as_json:
+        print_json({"drives": drives})
     if any(drive["state"] == "failed" for drive in drives):
         raise typer.Exit(1)
 

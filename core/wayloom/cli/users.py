@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wayloom.cli.admin_database import DataOption, admin_database, changed, told, when
+from wayloom.cli.admin_database import DataOption, admin_database, changed, when
 from wayloom.cli.options import ConfigOption
+from wayloom.cli.results import print_json
 from wayloom.config.roles import Role
 
 if TYPE_CHECKING:
@@ -30,7 +31,9 @@ def add_command(
 
     with admin_database(data, config) as (database, _):
         password = given_password(password_stdin)
-        told(changed(database, "users add", lambda session: (shown(users.add(session, name, role, password)), f"user {name}")))
+        print_json(
+            changed(database, "users add", lambda session: (shown(users.add(session, name, role, password)), f"user {name}"))
+        )
 
 
 @group.command("list")
@@ -39,7 +42,7 @@ def list_command(data: DataOption = None, config: ConfigOption = None) -> None:
     from wayloom.store.access import users
 
     with admin_database(data, config) as (database, _), database.read() as session:
-        told([shown(row) for row in users.every(session)])
+        print_json([shown(row) for row in users.every(session)])
 
 
 @group.command("password")
@@ -49,7 +52,7 @@ def password_command(name: Name, password_stdin: StdinOption = False, data: Data
 
     with admin_database(data, config) as (database, _):
         password = given_password(password_stdin)
-        told(
+        print_json(
             changed(
                 database, "users password", lambda session: (shown(users.set_password(session, name, password)), f"user {name}")
             )
@@ -62,7 +65,7 @@ def remove_command(name: Name, data: DataOption = None, config: ConfigOption = N
     from wayloom.store.access import users
 
     with admin_database(data, config) as (database, _):
-        told(changed(database, "users remove", lambda session: (shown(users.remove(session, name)), f"user {name}")))
+        print_json(changed(database, "users remove", lambda session: (shown(users.remove(session, name)), f"user {name}")))
 
 
 @group.command("disable")
@@ -71,7 +74,7 @@ def disable_command(name: Name, data: DataOption = None, config: ConfigOption = 
     from wayloom.store.access import users
 
     with admin_database(data, config) as (database, _):
-        told(changed(database, "users disable", lambda session: (shown(users.disable(session, name)), f"user {name}")))
+        print_json(changed(database, "users disable", lambda session: (shown(users.disable(session, name)), f"user {name}")))
 
 
 @group.command("enable")
@@ -80,7 +83,7 @@ def enable_command(name: Name, data: DataOption = None, config: ConfigOption = N
     from wayloom.store.access import users
 
     with admin_database(data, config) as (database, _):
-        told(changed(database, "users enable", lambda session: (shown(users.enable(session, name)), f"user {name}")))
+        print_json(changed(database, "users enable", lambda session: (shown(users.enable(session, name)), f"user {name}")))
 
 
 def given_password(from_stdin: bool) -> str:
