@@ -25,6 +25,7 @@ from wayloom_services.access.needs import need_of
 from wayloom_services.access.oidc.optional import provider_of
 from wayloom_services.access.trail import Trail
 from wayloom_services.errors import no_key
+from wayloom_services.etas import Past
 from wayloom_services.locks import UploadLocks
 from wayloom_services.metrics import Metrics
 
@@ -45,7 +46,8 @@ HASHES_AT_ONCE = 2
 class Service:
     """Shared resources of the endpoints: settings, database, blobs, notifier of the workers, metrics, look-ups of tiles, blobs held
     in memory; of access the callers, the audit log's trail, rates of known callers, of strangers and of sign-ins by address, the
-    OpenID provider where there is one; of uploads the running digests, locks, threads for bodies; threads for all else."""
+    OpenID provider where there is one; what earlier drives took; of uploads the running digests, locks, threads for bodies; threads
+    for all else."""
 
     settings: ServiceSettings
     database: Database
@@ -62,6 +64,7 @@ class Service:
     oidc: "Provider | None" = None
     sign_ins: TokenBuckets = field(default_factory=lambda: TokenBuckets(*SIGN_INS))
     hashing: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(HASHES_AT_ONCE))
+    past: Past = field(default_factory=Past)
     digests: RunningDigests = field(default_factory=RunningDigests)
     locks: UploadLocks = field(default_factory=UploadLocks)
     bodies: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(BODY_THREADS))

@@ -34,7 +34,7 @@ async def report(drive_id: DriveId, service: ServiceDep) -> Response:
 
     def read(session: Session) -> tuple[dict[str, Any], str | None]:
         row = drives.shown(session, drive_id)
-        return drives_out(session, [row])[0].model_dump(mode="json"), (row.facts or {}).get("quality")
+        return drives_out(session, [row], service.past)[0].model_dump(mode="json"), (row.facts or {}).get("quality")
 
     drive, digest = await service.read(read)
     if digest is None:

@@ -74,7 +74,7 @@ async def _announce(service: Service, request: Request, content: bytes, again: b
         own.check_announced(request, session, service.settings.access, manifest)
         drive, created = drives.register(session, manifest, service.settings.map_id, own.owner_of(request), again)
         first_job = drives.queue_if_complete(session, drive)
-        (view,) = drives_out(session, [drive])
+        (view,) = drives_out(session, [drive], service.past)
         begun = packs.unfinished(session, service.folders, drive.id)
         open_ones = [OpenPack(upload=f"/v1/uploads/{pack.id}", length=pack.length) for pack in begun]
         return Registration(id=drive.id, created=created, drive=view, packs=open_ones, missing=[]), first_job
@@ -89,7 +89,7 @@ async def newest(request: Request, service: ServiceDep, wanted: Annotated[DriveQ
     asked = drive_search.Asked(owner, wanted.before, wanted.state, wanted.vehicle, wanted.search)
 
     def read(session: Session) -> DriveList:
-        found = drives_out(session, drive_search.page(session, asked, wanted.sort, wanted.limit, wanted.offset))
+        found = drives_out(session, drive_search.page(session, asked, wanted.sort, wanted.limit, wanted.offset), service.past)
         is_whole = len(found) == wanted.limit and wanted.sort == "newest"
         total, states = drive_search.count(session, asked), drive_search.states(session, owner)
         return DriveList(drives=found, next_before=found[-1].created_at if is_whole else None, total=total, states=states)
@@ -100,7 +100,7 @@ async def newest(request: Request, service: ServiceDep, wanted: Annotated[DriveQ
 @router.get("/{drive_id}")
 async def one(drive_id: DriveId, service: ServiceDep) -> DriveOut:
     """One drive with its stages."""
-    return await service.read(lambda session: drives_out(session, [drives.get(session, drive_id)])[0])
+    return await service.read(lambda session: drives_out(session, [drives.get(session, drive_id)], service.past)[0])
 
 
 @router.get("/{drive_id}/track")

@@ -1,15 +1,30 @@
 """Remaining time of a drive as the API tells it."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
 
+from wayloom.store.etas import told
 from wayloom.store.etas.intervals import Learnt, estimate
 from wayloom.store.etas.told import frames_of
+from wayloom.store.held import Held
 from wayloom.store.tables.drives import Drive
 from wayloom_services.schemas.drives import EtaOut, StageOut
 
 NOTHING_LEARNT: Final[Learnt] = MappingProxyType({})
+PAST_S: Final = 5.0
+"""What earlier drives took is read so often: it changes when a stage ends, and pages, metrics and streams ask all the time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Past:
+    """What earlier drives took, up to PAST_S seconds old: each stage, s; how intervals turned out, to learn from and to count."""
+
+    usual: Held[dict[str, float]] = field(default_factory=lambda: Held(told.usual_seconds, PAST_S))
+    learnt: Held[Learnt] = field(default_factory=lambda: Held(told.learnt, PAST_S))
+    counts: Held[Sequence[tuple[str, int, int]]] = field(default_factory=lambda: Held(told.counts, PAST_S))
+    calibration: Held[told.Calibration] = field(default_factory=lambda: Held(told.calibration, PAST_S))
 
 
 def etas_of(

@@ -15,6 +15,7 @@ from wayloom.store.database import DatabaseError, Session
 from wayloom.store.tables.maps import TileRow
 from wayloom_services.access.streams import stream_for
 from wayloom_services.context import Service, ServiceDep, require_key
+from wayloom_services.etas import Past
 from wayloom_services.views import drives_out
 
 log = structlog.get_logger()
@@ -39,7 +40,7 @@ class Feed:
         """First everything as it is, then every change."""
         queue: asyncio.Queue[ServerSentEvent] = asyncio.Queue(maxsize=10_000)
         if not self._listeners:
-            self._last = await self._service.read(_snapshot)
+            self._last = await self._service.read(partial(_snapshot, self._service.past))
         for (event, _), data in self._last.items():
             queue.put_nowait(ServerSentEvent(data, event=event))
         self._listeners.add(queue)
@@ -55,7 +56,7 @@ class Feed:
         while self._listeners:
             await asyncio.sleep(POLL_S)
             try:
-                now, removed, published = await self._service.read(partial(_look, self._last))
+                now, removed, published = await self._service.read(partial(_look, self._service.past, self._last))
             except DatabaseError as error:
                 log.warning("events: database is away", error=str(error))
                 continue
@@ -66,17 +67,17 @@ class Feed:
             self._last = now
 
 
-def _snapshot(session: Session) -> Snapshot:
-    found = drives_out(session, drives.newest(session, WATCHED))
+def _snapshot(past: Past, session: Session) -> Snapshot:
+    found = drives_out(session, drives.newest(session, WATCHED), past)
     snapshot = {("drive", drive.id): drive.model_dump_json() for drive in reversed(found)}
     versions = {("map", row.id): json.dumps({"id": row.id, "version": row.version}) for row in maps.all_maps(session)}
     return snapshot | versions
 
 
-def _look(before: Snapshot, session: Session) -> tuple[Snapshot, list[str], list[ServerSentEvent]]:
+def _look(past: Past, before: Snapshot, session: Session) -> tuple[Snapshot, list[str], list[ServerSentEvent]]:
     """The current snapshot; the drives of the last one that are removed (those pushed off the list by newer ones are not); and of
     each version that was published since the tiles that it changed."""
-    after = _snapshot(session)
+    after = _snapshot(past, session)
     unseen = sorted(drive_id for event, drive_id in before.keys() - after.keys() if event == "drive")
     known = drives.known(session, unseen)
     published = [

@@ -10,7 +10,6 @@ from wayloom import __version__
 from wayloom.config.stages import queues as all_queues
 from wayloom.store import fleet, maps
 from wayloom.store.database import Session
-from wayloom.store.etas import told
 from wayloom.store.etas.intervals import NOMINAL
 from wayloom.store.processes import name_of
 from wayloom_services.context import Service, ServiceDep, require_key
@@ -61,10 +60,10 @@ def _fleet(service: Service, session: Session, storage: StorageOut) -> FleetOut:
     queues = [QueueOut(name=name, **{"queued": 0, "running": 0, **waiting.get(name, {})}) for name in all_queues()]
     work = [WorkOut.model_validate({**asdict(held), "worker": name_of(held.worker)}) for held in fleet.held_jobs(session)]
     vehicles = [VehicleOut.model_validate(asdict(one)) for one in fleet.vehicles(session)]
-    judged = told.calibration(session)
+    judged = service.past.calibration(session)
     calibration = EtaCalibrationOut(
         nominal=NOMINAL, measured=judged.within / judged.judged if judged.judged else None, judged=judged.judged,
-        stages=[EtaStageOut(stage=stage, judged=number, within=within) for stage, number, within in told.counts(session)],
+        stages=[EtaStageOut(stage=stage, judged=number, within=within) for stage, number, within in service.past.counts(session)],
     )  # fmt: skip
     return FleetOut(
         version=__version__, vehicles=vehicles, queues=queues, work=work, storage=storage,

@@ -14,7 +14,6 @@ from wayloom.stitching.layer_names import OVERLAYS
 from wayloom.store import counts, migrate
 from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseError, Session
-from wayloom.store.etas import told
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.schemas.about import ClassOut, Health, Info
 
@@ -103,6 +102,6 @@ def _count(service: Service, session: Session) -> None:
     service.metrics.drives.clear()
     for state, number in counts.drives(session):
         service.metrics.drives.labels(state).set(number)
-    service.metrics.estimates.counts = {stage: (judged, within) for stage, judged, within in told.counts(session)}
+    service.metrics.estimates.counts = {stage: (judged, within) for stage, judged, within in service.past.counts(session)}
     for map_id, version in counts.maps(session):
         service.metrics.map_version.labels(map_id).set(version)

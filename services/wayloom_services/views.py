@@ -11,25 +11,24 @@ from wayloom.store import drives, maps
 from wayloom.store.coming import shown_verdict
 from wayloom.store.database import Session
 from wayloom.store.drives import Received
-from wayloom.store.etas import told
 from wayloom.store.etas.intervals import Learnt
 from wayloom.store.gate import STATE_OUTSIDE, passes
 from wayloom.store.tables.drives import Drive, DriveRun, Job, SubmapRow
 from wayloom.store.tables.maps import MapVersion
-from wayloom_services.etas import NOTHING_LEARNT, etas_of
+from wayloom_services.etas import NOTHING_LEARNT, Past, etas_of
 from wayloom_services.schemas.drives import DriveOut, LossOut, MapVerdictOut, QualityOut, ReleaseOut, ReprocessOut, StageOut
 from wayloom_services.schemas.lineage import MadeBy, NetworkOut, RunDetail, RunOut
 from wayloom_services.schemas.maps import SubmapOut, VersionOut
 from wayloom_services.schemas.privacy import ImagesOut
 
 
-def drives_out(session: Session, rows: Sequence[Drive]) -> list[DriveOut]:
-    """The drives with their stages."""
+def drives_out(session: Session, rows: Sequence[Drive], past: Past) -> list[DriveOut]:
+    """The drives with their stages. past : what their remaining time is told by"""
     jobs = drives.jobs_of(session, rows)
     received = drives.received(session, rows)
     at_work = any(row.coming is not None or row.state in ("queued", "running", "stitching") for row in rows)
-    usual = told.usual_seconds(session) if at_work else {}
-    learnt = told.learnt(session) if at_work else {}
+    usual = past.usual(session) if at_work else {}
+    learnt = past.learnt(session) if at_work else NOTHING_LEARNT
     return [drive_out(row, jobs[row.id], received[row.id], usual, learnt) for row in rows]
 
 

@@ -22,6 +22,7 @@ from wayloom.store.map_versions import NewVersion, TileEntry, publish
 from wayloom.store.migrate import upgrade
 from wayloom.store.tables.drives import SubmapRow
 from wayloom_services import events
+from wayloom_services.etas import Past
 from workers.test_stitching import placed
 
 DIGEST = hashlib.sha256(b"").hexdigest()
@@ -299,7 +300,7 @@ def test_a_drive_that_newer_ones_push_out_of_sight_is_not_told_as_removed(tmp_pa
         drives.delete_rows(session, second)
     before = {("drive", first): "{}", ("drive", second): "{}"}
     with database.read() as session:
-        _, removed, _ = events._look(before, session)
+        _, removed, _ = events._look(Past(), before, session)
     assert removed == [second]
     database.close()
 
@@ -313,16 +314,17 @@ def test_a_publication_names_its_tiles_once_and_after_a_pause_those_of_every_ver
         maps.ensure_map(session, "city")
         publish(session, "city", new, kept=9)
     with database.read() as session:
-        first, _, named = events._look({("map", "city"): '{"id": "city", "version": 0}'}, session)
+        first, _, named = events._look(Past(), {("map", "city"): '{"id": "city", "version": 0}'}, session)
         changed = {"semantic": ["18/0/2", "18/1/2"]}
         said = {"map": "city", "version": 1, "count": 2, "whole": True, "changed": changed, "gone": {}}
         assert [(one.event, json.loads(one.data)) for one in named] == [("tiles", said)]
-        assert events._look({}, session)[2] == events._look(first, session)[2] == []  # the first look tells no history
+        nothing, again = events._look(Past(), {}, session)[2], events._look(Past(), first, session)[2]
+    assert nothing == again == []  # the first look tells no history
     with database.write() as session:
         publish(session, "city", replace(new, base=1, tiles=tiles[2:], dropped_tiles=[tiles[0].key]), kept=9)
         publish(session, "city", replace(new, base=2, tiles=[]), kept=9)
     with database.read() as session:
-        later = [json.loads(one.data) for one in events._look(first, session)[2]]
+        later = [json.loads(one.data) for one in events._look(Past(), first, session)[2]]
     assert [(one["version"], one["count"]) for one in later] == [(2, 2), (3, 0)]
     assert (later[0]["changed"], later[0]["gone"]) == ({"semantic": ["18/2/2"]}, {"semantic": ["18/0/2"]})
     database.close()

@@ -53,7 +53,7 @@ def _contents(service: Service, session: Session, drive_id: str) -> "DriveConten
     facts, stages = row.facts or {}, service.folders.drive(drive_id) / "stages"
     return DriveContents(
         blobs=service.blobs,
-        drive=drives_out(session, [row])[0].model_dump(mode="json"),
+        drive=drives_out(session, [row], service.past)[0].model_dump(mode="json"),
         track=row.track,
         history=[EventOut.of(one).model_dump(mode="json") for one in history.of_drive(session, drive_id, history.MOST)],
         quality=facts.get("quality"),

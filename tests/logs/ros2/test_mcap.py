@@ -90,6 +90,13 @@ def test_truth_in_an_encoding_that_is_not_read_is_as_none(tmp_path: Path) -> Non
     assert "truth poses" in log.missing
 
 
+def test_a_transform_logged_later_than_times_can_be_is_refused_by_its_topic(tmp_path: Path) -> None:
+    messages = [*robot(), (2**63, "/tf_static", ros.TRANSFORMS, ros.transforms(1, []))]
+    with pytest.raises(LogError, match=r"/tf_static.*at 9223372036854775808 ns") as refused:
+        open_log(record(tmp_path / "drive.mcap", messages))
+    assert refused.value.reason == "recording.damaged"
+
+
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
 def test_a_robots_recording_is_read_with_its_rig_however_it_is_compressed(tmp_path: Path, compression: CompressionType) -> None:
     log = open_log(record(tmp_path / "drive.mcap", robot(), compression))

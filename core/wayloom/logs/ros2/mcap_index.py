@@ -36,6 +36,8 @@ CHUNK_HEAD, RECORD_HEAD, MESSAGE_HEAD = 8 + 8 + 8 + 4, 9, 22
 PEEK: Final = 64
 KEPT_CHUNKS: Final = 4
 LARGEST_CHUNK: Final = 2**29
+LATEST_NS: Final = 2**63 - 1
+"""Times of a log have a sign, log times of a recording have none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +139,9 @@ class McapFile:
                 continue
             for channel, log_time, start, length, head in self._walk(k):
                 if channel in wanted:
-                    t_ns = self._stamp(k, start, length, head, wanted[channel]) if headers else log_time
+                    t_ns = (
+                        self._stamp(k, start, length, head, wanted[channel]) if headers else self._logged(log_time, wanted[channel])
+                    )
                     rows[wanted[channel]].append((t_ns, k, start, length))
         out = {}
         for name, found in rows.items():
@@ -191,6 +195,14 @@ class McapFile:
         except (mcap.exceptions.McapError, ValueError, struct.error, MemoryError, UnicodeDecodeError):
             return None
         return summary if summary is not None and summary.chunk_indexes else None
+
+    def _logged(self, log_time: int, topic: str) -> int:
+        """A log time, of 64 bits without sign, as the times of a log are, with one."""
+        if log_time > LATEST_NS:
+            raise LogError(
+                f"a message at {log_time} ns", file=self.path, record=quoted(topic), remedy=RECOVER, reason="recording.damaged"
+            )
+        return log_time
 
     def _stamp(self, k: int, start: int, length: int, head: bytes, topic: str) -> int:
         try:
