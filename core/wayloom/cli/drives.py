@@ -63,7 +63,7 @@ def watch_command(drive: DriveArgument, to: ToOption, as_json: JsonOption = Fals
     from wayloom.cli.progress_bars import ProgressBars
     from wayloom.client.watch import wait_for_drive
 
-    with service(to, config) as api, ProgressBars(sys.stderr if as_json else sys.stdout, elsewhere=True) as bars:
+    with service(to, config) as api, ProgressBars(elsewhere=True) as bars:
         found = find(api, drive)
         before = {stage["stage"] for stage in found["stages"] if stage["state"] == "done"}
         ended = wait_for_drive(api, found["id"], lambda stage: bars(f"{found['name']}, {stage}"), before)

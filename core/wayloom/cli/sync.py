@@ -1,6 +1,5 @@
 """`wayloom sync`: a folder kept equal to a map; only what has changed travels."""
 
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -39,7 +38,7 @@ def sync_command(
     choice = SyncChoice(map_id, tuple(layers.split(",")) if layers else (), None if bbox is None else box_of_option(bbox))
     options = SyncOptions(delete, check, connections)
     key = load_settings(config).settings.api_key
-    with Api(url, key, connections) as api, ProgressBars(sys.stderr if as_json else sys.stdout) as bars:
+    with Api(url, key, connections) as api, ProgressBars() as bars:
         report = sync_map(api, folder, choice, options, bars(f"map {map_id}"))
     say = words(as_json)
     for line in lines(report, map_id, delete):

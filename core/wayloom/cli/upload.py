@@ -1,6 +1,5 @@
 """`wayloom upload`: drive logs to a service, resumed where an earlier try ended."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -57,7 +56,7 @@ def upload_command(
     limit = UNLIMITED if limit_rate is None else RateLimit(bytes_a_second(limit_rate))
     key = load_settings(config).settings.api_key
     if spool is not None:
-        with Api(to, key, connections) as api, ProgressBars(sys.stdout) as bars:
+        with Api(to, key, connections) as api, ProgressBars() as bars:
             from wayloom.client.spool import Spool
             from wayloom.client.spooling import Watching, watch
 
@@ -65,7 +64,7 @@ def upload_command(
             watching = Watching(what, target, vehicle, connections, limit, progress=bars, say=lambda line: print(line, flush=True))
             watch(api, Spool(spool, settle), watching, once)
         return
-    with Api(to, key, connections) as api, ProgressBars(sys.stderr if as_json else sys.stdout, elsewhere=True) as bars:
+    with Api(to, key, connections) as api, ProgressBars(elsewhere=True) as bars:
         packed_drives = [pack(path, gnss, vehicle, bars(f"{path.name}, reading")) for path in logs]
         before = [finished_stages(api, packed_drive.manifest.drive_id) for packed_drive in packed_drives]
         sent = [send(api, packed_drive, bars, connections, limit, again) for packed_drive in packed_drives]
