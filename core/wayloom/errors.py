@@ -18,7 +18,12 @@ WayloomError                    anything that wayloom itself reports            
 └── ServiceError                a server answered with an error or not at all
 """
 
+import unicodedata
 from pathlib import Path
+from typing import Final
+
+UNSEEN: Final = frozenset({"Cc", "Cf", "Zl", "Zp"})
+"""Categories of characters that break lines or steer terminals."""
 
 
 class WayloomError(Exception):
@@ -51,7 +56,15 @@ class InputError(WayloomError):
         self.reason = reason or self.default_reason
         where = ", ".join(part for part in (self.file, record) if part)
         message = f"{where}: {what}" if where else what
-        super().__init__(f"{message}; {remedy}" if remedy else message)
+        super().__init__(_on_one_line(f"{message}; {remedy}" if remedy else message))
+
+
+def _on_one_line(text: str) -> str:
+    """Text in which names out of files may stand, characters that nobody sees as escapes."""
+    if text.isprintable():
+        return text
+    seen = (c if unicodedata.category(c) not in UNSEEN else c.encode("unicode_escape").decode() for c in text)
+    return "".join(seen)
 
 
 class LogError(InputError):
