@@ -4,7 +4,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -158,21 +158,26 @@ def test_a_service_is_either_named_or_started(arguments: tuple[str, ...]) -> Non
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
 
 
-def test_the_command_drills_a_service_of_its_own_and_reports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_command_drills_a_service_of_its_own_and_reports(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """With everything but the drills themselves, which the tests above run."""
     from wayloom.cli import selftest
 
     seen: list[Any] = []
 
-    def of_processes(started: EmbeddedHands) -> list[Verdict]:
+    def of_processes(started: EmbeddedHands, say: Callable[[str], None]) -> list[Verdict]:
+        say("drilling")
         seen.append((started.url, started.folder.is_dir()))
         return [Verdict("process", "killed workers", "nothing is lost", "failed", "a drive")]
 
     monkeypatch.setenv("PYTHONPATH", PATHS)
     monkeypatch.setattr(selftest, "_of_processes", of_processes)
     with pytest.raises(SystemExit, match="1"):
-        selftest.selftest_command(local=True, json_file=tmp_path / "report.json")
-    report = json.loads((tmp_path / "report.json").read_text())
+        selftest.selftest_command(local=True, as_json=True)
+    printed, said = capsys.readouterr()
+    report = json.loads(printed)
+    assert "drilling" in said
     assert (report["url"], report["failed"], report["drive_removed"]) == (seen[0][0], 1, True)
     assert {one["verdict"] for one in report["checks"] if one["kind"] != "process"} == {"passed"}
     assert report["checks"][-1]["found"] == "a drive"

@@ -10,7 +10,7 @@ import pytest
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from wayloom.cli.config import as_json, as_toml
+from wayloom.cli.config import as_toml, document
 from wayloom.config.service import ServiceSettings
 from wayloom.config.sources import Option, child_environment, leaves, load, value_of, variable
 from wayloom.errors import ConfigError
@@ -262,7 +262,7 @@ def test_what_is_shown_can_be_fed_back_and_keeps_secrets(file: Path):
 
 def test_the_json_form_holds_every_value_and_its_origin(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("WAYLOOM_ODOMETRY__IMU__USE", "false")
-    shown = as_json(load_settings())
+    shown = document(load_settings())
     assert shown["settings"]["odometry"]["imu"]["use"] is False
     assert shown["origins"]["odometry.imu.use"] == "WAYLOOM_ODOMETRY__IMU__USE"
     assert set(shown["origins"]) == {".".join(key) for key in leaves(WayloomSettings)}

@@ -1,4 +1,4 @@
-"""What a command says: words for people, or with `--json` one document for programs, which then has standard output for itself."""
+"""Results of commands: words for people, or with `--json` one document for programs, which then has standard output for itself."""
 
 import json
 from collections.abc import Callable
