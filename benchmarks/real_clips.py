@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pages import DOCS, put_between_marks
 from wayloom.evaluation.georeference import TrackDistance
 from wayloom.evaluation.recordings import RecordingRow, measure_kitti_odometry, measure_kitti_raw
-from wayloom.logs.images import grey_png
+from wayloom.logs.images import plain_png
 from wayloom.logs.images.image_files import check_png
 from wayloom.logs.kernels.png_rows import unfilter
 
@@ -72,7 +72,7 @@ def decoding(folder: Path) -> str:
     """A Markdown table: processor time of decoding a grey PNG, the best of some rounds of each image, all ways in turn."""
     files = sorted(folder.glob("*.png"))[:DECODED]
     ways: dict[str, Callable[[bytes], NDArray[np.uint8]]] = {
-        "isal, rows by a kernel": lambda data: grey_png.decode(check_png(data, folder)),
+        "isal, rows by a kernel": lambda data: plain_png.decode(check_png(data, folder)),
         "zlib, rows by a kernel": lambda data: _with_zlib(check_png(data, folder)),
         "OpenCV": lambda data: cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE),
     }
@@ -90,7 +90,7 @@ def decoding(folder: Path) -> str:
 
 
 def _with_zlib(chunks: list[tuple[bytes, memoryview]]) -> NDArray[np.uint8]:
-    """As grey_png.decode, with the standard library."""
+    """As plain_png.decode, with the standard library."""
     header = chunks[0][1]
     width, height = int.from_bytes(header[:4], "big"), int.from_bytes(header[4:8], "big")
     stream = b"".join(content for kind, content in chunks if kind == b"IDAT")

@@ -13,7 +13,7 @@ from wayloom.client.manifests import hash_file
 from wayloom.errors import LogError
 from wayloom.files import regular
 from wayloom.files.text_files import read_bytes
-from wayloom.logs.images.image_files import MOST_PIXELS, decode_image, read_grey, read_header, read_image
+from wayloom.logs.images.image_files import MOST_PIXELS, decode_image, read_header, read_image
 
 SIDE = 30_000
 
@@ -36,7 +36,7 @@ def bomb(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 READERS: dict[str, Callable[[Path], object]] = {
     "header": read_header,
-    "grey": read_grey,
+    "grey": lambda file: read_image(file, colour=False),
     "colour": lambda file: read_image(file, colour=True),
     "message of a bag": lambda file: decode_image(file.read_bytes(), file, colour=None, record="message 7"),
 }
@@ -59,7 +59,7 @@ def test_a_jpeg_of_very_many_pixels_is_refused_by_its_header(tmp_path: Path) -> 
     assert MOST_PIXELS < 60_000**2
 
 
-@pytest.mark.parametrize("read", [read_header, read_grey, hash_file, lambda file: read_bytes(file, remedy="leave it out")])
+@pytest.mark.parametrize("read", [read_header, hash_file, READERS["grey"], lambda file: read_bytes(file, remedy="leave it out")])
 def test_a_pipe_in_a_log_is_refused_and_not_waited_for(tmp_path: Path, read: Callable[[Path], object]) -> None:
     os.mkfifo(tmp_path / "0000000000.png")
     with pytest.raises(LogError, match="no regular file"):

@@ -7,7 +7,6 @@ import contextlib
 import io
 import itertools
 import struct
-import zlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import BinaryIO, TypeVar
 
 import cv2
 import numpy as np
+from isal import isal_zlib
 from numpy.typing import NDArray
 
 from wayloom.errors import LogError
@@ -192,7 +192,7 @@ def check_png(data: bytes, file: Path, record: str | None = None) -> list[tuple[
         if end > len(data):
             what = f"the image is truncated: it ends after {len(data)} bytes"
             raise LogError(what, file=file, record=record, remedy=COPY_AGAIN, reason="image.truncated")
-        if zlib.crc32(view[at + 4 : end - 4]) != _CHUNK_NUMBER(data, end - 4)[0]:
+        if isal_zlib.crc32(view[at + 4 : end - 4]) != _CHUNK_NUMBER(data, end - 4)[0]:
             where = f"byte {at}" if record is None else f"{record}, byte {at}"
             what = "the image is damaged: wrong check sum"
             raise LogError(what, file=file, record=where, remedy=COPY_AGAIN, reason="image.checksum")
@@ -207,24 +207,6 @@ def read_image(file: Path, *, colour: bool) -> Image:
     return decode_image(read_bytes(file, remedy=COPY_AGAIN), file, colour=colour)
 
 
-def read_grey(file: Path) -> Image:
-    """As read_image without colour, by compiled code where that is faster; for readers of many images."""
-    return decode_grey(read_bytes(file, remedy=COPY_AGAIN), file)
-
-
-def decode_grey(data: bytes, file: Path, record: str | None = None) -> Image:
-    """As decode_image without colour, by compiled code where that is faster."""
-    if data.startswith(PNG_SIGNATURE):
-        _check_size(data, file, record)
-        from wayloom.logs.images import grey_png  # numba takes half a second to import, which most readers do without
-
-        chunks = check_png(data, file, record)
-        image = grey_png.decode(chunks)
-        if image is not None:
-            return image
-    return decode_image(data, file, colour=False, record=record)
-
-
 def decode_image(data: bytes, file: Path, *, colour: bool | None, record: str | None = None) -> Image:
     """The bytes of an image file to (h, w, 3) RGB or (h, w) grey, uint8; whichever it is where `colour` is None.
 
@@ -234,7 +216,11 @@ def decode_image(data: bytes, file: Path, *, colour: bool | None, record: str | 
         raise LogError("the image is empty (0 bytes)", file=file, record=record, remedy=COPY_AGAIN, reason="image.empty")
     _check_size(data, file, record)
     if data.startswith(PNG_SIGNATURE):
-        check_png(data, file, record)
+        from wayloom.logs.images import plain_png  # numba takes half a second to import, which those who decode nothing do without
+
+        image = plain_png.decode(check_png(data, file, record), colour=colour)
+        if image is not None:
+            return image
     elif data.startswith(JPEG_START):
         _check_end(data[-TAIL_BYTES:], JPEG_END, file, len(data), record)
     flags = {None: cv2.IMREAD_ANYCOLOR, True: cv2.IMREAD_COLOR, False: cv2.IMREAD_GRAYSCALE}[colour]

@@ -12,7 +12,7 @@ from wayloom.config.progress import Progress, silent
 from wayloom.errors import LogError
 from wayloom.files.text_files import read_bytes, utf8_text
 from wayloom.geometry.camera import StereoRig
-from wayloom.logs.images.image_files import COPY_AGAIN, ImageHeader, ImagePairs, read_grey, read_header, read_image
+from wayloom.logs.images.image_files import COPY_AGAIN, ImageHeader, ImagePairs, read_header, read_image
 from wayloom.logs.kitti.positioning import Positioning
 from wayloom.logs.sidecars.exposure_csv import EXPOSURE_NAME, read_exposure_csv
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, Sidecar
@@ -77,7 +77,7 @@ class ImageFolderLog:
     def grey_side(self, index: int, right: bool) -> Image:
         """Decode one image of a pair to grey (h, w), for those who need no colour or not both. Raises LogError as `frame`."""
         files, size = self._sides()[right]
-        image = read_grey(files[index])
+        image = read_image(files[index], colour=False)
         check_size(ImageHeader(image.shape[1], image.shape[0], False), size, files[index])
         if self.rectifier is None:
             return image

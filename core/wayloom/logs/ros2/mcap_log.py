@@ -18,7 +18,7 @@ from wayloom.errors import LogError
 from wayloom.files.text_files import utf8_text
 from wayloom.files.timestamps import NS
 from wayloom.geometry.camera import StereoRig
-from wayloom.logs.images.image_files import ImageHeader, decode_grey, decode_image, first_that_can
+from wayloom.logs.images.image_files import ImageHeader, decode_image, first_that_can
 from wayloom.logs.kitti.image_folder_log import Rectifier, check_size
 from wayloom.logs.kitti.positioning import FrameClock, find_positioning, lever_arm
 from wayloom.logs.ros2 import ros_messages as ros
@@ -244,9 +244,7 @@ def read_image(
     try:
         data = file.read(messages, index)
         if topic.kind == ros.COMPRESSED:
-            packed = bytes(ros.read_compressed(data)[1])
-            grey = colour is not None and not colour
-            image = decode_grey(packed, file.path, where) if grey else decode_image(packed, file.path, colour=colour, record=where)
+            image = decode_image(bytes(ros.read_compressed(data)[1]), file.path, colour=colour, record=where)
         else:
             image = in_colour(ros.read_raw_image(data)[1], colour)
     except CdrError as problem:

@@ -1,4 +1,4 @@
-"""The decoder of grey PNG images against OpenCV's, for every filter, kind of block and kind of damage."""
+"""The decoder of plain PNG images against OpenCV's, for every filter, kind of block and kind of damage."""
 
 import struct
 import tracemalloc
@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from wayloom.errors import LogError
-from wayloom.logs.images import grey_png
-from wayloom.logs.images.grey_png import unpacked
-from wayloom.logs.images.image_files import check_png, read_grey, read_image
+from wayloom.logs.images import plain_png
+from wayloom.logs.images.image_files import check_png, decode_image, read_image
+from wayloom.logs.images.plain_png import unpacked
 
 RNG = np.random.default_rng(5)
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -63,31 +63,56 @@ def test_streams_of_every_kind_come_out_as_they_went_in(level: int, strategy: st
         assert unpacked(packed(content, level, STRATEGIES[strategy]), len(content)) == content
 
 
+def by_opencv(data: bytes, colour: bool) -> np.ndarray:
+    """What OpenCV reads, in RGB."""
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE)
+    assert image is not None
+    return image[..., ::-1] if colour else image
+
+
 @pytest.mark.parametrize("kind", [0, 1, 2, 3, 4])
 def test_every_filter_is_undone_as_opencv_does(kind: int, tmp_path: Path) -> None:
-    """In the first row and in others."""
-    file = written(tmp_path, png(packed(filtered(np.full(40, kind), 67)), (40, 67)))
-    assert np.array_equal(read_grey(file), read_image(file, colour=False))
+    """In the first row and in others, of grey images and of those in colour."""
+    for channels, colour_type in ((1, 0), (3, 2)):
+        data = png(packed(filtered(np.full(40, kind), 67 * channels)), (40, 67), colour_type=colour_type)
+        for colour in (False, True):
+            assert np.array_equal(decode_image(data, tmp_path, colour=colour), by_opencv(data, colour))
+
+
+def test_every_colour_has_the_grey_level_that_opencv_gives_it(tmp_path: Path) -> None:
+    level = np.arange(0, 256, 3, dtype=np.uint8)
+    rgb = np.stack(np.meshgrid(level, level, level, indexing="ij"), axis=-1).reshape(len(level), -1, 3)
+    data = cv2.imencode(".png", rgb)[1].tobytes()
+    assert np.array_equal(decode_image(data, tmp_path, colour=False), by_opencv(data, False))
+
+
+def test_an_image_comes_as_it_is_asked_for(tmp_path: Path) -> None:
+    """Grey of colour and colour of grey; where neither is asked for, as it is stored."""
+    for channels, colour_type in ((1, 0), (3, 2)):
+        data = png(packed(filtered(RNG.integers(0, 5, 12), 9 * channels)), (12, 9), colour_type=colour_type)
+        shapes = [decode_image(data, tmp_path, colour=colour).shape for colour in (False, True, None)]
+        assert shapes == [(12, 9), (12, 9, 3), (12, 9) if channels == 1 else (12, 9, 3)]
 
 
 def test_mixed_filters_and_one_pixel_are_decoded(tmp_path: Path) -> None:
     """Rows of any filter after rows of any other, and the smallest picture."""
     for height, width in ((200, 51), (1, 1)):
         file = written(tmp_path, png(packed(filtered(RNG.integers(0, 5, height), width)), (height, width)))
-        found = grey_png.decode(check_png(file.read_bytes(), file))
+        found = plain_png.decode(check_png(file.read_bytes(), file))
         assert found is not None
         assert np.array_equal(found, cv2.imread(str(file), cv2.IMREAD_GRAYSCALE))
 
 
-def test_what_is_not_plain_grey_is_left_to_opencv(tmp_path: Path) -> None:
-    """Colour, palettes, 16 bits, interlaced pictures."""
-    picture = RNG.integers(0, 256, (30, 40, 3), dtype=np.uint8)
+def test_what_is_not_plain_is_left_to_opencv(tmp_path: Path) -> None:
+    """Transparency, 16 bits, interlaced pictures."""
+    picture = RNG.integers(0, 256, (30, 40, 4), dtype=np.uint8)
     for image in (picture, picture[..., 0].astype(np.uint16) * 257):
-        file = written(tmp_path, cv2.imencode(".png", image)[1].tobytes())
-        assert grey_png.decode(check_png(file.read_bytes(), file)) is None
-        assert np.array_equal(read_grey(file), read_image(file, colour=False))
+        data = cv2.imencode(".png", image)[1].tobytes()
+        assert plain_png.decode(check_png(data, tmp_path)) is None
+        for colour in (False, True):
+            assert np.array_equal(decode_image(data, tmp_path, colour=colour), by_opencv(data, colour))
     data = png(packed(filtered(np.zeros(8), 8)), (8, 8), interlaced=1)
-    assert grey_png.decode(check_png(data, tmp_path)) is None
+    assert plain_png.decode(check_png(data, tmp_path)) is None
 
 
 def test_a_faulty_stream_is_never_read_beyond_its_ends() -> None:
@@ -114,7 +139,7 @@ def test_a_stream_with_too_much_or_too_little_in_it_is_left_to_opencv(tmp_path: 
     """Which pads or cuts as ever."""
     rows = filtered(np.ones(20), 30)
     for content in (rows[:-5], rows + rows):
-        assert grey_png.decode(check_png(png(packed(content), (20, 30)), tmp_path)) is None
+        assert plain_png.decode(check_png(png(packed(content), (20, 30)), tmp_path)) is None
 
 
 def test_a_stream_that_swells_beyond_its_header_is_stopped_there(tmp_path: Path) -> None:
@@ -122,7 +147,7 @@ def test_a_stream_that_swells_beyond_its_header_is_stopped_there(tmp_path: Path)
     chunks = check_png(png(packed(bytes(64 << 20), 9), (100, 100), part=1 << 20), tmp_path)
     tracemalloc.start()
     try:
-        assert grey_png.decode(chunks) is None
+        assert plain_png.decode(chunks) is None
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -136,11 +161,11 @@ def test_damage_is_told_as_ever(tmp_path: Path) -> None:
     wrong[60] ^= 1
     for damaged in (bytes(wrong), data[:-20], b""):
         with pytest.raises(LogError):
-            read_grey(written(tmp_path, damaged))
+            read_image(written(tmp_path, damaged), colour=False)
 
 
 @pytest.mark.parametrize(("width", "height"), [(2**31 - 1, 2**31 - 1), (2**31 - 1, 1000), (5, 0), (0, 5)])
 def test_a_header_that_lies_is_left_to_opencv(width: int, height: int) -> None:
     header = width.to_bytes(4, "big") + height.to_bytes(4, "big") + bytes([8, 0, 0, 0, 0])
     stream = zlib.compress(b"")
-    assert grey_png.decode([(b"IHDR", memoryview(header)), (b"IDAT", memoryview(stream))]) is None
+    assert plain_png.decode([(b"IHDR", memoryview(header)), (b"IDAT", memoryview(stream))]) is None

@@ -1,0 +1,59 @@
+"""Plain PNG images, 8 bits a channel, decoded in a third of the time that OpenCV takes: a drive's images are most of what reading
+it costs."""
+
+from typing import Final
+
+import numpy as np
+from isal import isal_zlib
+from numpy.typing import NDArray
+
+from wayloom.logs.kernels.png_rows import grey_levels, unfilter
+
+Image = NDArray[np.uint8]
+CHANNELS: Final = {b"\x08\x00\x00\x00\x00": 1, b"\x08\x02\x00\x00\x00": 3}
+"""By the header's bit depth, colour type, compression, filter method and interlacing: grey and RGB."""
+MOST_RATIO: Final = 1032
+"""Deflate makes of a byte no more than so many (RFC 1951: 258 bytes of two bits)."""
+
+
+def decode(chunks: list[tuple[bytes, memoryview]], *, colour: bool | None = None) -> Image | None:
+    """The image of a PNG's chunks, kind and content, whose check sums are right: (h, w, 3) RGB or (h, w) grey, uint8.
+
+    colour : which of the two it has to be; None for the one that is stored. Grey of colours is as OpenCV's PNG reader has it.
+    None where it is not 8 bit grey or RGB in rows from top to bottom, where its stream has a fault, or where grey is asked to be
+    coloured. No more is unpacked than the header promises.
+    """
+    kind, header = chunks[0]
+    channels = CHANNELS.get(bytes(header[8:])) if kind == b"IHDR" else None
+    if channels is None or (colour and channels == 1):
+        return None
+    width, height = int.from_bytes(header[:4], "big"), int.from_bytes(header[4:8], "big")
+    stream = b"".join(content for kind, content in chunks if kind == b"IDAT")
+    size = (channels * width + 1) * height
+    if not width or not height or size > MOST_RATIO * len(stream):  # a header that lies is left to OpenCV, which has its limits
+        return None
+    rows = unpacked(stream, size)
+    if rows is None:
+        return None
+    image = np.empty((height, channels * width), np.uint8)
+    if not unfilter(np.frombuffer(rows, np.uint8).reshape(height, -1), channels, image):
+        return None
+    return image if channels == 1 else _of_colours(image.reshape(height, width, 3), colour)
+
+
+def _of_colours(rgb: Image, colour: bool | None) -> Image:
+    if colour is not False:
+        return rgb
+    grey = np.empty(rgb.shape[:2], np.uint8)
+    grey_levels(rgb, grey)
+    return grey
+
+
+def unpacked(stream: bytes, size: int) -> bytes | None:
+    """What a zlib stream holds, None where that is not exactly so many bytes, or the stream has a fault or no end."""
+    unpacker = isal_zlib.decompressobj()
+    try:
+        rows = unpacker.decompress(stream, size + 1)
+    except isal_zlib.error:  # type: ignore[misc]  # a class, which the stub takes for an instance
+        return None
+    return rows if len(rows) == size and unpacker.eof else None
