@@ -1,7 +1,7 @@
 """Dense disparity of a rectified stereo pair by semi-global matching, left against right and right against left.
 
 Hirschmüller, "Stereo Processing by Semiglobal Matching and Mutual Information" (TPAMI 2008), in OpenCV's form: costs of
-Birchfield and Tomasi over blocks, eight paths. It computes in whole numbers, so the same images give the same bits.
+Birchfield and Tomasi over blocks, three paths. It computes in whole numbers, so the same images give the same bits.
 """
 
 from typing import Final
@@ -23,7 +23,7 @@ BLOCK_PX: Final = 3
 SMALL_STEP, LARGE_STEP = 8 * BLOCK_PX**2, 32 * BLOCK_PX**2
 """Penalties of disparities that change by one pixel and by more, as OpenCV recommends them."""
 CONTRAST: Final = 63
-UNIQUENESS_PERCENT: Final = 10
+UNIQUENESS_PERCENT: Final = 15
 SUBPIXELS: Final = 16.0
 
 
@@ -52,7 +52,7 @@ def _matched(left: Image, right: Image, search: int) -> FloatArray:
     """(h, w) px; not positive without a match. OpenCV leaves `search` columns at the left empty: they are added first."""
     bordered = [cv2.copyMakeBorder(np.ascontiguousarray(image), 0, 0, search, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
     matcher = cv2.StereoSGBM.create(
-        0, search, BLOCK_PX, SMALL_STEP, LARGE_STEP, -1, CONTRAST, UNIQUENESS_PERCENT, 0, 0, cv2.STEREO_SGBM_MODE_HH
+        0, search, BLOCK_PX, SMALL_STEP, LARGE_STEP, -1, CONTRAST, UNIQUENESS_PERCENT, 0, 0, cv2.STEREO_SGBM_MODE_SGBM_3WAY
     )
     found = matcher.compute(*bordered)[:, search:]
     return np.asarray(found / SUBPIXELS, np.float64)

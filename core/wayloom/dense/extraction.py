@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
+from wayloom.config.side_by_side import in_order
 from wayloom.dense.disparity import dense_disparity, search_px
 from wayloom.dense.kernels.patches import reduce_patches
 from wayloom.dense.settings import LookSettings
@@ -34,18 +35,24 @@ def make_looks(
     images: LeftLabels,
     settings: LookSettings = LookSettings(),
     progress: Progress = silent,
+    threads: int = 1,
 ) -> Looks:
-    """The looks of a drive. Raises StageError where an image's labels are missing, LogError where an image cannot be read."""
+    """The looks of a drive, so many at a time. Raises StageError where an image's labels are missing, LogError where an image
+    cannot be read."""
     keyframes, rectifier = odometry.keyframes, right_rectifier(odometry)
     chosen = np.flatnonzero(spaced(road_m(keyframes.T_world_cam), keyframes.segment, settings.spacing_m))
     camera, edge = small_camera(odometry.rig.camera, settings.width_px)
     found: list[Look] = []
+
+    def look(k: int) -> Look:
+        pair = read_pair(log, int(keyframes.frame[k]), images.left(k), rectifier)
+        depth = matched_depth(pair, odometry.rig, odometry.disparity_bias_px, settings)
+        return look_of(depth, pair.label, camera, edge, settings.sure_share)
+
     with one_opencv_thread():
-        for count, k in enumerate(chosen.tolist()):
-            pair = read_pair(log, int(keyframes.frame[k]), images.left(k), rectifier)
-            depth = matched_depth(pair, odometry.rig, odometry.disparity_bias_px, settings)
-            found.append(look_of(depth, pair.label, camera, edge, settings.sure_share))
-            progress(count / len(chosen), f"look {count + 1} of {len(chosen)}")
+        for one in in_order(look, chosen.tolist(), threads):
+            found.append(one)
+            progress(len(found) / len(chosen), f"look {len(found)} of {len(chosen)}")
     shape = (len(found), camera.height, camera.width)
     near, far, kinds = (np.array([look[part] for look in found], np.uint8).reshape(shape) for part in range(3))
     sigma = SIGMA_PX * (1 << _level(odometry.rig.camera.width, settings.match_width_px)) / odometry.rig.bf

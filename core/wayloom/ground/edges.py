@@ -52,6 +52,8 @@ LINE_STATIONS, LEAST_ON_LINE = 6, 4
 """Of the line through the steps: stations to either side, and how many of them have to lie on it."""
 LINE_SCALE_M, ON_LINE_M = 0.05, 0.12
 LINE_ROUNDS: Final = 4
+Seen = Sequence[tuple[GroundView, NDArray[np.float32]]]
+"""Views, and of each its two images (2, h', w) without the means around their pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +87,10 @@ def find_steps(views: Sequence[GroundView], raster: Raster, cells: Cells, rig: S
     nothing = np.full(len(places), np.nan)
     steps = Steps(raster.low + (places + 0.5) * CELL_M, normals, start, np.zeros(len(places)), nothing, nothing)
     if len(places):
-        steps = _tried(steps, COARSE_M, views, raster, cells, rig, bias_px)
-        steps = _tried(_on_line(steps), FINE_M, views, raster, cells, rig, bias_px)
+        pairs = [np.stack([_without_mean(grey(view.image.squeeze())), _without_mean(view.right)]) for view in views]
+        seen = list(zip(views, pairs, strict=True))
+        steps = _tried(steps, COARSE_M, seen, raster, cells, rig, bias_px)
+        steps = _tried(_on_line(steps), FINE_M, seen, raster, cells, rig, bias_px)
     return steps
 
 
@@ -113,21 +117,18 @@ def windowed(values: NDArray[Any], start: NDArray[np.int64], around: int) -> NDA
     return out
 
 
-def _tried(
-    steps: Steps, shifts: FloatArray, views: Sequence[GroundView], raster: Raster, cells: Cells, rig: StereoRig, bias_px: float
-) -> Steps:
+def _tried(steps: Steps, shifts: FloatArray, seen: Seen, raster: Raster, cells: Cells, rig: StereoRig, bias_px: float) -> Steps:
     """The best step at each station, among those at its place `at` plus the shifts."""
     road = beside_steps(steps, cells, ROAD, ROAD_SIDE, raster)
     places = np.column_stack([steps.xy + steps.at[:, None] * steps.normals, steps.normals, road])
-    costs, seen = np.zeros((len(places), len(shifts), len(RISES_M))), np.zeros(len(places))
+    costs, pixels = np.zeros((len(places), len(shifts), len(RISES_M))), np.zeros(len(places))
     camera = numbers(rig.camera)
-    for view in views:
-        pair = np.stack([_without_mean(grey(view.image.squeeze())), _without_mean(view.right)])
+    for view, pair in seen:
         add_step_costs(
             places, ALONG_M, ACROSS_M, RISES_M, shifts, pair, view.first_row, view.group > 0, camera, rig.bf, bias_px,
-            se3.inverse(view.T_sheet_cam), view.T_sheet_cam[:3, 3].copy(), REACH_M, MOST_GREY, costs, seen,
+            se3.inverse(view.T_sheet_cam), view.T_sheet_cam[:3, 3].copy(), REACH_M, MOST_GREY, costs, pixels,
         )  # fmt: skip
-    found = best_steps(windowed(costs, steps.start, STATIONS_AROUND), windowed(seen, steps.start, STATIONS_AROUND), shifts)
+    found = best_steps(windowed(costs, steps.start, STATIONS_AROUND), windowed(pixels, steps.start, STATIONS_AROUND), shifts)
     return Steps(steps.xy, steps.normals, steps.start, steps.at + found[:, 0], found[:, 1], found[:, 2])
 
 

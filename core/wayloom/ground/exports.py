@@ -131,9 +131,9 @@ def _photo_tile(grid: GeoGrid, row: int, column: int, places: list[SheetPlace], 
     for place in _near(grid, row, column, places):
         sheet = held(place.digest)
         M = _warp(grid, row, column, place, sheet, PIXEL_M)
-        colour = sheet.colour if sheet.colour.shape[2] == 3 else sheet.colour.repeat(3, axis=2)
         alpha = _warped((sheet.sharpness > 0).astype(np.float32), M, cv2.INTER_LINEAR)
-        shown = _warped(colour.astype(np.float32), M, cv2.INTER_LINEAR) / np.maximum(alpha, SOLID)[..., None]
+        colour = _warped(sheet.colour.astype(np.float32), M, cv2.INTER_LINEAR).reshape(TILE, TILE, -1)
+        shown = colour / np.maximum(alpha, SOLID)[..., None]
         sharpness = np.where(alpha >= SOLID, _warped(sheet.sharpness, M, cv2.INTER_NEAREST), 0)
         better = sharpness > best
         tile[better, :3], tile[better, 3], best[better] = np.rint(shown[better]).clip(0, 255), 255, sharpness[better]
@@ -158,17 +158,22 @@ def _height_tile(grid: GeoGrid, row: int, column: int, places: list[SheetPlace],
 
 def halved_colours(tile: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """RGBA (2h, 2w, 4) at half its size: means of what shows."""
-    values = tile.astype(np.float64).reshape(tile.shape[0] // 2, 2, tile.shape[1] // 2, 2, 4)
+    values = tile.astype(np.float32)  # whole numbers below 2^24: exact
     alpha = values[..., 3:]
-    total = alpha.sum(axis=(1, 3))
-    colour = (values[..., :3] * alpha).sum(axis=(1, 3)) / np.maximum(total, 1.0)
+    total = _sums_of_four(alpha)
+    colour = _sums_of_four(values[..., :3] * alpha) / np.maximum(total, 1.0).astype(np.float64)
     return np.asarray(np.rint(np.concatenate([colour, 0.25 * total], axis=-1)), np.uint8)
 
 
 def halved_heights(tile: NDArray[np.float32]) -> NDArray[np.float32]:
     """Heights (2h, 2w) at half their size: means of those that are known."""
-    values = tile.astype(np.float64).reshape(tile.shape[0] // 2, 2, tile.shape[1] // 2, 2)
+    values = tile.astype(np.float64)
     known = np.isfinite(values)
-    count = known.sum(axis=(1, 3))
-    total = np.where(known, values, 0.0).sum(axis=(1, 3))
+    count, total = _sums_of_four(known.astype(np.uint8)), _sums_of_four(np.where(known, values, 0.0))
     return np.where(count > 0, total / np.maximum(count, 1), np.nan).astype(np.float32)
+
+
+def _sums_of_four(values: NDArray[Any]) -> NDArray[Any]:
+    """(h, w[, C]) of (2h, 2w[, C])."""
+    above, below = values[0::2], values[1::2]
+    return np.asarray((above[:, 0::2] + above[:, 1::2]) + (below[:, 0::2] + below[:, 1::2]))

@@ -10,7 +10,7 @@ from wayloom.geometry.camera import PinholeCamera
 from wayloom.ground.view import may_be_shown
 from wayloom.ground.vignetting import drive_fall_off
 from wayloom.logs.types import DriveLog
-from wayloom.odometry.tracking.pyramid import grey
+from wayloom.odometry.frame_source import grey_pair
 from wayloom.odometry.types import OdometryResult
 from wayloom.places.stereo_pair import LeftLabels
 
@@ -39,7 +39,7 @@ class DriveExposure:
         return np.asarray(WHITE_TONE * np.sqrt(np.maximum(values, 0.0) / self.white))
 
 
-def drive_exposure(log: DriveLog, odometry: OdometryResult, labels: LeftLabels) -> DriveExposure:
+def drive_exposure(log: DriveLog, odometry: OdometryResult, labels: LeftLabels, threads: int = 1) -> DriveExposure:
     """Of a drive whose brightness the odometry followed: I = exp(a) I_scene + b, so I_drive = exp(a_m - a) (I - b) + b_m.
 
     Raises StageError where an image's labels are missing, LogError where an image cannot be read.
@@ -47,10 +47,10 @@ def drive_exposure(log: DriveLog, odometry: OdometryResult, labels: LeftLabels) 
     a, b = odometry.keyframes.affine[:, 0], odometry.keyframes.affine[:, 1]
     gain = np.exp(np.median(a) - a)
     offset = np.median(b) - gain * b
-    fall_off, tones = drive_fall_off(log, odometry, labels, (gain, offset)), []
+    fall_off, tones = drive_fall_off(log, odometry, labels, (gain, offset), threads), []
     lift = unfallen(log.rig.camera, fall_off)[::PIXEL_STEP, ::PIXEL_STEP]
     for row in np.unique(np.linspace(0, len(a) - 1, SAMPLED).round().astype(np.int64)).tolist():
-        left = grey(log.frame(int(odometry.keyframes.frame[row])).left)
+        left = grey_pair(log, int(odometry.keyframes.frame[row])).left
         ground = may_be_shown(labels.left(row), 0.0)[::PIXEL_STEP, ::PIXEL_STEP] > 0.0
         tones.append((gain[row] * left[::PIXEL_STEP, ::PIXEL_STEP][ground] + offset[row]) * lift[ground])
     pooled = np.concatenate(tones)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
+from wayloom.config.side_by_side import in_order
 from wayloom.geometry import se3
 from wayloom.ground.exposure import DriveExposure, drive_exposure
 from wayloom.ground.picture import OTHER, Picture, picture_of
@@ -27,6 +28,8 @@ from wayloom.submaps.submap import PlacedSubmap, Submap
 FloatArray = NDArray[np.float64]
 SMALLEST_M2: Final = 1.0
 """Ground that is joined to less than this is left out: what far fences and house fronts leave."""
+MOST_AT_ONCE: Final = 2
+"""Sheets that are made at a time, whatever the threads: each holds the views of its submap."""
 
 
 def make_sheets(
@@ -36,22 +39,28 @@ def make_sheets(
     submaps: Sequence[PlacedSubmap],
     settings: GroundSettings = GroundSettings(),
     progress: Progress = silent,
+    threads: int = 1,
 ) -> Iterator[GroundSheet]:
-    """The sheet of each submap that saw ground, in the order of the road; one is in memory at a time.
+    """The sheet of each submap that saw ground, in the order of the road; with more threads than one two are made at a time.
 
     Raises StageError where an image's labels are missing, LogError where an image cannot be read.
     """
-    exposure, chosen = drive_exposure(log, odometry, labels), chosen_keyframes(odometry, settings)
-    for number, placed in enumerate(submaps):
-        T_submap_sheet = level_frame(placed)
+    exposure, chosen = drive_exposure(log, odometry, labels, threads), chosen_keyframes(odometry, settings)
 
-        def tell(share: float, number: int = number) -> None:
-            progress((number + 0.9 * share) / len(submaps), f"ground of submap {number + 1} of {len(submaps)}")
+    def sheet(number: int) -> GroundSheet | None:
+        def tell(share: float) -> None:
+            if threads <= 1:  # progress may stop the work, which is for the caller's thread to hear
+                progress((number + 0.9 * share) / len(submaps), f"ground of submap {number + 1} of {len(submaps)}")
 
+        placed = submaps[number]
         views = [view for _, view in views_of(log, odometry, labels, placed, chosen, exposure, settings, tell)]
-        sheet = sheet_of(placed.submap, T_submap_sheet, views, odometry, exposure, settings)
-        if sheet is not None:
-            yield sheet
+        return sheet_of(placed.submap, level_frame(placed), views, odometry, exposure, settings)
+
+    with one_opencv_thread():
+        for number, made in enumerate(in_order(sheet, range(len(submaps)), min(threads, MOST_AT_ONCE)), 1):
+            progress(number / len(submaps), f"ground of {number} of {len(submaps)} submaps")
+            if made is not None:
+                yield made
 
 
 def chosen_keyframes(odometry: OdometryResult, settings: GroundSettings) -> NDArray[np.bool_]:

@@ -16,14 +16,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.config.side_by_side import in_order
 from wayloom.geometry import se3
 from wayloom.geometry.camera import StereoRig
 from wayloom.ground.plane import GroundPlane, find_plane
 from wayloom.ground.view import SURE_INSIDE, may_be_shown
 from wayloom.logs.types import DriveLog
-from wayloom.odometry.frame_source import one_opencv_thread
+from wayloom.odometry.frame_source import grey_pair, one_opencv_thread
 from wayloom.odometry.rig.rows import RightRectifier
-from wayloom.odometry.tracking.pyramid import grey
 from wayloom.odometry.types import OdometryResult
 from wayloom.places.road import road_m
 from wayloom.places.stereo_pair import LeftLabels, right_rectifier
@@ -48,14 +48,14 @@ LARGEST: Final = 1.0
 DECIMALS: Final = 2
 
 
-def drive_fall_off(log: DriveLog, odometry: OdometryResult, labels: LeftLabels, balance: Balance) -> float:
+def drive_fall_off(log: DriveLog, odometry: OdometryResult, labels: LeftLabels, balance: Balance, threads: int = 1) -> float:
     """The fall-off of the drive, 0 to LARGEST; 0 where its views do not tell one.
 
     balance : (K,) gain and offset that take each keyframe to the drive's exposure
 
     Raises StageError where an image's labels are missing, LogError where an image cannot be read.
     """
-    return agreed(*stretch_fall_offs(log, odometry, labels, balance))
+    return agreed(*stretch_fall_offs(log, odometry, labels, balance, threads))
 
 
 def agreed(fall_offs: FloatArray, information: FloatArray) -> float:
@@ -76,15 +76,17 @@ def _median(values: FloatArray, weight: FloatArray) -> float:
 
 
 def stretch_fall_offs(
-    log: DriveLog, odometry: OdometryResult, labels: LeftLabels, balance: Balance
+    log: DriveLog, odometry: OdometryResult, labels: LeftLabels, balance: Balance, threads: int = 1
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) fall-offs of the stretches that tell one, and the information (n,) of each."""
-    rectifier, found = right_rectifier(odometry), []
+    rectifier = right_rectifier(odometry)
+
+    def told(rows: list[int]) -> tuple[float, float] | None:
+        samples = _samples(log, odometry, labels, rows, balance, rectifier)
+        return None if samples is None else fall_off_of(*samples)
+
     with one_opencv_thread():
-        for rows in stretches(odometry):
-            samples = _samples(log, odometry, labels, rows, balance, rectifier)
-            fall_off = None if samples is None else fall_off_of(*samples)
-            found += [] if fall_off is None else [fall_off]
+        found = [one for one in in_order(told, stretches(odometry), threads) if one is not None]
     fall_offs, information = np.array(found, np.float64).reshape(-1, 2).T
     return fall_offs, information
 
@@ -114,10 +116,10 @@ def _samples(
     size = 2 * round(PATCH_PX_SHARE * camera.width / 2.0) + 1
     patches, parts = None, []
     for row in rows:
-        pair, T_world_cam = log.frame(int(odometry.keyframes.frame[row])), odometry.keyframes.T_world_cam[row]
-        left, shown = grey(pair.left), may_be_shown(labels.left(row), 0.0) >= SURE_INSIDE
+        pair, T_world_cam = grey_pair(log, int(odometry.keyframes.frame[row])), odometry.keyframes.T_world_cam[row]
+        left, shown = pair.left, may_be_shown(labels.left(row), 0.0) >= SURE_INSIDE
         if patches is None:
-            plane = find_plane(left, rectifier.align(grey(pair.right)), shown, rig)
+            plane = find_plane(left, rectifier.align(pair.right), shown, rig)
             if plane is None:
                 return None
             patches = se3.transform(T_world_cam, on_plane(plane, rig, odometry.disparity_bias_px))

@@ -100,9 +100,9 @@ class LogReport(BaseModel):
     usable: bool
 
 
-def inspect_log(log: DriveLog, *, decode: bool = True, progress: Progress = silent) -> LogReport:
+def inspect_log(log: DriveLog, *, decode: bool = True, progress: Progress = silent, threads: int = 1) -> LogReport:
     """Look at the whole log: every image is decoded, or, where `decode` is False, looked at from both ends."""
-    damaged = damaged_images(log, decode, progress)
+    damaged = damaged_images(log, decode, progress, threads)
     distance_m, distance_from = distance(log)
     first_ns = int(log.t_ns[0])
     return LogReport(
@@ -139,10 +139,10 @@ def imu_place(T_cam_imu: FloatArray) -> tuple[float, float, float]:
     return x, y, z
 
 
-def damaged_images(log: DriveLog, decode: bool, progress: Progress) -> Sequence[Damage]:
+def damaged_images(log: DriveLog, decode: bool, progress: Progress, threads: int = 1) -> Sequence[Damage]:
     """All images that cannot be used."""
     if isinstance(log, StoredLog):
-        return log.damaged(decode=decode, progress=progress)
+        return log.damaged(decode=decode, progress=progress, threads=threads)
     found = []
     for i in range(len(log)):
         try:

@@ -160,8 +160,8 @@ class StoredLog(DriveLog, Protocol):
         """Look at every image without decoding it. Raises LogError at the first that is empty, truncated or of another size."""
         ...
 
-    def damaged(self, *, decode: bool, progress: Progress = ...) -> list[Damage]:
-        """All images that cannot be used, by checking or by decoding them."""
+    def damaged(self, *, decode: bool, progress: Progress = ..., threads: int = ...) -> list[Damage]:
+        """All images that cannot be used, by checking or by decoding them, so many pairs at a time."""
         ...
 
     def kept(self, rows: NDArray[np.int64], missing: tuple[str, ...]) -> "StoredLog":

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
+from wayloom.config.side_by_side import in_order
 from wayloom.geometry import se3
 from wayloom.ground.sheet import GroundSheet
 from wayloom.logs.types import DriveLog
@@ -29,6 +30,8 @@ from wayloom.places.stereo_pair import LeftLabels, read_pair, right_rectifier
 from wayloom.submaps.submap import PlacedSubmap
 
 FloatArray = NDArray[np.float64]
+MOST_AT_ONCE: Final = 2
+"""Submaps that are searched at a time, whatever the threads: each holds its views."""
 
 
 def find_objects(
@@ -39,17 +42,23 @@ def find_objects(
     sheet_of: Callable[[str], GroundSheet | None],
     settings: ObjectSettings = ObjectSettings(),
     progress: Progress = silent,
+    threads: int = 1,
 ) -> Iterator[ObjectSightings]:
-    """The sightings along each submap, in the order of the road; the images of one are in memory at a time.
+    """The sightings along each submap, in the order of the road; with more threads than one, two submaps are seen at a time.
 
     sheet_of : the ground sheet of a submap's digest, None where it has none
     Raises StageError where an image's labels are missing, LogError where an image cannot be read.
     """
     chosen = spaced(road_m(odometry.keyframes.T_world_cam), odometry.keyframes.segment, settings.spacing_m)
-    for number, placed in enumerate(submaps):
-        progress(number / len(submaps), f"objects of submap {number + 1} of {len(submaps)}")
+
+    def sightings(placed: PlacedSubmap) -> ObjectSightings:
         views = read_views(log, odometry, labels, placed, chosen)
-        yield sightings_of(views, placed, sheet_of(placed.submap.digest), settings)
+        return sightings_of(views, placed, sheet_of(placed.submap.digest), settings)
+
+    with one_opencv_thread():
+        for number, found in enumerate(in_order(sightings, submaps, min(threads, MOST_AT_ONCE)), 1):
+            progress(number / len(submaps), f"objects of {number} of {len(submaps)} submaps")
+            yield found
 
 
 def level_frame(placed: PlacedSubmap) -> FloatArray:

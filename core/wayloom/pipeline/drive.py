@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from wayloom.config.progress import NamedProgress, Progress, silent_for_each
+from wayloom.config.side_by_side import in_order
 from wayloom.config.stages import drive_stages
 from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.geoid import GeoidGrid
@@ -103,8 +104,7 @@ def process_drive(
         result = _load(context, times)
         progress("exports")(0.0, "writing trajectory, cloud and pictures")
         with whole_folder(stages_dir / "exports") as folder:
-            ground = GroundFound(stages_dir / "ground", settings.markings, settings.kerbs, result.objects)
-            write_exports(result.log, result.odometry, result.images, result.geo, result.submaps, folder, geoid, ground)
+            _write(result, settings, stages_dir, folder, geoid)
             if settings.dense:
                 about = (result.log, result.odometry, result.images, result.submaps)
                 write_dense(*about, folder / DENSE_FILE, result.geo.frame, geoid, settings.looks)
@@ -113,6 +113,17 @@ def process_drive(
         _publish(stages_dir / "exports", out_dir)
         progress("exports")(1.0, f"written to {out_dir}")
     return result
+
+
+def _write(result: DriveResult, settings: ProcessSettings, stages_dir: Path, folder: Path, geoid: GeoidGrid | None) -> None:
+    """Exports, as many files at a time as there are threads, the longest first."""
+    ground = GroundFound(stages_dir / "ground", settings.markings, settings.kerbs, result.objects)
+    about = (result.log, result.odometry, result.images, result.geo, result.submaps)
+    writers = ground.writers(result.submaps, result.geo.frame, folder)
+    for _ in in_order(
+        lambda write: write(), [*writers, lambda: write_exports(*about, folder, geoid, stages_dir)], settings.threads
+    ):
+        pass
 
 
 def _checked(context: StageContext, progress: NamedProgress) -> StageContext:

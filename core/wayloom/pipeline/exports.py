@@ -1,6 +1,6 @@
 """Exports of a processed drive for people and other programs: trajectory, cloud, overlay pictures, map picture."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -49,6 +49,16 @@ class GroundFound:
     kerbs: KerbSettings
     objects: Sequence[MapObject] = ()
 
+    def writers(self, submaps: list[PlacedSubmap], frame: MapFrame | None, folder: Path) -> list[Callable[[], None]]:
+        """What writes ground.tif and height.tif and, with GNSS, markings.geojson and objects.geojson; in any order."""
+        writers: list[Callable[[], None]] = [
+            lambda: export_markings(self.sheets_dir, submaps, folder / MARKINGS_FILE, self.markings, self.kerbs),
+            lambda: export_ground(self.sheets_dir, submaps, folder),
+        ]
+        if frame is not None:
+            writers.append(lambda: export_objects(self.objects, frame, folder / OBJECTS_FILE))
+        return writers
+
 
 def write_exports(
     log: DriveLog,
@@ -58,13 +68,12 @@ def write_exports(
     submaps: list[PlacedSubmap],
     folder: Path,
     geoid: GeoidGrid | None = None,
-    ground: GroundFound | None = None,
+    stages_dir: Path | None = None,
 ) -> None:
-    """Write trajectory.tum, .kitti and, with GNSS, .geojson; cloud.ply and cloud.laz; ground.tif, height.tif and, with GNSS,
-    markings.geojson and objects.geojson; map.png; overlays/.
+    """Write trajectory.tum, .kitti and, with GNSS, .geojson; cloud.ply and cloud.laz; map.png; overlays/.
 
     geoid : the LAZ states heights above it
-    ground : None for neither pictures of the ground nor objects
+    stages_dir : the drive's stages, of which the LAZ tells where its points are from
     """
     trajectory = odometry.trajectory
     write_tum(folder / "trajectory.tum", trajectory.t_ns, trajectory.T_world_cam, trajectory.tracked)
@@ -72,12 +81,7 @@ def write_exports(
     if geo.frame is not None:
         export_geojson_track(folder / "trajectory.geojson", geo.T_enu_cam, geo.frame, log.name)
     points, labels = cloud(submaps)
-    _write_clouds(submaps, folder, geo.frame, geoid, {} if ground is None else drive_origin(ground.sheets_dir.parent, log.name))
-    if ground is not None:
-        export_ground(ground.sheets_dir, submaps, folder)
-        export_markings(ground.sheets_dir, submaps, folder / MARKINGS_FILE, ground.markings, ground.kerbs)
-        if geo.frame is not None:
-            export_objects(ground.objects, geo.frame, folder / OBJECTS_FILE)
+    _write_clouds(submaps, folder, geo.frame, geoid, {} if stages_dir is None else drive_origin(stages_dir, log.name))
     write_image(folder / MAP_FILE, drive_map(geo, points, labels))
     write_overlays(log, odometry, images, folder / OVERLAYS_DIR)
 

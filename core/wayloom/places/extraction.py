@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
+from wayloom.config.side_by_side import in_order
 from wayloom.errors import StageError
 from wayloom.geometry import se3
 from wayloom.labelling.types import PointLabels
@@ -33,8 +34,12 @@ def make_places(
     images: LeftLabels,
     settings: PlaceSettings = PlaceSettings(),
     progress: Progress = silent,
+    threads: int = 1,
 ) -> Places:
-    """What is kept of the drive's places. Raises StageError when labels and points do not belong together, LogError as the log."""
+    """What is kept of the drive's places, from the images of so many keyframes at a time.
+
+    Raises StageError when labels and points do not belong together, LogError as the log.
+    """
     if len(labels) != len(odometry.points):
         raise StageError(f"{len(labels)} labels for {len(odometry.points)} points: labelling and odometry are of different runs")
     keyframes, road = odometry.keyframes, road_m(odometry.keyframes.T_world_cam)
@@ -43,17 +48,21 @@ def make_places(
     start, hosted = hosted_points(odometry, labels, settings)
     rectifier, voxels = right_rectifier(odometry), VoxelFilter(settings.voxel_m, settings.reach_m)
     features, clouds = [_no_features()], [_no_cloud()]
+
+    def seen(k: int) -> tuple[PlaceFeatures | None, PlaceCloud | None]:
+        if not (described[k] or matched[k]):
+            return None, None
+        pair = read_pair(log, int(keyframes.frame[k]), images.left(k), rectifier)
+        return (
+            describe(pair, k, odometry, settings) if described[k] else None,
+            pair_points(pair, k, odometry, settings) if matched[k] else None,
+        )
+
     with one_opencv_thread():
-        for k in range(len(keyframes)):
+        for k, (of_pair, more) in enumerate(in_order(seen, range(len(keyframes)), threads)):
             clouds.append(_kept(voxels, taken(hosted, slice(start[k], start[k + 1])), keyframes.T_world_cam[k], road[k]))
-            if not (described[k] or matched[k]):
-                continue
-            pair = read_pair(log, int(keyframes.frame[k]), images.left(k), rectifier)
-            if described[k]:
-                features.append(describe(pair, k, odometry, settings))
-            if matched[k]:
-                more = pair_points(pair, k, odometry, settings)
-                clouds.append(_kept(voxels, more, keyframes.T_world_cam[k], road[k]))
+            features += [] if of_pair is None else [of_pair]
+            clouds += [] if more is None else [_kept(voxels, more, keyframes.T_world_cam[k], road[k])]
             progress(k / len(keyframes), f"keyframe {k + 1} of {len(keyframes)}")
     c = odometry.rig.camera
     camera = (float(c.fx), float(c.fy), float(c.cx), float(c.cy), int(c.width), int(c.height))

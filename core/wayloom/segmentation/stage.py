@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import VOID
 from wayloom.config.progress import Progress, silent
+from wayloom.config.side_by_side import in_order
 from wayloom.errors import StageError
 from wayloom.files.atomic import write_atomically
 from wayloom.logs.sidecars.sidecar import SIMULATED_RIG
@@ -44,6 +45,7 @@ def segment_keyframes(
     out_dir: Path,
     progress: Progress = silent,
     right: NDArray[np.bool_] | None = None,
+    threads: int = 1,
 ) -> KeyframeLabels:
     """Write `left/%010d.png` and `right/%010d.png`, named by frame index, and `model.json`, into out_dir.
 
@@ -53,16 +55,19 @@ def segment_keyframes(
     that the same network labelled the same drive. Every file appears whole or not at all.
     keyframes : frame indices (`Keyframes.frame` of the odometry)
     right : (K,) of which keyframes the right image is labelled, too; None: of all
+    threads : keyframes that are labelled at a time
     Raises LogError from the log's reader.
     """
     out_dir.mkdir(parents=True, exist_ok=True)
     _claim(out_dir, _facts(log, network), network.gives_scores)
     shape = (log.rig.camera.height, log.rig.camera.width)
     frames = [int(index) for index in keyframes]
-    for done, index in enumerate(frames):
-        progress(done / len(frames), f"labelling keyframe {done + 1} of {len(frames)}")
-        _segment_frame(log, network, out_dir, index, shape, SIDES if right is None or right[done] else SIDES[:1])
-    progress(1.0, f"labelled {len(frames)} keyframes")
+
+    def segment(row: int) -> None:
+        _segment_frame(log, network, out_dir, frames[row], shape, SIDES if right is None or right[row] else SIDES[:1])
+
+    for done, _ in enumerate(in_order(segment, range(len(frames)), threads), 1):
+        progress(done / len(frames), f"labelled {done} of {len(frames)} keyframes")
     return KeyframeLabels(out_dir, frames)
 
 

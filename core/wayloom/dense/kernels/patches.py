@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 Image = NDArray[np.uint8]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def reduce_patches(
     near_code: Image, far_code: Image, kinds: Image, edge: int, sure_share: float, near: Image, far: Image, all_kinds: Image
 ) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def medians(values, there, reach, stride, out, found):  # type: ignore[no-untyped-def]
     """The lower median of values (K, N, N) int64 over the squares up to `reach` away, every `stride`-th of them, that are there
     (N, N) bool: out (K, N, N), and found (N, N) bool where any is, in place."""

@@ -12,7 +12,7 @@ LEAST_STEP = 8
 """Half a grey level: less is noise."""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def block_detail(sheet, corner, out):  # type: ignore[no-untyped-def]
     """Mean brightness of the SAMPLES x SAMPLES places of each block of a window (N, N, SAMPLES, SAMPLES) int16, in place: of four
     points of each, in sixteenths of a grey level; UNSEEN where one of them was not seen."""
@@ -44,7 +44,7 @@ def _agreement(one_low, one_high, other_low, other_high):  # type: ignore[no-unt
     return 1 if (one > 0) == (other > 0) else -1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def step_agreement(one, other, counts):  # type: ignore[no-untyped-def]
     """Of the steps between neighbouring places of the blocks of two sheets (N, N, S, S), in place, counts (2, N, N) int64: how many
     more agree in their sign than do not, and how many there are in both."""

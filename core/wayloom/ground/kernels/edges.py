@@ -21,7 +21,7 @@ def _at(image, i, v, u):  # type: ignore[no-untyped-def]
     return (1.0 - fv) * upper + fv * lower
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _differences(  # type: ignore[no-untyped-def]
     place, along, across, rises, pair, first_row, usable, camera, bf, bias, T_cam_sheet, eye, reach, most, table
 ):
@@ -61,7 +61,7 @@ def _differences(  # type: ignore[no-untyped-def]
     return eye_a, over, seen
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def add_step_costs(  # type: ignore[no-untyped-def]
     places, along, across, rises, shifts, pair, first_row, usable, camera, bf, bias, T_cam_sheet, eye, reach, most, costs, seen
 ):
@@ -105,7 +105,7 @@ def add_step_costs(  # type: ignore[no-untyped-def]
                 costs[s, k, h] += total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def side_planes(  # type: ignore[no-untyped-def]
     stations, height, information, group, of, cell, low, window, flat, step, rounds, least, out, count
 ):
@@ -162,7 +162,7 @@ def side_planes(  # type: ignore[no-untyped-def]
             out[s] = p
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def nearest_steps(stations, cell, low, across, along, nearest, distance2):  # type: ignore[no-untyped-def]
     """Of each cell (H, W) the number of the station (S, 5), as `side_planes` has them, whose step is nearest, -1 for none.
 

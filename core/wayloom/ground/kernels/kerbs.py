@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 Float64 = NDArray[np.float64]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def best_step(
     across: Float64, height: Float64, weight: Float64, shifts: Float64, smears: Float64, least: int, out: Float64
 ) -> None:
@@ -62,7 +62,7 @@ def best_step(
                 out[4] = max(szz / A[0, 0] - mean * mean - slope * (r[1] - mean * A[0, 1]) / A[0, 0], 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def steps_along(
     stations: Float64,
     normals: Float64,

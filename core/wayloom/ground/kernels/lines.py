@@ -12,7 +12,7 @@ UInt8 = NDArray[np.uint8]
 Int32 = NDArray[np.int32]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def side_contrast(
     smooth: Float32, seen: UInt8, candidate: UInt8, normals: Float64, offsets: Float64, dark: float, out: Float32
 ) -> None:
@@ -43,7 +43,7 @@ def side_contrast(
                 out[k, y, x] = best
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def along_mean(contrast: Float32, candidate: UInt8, normals: Float64, half: int, best: Float32, angle: Float32) -> None:
     """Fill best, angle (R, C) from contrast (K, R, C): its largest mean along a line, and the direction across the line.
 
@@ -73,7 +73,7 @@ def along_mean(contrast: Float32, candidate: UInt8, normals: Float64, half: int,
                 angle[y, x] = 0.5 * math.atan2(s2, c2)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def like_directions(best: Float32, angle: Float32, low: float, most_rad: float, group: Int32, stack: Int32) -> int:
     """Fill group (R, C) with numbers from 1 on of the connected pixels over low; how many there are.
 
@@ -108,7 +108,7 @@ def like_directions(best: Float32, angle: Float32, low: float, most_rad: float, 
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def mean_profiles(picture: Float32, seen: UInt8, places: Float64, across: Float64, steps: Float64, out: Float64) -> None:
     """Fill out (S, T) with the mean over M places of the picture (R, C) at steps (T,) pixels across.
 
@@ -136,7 +136,7 @@ def mean_profiles(picture: Float32, seen: UInt8, places: Float64, across: Float6
             out[s, t] = total / count if 2 * count > places.shape[1] else np.nan
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def band_edges(
     profiles: Float64, steps: Float64, half: float, dark: float, middle: Float64, width: Float64, contrast: Float64, flank: Float64
 ) -> None:
@@ -181,7 +181,7 @@ def band_edges(
         flank[k] = least
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def side_mean(profile: Float64, steps: Float64, way: int, near: float, far: float) -> float:
     """Mean of the known values between near and far px on one side (way -1 or 1); NaN without any."""
     total, count = 0.0, 0
@@ -192,7 +192,7 @@ def side_mean(profile: Float64, steps: Float64, way: int, near: float, far: floa
     return total / count if count > 0 else math.nan
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def crossing(profile: Float64, start: int, way: int, level: float) -> float:
     """Index, with a fraction, at which a profile (T,) falls below the level from `start` on in one way; NaN where it does not."""
     k = start

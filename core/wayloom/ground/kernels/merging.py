@@ -22,7 +22,7 @@ PRECISION = 1e8
 """Weights are whole numbers: this over a variance in mm^2."""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def block_sums(sheet, corner, out):  # type: ignore[no-untyped-def]
     """Sums over samples of each block of a window (N, N, 8) int64, in place: colour, how many, sharpness, height mm, how many,
     sigma mm. Grey counts for all three channels."""
@@ -47,7 +47,7 @@ def block_sums(sheet, corner, out):  # type: ignore[no-untyped-def]
                         out[i, j, SIGMA] += sheet[1][row, column]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def balance_at(field, first, x, y, out):  # type: ignore[no-untyped-def]
     """Bilinear value (4,) of one sheet's field (4, N, N) at x, y of the map, m; constant beyond its middles."""
     edge = TILE_BLOCKS * BLOCK * CELL_M
@@ -62,7 +62,7 @@ def balance_at(field, first, x, y, out):  # type: ignore[no-untyped-def]
         out[k] = (1.0 - b) * low + b * high
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def paint(sheet, number, wanted, corner, field, first, level, out):  # type: ignore[no-untyped-def]
     """Paint the pixels that are still empty in the wanted blocks (N, N) bool of a window.
 
@@ -98,7 +98,7 @@ def paint(sheet, number, wanted, corner, field, first, level, out):  # type: ign
                     sharpness[row, column], shown[row, column] = sharp, number
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def lay(sheet, wanted, corner, field, first, height):  # type: ignore[no-untyped-def]
     """Height, mm, of the cells (Q, Q) float64 that have none yet (NaN) in the wanted blocks (N, N) bool, in place."""
     balance = np.zeros(4)
@@ -113,7 +113,7 @@ def lay(sheet, wanted, corner, field, first, height):  # type: ignore[no-untyped
                 height[row, column] = height_of(sheet, u, v, r, c) + balance[3]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def add_cells(sheet, wanted, corner, field, first, about, height, out):  # type: ignore[no-untyped-def]
     """Add a sheet to the cells (Q, Q) of the wanted blocks (N, N) bool of a window.
 

@@ -40,7 +40,7 @@ def _hidden(u, v, depth, above, first_row, plane, bf, bias, slack):  # type: ign
     return abs(measured - bf / depth) > slack * bf / depth + 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def add_votes(  # type: ignore[no-untyped-def]
     height, low, cell, window, label, kind_of, above, first_row, plane, camera, bf, bias, T_cam_sheet, reach, slack, votes
 ):
@@ -65,7 +65,7 @@ def add_votes(  # type: ignore[no-untyped-def]
             votes[r, c, kind] += 1.0 / depth
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def add_colours(  # type: ignore[no-untyped-def]
     height,
     low,

@@ -6,7 +6,7 @@ from numba import njit
 from wayloom.ground.kernels.resampling import EDGE_MM
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def draw_colour(colour, seen, x, y, out):  # type: ignore[no-untyped-def]
     """RGBA (P, Q, 4) uint8, in place, of colour (H, W, C) at x, y (P, Q) in pixels, whole at their middles; clear where the nearest
     pixel was not seen (H, W)."""
@@ -31,7 +31,7 @@ def draw_colour(colour, seen, x, y, out):  # type: ignore[no-untyped-def]
             out[i, j, 3] = 255
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def draw_height(height_mm, nothing, x, y, out):  # type: ignore[no-untyped-def]
     """m (P, Q), in place, of height_mm (H, W) int32 at x, y (P, Q) in cells, whole at their middles; NaN where the nearest cell is
     `nothing`."""
@@ -54,7 +54,7 @@ def draw_height(height_mm, nothing, x, y, out):  # type: ignore[no-untyped-def]
             out[i, j] = (own + total / weight) / 1000.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def draw_nearest(values, nothing, x, y, out):  # type: ignore[no-untyped-def]
     """Values (P, Q) uint8, in place, of the nearest of values (H, W) at x, y (P, Q); `nothing` beyond them."""
     rows, columns = values.shape

@@ -16,7 +16,7 @@ EDGE_MM = 40
 """Neighbours that lie further off are across an edge, a kerb's: heights are not interpolated over it."""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def place(sheet, x, y):  # type: ignore[no-untyped-def]
     """u, v, m in the sheet's frame, of its surface's point at x, y of the map; row and column of its cell, -1 without surface."""
     height_mm, corner, T, inverse = sheet[0], sheet[5], sheet[6], sheet[7]
@@ -39,7 +39,7 @@ def place(sheet, x, y):  # type: ignore[no-untyped-def]
     return u, v, row, column
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def height_of(sheet, u, v, row, column):  # type: ignore[no-untyped-def]
     """z, mm in the map's frame, of the surface at u, v, whose cell is (row, column): bilinear, but not across edges."""
     height_mm, corner, T = sheet[0], sheet[5], sheet[6]
@@ -60,7 +60,7 @@ def height_of(sheet, u, v, row, column):  # type: ignore[no-untyped-def]
     return 1000.0 * (T[2, 0] * u + T[2, 1] * v + T[2, 3]) + T[2, 2] * h
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def colour_of(sheet, u, v, out):  # type: ignore[no-untyped-def]
     """Sharpness of the pixel at u, v, 0 where nothing was seen; its colour, bilinear over the pixels seen, into out (C,)."""
     colour, sharpness, corner = sheet[3], sheet[4], sheet[5]

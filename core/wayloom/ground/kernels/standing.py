@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def stands(  # type: ignore[no-untyped-def]
     above,
     first_row,
@@ -53,7 +53,7 @@ def stands(  # type: ignore[no-untyped-def]
                 out[i, j], foot[i, j] = True, int(np.ceil(camera[1] * limit / depth))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def add_feet(standing, foot, out):  # type: ignore[no-untyped-def]
     """Fill out (h, w) bool: the standing pixels, and below the lowest of them in a column, or over a gap, `foot` more."""
     rows, columns = standing.shape

@@ -8,7 +8,7 @@ LEAST_BLOCKS = 0.25
 ALL_QUADRANTS = 15
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def robust_mean(values, variances, order, low, high):  # type: ignore[no-untyped-def]
     """Mean of values[order[low:high]] by weights of Cauchy around their median, and the sum of its weights (1/variance)."""
     count = high - low
@@ -33,7 +33,7 @@ def robust_mean(values, variances, order, low, high):  # type: ignore[no-untyped
     return mean, information
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def cell_heights(keys, order, values, variances, height, information, group):  # type: ignore[no-untyped-def]
     """Of the samples of each cell (keys 2 * cell + group, `order` sorts them): the robust mean of the group that is surer.
 
@@ -52,7 +52,7 @@ def cell_heights(keys, order, values, variances, height, information, group):  #
         low = high
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _plane(height, information, group, of, r, c, radius, step, level, prior, trust):  # type: ignore[no-untyped-def]
     """Level at cell (r, c) of the plane over the neighbours of group `of`, and the sum of its weights; no sum without neighbours.
 
@@ -99,7 +99,7 @@ def _plane(height, information, group, of, r, c, radius, step, level, prior, tru
     return level, total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def block_heights(height, information, group, size, step, height_out, information_out):  # type: ignore[no-untyped-def]
     """Robust means of the cells of each group in blocks of size x size cells, by weights of Cauchy with the scale `step` m.
 
@@ -126,7 +126,7 @@ def block_heights(height, information, group, size, step, height_out, informatio
                 height_out[g, r, c], information_out[g, r, c] = mean, total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def smooth_blocks(height, information, radius, step, height_out, variance_out):  # type: ignore[no-untyped-def]
     """Planes over the blocks of `block_heights` within `radius` blocks, each group by itself, from the mean of all of them on.
 
@@ -148,7 +148,7 @@ def smooth_blocks(height, information, radius, step, height_out, variance_out): 
                 height_out[g, r, c], variance_out[g, r, c] = level, 1.0 / weights
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _among_blocks(height, variance, size, r, c):  # type: ignore[no-untyped-def]
     """Height and variance between the middles of the blocks around cell (r, c), bilinear among those that have one; variance 0
     where they weigh less than LEAST_BLOCKS together."""
@@ -165,7 +165,7 @@ def _among_blocks(height, variance, size, r, c):  # type: ignore[no-untyped-def]
     return (h / total, spread / total) if total > LEAST_BLOCKS else (0.0, 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def smooth_surface(  # type: ignore[no-untyped-def]
     height, information, group, broad_height, broad_variance, size, bend2, radius, step, height_out, variance_out, filled
 ):
@@ -196,7 +196,7 @@ def smooth_surface(  # type: ignore[no-untyped-def]
                 height_out[r, c], variance_out[r, c], filled[r, c] = level, 1.0 / total, own <= 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _around(height, information, group, radius, r, c):  # type: ignore[no-untyped-def]
     """The group that weighs more around a cell without height and its mean height; group 0 unless all four quadrants have some."""
     rows, columns = height.shape

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
+from wayloom.config.side_by_side import in_order
 from wayloom.errors import LogError
 from wayloom.files.text_files import read_bytes, utf8_text
 from wayloom.geometry.camera import StereoRig
@@ -106,10 +107,11 @@ class ImageFolderLog:
             for file, size in ((left, self.stored_sizes[0]), (right, self.stored_sizes[1])):
                 check_size(read_header(file), size, file)
 
-    def damaged(self, *, decode: bool, progress: Progress = silent) -> list[Damage]:
+    def damaged(self, *, decode: bool, progress: Progress = silent, threads: int = 1) -> list[Damage]:
         """All images that cannot be used, by checking headers and ends or by decoding every file."""
-        found = []
-        for i in range(len(self)):
+
+        def damaged_of(i: int) -> list[Damage]:
+            found = []
             for files, size in self._sides():
                 try:
                     check_size(read_header(files[i]), size, files[i])
@@ -117,7 +119,12 @@ class ImageFolderLog:
                         self._read(files[i], size, self.colour)
                 except LogError as problem:
                     found.append(Damage(i, problem))
-            progress((i + 1) / len(self), "looking at images")
+            return found
+
+        found: list[Damage] = []
+        for count, of_pair in enumerate(in_order(damaged_of, range(len(self)), threads), 1):
+            found += of_pair
+            progress(count / len(self), "looking at images")
         return found
 
     def kept(self, rows: NDArray[np.int64], missing: tuple[str, ...]) -> "ImageFolderLog":

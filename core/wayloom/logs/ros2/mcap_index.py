@@ -6,6 +6,7 @@ bytes are read only where they are compressed, otherwise each record's first byt
 
 import os
 import struct
+import threading
 import zlib
 from collections import Counter, OrderedDict
 from collections.abc import Iterator
@@ -78,6 +79,7 @@ class McapFile:
     def __init__(self, path: Path) -> None:
         self.path, self.cut = path, ""
         self._decompressed: OrderedDict[int, bytes] = OrderedDict()
+        self._keeping = threading.Lock()
         self._places: dict[int, Place] = {}
         summary = self._summary()
         self._handle = os.open(path, os.O_RDONLY)
@@ -239,12 +241,15 @@ class McapFile:
         return memoryview(self._records(k))[start : start + length]
 
     def _records(self, k: int) -> bytes:
-        """A compressed chunk's records; the last few stay in memory."""
-        if k not in self._decompressed:
-            self._decompressed[k] = self._unpacked(self._place(k), self._chunks[k][1], k)
-            while len(self._decompressed) > KEPT_CHUNKS:
-                self._decompressed.popitem(last=False)
-        return self._decompressed[k]
+        """A compressed chunk's records; the last few stay in memory. Several threads may ask."""
+        records = self._decompressed.get(k)
+        if records is None:
+            records = self._unpacked(self._place(k), self._chunks[k][1], k)
+            with self._keeping:
+                self._decompressed[k] = records
+                while len(self._decompressed) > KEPT_CHUNKS:
+                    self._decompressed.popitem(last=False)
+        return records
 
     def _unpacked(self, place: Place, limit: int, k: int) -> bytes:
         begin, size, compression, crc = place

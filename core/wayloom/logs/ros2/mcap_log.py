@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
+from wayloom.config.side_by_side import in_order
 from wayloom.errors import LogError
 from wayloom.files.text_files import utf8_text
 from wayloom.files.timestamps import NS
@@ -107,24 +108,30 @@ class McapLog:
         """Nothing: opening has read the head of every message, and its check sum where it is compressed."""
         return
 
-    def damaged(self, *, decode: bool, progress: Progress = silent) -> list[Damage]:
+    def damaged(self, *, decode: bool, progress: Progress = silent, threads: int = 1) -> list[Damage]:
         """All images that cannot be used, by decoding every one; and, as frame -1, a chunk that holds none of them and whose check
         sum is wrong."""
         found: list[Damage] = []
         spoilt = set[int]()
-        for index in range(len(self)) if decode else ():
-            for side in (0, 1):
-                try:
-                    self._read(side, index)
-                except LogError as problem:
-                    found.append(Damage(index, problem))
-                    spoilt.add(int(self.images[side].chunk[index]))
+        for index, of_pair in enumerate(in_order(self._damaged_pair, range(len(self)) if decode else (), threads)):
+            found += of_pair.values()
+            spoilt |= {int(self.images[side].chunk[index]) for side in of_pair}
             progress((index + 1) / len(self), "looking at images")
         try:
             if decode:
                 self.file.check(spoilt)
         except LogError as problem:
             found.append(Damage(-1, problem))
+        return found
+
+    def _damaged_pair(self, index: int) -> dict[int, Damage]:
+        """By side."""
+        found = {}
+        for side in (0, 1):
+            try:
+                self._read(side, index)
+            except LogError as problem:
+                found[side] = Damage(index, problem)
         return found
 
     def kept(self, rows: NDArray[np.int64], missing: tuple[str, ...]) -> "McapLog":

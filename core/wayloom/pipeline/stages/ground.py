@@ -15,5 +15,5 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises StageError where an image's labels are missing, LogError where an image is."""
     odometry = tracked_drive(context)
     images = KeyframeLabels(context.inputs_dir / "segmentation", odometry.keyframes.frame)
-    submaps = load_submaps(context.inputs_dir / "submaps")
-    save_sheets(make_sheets(context.log, odometry, images, submaps, context.settings.ground, progress), out_dir)
+    submaps, settings = load_submaps(context.inputs_dir / "submaps"), context.settings
+    save_sheets(make_sheets(context.log, odometry, images, submaps, settings.ground, progress, settings.threads), out_dir)

@@ -17,7 +17,8 @@ from wayloom.pipeline.stage_context import StageContext
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises LogError where more images are damaged than a drive can do without."""
     log = context.source.log
-    report = inspect_log(log, decode=True, progress=lambda share, what: progress(0.9 * share, what))
+    threads = context.settings.threads
+    report = inspect_log(log, decode=True, progress=lambda share, what: progress(0.9 * share, what), threads=threads)
     rejected = {one.frame: one for one in reversed(report.damaged)}
     errors = {frame: told_again(one.problem, one.file, one.reason) for frame, one in rejected.items()}
     kept = without_frames(log, errors)

@@ -14,4 +14,5 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises StageError where an image's labels are missing, LogError where an image is."""
     odometry = tracked_drive(context)
     images = KeyframeLabels(context.inputs_dir / "segmentation", odometry.keyframes.frame)
-    save_looks(make_looks(context.log, odometry, images, context.settings.looks, progress), out_dir / LOOKS_FILE)
+    settings = context.settings
+    save_looks(make_looks(context.log, odometry, images, settings.looks, progress, settings.threads), out_dir / LOOKS_FILE)

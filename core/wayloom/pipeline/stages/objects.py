@@ -24,4 +24,6 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     def sheet_of(submap: str) -> GroundSheet | None:
         return load_sheet(sheets_dir, sheets[submap]) if submap in sheets else None
 
-    save_all(find_objects(context.log, odometry, images, submaps, sheet_of, context.settings.objects, progress), out_dir)
+    settings = context.settings
+    found = find_objects(context.log, odometry, images, submaps, sheet_of, settings.objects, progress, settings.threads)
+    save_all(found, out_dir)

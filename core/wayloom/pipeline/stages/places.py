@@ -16,5 +16,6 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     odometry = tracked_drive(context)
     labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE)
     images = KeyframeLabels(context.inputs_dir / "segmentation", odometry.keyframes.frame)
-    places = make_places(context.log, odometry, labels, images, context.settings.places, progress)
+    settings = context.settings
+    places = make_places(context.log, odometry, labels, images, settings.places, progress, settings.threads)
     save_places(places, out_dir / PLACES_FILE)

@@ -4,7 +4,7 @@ Leaves left/ and right/ (PNG, named by frame), their scores and small grey image
 """
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from wayloom.config.progress import Progress
 from wayloom.labelling.voting_frames import right_images_vote, voting_frames
@@ -15,14 +15,18 @@ from wayloom.segmentation.network import Network
 from wayloom.segmentation.providers import resolved_device
 from wayloom.segmentation.stage import segment_keyframes
 
+MOST_AT_ONCE: Final = 4
+"""Keyframes that are labelled at a time: each holds what the network computes on the way. More threads share one's work."""
+
 
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises ModelError for a network that cannot be used."""
-    settings = context.settings
-    network = Network(find_model(settings.segmentation.model or DEFAULT_MODEL), settings.threads, settings.segmentation.device)
+    settings, at_once = context.settings, min(context.settings.threads, MOST_AT_ONCE)
+    description, device = find_model(settings.segmentation.model or DEFAULT_MODEL), settings.segmentation.device
+    network = Network(description, settings.threads // at_once, device)
     frames = voting_frames(tracked_drive(context), settings.labelling)
     right = right_images_vote(len(frames), settings.labelling)
-    segment_keyframes(context.log, frames, network, out_dir, progress, right)
+    segment_keyframes(context.log, frames, network, out_dir, progress, right, at_once)
 
 
 def key_parts(context: StageContext) -> dict[str, Any]:

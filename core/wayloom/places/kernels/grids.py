@@ -17,7 +17,7 @@ def ones(word):  # type: ignore[no-untyped-def]
     return (word + (word >> np.uint64(32))) & np.uint64(127)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def best_overlap(signatures, weights, variants, query_weights, rows, out):  # type: ignore[no-untyped-def]
     """Fills out (r,) float32 for rows (r,) of signatures (N, C, W) uint64: the largest, over variants (V, C, W) of the query, of
     the sum over channels of common bits times weights (N, C) times query_weights (C,) float32."""
@@ -35,7 +35,7 @@ def best_overlap(signatures, weights, variants, query_weights, rows, out):  # ty
         out[i] = best
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def best_correlation(grids, norms, queries, query_norm, reach, rows, score, which):  # type: ignore[no-untyped-def]
     """For rows (r,) of grids (N, C, A, L) uint8, fills score (r,) float64: the largest cross-correlation with queries
     (Q, C, A + 2 reach[0] + 1, L + 2 reach[1]) uint8 over shifts up to reach (2,) cells, each channel over its norms (N, C) and
@@ -65,7 +65,7 @@ def best_correlation(grids, norms, queries, query_norm, reach, rows, score, whic
                         score[i], which[i] = total, q
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def whole_product(a, b):  # type: ignore[no-untyped-def]
     """Sum of products of a and b (n,) uint8, n under 2^15."""
     total = np.uint32(0)

@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def sampled_keys(bits, positions, out):  # type: ignore[no-untyped-def]
     """bits (n, B) uint8 to out (T, n) uint32: in row t the bits at positions (T, S), the first one the highest."""
     for t in range(positions.shape[0]):
@@ -16,7 +16,7 @@ def sampled_keys(bits, positions, out):  # type: ignore[no-untyped-def]
             out[t, i] = key
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def count_entries(head, keys, shift, queries, flips, counts):  # type: ignore[no-untyped-def]
     """Adds to counts (q,) int64 how many entries have the key of each query (q,) uint32, or that with one of flips (f,) uint32.
 
@@ -31,7 +31,7 @@ def count_entries(head, keys, shift, queries, flips, counts):  # type: ignore[no
                     counts[i] += 1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def add_votes(head, keys, owners, shift, queries, flips, weights, votes):  # type: ignore[no-untyped-def]
     """Adds the weight (q,) int64 of each query to votes (N,) int64 of the owners (E,) int32 of its entries, as `count_entries`."""
     for i in range(len(queries)):

@@ -3,7 +3,7 @@
 from numba import njit
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def scaled_planes(image, levels, planes):  # type: ignore[no-untyped-def]
     """Fill in one image of a batch, channels first, each pixel's bytes looked up.
 
@@ -18,7 +18,7 @@ def scaled_planes(image, levels, planes):  # type: ignore[no-untyped-def]
                 planes[c, v, u] = levels[c, image[v, u, c]]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def scaled_pixels(image, levels, pixels):  # type: ignore[no-untyped-def]
     """The same, channels last. pixels : (h, w, 3) float32, filled."""
     height, width, _ = image.shape

@@ -7,7 +7,7 @@ _VOID = 255
 _LEAST = 1e-30
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def best_scores(logits, train_ids, class_count, k, steps_per_nat):  # type: ignore[no-untyped-def]
     """The k likeliest of our classes in each cell, best first, and how unlikely they are.
 

@@ -7,7 +7,7 @@ _SURE = np.float32(1e-6)
 """Of the largest logit: twice what rounding may take from the lead of one class between two columns of the grid."""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def upsampled_argmax(logits, padded_height, padded_width, height, width):  # type: ignore[no-untyped-def]
     """The class of the largest bilinearly upsampled logit of each pixel; ties go to the lowest class.
 
@@ -54,7 +54,7 @@ def upsampled_argmax(logits, padded_height, padded_width, height, width):  # typ
     return labels
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _find_leaders(row, leader, lead):  # type: ignore[no-untyped-def]
     """Fill in the class of the largest value of each column and by how much it leads; returns the largest magnitude of all.
 
