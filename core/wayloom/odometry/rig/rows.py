@@ -8,6 +8,8 @@ disparity bias is an unknown of the window. What the calibration itself says of 
 The coefficients are fitted to refined matches of a few frames before the drive starts and follow those of every third keyframe.
 """
 
+from copy import copy
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -161,6 +163,10 @@ class RightRectifier:
         self.coefficients = self.terms[:3].copy()
         ideal = self.lens.is_ideal and not self.coefficients.any()
         self.maps = None if ideal else maps(self.coefficients, self.rig, self.lens)
+
+    def frozen(self) -> "RightRectifier":
+        """What it is now, which follows no keyframe of this one's. Its arrays are replaced, never changed."""
+        return copy(self)
 
     def align(self, right: Image) -> Image:
         """The log's right image (h, w) with rows and lens undone."""

@@ -13,6 +13,7 @@ from wayloom.calibration.rig_file import rig_for_log
 from wayloom.config.progress import Progress
 from wayloom.odometry.odometry import track
 from wayloom.odometry.rig.calibration_observations import ObservationCollector
+from wayloom.odometry.rig.collecting_alongside import CollectingAlongside
 from wayloom.pipeline import odometry_parts, part_processes
 from wayloom.pipeline.odometry_parts import EVIDENCE_FILE as EVIDENCE_FILE
 from wayloom.pipeline.stage_context import StageContext
@@ -58,7 +59,8 @@ def _track_whole(context: StageContext, out_dir: Path, progress: Progress) -> No
     log, known = context.log, odometry_parts.calibrate(context, progress)
     settings, collector = known.settings(context.settings.odometry), ObservationCollector(log.rig)
     threads, ratio = context.settings.threads, known.baseline_ratio
-    result = track(log, settings, progress, threads, known.lens, (collector,), known.matches, ratio)
+    observer = CollectingAlongside(collector) if threads > 1 else collector
+    result = track(log, settings, progress, threads, known.lens, (observer,), known.matches, ratio)
     observations = collector.observations(log)
     odometry_parts.write_result(known.complete(result, observations), observations, out_dir)
 
