@@ -52,6 +52,10 @@ def reused(result):
     return [name for name, time in result.times.items() if time.reused]
 
 
+def stage_digests(out):
+    return {name: json.loads((out / "stages" / name / "stage.json").read_text())["digest"] for name in drive_stages()}
+
+
 def test_everything_promised_is_there(done):
     out, result = done
     assert {path.name for path in out.iterdir()} == PRODUCTS
@@ -76,6 +80,15 @@ def test_a_second_run_does_nothing_twice(done, log_path, settings, clip_a_gnss):
     again = process_drive(log_path, out, settings, clip_a_gnss, write_more=write_report)
     assert reused(again) == list(drive_stages())
     assert before == {name: (out / "stages" / name / "stage.json").stat().st_mtime_ns for name in drive_stages()}
+
+
+def test_any_number_of_threads_leaves_the_same_bits(done, log_path, settings, clip_a_gnss, tmp_path):
+    out, _ = done
+    process_drive(log_path, out, settings, clip_a_gnss, write_more=write_report)
+    process_drive(log_path, tmp_path / "drive", settings.model_copy(update={"threads": 3}), clip_a_gnss)
+    assert stage_digests(tmp_path / "drive") == stage_digests(out)
+    for name in PRODUCTS - {"report.json", "report.html", "quality.json", "overlays", "stages"}:
+        assert (tmp_path / "drive" / name).read_bytes() == (out / name).read_bytes(), name
 
 
 def test_another_network_is_run_and_what_follows_from_it(done, log_path, settings, clip_a_gnss, tmp_path):
