@@ -112,6 +112,8 @@ def test_two_submaps_give_two_sheets_in_the_order_of_the_road(street):
     submaps = street.submaps(2)
     found = list(make_sheets(street, street.odometry(), street, submaps))
     assert [one.submap for one in found] == [item.submap.digest for item in submaps]
+    side_by_side = list(make_sheets(street, street.odometry(), street, submaps, threads=4))
+    assert [one.encoded for one in side_by_side] == [one.encoded for one in found]
 
 
 def test_a_drive_that_sees_no_ground_has_no_sheet(street):
