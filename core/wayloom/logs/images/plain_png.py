@@ -1,5 +1,7 @@
-"""Plain PNG images, 8 bits a channel, decoded in a third of the time that OpenCV takes: a drive's images are most of what reading
-it costs."""
+"""Plain PNG images, 8 bits a channel, decoded in a third of the time that OpenCV takes.
+
+A drive's images are most of what reading it costs.
+"""
 
 from typing import Final
 
