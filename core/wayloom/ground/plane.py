@@ -25,6 +25,10 @@ STEP: Final = 16
 """OpenCV searches multiples of so many pixels."""
 NEAREST_M: Final = 2.5
 LEAST_PIXELS: Final = 150
+ROWS_ABOVE: Final = 8
+"""Of the small images, over the first one with ground: from where matching has settled."""
+FEWEST_ROWS: Final = 16
+"""That are matched."""
 ROUNDS: Final = 12
 FIRST_SCALE_PX, LAST_SCALE_PX = 4.0, 0.4
 BLOCK_PX: Final = 5
@@ -69,12 +73,16 @@ def find_plane(left: Image, right: Image, is_ground: NDArray[np.bool_], rig: Ste
     size = (left.shape[1] // scale, left.shape[0] // scale)
     small = [np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8) for image in (left, right)]
     search = int(STEP * np.ceil(rig.bf / scale / NEAREST_M / STEP))
-    disparity = _matched(small[0], small[1], 0, search)
     ground = is_ground[scale // 2 :: scale, scale // 2 :: scale][: size[1], : size[0]]
-    v, u = np.nonzero((disparity > 0.0) & ground)
+    rows = np.flatnonzero(ground.any(axis=1))
+    if not len(rows):
+        return None
+    first = max(min(int(rows[0]) - ROWS_ABOVE, size[1] - FEWEST_ROWS), 0)
+    disparity = _matched(small[0][first:], small[1][first:], 0, search)
+    v, u = np.nonzero((disparity > 0.0) & ground[first:])
     if len(u) < LEAST_PIXELS:
         return None
-    uv = np.column_stack([u, v]).astype(np.float64) * scale + 0.5 * (scale - 1)
+    uv = np.column_stack([u, v + first]).astype(np.float64) * scale + 0.5 * (scale - 1)
     return fit_plane(uv[:, 0], uv[:, 1], scale * disparity[v, u].astype(np.float64))
 
 

@@ -43,10 +43,11 @@ def without_standing(
         view.above, view.first_row, view.plane_row, numbers(rig.camera), rig.bf, bias_px, view.plane.camera_height_m(rig, bias_px),
         view.T_sheet_cam, settings.reach_m, height, raster.low, CELL_M, LEAST_M, LEAST_OVER_PLANE_M, NOISE_PX, standing, foot,
     )  # fmt: skip
-    unmatched = np.isnan(view.above) & (GROUP[view.label[view.first_row :]] > 0)
+    label = view.label[view.first_row :]
+    unmatched = np.isnan(view.above) & (cv2.LUT(label, GROUP) > 0)
     width = view.label.shape[1]
     standing_pieces = pieces(standing, LEAST_STANDING * width**2)
-    add_feet(standing_pieces & ~LARGE_STATIC[view.label[view.first_row :]], foot, reached)
+    add_feet(standing_pieces & (cv2.LUT(label, LARGE_STATIC.view(np.uint8)) == 0), foot, reached)
     large = reached | standing_pieces | pieces(unmatched, LEAST_UNMATCHED * width**2)
     near = cv2.dilate(large.astype(np.uint8), disc(round(settings.mover_margin_share * width))) > 0
     shown = view.shown.copy()

@@ -59,7 +59,7 @@ class GroundView:
     def group(self) -> Image:
         """(h', w) group of the matched rows' pixels, 0 where they may not be used."""
         rows = slice(self.first_row, None)
-        return np.where(self.shown[rows] >= SURE_INSIDE, GROUP[self.label[rows]], 0).astype(np.uint8)
+        return np.where(self.shown[rows] >= SURE_INSIDE, cv2.LUT(self.label[rows], GROUP), np.uint8(0))
 
     @property
     def plane_row(self) -> FloatArray:
@@ -107,9 +107,10 @@ def may_be_shown(label: Image, margin_share: float) -> NDArray[np.float32]:
     """(h, w) 0 to 1 of an image of train ids: 0 but on ground that no person or vehicle is nearer to than the margin, 1 well
     inside of it."""
     margin = round(margin_share * label.shape[1])
-    movers = cv2.dilate(MAY_MOVE[label].astype(np.uint8), disc(margin))
-    ground = (GROUP[label] > 0) & (movers == 0)
-    inside = cv2.distanceTransform(np.pad(ground.astype(np.uint8), 1, mode="edge"), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    movers = cv2.dilate(cv2.LUT(label, MAY_MOVE.view(np.uint8)), disc(margin))
+    ground = cv2.LUT(label, GROUP)
+    ground[movers > 0] = 0
+    inside = cv2.distanceTransform(cv2.copyMakeBorder(ground, 1, 1, 1, 1, cv2.BORDER_REPLICATE), cv2.DIST_L2, 3)[1:-1, 1:-1]
     return np.asarray(np.clip((inside - 1.0) / FEATHER_PX, 0.0, 1.0), np.float32)
 
 
