@@ -1,10 +1,12 @@
 """Fixtures that every room's tests share: where the real recordings and networks lie."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from service_kit.object_store import ObjectStoreServer
 from wayloom.logs.registry import open_log
 from wayloom.odometry.odometry import track
 from wayloom.odometry.types import OdometryResult
@@ -33,6 +35,14 @@ def data_dir() -> Path:
 def models_dir() -> Path:
     """Foreign networks."""
     return _folder("WAYLOOM_MODELS", "../shared/models")
+
+
+@pytest.fixture(scope="session")
+def object_store() -> Iterator[ObjectStoreServer]:
+    """An S3 server for the tests' uploads."""
+    server = ObjectStoreServer()
+    yield server
+    server.close()
 
 
 @pytest.fixture(scope="session")

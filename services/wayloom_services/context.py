@@ -11,13 +11,14 @@ from fastapi import Depends, Request
 from kombu.exceptions import OperationalError
 
 from wayloom.config.service import ServiceSettings
-from wayloom.store.arrivals import RunningDigests
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database, Session
 from wayloom.store.folders import Folders
 from wayloom.store.jobs import JobMessage
 from wayloom.store.notifier import JobNotifier
 from wayloom.store.queues import celery_settings
+from wayloom.store.receiving.opening import open_place
+from wayloom.store.receiving.places import UploadPlace
 from wayloom.store.tile_reads import HeldBlobs, TileReads
 from wayloom_services.access.buckets import TokenBuckets
 from wayloom_services.access.callers import Callers, caller_of
@@ -44,15 +45,16 @@ HASHES_AT_ONCE = 2
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """Shared resources of the endpoints: settings, database, blobs, notifier of the workers, metrics, look-ups of tiles, blobs held
-    in memory; of access the callers, the audit log's trail, rates of known callers, of strangers and of sign-ins by address, the
-    OpenID provider where there is one; what earlier drives took; of uploads the running digests, locks, threads for bodies; threads
-    for all else."""
+    """Shared resources of the endpoints: settings, database, blobs, place of the uploads, notifier of the workers, metrics,
+    look-ups of tiles, blobs held in memory; of access the callers, the audit log's trail, rates of known callers, of strangers and
+    of sign-ins by address, the OpenID provider where there is one; what earlier drives took; of uploads the locks, and threads for
+    bodies; threads for all else."""
 
     settings: ServiceSettings
     database: Database
     blobs: BlobStore
     folders: Folders
+    uploads: UploadPlace
     notifier: JobNotifier
     metrics: Metrics
     tiles: TileReads
@@ -65,7 +67,6 @@ class Service:
     sign_ins: TokenBuckets = field(default_factory=lambda: TokenBuckets(*SIGN_INS))
     hashing: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(HASHES_AT_ONCE))
     past: Past = field(default_factory=Past)
-    digests: RunningDigests = field(default_factory=RunningDigests)
     locks: UploadLocks = field(default_factory=UploadLocks)
     bodies: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(BODY_THREADS))
     threads: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(FILE_THREADS))
@@ -110,10 +111,11 @@ def make_service(settings: ServiceSettings) -> Service:
     blobs = BlobStore(folders.blobs, settings.blob_url)
     held = HeldBlobs(blobs, settings.held_blobs_bytes)
     access = settings.access
+    uploads, rates = open_place(settings.uploads, folders, database), (access.requests_a_second, access.requests_at_once)
     return Service(
-        settings, database, blobs, folders, notifier, Metrics(), TileReads(database), held, Callers(database, settings),
-        Trail(database), rates=TokenBuckets(access.requests_a_second, access.requests_at_once),
-        strangers=TokenBuckets(access.strangers_a_second, access.strangers_at_once), oidc=provider_of(access),
+        settings, database, blobs, folders, uploads, notifier, Metrics(), TileReads(database), held, Callers(database, settings),
+        Trail(database), rates=TokenBuckets(*rates), strangers=TokenBuckets(access.strangers_a_second, access.strangers_at_once),
+        oidc=provider_of(access),
     )  # fmt: skip
 
 

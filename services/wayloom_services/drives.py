@@ -1,7 +1,7 @@
 """Drive endpoints: registration, listing, state, track, preview, retry, removal."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
@@ -14,7 +14,7 @@ from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.manifest import Manifest
 from wayloom.store.manifest_text import parse_manifest
-from wayloom.store.tables.drives import Drive
+from wayloom.store.tables.drives import Drive, Upload
 from wayloom_services.access import own
 from wayloom_services.collector import paused_collector
 from wayloom_services.context import Service, ServiceDep, require_key
@@ -70,16 +70,18 @@ async def _announce(service: Service, request: Request, content: bytes, again: b
     manifest = await service.in_thread(lambda: parse_manifest(content, service.settings.max_drive_files))
     _check_size(service, manifest)
 
-    def change(session: Session) -> tuple[Registration, JobMessage | None]:
+    def change(session: Session) -> tuple[Registration, Sequence[Upload], JobMessage | None]:
         own.check_announced(request, session, service.settings.access, manifest)
         drive, created = drives.register(session, manifest, service.settings.map_id, own.owner_of(request), again)
         first_job = drives.queue_if_complete(session, drive)
         (view,) = drives_out(session, [drive], service.past)
-        begun = packs.unfinished(session, service.folders, drive.id)
-        open_ones = [OpenPack(upload=f"/v1/uploads/{pack.id}", length=pack.length) for pack in begun]
-        return Registration(id=drive.id, created=created, drive=view, packs=open_ones, missing=[]), first_job
+        begun = packs.unfinished(session, drive.id)
+        return Registration(id=drive.id, created=created, drive=view, packs=[], missing=[]), begun, first_job
 
-    return await service.write(change)
+    answer, begun, first_job = await service.write(change)
+    indexed = await service.in_thread(lambda: [upload for upload in begun if service.uploads.is_indexed(upload)])
+    answer.packs = [OpenPack(upload=f"/v1/uploads/{upload.id}", length=upload.length) for upload in indexed]
+    return answer, first_job
 
 
 @router.get("")
@@ -267,6 +269,6 @@ def _furthest(service: Service, drive_id: str) -> dict[str, tuple[int, str]]:
     for upload in open_ones:
         if upload.files_done is not None:
             continue
-        size = uploads.stored_bytes(service.folders, upload)
+        size = service.uploads.offset(upload)
         furthest[upload.path] = max(furthest.get(upload.path, (0, "")), (size, f"/v1/uploads/{upload.id}"))
     return furthest

@@ -80,6 +80,7 @@ def _database(service: Service) -> str:
 def _objects(service: Service) -> str:
     try:
         service.blobs.has("0" * 64)
+        service.uploads.check()
     except BlobError as error:
         return type(error).__name__
     return "ok"

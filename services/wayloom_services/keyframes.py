@@ -9,10 +9,11 @@ import numpy as np
 from fastapi import APIRouter, Depends, Path, Query, Response
 from numpy.typing import NDArray
 
-from wayloom.errors import NotFoundError
+from wayloom.errors import ConflictError, NotFoundError
 from wayloom.store import drives, jobs, maps
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Session
+from wayloom.store.drive_files import FETCHED
 from wayloom.store.images import check_kept
 from wayloom.store.tables.drives import Drive, SubmapRow
 from wayloom.submaps.submap import Submap, decode_submap
@@ -29,6 +30,12 @@ Number = Annotated[int, Path(ge=0, lt=2**31, description="as the list numbers th
 router = APIRouter(
     prefix="/v1/drives/{drive_id}/keyframes", tags=["drives"], dependencies=[Depends(require_key)], responses=PROBLEMS
 )
+
+
+class ElsewhereError(ConflictError):
+    """The images of a drive are kept, but not where this process can read them."""
+
+    code = "images-elsewhere"
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +98,7 @@ async def image(
     labels: Annotated[float, Query(ge=0, le=1, description="share of the labels' colour")] = 0.45,
 ) -> Response:
     """The keyframe's left image with its labels and the points that were tracked in it, persons painted over; 409 where the images
-    of the drive were deleted."""
+    of the drive were deleted, or lie in the object store alone."""
     drive, _ = await _rows(drive_id, service)
     check_kept(drive)
     found = await _keyframe(drive_id, number, service)
@@ -110,7 +117,12 @@ def _points(found: _Found, camera: Mapping[str, Any]) -> bytes:
 def _image(service: Service, drive: Drive, keys: Mapping[str, str], frame: int, share: float) -> bytes:
     from wayloom_services.keyframe_pictures import picture_of_image
 
-    return picture_of_image(service.folders.drive(drive.id), drive, keys, frame, share)
+    home = service.folders.drive(drive.id)
+    if service.uploads.in_objects and not (home / FETCHED).exists():
+        raise ElsewhereError(
+            f"the images of drive {drive.id[:12]} lie in the object store: no worker has fetched them hither of late"
+        )
+    return picture_of_image(home, drive, keys, frame, share)
 
 
 async def _rows(drive_id: str, service: Service) -> tuple[Drive, list[SubmapRow]]:

@@ -70,7 +70,7 @@ async def begin(drive_id: DriveId, wanted: PackIn, request: Request, response: R
         return PackOut(upload=None, length=0, skipped=skipped)
     try:
         await check_space(service, upload.length)
-        await service.in_thread(lambda: packs.index(service.folders, upload, files))
+        await service.in_thread(lambda: service.uploads.index(upload, files))
         await service.write(lambda session: uploads.prolong(session, upload.id, service.settings.upload_expiry_s))
     except BaseException:  # a row without an index is of no use, and counts
         await forget(service, upload)
@@ -86,5 +86,5 @@ async def files_of_pack(upload_id: str, service: ServiceDep) -> PackFiles:
     upload = await service.read(lambda session: uploads.find(session, upload_id))
     if upload.files_done is None:
         raise ProtocolError(409, "conflict", "this is the upload of one file, not of a pack")
-    pack = await service.in_thread(lambda: packs.of(service.folders, upload))
+    pack = await service.in_thread(lambda: service.uploads.pack(upload))
     return PackFiles(files=[PackedFileOut(path=file.path, size=file.size, sha256=file.sha256) for file in pack.files])

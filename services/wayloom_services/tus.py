@@ -18,7 +18,6 @@ from wayloom.store.tables.drives import Upload
 from wayloom_services.access import own
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.errors import Problem, ProtocolError
-from wayloom_services.pack_bodies import stored_bytes
 from wayloom_services.tus_body import checks_of, complete, forget, receive
 from wayloom_services.tus_headers import (
     CHECKSUMS,
@@ -95,7 +94,7 @@ async def offset(upload_id: str, request: Request, service: ServiceDep) -> Respo
     check_version(request)
     async with service.locks.hold(upload_id):
         upload = await _find(service, upload_id)
-        stored = await service.in_thread(lambda: stored_bytes(service, upload))
+        stored = await service.in_thread(lambda: service.uploads.offset(upload))
         if stored == upload.length and not upload.complete:
             await complete(service, upload)
     headers = {
@@ -117,7 +116,7 @@ async def append(upload_id: str, request: Request, service: ServiceDep) -> Respo
     start, checks = integer(request, "upload-offset"), checks_of(request)
     async with service.locks.hold(upload_id) as hold:
         upload = await _find(service, upload_id)
-        stored = await service.in_thread(lambda: stored_bytes(service, upload))
+        stored = await service.in_thread(lambda: service.uploads.offset(upload))
         if start != stored:
             raise OffsetConflictError(f"{stored} bytes are stored, the chunk starts at {start}: ask with HEAD and continue there")
         if start < upload.length or request.headers.get("content-length", "0") != "0":
@@ -149,7 +148,9 @@ async def _find(service: Service, upload_id: str) -> Upload:
 
 
 async def check_space(service: Service, wanted: int) -> None:
-    """Refuse before the first byte what would fill the disk."""
+    """Refuse before the first byte what would fill the disk; an object store is never full."""
+    if service.uploads.in_objects:
+        return
     free = await service.in_thread(lambda: shutil.disk_usage(service.settings.data_dir).free)
     if free - wanted < service.settings.min_free_bytes:
         raise ProtocolError(507, "no-space", f"{free} bytes are free, {wanted} more are wanted and a reserve is kept")

@@ -8,8 +8,8 @@ from typing import Final, Protocol, Self
 from fastapi import Request
 from starlette.requests import ClientDisconnect
 
-from wayloom.store import drives, packs, uploads
-from wayloom.store.arrivals import Arrival, PieceArrival, Pieces, StagedArrival
+from wayloom.store import drives, uploads
+from wayloom.store.arrivals import Checks, Whole
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
 from wayloom.store.tables.drives import Upload
@@ -18,7 +18,7 @@ from wayloom_services.context import Service
 from wayloom_services.direct_bodies import DirectBody
 from wayloom_services.errors import ProtocolError
 from wayloom_services.locks import Hold
-from wayloom_services.pack_bodies import Checks, complete_pack, receive_pack
+from wayloom_services.pack_bodies import complete_pack, receive_pack
 from wayloom_services.tus_headers import CHECKSUMS, checksum, pieces
 
 BUFFER: Final = 1 << 20
@@ -38,7 +38,7 @@ def checks_of(request: Request) -> Checks:
     whole, parts = checksum(request), pieces(request)
     if whole is not None and parts is not None:
         raise ProtocolError(400, "bad-header", "Upload-Checksum and Upload-Pieces exclude each other")
-    return whole or parts
+    return parts if whole is None else Whole(CHECKSUMS[whole[0]](), whole[1])
 
 
 async def receive(request: Request, service: Service, upload: Upload, start: int, checks: Checks, hold: Hold) -> int:
@@ -52,28 +52,13 @@ async def receive(request: Request, service: Service, upload: Upload, start: int
             service, upload, start, checks, lambda arrival: _pour(request, service, upload, arrival, room, hold)
         )
     with upload_faults.told():
-        arrival = await service.in_thread(lambda: _arrival(service, upload, start, checks))
+        arrival = await service.in_thread(lambda: service.uploads.arrival(upload, start, checks))
         try:
             if await _pour(request, service, upload, arrival, room, hold):
                 await service.in_thread(arrival.end)
         finally:
-            await service.in_thread(lambda: _put_down(service, upload, arrival))
+            await service.in_thread(arrival.close)
     return arrival.offset
-
-
-def _arrival(service: Service, upload: Upload, start: int, checks: Checks) -> Arrival:
-    target = uploads.part(service.folders, upload.id)
-    sha = service.digests.take(upload.id, target, start)
-    if isinstance(checks, Pieces):
-        return PieceArrival(target, start, sha, checks)
-    if checks is None:
-        return Arrival(target, start, sha)
-    return StagedArrival(target, start, sha, uploads.staged_part(service.folders, upload.id), CHECKSUMS[checks[0]](), checks[1])
-
-
-def _put_down(service: Service, upload: Upload, arrival: Arrival) -> None:
-    arrival.close()
-    service.digests.keep(upload.id, uploads.part(service.folders, upload.id), arrival.offset, arrival.sha)
 
 
 async def _pour(request: Request, service: Service, upload: Upload, arrival: Sink, room: int, hold: Hold) -> bool:
@@ -212,7 +197,7 @@ async def complete(service: Service, upload: Upload) -> None:
         return
     file = await service.read(lambda session: uploads.promised(session, upload))
     if not file.complete:
-        found = await service.in_thread(lambda: _settle(service, upload, file.sha256))
+        found = await service.in_thread(lambda: service.uploads.settle(upload, file.sha256))
         if found != file.sha256:
             await forget(service, upload)
             raise ProtocolError(
@@ -221,17 +206,12 @@ async def complete(service: Service, upload: Upload) -> None:
 
     def finish(session: Session) -> JobMessage | None:
         uploads.mark_complete(session, upload.id)
-        return drives.mark_complete(session, upload.drive_id, upload.path)
+        return drives.mark_complete(session, upload.drive_id, upload.path, upload.id if service.uploads.in_objects else None)
 
     await service.notify(await service.write(finish))
-
-
-def _settle(service: Service, upload: Upload, expected: str) -> str:
-    running = service.digests.take(upload.id, uploads.part(service.folders, upload.id), upload.length)
-    return uploads.settle(service.folders, upload, expected, None if running is None else running.hexdigest())
 
 
 async def forget(service: Service, upload: Upload) -> None:
     """Drop the upload and its bytes."""
     await service.write(lambda session: uploads.remove(session, upload.id))
-    await service.in_thread(lambda: packs.drop(service.folders, upload.id))
+    await service.in_thread(lambda: service.uploads.drop(upload))

@@ -101,3 +101,50 @@ def _reset(*ends: socket.socket) -> None:
         with contextlib.suppress(OSError):
             end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             end.shutdown(socket.SHUT_RD)  # wakes whoever reads, and tells the other end nothing
+
+
+class Gate:
+    """Relays to `url` while it is open; shut, it ends every connection, as of a server that is away."""
+
+    def __init__(self, url: str) -> None:
+        self._to = (str(urlsplit(url).hostname), int(urlsplit(url).port or 80))
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._is_open, self._links = True, set[socket.socket]()
+        self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def shut(self) -> None:
+        """End the connections that there are, and each new one."""
+        self._is_open = False
+        for link in list(self._links):
+            with contextlib.suppress(OSError):
+                link.shutdown(socket.SHUT_RDWR)
+
+    def open(self) -> None:
+        """Relay again."""
+        self._is_open = True
+
+    def close(self) -> None:
+        """Take no more connections."""
+        self._listener.close()
+        self.shut()
+
+    def _serve(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                client, _ = self._listener.accept()
+                if self._is_open:
+                    server = socket.create_connection(self._to)
+                    self._links |= {client, server}
+                    for ends in ((client, server), (server, client)):
+                        threading.Thread(target=self._relay, args=ends, daemon=True).start()
+                else:
+                    client.close()
+
+    def _relay(self, source: socket.socket, target: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            while content := source.recv(1 << 16):
+                target.sendall(content)
+        for link in (source, target):
+            with contextlib.suppress(OSError):
+                link.shutdown(socket.SHUT_RDWR)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from service_kit.little_stages import RUNS
+from service_kit.object_store import ObjectStoreServer
 from wayloom.client.api import Api
 from wayloom.config.backoff import Backoff
 
@@ -139,10 +140,18 @@ def command_line(pid: int) -> str:
 
 
 class ApiAlone:
-    """The API as one process on a port of the system's choice, on the same port again after it was killed. No broker, no worker."""
+    """The API as one process on a port of the system's choice, on the same port again after it was killed. No broker, no worker.
 
-    def __init__(self, data: Path, **variables: str) -> None:
-        self.data, self._variables = data, environment(WAYLOOM_DATA_DIR=str(data), **variables)
+    objects : the object store into which it puts uploads; None: its data folder
+    """
+
+    def __init__(self, data: Path, store: ObjectStoreServer | None = None, **variables: str) -> None:
+        self.data, self.objects, self.uploads_url = data, None, variables.get("WAYLOOM_UPLOADS__URL")
+        if store is not None:
+            self.uploads_url = self.uploads_url or store.new_url()
+            self.objects = store.open(self.uploads_url)
+            variables = store.variables | {"WAYLOOM_UPLOADS__URL": self.uploads_url} | variables
+        self._variables = environment(WAYLOOM_DATA_DIR=str(data), **variables)
         self._listener = socket.create_server(("127.0.0.1", 0))
         subprocess.run([sys.executable, "-m", "wayloom.store"], env=self._variables, check=True)
         self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"

@@ -12,10 +12,27 @@ from urllib.parse import urlsplit
 import httpx2
 import pytest
 
+from service_kit.object_store import WHEREVER, ObjectStoreServer, arrived, database_of, is_stored, stored_bytes
 from service_kit.running import ApiAlone, until
 from service_kit.tus import CHUNK, V, b64, checksum, create, head, metadata, offset, patch, register
+from wayloom.store.receiving import parts
 
 DATA = bytes(range(256)) * 40
+
+
+@pytest.fixture(scope="module", params=WHEREVER)
+def api_process(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ApiAlone]:
+    store = request.getfixturevalue("object_store") if request.param == "objects" else None
+    alone = ApiAlone(tmp_path_factory.mktemp("api") / "data", store, WAYLOOM_MAX_FILE_BYTES=str(64 << 20))
+    yield alone
+    alone.close()
+
+
+@pytest.fixture
+def in_folder(api_process: ApiAlone) -> None:
+    """The test looks at files that are not there where uploads are kept in an object store."""
+    if api_process.objects is not None:
+        pytest.skip("of uploads in the data folder")
 
 
 @pytest.fixture
@@ -49,7 +66,7 @@ def test_options_say_what_the_server_can_do(http: httpx2.Client) -> None:
     assert answer.headers["Tus-Max-Size"] == str(64 << 20)
 
 
-def test_a_file_sent_in_pieces_arrives_whole(http: httpx2.Client, drive: str, address: str, drive_folder: Path) -> None:
+def test_a_file_sent_in_pieces_arrives_whole(http: httpx2.Client, drive: str, address: str, api_process: ApiAlone) -> None:
     at = 0
     for piece in (DATA[:1], DATA[1:5000], DATA[5000:]):
         answer = patch(http, address, at, piece)
@@ -58,15 +75,15 @@ def test_a_file_sent_in_pieces_arrives_whole(http: httpx2.Client, drive: str, ad
         assert answer.headers["Tus-Resumable"] == "1.0.0"
         assert answer.headers["Upload-Offset"] == str(at)
         assert answer.headers["Upload-Expires"].endswith("GMT")
-    assert (drive_folder / drive / "log" / "a").read_bytes() == DATA
+    assert arrived(api_process, drive, "log/a") == DATA
     assert offset(http, address) == len(DATA)
 
 
-def test_a_file_can_come_with_its_creation(http: httpx2.Client, drive: str, drive_folder: Path) -> None:
+def test_a_file_can_come_with_its_creation(http: httpx2.Client, drive: str, api_process: ApiAlone) -> None:
     answer = create(http, drive, "log/a", len(DATA), DATA, **checksum(DATA))
     assert answer.status_code == 201
     assert answer.headers["Upload-Offset"] == str(len(DATA))
-    assert (drive_folder / drive / "log" / "a").read_bytes() == DATA
+    assert arrived(api_process, drive, "log/a") == DATA
 
 
 def test_the_first_bytes_can_come_with_the_creation(http: httpx2.Client, drive: str) -> None:
@@ -148,6 +165,7 @@ def test_a_chunk_with_a_wrong_checksum_is_dropped(http: httpx2.Client, address: 
 
 
 @pytest.mark.parametrize("more", [{}, checksum(b"bytes")])
+@pytest.mark.usefixtures("in_folder")
 def test_bytes_that_the_disk_does_not_take_are_said(
     http: httpx2.Client, address: str, api_process: ApiAlone, more: dict[str, str]
 ) -> None:
@@ -178,7 +196,7 @@ def test_a_terminated_upload_is_gone(http: httpx2.Client, address: str, api_proc
     assert http.delete(address, headers=V).status_code == 204
     assert head(http, address).status_code == 404
     assert patch(http, address, 10, b"x").status_code == 404
-    assert not (api_process.data / "uploads" / f"{address.rpartition('/')[2]}.part").exists()
+    assert stored_bytes(api_process, address) == 0
 
 
 def test_an_unknown_upload_is_not_found(http: httpx2.Client) -> None:
@@ -228,21 +246,22 @@ def test_a_head_that_is_said_in_a_header_is_answered_as_the_post_that_it_is(http
     assert http.post(address, headers=said).headers["Upload-Offset"] == "0"
 
 
-def test_an_empty_file_is_complete_at_its_creation(http: httpx2.Client, drive_folder: Path) -> None:
+def test_an_empty_file_is_complete_at_its_creation(http: httpx2.Client, api_process: ApiAlone) -> None:
     drive = register(http, f"with an empty file {time.monotonic_ns()}", empty=b"", never=b"x")
     assert create(http, drive, "log/empty", 0).status_code == 201
-    assert (drive_folder / drive / "log" / "empty").read_bytes() == b""
+    assert arrived(api_process, drive, "log/empty") == b""
 
 
+@pytest.mark.usefixtures("in_folder")
 def test_a_file_that_was_whole_but_not_verified_when_the_server_died_is_finished(
-    http: httpx2.Client, api_process: ApiAlone, drive_folder: Path
+    http: httpx2.Client, api_process: ApiAlone
 ) -> None:
     for finish in (head, lambda http, address: patch(http, address, len(DATA), b"")):
         own = register(http, f"whole {time.monotonic_ns()}", a=DATA, never=b"x")
         address = str(create(http, own, "log/a", len(DATA)).headers["Location"])
         (api_process.data / "uploads" / f"{address.rpartition('/')[2]}.part").write_bytes(DATA)
         assert finish(http, address).status_code in (200, 204)
-        assert (drive_folder / own / "log" / "a").read_bytes() == DATA
+        assert arrived(api_process, own, "log/a") == DATA
         assert offset(http, address) == len(DATA)
 
 
@@ -275,9 +294,7 @@ def test_whoever_continues_takes_over_from_a_link_that_hangs(http: httpx2.Client
     link.close()
 
 
-def test_two_clients_that_send_the_same_file_at_once_do_no_harm(
-    http: httpx2.Client, api_process: ApiAlone, drive_folder: Path
-) -> None:
+def test_two_clients_that_send_the_same_file_at_once_do_no_harm(http: httpx2.Client, api_process: ApiAlone) -> None:
     data = os.urandom(3 << 20)
     drive = register(http, f"twice {time.monotonic_ns()}", a=data, never=b"x")
     address = str(create(http, drive, "log/a", len(data)).headers["Location"])
@@ -295,7 +312,7 @@ def test_two_clients_that_send_the_same_file_at_once_do_no_harm(
     assert set(statuses) <= {204, 409, 423}
     if offset(http, address) < len(data):
         patch(http, address, offset(http, address), data[offset(http, address) :])
-    assert (drive_folder / drive / "log" / "a").read_bytes() == data
+    assert arrived(api_process, drive, "log/a") == data
 
 
 def test_an_expired_upload_is_gone(tmp_path: Path) -> None:
@@ -327,16 +344,23 @@ def manifest(data: bytes) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("with_checksum", [False, True])
-def test_a_server_killed_in_the_middle_of_a_chunk_goes_on_where_its_bytes_end(tmp_path: Path, with_checksum: bool) -> None:
+@pytest.mark.parametrize("wherever", WHEREVER)
+def test_a_server_killed_in_the_middle_of_a_chunk_goes_on_where_its_bytes_end(
+    tmp_path: Path, object_store: ObjectStoreServer, wherever: str, with_checksum: bool
+) -> None:
     data = os.urandom(12 << 20)
-    alone = ApiAlone(tmp_path / "data")
+    alone = ApiAlone(tmp_path / "data", object_store if wherever == "objects" else None)
     try:
         with httpx2.Client(base_url=alone.url, timeout=30.0, trust_env=False) as http:
             drive = register(http, "killed", a=data)
             address = str(create(http, drive, "log/a", len(data)).headers["Location"])
             patch(http, address, 0, data[: 2 << 20])
-        part = alone.data / "uploads" / f"{address.rpartition('/')[2]}.{'chunk' if with_checksum else 'part'}"
-        enough = (1 << 20) if with_checksum else (3 << 20)
+
+        def is_in_the_middle() -> bool:
+            if not with_checksum:
+                return is_stored(alone, address, 7 << 20, start=2 << 20)
+            chunk = alone.data / "uploads" / f"{address.rpartition('/')[2]}.chunk"
+            return chunk.exists() and chunk.stat().st_size > 1 << 20 if alone.objects is None else bool(_on_hold(alone))
 
         def slowly() -> Iterator[bytes]:
             for start in range(2 << 20, len(data), 1 << 20):
@@ -346,7 +370,7 @@ def test_a_server_killed_in_the_middle_of_a_chunk_goes_on_where_its_bytes_end(tm
         more = checksum(data[2 << 20 :]) if with_checksum else {}
         sender = threading.Thread(target=lambda: _send_into_the_void(alone.url, address, slowly(), more))
         sender.start()
-        until(lambda: part.exists() and part.stat().st_size >= enough)
+        until(is_in_the_middle)
         alone.kill()
         sender.join()
         alone.start()
@@ -354,7 +378,7 @@ def test_a_server_killed_in_the_middle_of_a_chunk_goes_on_where_its_bytes_end(tm
             stored = offset(http, address)
             assert stored == (2 << 20) if with_checksum else (2 << 20) < stored < len(data)
             assert patch(http, address, stored, data[stored:]).status_code == 204
-        assert (alone.data / "drives" / drive / "log" / "a").read_bytes() == data
+        assert arrived(alone, drive, "log/a") == data
     finally:
         alone.close()
 
@@ -362,3 +386,11 @@ def test_a_server_killed_in_the_middle_of_a_chunk_goes_on_where_its_bytes_end(tm
 def _send_into_the_void(url: str, address: str, content: Iterator[bytes], headers: dict[str, str]) -> None:
     with httpx2.Client(base_url=url, timeout=30.0, trust_env=False) as http, pytest.raises(httpx2.HTTPError):
         patch(http, address, 2 << 20, content, **headers)
+
+
+def _on_hold(server: ApiAlone) -> list[str]:
+    """Objects that the database does not know."""
+    assert server.objects is not None
+    names = [name for some in server.objects.older_than(0.0, parts.BELOW) for name in some]
+    with database_of(server).read() as session:
+        return parts.orphans(session, names)

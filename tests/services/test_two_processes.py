@@ -1,22 +1,27 @@
-"""Two API processes on one data folder: each goes on with what the other has received."""
+"""Two API processes on one data folder or object store: each goes on with what the other has received."""
 
 import os
 from collections.abc import Iterator
-from pathlib import Path
 
 import httpx2
 import pytest
 
 from service_kit import tus
+from service_kit.object_store import WHEREVER, ObjectStoreServer, arrived
 from service_kit.running import ApiAlone, until
 
 PIECE = 65536
 
 
-@pytest.fixture(scope="module")
-def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[ApiAlone, ApiAlone]]:
+@pytest.fixture(scope="module", params=WHEREVER)
+def pair(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[ApiAlone, ApiAlone]]:
     data = tmp_path_factory.mktemp("both") / "data"
-    first, second = ApiAlone(data), ApiAlone(data)
+    if request.param == "objects":
+        store: ObjectStoreServer = request.getfixturevalue("object_store")
+        first = ApiAlone(data, store)
+        second = ApiAlone(data, store, WAYLOOM_UPLOADS__URL=str(first.uploads_url))
+    else:
+        first, second = ApiAlone(data), ApiAlone(data)
     yield first, second
     first.close()
     second.close()
@@ -46,7 +51,7 @@ def test_a_file_is_received_by_two_processes_in_turn(both: list[httpx2.Client], 
     drive = tus.register(both[0], "file in turn", a=content)
     address = str(tus.create(both[0], drive, "log/a", len(content)).headers["Location"])
     send_in_turn(both, address, content, 3 * PIECE)
-    assert (pair[0].data / "drives" / drive / "log" / "a").read_bytes() == content
+    assert arrived(pair[0], drive, "log/a") == content
 
 
 def test_a_pack_is_received_by_two_processes_in_turn(both: list[httpx2.Client], pair: tuple[ApiAlone, ApiAlone]) -> None:
@@ -54,6 +59,5 @@ def test_a_pack_is_received_by_two_processes_in_turn(both: list[httpx2.Client], 
     drive = tus.register(both[0], "pack in turn", **contents)
     begun = both[1].post(f"/v1/drives/{drive}/packs", json={"paths": [f"log/{name}" for name in contents]}).json()
     send_in_turn(both, begun["upload"], b"".join(contents.values()), 77_777)
-    folder: Path = pair[0].data / "drives" / drive / "log"
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == contents
+    assert {name: arrived(pair[0], drive, f"log/{name}") for name in contents} == contents
     assert both[0].get(f"/v1/drives/{drive}").json()["state"] == "queued"

@@ -13,8 +13,10 @@ from wayloom.pipeline.settings import WayloomSettings, load_settings
 from wayloom.pipeline.usable import check_usable
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
+from wayloom.store.drive_files import DriveFiles
 from wayloom.store.folders import Folders
 from wayloom.store.queues import TASK_NAME
+from wayloom.store.receiving.opening import objects_of
 from wayloom_workers.broker import make_app, make_notifier
 from wayloom_workers.faults import limit_memory
 from wayloom_workers.heartbeat import stop_requested
@@ -47,7 +49,9 @@ def main() -> int:
 def make_context(settings: WayloomSettings) -> WorkerContext:
     """The database, blobs and folders that the settings name."""
     folders = Folders(settings.data_dir)
-    return WorkerContext(settings, Database(settings.database), BlobStore(folders.blobs, settings.blob_url), folders)
+    database, uploads = Database(settings.database), settings.uploads
+    files = DriveFiles(folders, database, objects_of(uploads), uploads.fetched_bytes)
+    return WorkerContext(settings, database, BlobStore(folders.blobs, settings.blob_url), folders, files)
 
 
 def _sweep(context: WorkerContext) -> None:

@@ -5,6 +5,7 @@ import shutil
 from wayloom.store import drives, gate, jobs, maps
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
+from wayloom.store.receiving import parts
 from wayloom.store.withdrawal import forget_meetings
 from wayloom_workers.stage_hooks import StageAttempt
 
@@ -18,6 +19,9 @@ def remove_files(attempt: StageAttempt) -> None:
     when their rows are gone."""
     drive_id, context = str(attempt.claim.drive_id), attempt.context
     shutil.rmtree(context.folders.drive(drive_id), ignore_errors=True)
+    with context.database.write() as session:
+        names = parts.forget_drive(session, drive_id)
+    context.files.forget(names)
     with context.database.read() as session:
         map_id = drives.get(session, drive_id).map_id
         if jobs.is_map_at_work(session, map_id):

@@ -4,6 +4,7 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -16,6 +17,7 @@ from wayloom.errors import ConflictError, InputError, LeaseLostError, StageError
 from wayloom.store import drives, jobs, part_jobs
 from wayloom.store.blobs import NotedBlobs
 from wayloom.store.database import DatabaseError, Session
+from wayloom.store.images import KEPT
 from wayloom.store.jobs import ANEW, Claim, JobMessage
 from wayloom.store.processes import identity
 from wayloom.store.withdrawal import forget_blobs
@@ -59,11 +61,21 @@ def _run(context: WorkerContext, hooks: StageHooks, held: Claim) -> list[JobMess
     folder = attempt_folder(context.folders, held)
     with Heartbeat(context, held) as beat:
         try:
-            attempt = _attempt(context, held, folder, beat)
-            with crash_report(folder):
-                return _make_and_commit(context, hooks, held, attempt, beat)
+            with _files(context, held, beat):
+                attempt = _attempt(context, held, folder, beat)
+                with crash_report(folder):
+                    return _make_and_commit(context, hooks, held, attempt, beat)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _files(context: WorkerContext, held: Claim, beat: Heartbeat) -> AbstractContextManager[None]:
+    """What the drive has sent, where its stage may read it: not where its images were deleted, or go with the drive."""
+    if held.drive_id is None or held.stage == REMOVAL.name:
+        return nullcontext()
+    with context.database.read() as session:
+        is_there = drives.get(session, held.drive_id).images == KEPT
+    return context.files.held(held.drive_id, beat) if is_there else nullcontext()
 
 
 def _make_and_commit(

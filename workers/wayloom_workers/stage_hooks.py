@@ -11,6 +11,7 @@ from wayloom.pipeline.digests import sha256_of_json
 from wayloom.pipeline.settings import WayloomSettings
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database, Session
+from wayloom.store.drive_files import DriveFiles
 from wayloom.store.folders import Folders
 from wayloom.store.jobs import Claim, JobMessage
 
@@ -29,6 +30,7 @@ class WorkerContext:
     database: Database
     blobs: BlobStore
     folders: Folders
+    files: DriveFiles
 
 
 @dataclass(frozen=True, slots=True)

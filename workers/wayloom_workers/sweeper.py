@@ -1,7 +1,8 @@
 """Sweeper: every few seconds it looks for lost jobs, unsent messages and expired uploads. Two at once do no harm."""
 
 import json
-from typing import Any
+import time
+from typing import Any, Final
 
 import structlog
 from celery import Celery
@@ -22,6 +23,8 @@ from wayloom_workers.heartbeat import stop_requested
 from wayloom_workers.publishing import listed_tiles
 from wayloom_workers.stage_hooks import WorkerContext
 
+ORPHANS_EVERY_S: Final = 3600.0
+"""Between two looks through all objects of the store that uploads go to."""
 log = structlog.get_logger()
 
 
@@ -40,7 +43,10 @@ def sweep_once(context: WorkerContext, app: Celery) -> None:
         make_notifier(app, context.database)(message for message in unsent if waiting[message.queue] == 0)
     with context.database.write() as session:
         uploads.drop_expired(session, context.folders)
-    if (count := retention.delete_due(context.database, context.folders, settings.uploads)) > 0:
+    context.files.drop_given_up()
+    if (count := context.files.evict()) > 0:
+        log.info("fetched logs dropped", drives=count)
+    if (count := retention.delete_due(context.database, context.folders, settings.uploads, context.files)) > 0:
         log.info("images deleted", drives=count)
     forgotten = garbage.drop_forgotten(context.database, context.blobs, lambda: listed_tiles(context.folders))
     if forgotten:
@@ -84,9 +90,12 @@ def sweep_until_stopped(context: WorkerContext) -> None:
     """Sweep until this process is told to stop, whatever is away meanwhile. Raises InputError where the settings' file of areas
     cannot be read."""
     areas: list[tuple[str, dict[str, Any]]] | None = areas_of(context.settings)
-    app = make_app(context.settings)
+    app, orphans_at = make_app(context.settings), time.monotonic()
     while not stop_requested.is_set():
         try:
+            if time.monotonic() >= orphans_at:
+                orphans_at = time.monotonic() + ORPHANS_EVERY_S
+                context.files.drop_orphans()
             if areas is not None:
                 exclude_by_settings(context, areas)
                 areas = None

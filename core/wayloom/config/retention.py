@@ -1,4 +1,4 @@
-"""Retention of what drives have sent: how long images are kept."""
+"""Settings of what drives have sent: where it is kept, and for how long."""
 
 from typing import Annotated, Literal
 
@@ -10,7 +10,13 @@ Days = Annotated[float, Field(ge=0.0, le=36_500.0)]
 
 
 class UploadSettings(Settings):
-    """How long the log of a drive, its images above all, is kept once it has arrived."""
+    """Where the log of a drive is kept once it has arrived, its images above all, and for how long."""
+
+    url: str | None = Field(None, description="object store URL of what drives send, s3://bucket/prefix; default the data folder")
+    fetched_bytes: int = Field(
+        100 * 2**30, ge=0,
+        description="bytes of drives' logs that workers keep in the data folder of what they fetched from that object store",
+    )  # fmt: skip
 
     retention: Literal["until-published", "keep"] | Days = Field(
         "until-published",

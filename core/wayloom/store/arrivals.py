@@ -44,35 +44,49 @@ class Pieces:
     sums: tuple[int, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Whole:
+    """digest: a running hash, of nothing yet; expected: what it has to be of all bytes of the request."""
+
+    digest: Digest
+    expected: bytes
+
+
+Checks = Pieces | Whole | None
+"""What a request says of its bytes, to verify them by."""
+Stamp = tuple[int, int]
+
+
 class RunningDigests:
     """SHA-256 of what has come of each upload, so that a whole file need not be read again. Safe to share between threads.
 
-    One is good only while the file is as it was left: another process may have written to it.
+    One is good only while the bytes are as they were left, which their stamp tells: another process may have written to them.
     """
 
     def __init__(self) -> None:
-        self._known: OrderedDict[str, tuple[Digest, int, tuple[int, int]]] = OrderedDict()
+        self._known: OrderedDict[str, tuple[Digest, int, Stamp]] = OrderedDict()
         self._lock = threading.Lock()
 
-    def take(self, upload_id: str, part: Part, start: int) -> Digest | None:
+    def take(self, upload_id: str, start: int, stamp: Stamp) -> Digest | None:
         """That of the first `start` bytes, None where it is not known."""
         with self._lock:
             known = self._known.pop(upload_id, None)
         if start == 0:
             return sha256()
-        return known[0] if known is not None and known[1:] == (start, _stamp(part)) else None
+        return known[0] if known is not None and known[1:] == (start, stamp) else None
 
-    def keep(self, upload_id: str, part: Part, size: int, digest: Digest | None) -> None:
+    def keep(self, upload_id: str, size: int, stamp: Stamp, digest: Digest | None) -> None:
         """Remember that of the first `size` bytes, which are all that is stored."""
         if digest is None or size == 0:
             return
         with self._lock:
-            self._known[upload_id] = (digest, size, _stamp(part))
+            self._known[upload_id] = (digest, size, stamp)
             while len(self._known) > RUNNING_DIGESTS:
                 self._known.popitem(last=False)
 
 
-def _stamp(part: Part) -> tuple[int, int]:
+def stamp_of(part: Part) -> Stamp:
+    """By which to tell that a file was written to."""
     try:
         found = os.stat(part.path)
     except FileNotFoundError:
@@ -85,12 +99,14 @@ class Arrival:
 
     offset  how many bytes of the file are kept
     sha     of all of them, None where it is not known
+    closed  called when the file was let go of
 
     Raises BlockingIOError where another process writes to the same upload.
     """
 
     def __init__(self, part: Part, start: int, sha: Digest | None) -> None:
         self.offset, self.sha = start, sha
+        self.closed: Callable[[], None] = lambda: None
         self._path, self._fd = part.path, part.open()
         self._direct: int | None = None
         self._writer: ThreadPoolExecutor | None = None
@@ -114,6 +130,7 @@ class Arrival:
         os.close(self._fd)
         if self._direct is not None:
             os.close(self._direct)
+        self.closed()
 
     def _keep(self, content: memoryview) -> None:
         if len(content) >= LEAST_PAST_CACHE and self.sha is not None:
@@ -189,9 +206,9 @@ class PieceArrival(Arrival):
 class StagedArrival(Arrival):
     """Bytes with one digest of all of them: they wait beside the upload until they are whole and right."""
 
-    def __init__(self, part: Part, start: int, sha: Digest | None, staged: Part, digest: Digest, expected: bytes) -> None:
+    def __init__(self, part: Part, start: int, sha: Digest | None, staged: Part, whole: Whole) -> None:
         super().__init__(part, start, sha)
-        self._part, self._staged, self._digest, self._expected = part, staged, digest, expected
+        self._part, self._staged, self._digest, self._expected = part, staged, whole.digest, whole.expected
         self._sha_ahead = None if sha is None else sha.copy()
         staged.drop()
         self._staged_fd, self._come = staged.open(), 0

@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import os
 import re
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
@@ -15,14 +16,23 @@ from obstore.store import LocalStore, from_url
 from wayloom.errors import NotFoundError
 
 if TYPE_CHECKING:  # names of its stubs only
-    from obstore.store import ClientConfig, RetryConfig
+    from obstore.store import ClientConfig, ObjectStore, RetryConfig
 
 BlobError = BaseError
 """Whatever goes wrong between wayloom and its object store."""
-CLIENT: Final["ClientConfig"] = {"connect_timeout": "5s", "timeout": "60s"}
+CONNECT: Final = "5s"
+ANSWER: Final = "60s"
 RETRIES: Final["RetryConfig"] = {"max_retries": 2, "retry_timeout": timedelta(seconds=20)}
 """Short, so that whoever asks hears that it is away: a job waits and is tried again, a client is told to."""
 DIGEST = re.compile("[0-9a-f]{64}")
+
+
+def open_store(url: str) -> "ObjectStore":
+    """The object store of a URL; its address and its keys come from the variables of its own tools, `AWS_ENDPOINT` and so on.
+    Raises BlobError, ValueError where the URL cannot be used."""
+    plain = os.environ.get("AWS_ALLOW_HTTP", "").lower() in ("1", "true")  # options that are given at all hide the variable
+    options: ClientConfig = {"connect_timeout": CONNECT, "timeout": ANSWER, "allow_http": plain}
+    return from_url(url, client_options=options, retry_config=RETRIES)
 
 
 class BlobStore:
@@ -31,7 +41,7 @@ class BlobStore:
     def __init__(self, folder: Path, url: str | None = None) -> None:
         if url is None:
             folder.mkdir(parents=True, exist_ok=True)
-        self._store = LocalStore(folder) if url is None else from_url(url, client_options=CLIENT, retry_config=RETRIES)
+        self._store = LocalStore(folder) if url is None else open_store(url)
 
     def put(self, content: bytes) -> str:
         """Store the bytes and return their SHA-256 in hexadecimal. Storing them again changes nothing."""

@@ -130,12 +130,17 @@ def received(session: Session, drives: Sequence[Drive]) -> dict[str, Received]:
     return whole | dict.fromkeys(open_ids, Received(0, 0)) | {key: Received(count, int(size)) for key, count, size in counted}
 
 
-def mark_complete(session: Session, drive_id: str, path: str) -> JobMessage | None:
-    """A file has arrived and is verified. When it was the last one the drive is queued, and the first job's message is returned."""
+def mark_complete(session: Session, drive_id: str, path: str, upload_id: str | None = None) -> JobMessage | None:
+    """A file has arrived and is verified. When it was the last one the drive is queued, and the first job's message is returned.
+
+    upload_id : the upload in whose parts in an object store it lies
+    """
     drive = session.get(Drive, drive_id, with_for_update=True)
     if drive is None:
         raise NotFoundError(f"drive {drive_id[:12]} was removed while it was uploaded")
-    session.execute(update(DriveFile).where(DriveFile.drive_id == drive_id, DriveFile.path == path).values(complete=True))
+    one = update(DriveFile).where(DriveFile.drive_id == drive_id, DriveFile.path == path, DriveFile.complete.is_(False))
+    where = {} if upload_id is None else {"upload_id": upload_id, "upload_start": 0}
+    session.execute(one.values(complete=True, **where))
     return queue_if_complete(session, drive)
 
 

@@ -11,6 +11,7 @@ class Folders:
     uploads/ID.part                  bytes of an upload that have arrived
     uploads/ID.pack, ID.N            the files of a pack, and what has arrived of the Nth
     drives/ID/log, drives/ID/gnss    the drive's files, each verified
+    drives/ID/fetched.json           those files lie in an object store and are here as they lie there
     drives/ID/stages/STAGE/KEY       a finished stage, KEY = hash of inputs, parameters and code version
     drives/ID/parts/STAGE/KEY        finished parts of a stage that is not yet finished
     drives/ID/attempts/STAGE-…       a stage that is running, or was when its worker died

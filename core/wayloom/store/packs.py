@@ -16,7 +16,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Final, TypeVar
 
-from sqlalchemy import Row, select, update
+from sqlalchemy import Row, bindparam, select, update
 from sqlalchemy.orm import Session
 
 from wayloom.errors import ConflictError, NotFoundError
@@ -98,12 +98,22 @@ def create(session: Session, drive_id: str, files: Sequence[PackedFile]) -> Uplo
     return upload
 
 
+def index_of(files: Sequence[PackedFile]) -> bytes:
+    """What is written down of a pack: which files it has."""
+    return "".join(f"{file.sha256} {file.size} {file.path}\n" for file in files).encode()
+
+
+def indexed(upload: Upload, content: bytes) -> Pack:
+    """The pack of an index."""
+    files, starts = _parse(content)
+    return Pack(upload.drive_id, upload.id, files, starts)
+
+
 def index(folders: Folders, upload: Upload, files: Sequence[PackedFile]) -> Pack:
     """Write down which files a pack has."""
-    lines = "".join(f"{file.sha256} {file.size} {file.path}\n" for file in files)
     folders.uploads.mkdir(parents=True, exist_ok=True)
     unfinished = folders.uploads / f"{upload.id}.new"
-    unfinished.write_text(lines, encoding="utf-8")
+    unfinished.write_bytes(index_of(files))
     os.replace(unfinished, _place_of_index(folders, upload.id))
     return of(folders, upload)
 
@@ -130,7 +140,11 @@ def _place_of_index(folders: Folders, upload_id: str) -> Path:
 @lru_cache(16)
 def _read(index: Path) -> tuple[tuple[PackedFile, ...], tuple[int, ...]]:
     """An index; it is never changed after it is written."""
-    fields = (line.split(" ", 2) for line in index.read_text(encoding="utf-8").split("\n") if line)
+    return _parse(index.read_bytes())
+
+
+def _parse(content: bytes) -> tuple[tuple[PackedFile, ...], tuple[int, ...]]:
+    fields = (line.split(" ", 2) for line in content.decode().split("\n") if line)
     files = tuple(PackedFile(path, int(size), digest) for digest, size, path in fields)
     return files, tuple(accumulate((file.size for file in files), initial=0))
 
@@ -160,15 +174,20 @@ def install(folders: Folders, pack: Pack, numbers: Sequence[int]) -> None:
         part = pack.part(folders, number).path
         if part.exists():
             os.replace(part, target)
-    _sync(targets)
+    make_durable(targets)
 
 
-def mark_done(session: Session, pack: Pack, first: int, end: int, expiry_s: float) -> JobMessage | None:
-    """The files from `first` up to `end` are in their places. With the drive's last one its jobs begin, and the message of the
-    first of them is returned. Raises NotFoundError where the drive was removed meanwhile."""
+def mark_done(
+    session: Session, pack: Pack, first: int, end: int, expiry_s: float, *, in_objects: bool = False
+) -> JobMessage | None:
+    """The files from `first` up to `end` are in their places: in the drive's folder, or in the parts of the pack itself. With the
+    drive's last one its jobs begin, and the message of the first of them is returned. Raises NotFoundError where the drive was
+    removed meanwhile."""
     drive = session.get(Drive, pack.drive_id, with_for_update=True)
     if drive is None:
         raise NotFoundError(f"drive {pack.drive_id[:12]} was removed while it was uploaded")
+    if in_objects:
+        _say_where(session, pack, first, end)
     for some in _batches(pack.files[first:end], ROWS_AT_ONCE):
         theirs = DriveFile.path.in_([file.path for file in some])
         session.execute(update(DriveFile).where(DriveFile.drive_id == pack.drive_id, theirs).values(complete=True))
@@ -177,24 +196,37 @@ def mark_done(session: Session, pack: Pack, first: int, end: int, expiry_s: floa
     return queue_if_complete(session, drive)
 
 
+def _say_where(session: Session, pack: Pack, first: int, end: int) -> None:
+    """Of the files that have not arrived otherwise meanwhile."""
+    lacking_ones = update(DriveFile).where(DriveFile.drive_id == pack.drive_id, DriveFile.complete.is_(False))
+    these = lacking_ones.where(DriveFile.path == bindparam("of")).values(upload_id=pack.upload_id, upload_start=bindparam("at"))
+    if rows := [{"of": pack.files[number].path, "at": pack.starts[number]} for number in range(first, end)]:
+        session.connection().execute(these, rows)  # not through the session, which takes no such update
+
+
 def drop(folders: Folders, upload_id: str) -> None:
     """Forget the bytes of a pack that have not come to their places, and its index."""
     for path in folders.uploads.glob(f"{upload_id}.*"):
         path.unlink(missing_ok=True)
 
 
-def unfinished(session: Session, folders: Folders, drive_id: str) -> Sequence[Upload]:
-    """The packs of a drive that can be continued, oldest expiry first: not one whose server died before it wrote the index."""
+def unfinished(session: Session, drive_id: str) -> Sequence[Upload]:
+    """The packs of a drive that are not whole, oldest expiry first. One whose server died before it wrote the index cannot be
+    continued."""
     query = select(Upload).where(Upload.drive_id == drive_id, Upload.complete.is_(False), Upload.expires_at > now_s(session))
-    found = session.scalars(query.where(Upload.files_done.is_not(None)).order_by(Upload.expires_at))
-    return [upload for upload in found if _place_of_index(folders, upload.id).exists()]
+    return session.scalars(query.where(Upload.files_done.is_not(None)).order_by(Upload.expires_at)).all()
+
+
+def is_indexed(folders: Folders, upload_id: str) -> bool:
+    """Whether a pack's index was written."""
+    return _place_of_index(folders, upload_id).exists()
 
 
 def _batches(all_of_them: Sequence[T], size: int) -> Iterator[Sequence[T]]:
     return (all_of_them[start : start + size] for start in range(0, len(all_of_them), size))
 
 
-def _sync(files: Sequence[Path]) -> None:
+def make_durable(files: Sequence[Path]) -> None:
     """Make files and their names durable. Many of them by one flush of their file system: a flush for each would take milliseconds
     a file, whatever its size."""
     if sys.platform == "linux" and len(files) > FEW:

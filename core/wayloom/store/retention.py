@@ -2,7 +2,7 @@
 
 Any number of sweepers may run at once, and be killed at any point. Three steps: the drive is marked, in a transaction that makes
 sure that no job of it is to run; its folders are renamed into the trash, in the transaction that says so, so that no late sweeper
-takes what was sent once more; the trash is emptied.
+takes what was sent once more; the trash is emptied. What lies in an object store is deleted when no row names it any more.
 """
 
 import os
@@ -17,9 +17,11 @@ from sqlalchemy.orm import Session
 from wayloom.config.retention import UploadSettings
 from wayloom.store import gate
 from wayloom.store.database import Database, now_s
+from wayloom.store.drive_files import FETCHED, DriveFiles
 from wayloom.store.folders import Folders
 from wayloom.store.images import DELETED, DELETING, KEPT, RETURNING
 from wayloom.store.manifest import FOLDERS
+from wayloom.store.receiving import parts
 from wayloom.store.tables.drives import Drive, DriveFile, Job, Upload
 from wayloom.store.tables.maps import MapDrive
 
@@ -30,8 +32,8 @@ AT_ONCE: Final = 20
 """Drives of one look: a sweeper has other things to do."""
 
 
-def delete_due(database: Database, folders: Folders, settings: UploadSettings) -> int:
-    """Delete the images whose time is over. Returns of how many drives."""
+def delete_due(database: Database, folders: Folders, settings: UploadSettings, files: DriveFiles | None = None) -> int:
+    """Delete the images whose time is over, those in an object store by `files`. Returns of how many drives."""
     count = 0
     if settings.retention != "keep":
         with database.read() as session:
@@ -43,7 +45,11 @@ def delete_due(database: Database, folders: Folders, settings: UploadSettings) -
         marked = session.scalars(select(Drive.id).where(Drive.images == DELETING)).all()
     for drive_id in marked:
         with database.write() as session:
-            count += _move_out(session, folders, drive_id)
+            is_out = _move_out(session, folders, drive_id)
+            names = parts.forget_drive(session, drive_id) if is_out else []
+        count += is_out
+        if files is not None:
+            files.forget(names)
     for left in folders.trash.glob("*"):
         shutil.rmtree(left, ignore_errors=True)
     return count
@@ -91,6 +97,7 @@ def _move_out(session: Session, folders: Folders, drive_id: str) -> bool:
     if drive is None or drive.images != DELETING:
         return False  # another sweeper was faster
     folders.trash.mkdir(parents=True, exist_ok=True)
+    (folders.drive(drive_id) / FETCHED).unlink(missing_ok=True)
     for name in (*FOLDERS, *OF_IMAGES):
         _into(folders.trash, folders.drive(drive_id) / name)
     arrives = drive.state == "uploading"

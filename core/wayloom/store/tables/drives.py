@@ -66,7 +66,11 @@ class Drive(Base):
 
 
 class DriveFile(Base):
-    """A file that a drive's manifest promises; `complete` once it lies in the drive's folder with the promised digest."""
+    """A file that a drive's manifest promises; `complete` once it lies in its place with the promised digest.
+
+    upload_id, upload_start  of a file in an object store, the upload whose parts hold it, and at which of their bytes it begins;
+                             None where it lies in the drive's folder
+    """
 
     __tablename__ = "drive_files"
     drive_id: Mapped[str] = mapped_column(ForeignKey("drives.id", ondelete="CASCADE"), primary_key=True)
@@ -74,6 +78,8 @@ class DriveFile(Base):
     size: Mapped[int]
     sha256: Mapped[str] = mapped_column(DIGEST)
     complete: Mapped[bool] = mapped_column(default=False)
+    upload_id: Mapped[str | None] = mapped_column(String(32))
+    upload_start: Mapped[int | None]
 
 
 class Upload(Base):
@@ -92,6 +98,20 @@ class Upload(Base):
     complete: Mapped[bool] = mapped_column(default=False)
     expires_at: Mapped[float] = mapped_column(index=True)
     files_done: Mapped[int | None]
+
+
+class UploadPart(Base):
+    """Bytes of an upload from `start` on, in an object store: what stands here has arrived, what lies there alone has not.
+
+    It outlives the row of its upload, for the drive's files are read from it.
+    """
+
+    __tablename__ = "upload_parts"
+    upload_id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    start: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    drive_id: Mapped[str] = mapped_column(ForeignKey("drives.id", ondelete="CASCADE"), index=True)
+    length: Mapped[int]
+    name: Mapped[str] = mapped_column(String(256))
 
 
 class Job(Base):

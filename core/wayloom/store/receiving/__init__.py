@@ -1,0 +1,1 @@
+"""Receiving of uploads: where their bytes are kept, a folder or an object store."""
