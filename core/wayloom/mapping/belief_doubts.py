@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from wayloom.geometry.probability import chi_square_quantile
 from wayloom.mapping.bias_courses import BiasCourse, bias_courses, moved_by
 from wayloom.mapping.drive_equations import DriveEquations, DriveState
 from wayloom.mapping.gnss_factors import receiver_covariance
@@ -25,7 +25,7 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 FOUND = 36.0
 """Chi-square of three degrees, six sigmas of one: real odometry errs in more ways than its model, by 16 on the recordings."""
-HINTED = float(chi2.ppf(0.999, 3))
+HINTED = float(chi_square_quantile(0.999, 3))
 LEAST_BELIEF = 0.05
 """In a course, under which it moves nothing."""
 MOST_COURSES = 8
@@ -97,7 +97,7 @@ def _excess(graph: WitnessGraph, believed: BoolArray, visits: BoolArray, state: 
     loops, up = graph.evidence.loops, graph.evidence.up
     degrees = 3 * int(believed.sum()) + 6 * len(np.unique(loops.group[visits[loops.visit]])) + 2 * len(up)
     squares = 2.0 * _equations(graph, believed, visits).cost(state)
-    return squares / degrees if squares > chi2.ppf(BAND, degrees) else 1.0
+    return squares / degrees if squares > chi_square_quantile(BAND, degrees) else 1.0
 
 
 def _hinted(courses: list[BiasCourse]) -> list[BiasCourse]:

@@ -27,8 +27,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from wayloom.geometry.probability import chi_square_quantile
 from wayloom.mapping.belief_doubts import Examined, examine, spread_doubts
 from wayloom.mapping.burst_feet import Belief, without_feet
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain, ShiftedFixes
@@ -193,7 +193,7 @@ def _ramps(chain: OdometryChain, fixes: AntennaFixes, jump: BoolArray, T_enu_nod
     length = np.linalg.norm(moved, axis=1)
     loose = (RAMP_HEADING_RAD * length) ** 2 + (turned * (noise.lever_m + noise.time_offset_s * length / RAMP_S)) ** 2
     spread = fixes.covariance[first] + fixes.covariance[last] + loose[:, None, None] * np.eye(3)
-    far = np.einsum("ni,ni->n", step, np.linalg.solve(spread, step[:, :, None])[:, :, 0]) > chi2.ppf(JUMP_PROBABILITY, 3)
+    far = np.einsum("ni,ni->n", step, np.linalg.solve(spread, step[:, :, None])[:, :, 0]) > chi_square_quantile(JUMP_PROBABILITY, 3)
     begin = np.append(np.searchsorted(fixes.t_s, fixes.t_s[first[far]] - GUARD_S), of_jumps[0])
     end = np.append(np.searchsorted(fixes.t_s, fixes.t_s[last[far]] + GUARD_S, side="right"), of_jumps[1])
     for a, b in zip(begin.tolist(), end.tolist(), strict=True):
@@ -234,7 +234,7 @@ def _as_scattered(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> 
         rows = same & (fixes.kind[2:] == kind)
         if rows.sum() < LEAST_FOR_SCATTER:
             continue
-        ratio = float(np.sqrt(np.median(distance2[rows]) / chi2.ppf(0.5, 3)))
+        ratio = float(np.sqrt(np.median(distance2[rows]) / chi_square_quantile(0.5, 3)))
         share[fixes.kind == kind] = np.clip(ratio, *WHITE_SHARES)
         if ratio > SCATTER_SLACK:  # what it says is wrong, and its differences do not tell the part that changes slowly
             share[fixes.kind == kind] = fixes.white_share[fixes.kind == kind]
@@ -262,7 +262,9 @@ def _whitened2(covariance: FloatArray, steps: tuple[FloatArray, FloatArray]) -> 
 def _jumps(fixes: AntennaFixes, steps: tuple[FloatArray, FloatArray]) -> BoolArray:
     """(M,) whether a fix begins something new: another kind, or a place that odometry does not lead to; true for the first."""
     jump = np.ones(len(fixes), bool)
-    jump[1:] = (fixes.kind[1:] != fixes.kind[:-1]) | (_whitened2(fixes.covariance, steps) > chi2.ppf(JUMP_PROBABILITY, 3))
+    jump[1:] = (fixes.kind[1:] != fixes.kind[:-1]) | (
+        _whitened2(fixes.covariance, steps) > chi_square_quantile(JUMP_PROBABILITY, 3)
+    )
     return jump
 
 

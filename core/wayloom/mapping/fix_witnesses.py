@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from wayloom.geometry.probability import chi_square_quantile
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise
 from wayloom.mapping.gnss_factors import RECEIVER
 
@@ -82,7 +82,7 @@ def witnesses_of(fixes: AntennaFixes, jump: BoolArray, T_enu_node: FloatArray, n
     spread = share[:, None, None] * fixes.covariance[middle] + noise.gate_floor_m**2 * np.eye(3)
     taken = fixes.take(middle)
     duration = fixes.t_s[ends] - fixes.t_s[starts]
-    price = chi2.ppf(noise.gate_probability, 3 * np.bincount(stretch)) + PRICE_S * duration
+    price = chi_square_quantile(noise.gate_probability, 3 * np.bincount(stretch)) + PRICE_S * duration
     return Witnesses(
         replace(taken, position_enu=taken.position_enu + offset, covariance=spread), stretch, a, b, starts, ends,
         ~jump[starts], price, duration, np.clip(duration / IMPORTANT_S, LEAST_IMPORTANCE, 1.0),

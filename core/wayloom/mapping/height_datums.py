@@ -10,8 +10,8 @@ numbers that remain when the common height is estimated from them,
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from wayloom.geometry.probability import chi_square_quantile
 from wayloom.mapping.fix_witnesses import Witnesses
 from wayloom.mapping.linear_beliefs import MOST_TURNED, LinearBeliefs
 
@@ -46,7 +46,7 @@ def _differs_in_height(witnesses: Witnesses, stretch: int, linear: LinearBeliefs
     whitened_error, whitened_up = linear.whitened(members, np.tile([0.0, 0.0, 1.0], len(members)))
     along = float(whitened_up @ whitened_error)
     rest = float(whitened_error @ whitened_error) - along**2 / float(whitened_up @ whitened_up)
-    return rest <= float(chi2.ppf(probability, 3 * len(members) - 1))
+    return rest <= float(chi_square_quantile(probability, 3 * len(members) - 1))
 
 
 def datum_heights(residual_enu: FloatArray, datum: IntArray) -> FloatArray:

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import chi2
 
 from wayloom.geometry import se3
+from wayloom.geometry.probability import chi_square_quantile
 from wayloom.mapping.drive_types import OdometryChain
 from wayloom.mapping.odometry_links import pose_key
 
@@ -80,7 +80,7 @@ class LoopLinks:
         if not len(self):
             return np.zeros(0)
         _, first = np.unique(self.group, return_index=True)
-        return np.asarray(chi2.ppf(probability, 6 * np.bincount(self.visit[first])), np.float64)
+        return np.asarray(chi_square_quantile(probability, 6 * np.bincount(self.visit[first])), np.float64)
 
     def distance2(self, T_enu_node: FloatArray) -> FloatArray:
         """(V,) squared distance of each visit in its sigmas: the sum over its groups of the mean over each."""

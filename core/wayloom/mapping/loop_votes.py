@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from scipy.stats import chi2 as chi_square
 
 from wayloom.geometry import se3
+from wayloom.geometry.probability import chi_square_quantile
 from wayloom.mapping.block_cholesky import NotPositiveDefiniteError, block_factor
 from wayloom.mapping.kernels import spatial_edges
 from wayloom.mapping.pose_graph_equations import GraphEquations
@@ -61,7 +61,7 @@ def scaled_limit(chi2: FloatArray, c2: float, block: int, quantile: float = 0.99
 
     A false loop within sigmas a hundred times too large would be taken for right, and a few of them bend everything.
     """
-    return MARGIN * c2 * float(np.quantile(chi2, quantile) / chi_square.ppf(quantile, block)) if len(chi2) >= FEW else c2
+    return MARGIN * c2 * float(np.quantile(chi2, quantile) / chi_square_quantile(quantile, block)) if len(chi2) >= FEW else c2
 
 
 def plausible(equations: GraphEquations, solved: GraphEquations, state: FloatArray, c2: float) -> BoolArray:

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import minimum_spanning_tree
-from scipy.stats import chi2 as chi_square
 
+from wayloom.geometry.probability import chi_square_quantile
 from wayloom.mapping.descent import Descent, descend, place_at
 from wayloom.mapping.initialisation import chordal_poses
 from wayloom.mapping.loop_paths import closing
@@ -54,8 +54,8 @@ def optimise_pose_graph(
     equations = graph_equations(graph)
     loops = np.zeros(len(equations.first), np.bool_)
     loops[: len(graph)] = graph.is_loop & settings.robust
-    c2 = float(chi_square.ppf(settings.confidence, equations.block))
-    agreed = closing(equations, loops, agreeing(equations, loops, c2), float(chi_square.ppf(VOTES, equations.block)))
+    c2 = float(chi_square_quantile(settings.confidence, equations.block))
+    agreed = closing(equations, loops, agreeing(equations, loops, c2), float(chi_square_quantile(VOTES, equations.block)))
     search = _search(equations, loops, agreed, T_world_node, settings)
     if MOST_AGREE * loops.sum() <= agreed.sum() < loops.sum():
         return _solution(graph, equations, search.extended(agreed, c2), "agreeing loops")

@@ -7,8 +7,8 @@ A burst is no such thing: most neighbours of its fixes are of it.
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from wayloom.geometry.probability import chi_square_quantile
 from wayloom.mapping.drive_types import AntennaFixes
 from wayloom.mapping.gnss_factors import RECEIVER
 
@@ -36,6 +36,6 @@ def wild_fixes(fixes: AntennaFixes, T_enu_node: FloatArray) -> BoolArray:
     loose = HEADING_RAD * np.linalg.norm(antenna[around] - antenna[:, None], axis=2).max(axis=1)
     spread = fixes.covariance + np.median(fixes.covariance[around], axis=1) + loose[:, None, None] ** 2 * np.eye(3)
     distance2 = np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[:, :, None])[:, :, 0])
-    scatter2 = max(float(np.median(distance2)) / float(chi2.ppf(0.5, 3)), 1.0)
-    wild = np.asarray(distance2 > scatter2 * chi2.ppf(WILD_PROBABILITY, 3))
+    scatter2 = max(float(np.median(distance2)) / float(chi_square_quantile(0.5, 3)), 1.0)
+    wild = np.asarray(distance2 > scatter2 * chi_square_quantile(WILD_PROBABILITY, 3))
     return wild if wild.mean() < MOST_WILD else np.zeros(len(fixes), bool)

@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom
 
+from wayloom.geometry.probability import log_binomial_tail
 from wayloom.registration.matches import GATE2, ROUNDS, SIGMA_PX, Matches, equations, errors2, pose_of_matches
 
 FloatArray = NDArray[np.float64]
@@ -48,7 +48,7 @@ def feature_evidence(a: Matches, b: Matches, T_a_b: FloatArray) -> dict[str, flo
 
 def chance_log10(agreeing: int, count: int, chance: float) -> float:
     """log10 of the number of false alarms; the poses tried are those of the matches' RANSAC. Never below -300."""
-    log10 = binom.logsf(agreeing - 1, count, min(chance, 1.0)) / np.log(10.0) if agreeing > 0 else 0.0
+    log10 = log_binomial_tail(agreeing, count, min(chance, 1.0)) / np.log(10.0)
     return float(max(np.log10(ROUNDS) + log10, -300.0))
 
 

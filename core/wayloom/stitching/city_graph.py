@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import chi2 as chi_square
 
 from wayloom.errors import InputError
 from wayloom.geometry import se3
+from wayloom.geometry.probability import chi_square_quantile
 from wayloom.stitching.city_window import Solved, Window, solve_window
 from wayloom.stitching.drive_chain import DriveChain, across, drive_chain
 from wayloom.stitching.joining import Joined, join_drives
@@ -89,7 +89,7 @@ def optimise_city(
         used[rows], chi2[rows], cycle[rows] = result.used[mine], result.chi2[mine], result.cycle_chi2[mine]
     fresh = sum(digest not in memory.windows for digest in solved)
     memory.windows, memory.chains = solved, {chain.digest: chain for chain in own.values()}
-    limit = float(chi_square.ppf(settings.confidence, 6))
+    limit = float(chi_square_quantile(settings.confidence, 6))
     verdicts = iter([_judged(*one, limit) for one in zip(usable, used, chi2, cycle, strict=True)])
     judged = [
         next(verdicts) if one.drive_a in joined and one.drive_b in joined else JudgedMeeting(one, np.nan, NO_PLACE) for one in heard

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2 as chi_square
 
 from wayloom.geometry import se3
+from wayloom.geometry.probability import chi_square_quantile
 from wayloom.mapping.block_cholesky import block_factor
 from wayloom.mapping.descent import descend
 from wayloom.mapping.loop_paths import REFUSED, Steps, believed
@@ -65,7 +65,7 @@ def solve_window(window: Window, confidence: float) -> Solved:
     T0[:, :3, 3] -= centre
     information = np.where((window.before < 0)[:, None, None], window.alone, window.information)
     equations = city_equations(window.before, T0, window.ahead, information, window.ends, window.T_a_b, window.covariance)
-    c2 = float(chi_square.ppf(confidence, 6))
+    c2 = float(chi_square_quantile(confidence, 6))
     verdict, cycle_chi2 = vote(window, T0, c2)
     meetings = np.arange(len(equations.first)) >= len(T0)
     weight = np.ones(len(meetings))

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2 as chi_square
 
 from wayloom.geometry import se3
+from wayloom.geometry.probability import chi_square_quantile
 from wayloom.mapping.loop_votes import mahalanobis2
 from wayloom.stitching.drive_chain import joined
 from wayloom.stitching.settings import CityGraphSettings
@@ -155,7 +155,7 @@ def _places(
     here = at @ np.array([view.T_other_own for view in views])
     T_map_own = here @ se3.inverse(drive.T_map_submap[row])
     total = sure + _moved(at, np.array([view.covariance for view in views]))  # of the left perturbation in the map's frame
-    agree = _differences(here, T_map_own, total, row, drive, settings) <= float(chi_square.ppf(settings.confidence, 6))
+    agree = _differences(here, T_map_own, total, row, drive, settings) <= float(chi_square_quantile(settings.confidence, 6))
     return Places(here, T_map_own, total, row, agree | np.eye(len(row), dtype=np.bool_))
 
 
