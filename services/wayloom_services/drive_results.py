@@ -3,7 +3,6 @@
 import json
 import tarfile
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Query, Response
@@ -14,7 +13,6 @@ from wayloom.reports.served_drive import render
 from wayloom.store import drives, history, maps
 from wayloom.store.database import Session
 from wayloom.store.images import check_kept
-from wayloom.store.manifest import FOLDERS
 from wayloom.store.tables.drives import SubmapRow
 from wayloom_services.context import Service, ServiceDep, require_key
 from wayloom_services.drive_points import DrivePoints
@@ -24,7 +22,6 @@ from wayloom_services.views import drives_out
 
 POLICY: Final = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; frame-ancestors 'none'; sandbox"
 """Of a page that stands by itself: it loads nothing and runs nothing."""
-BLOCK: Final = 2**20
 router = APIRouter(prefix="/v1/drives/{drive_id}", tags=["drives"], dependencies=[Depends(require_key)], responses=PROBLEMS)
 
 
@@ -84,8 +81,8 @@ async def log(drive_id: DriveId, service: ServiceDep) -> Response:
     """What the drive has sent, as a tar archive; 409 where its images were deleted or have not arrived."""
     drive = await service.read(lambda session: drives.shown(session, drive_id))
     check_kept(drive)
-    folder = service.folders.drive(drive_id)
-    return StreamingResponse(_tar(folder), headers=as_download(drive.name, "tar"), media_type="application/x-tar")
+    archive = _tar(service.uploads.files(drive_id), int(drive.uploaded_at or 0))
+    return StreamingResponse(archive, headers=as_download(drive.name, "tar"), media_type="application/x-tar")
 
 
 async def _points(drive_id: str, service: Service) -> tuple[str, DrivePoints]:
@@ -106,15 +103,12 @@ def as_download(drive_name: str, suffix: str) -> dict[str, str]:
     return {"Content-Disposition": f'attachment; filename="{name}.{suffix}"'}
 
 
-def _tar(folder: Path) -> Iterator[bytes]:
-    """The log's folders as tar, a block at a time: a drive may have a hundred gigabytes."""
-    for path in (path for top in FOLDERS for path in sorted((folder / top).rglob("*")) if path.is_file()):
-        about = path.stat()
-        info = tarfile.TarInfo(path.relative_to(folder).as_posix())
-        info.size, info.mtime = about.st_size, int(about.st_mtime)
+def _tar(files: Iterator[tuple[str, int, Iterator[bytes | memoryview]]], at: int) -> Iterator[bytes]:
+    """What a drive has sent as tar, a block at a time: it may have a hundred gigabytes."""
+    for path, size, blocks in files:
+        info = tarfile.TarInfo(path)
+        info.size, info.mtime = size, at
         yield info.tobuf(tarfile.PAX_FORMAT)
-        with path.open("rb") as file:
-            while block := file.read(BLOCK):
-                yield block
-        yield b"\0" * (-info.size % tarfile.BLOCKSIZE)
+        yield from map(bytes, blocks)
+        yield b"\0" * (-size % tarfile.BLOCKSIZE)
     yield b"\0" * 2 * tarfile.BLOCKSIZE

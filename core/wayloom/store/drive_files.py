@@ -13,12 +13,8 @@ import shutil
 import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
 from typing import Final, TextIO
-
-from sqlalchemy import select
 
 from wayloom.config.progress import Progress
 from wayloom.errors import NotFoundError, StageError
@@ -28,7 +24,7 @@ from wayloom.store.manifest import FOLDERS
 from wayloom.store.objects import Objects
 from wayloom.store.packs import make_durable
 from wayloom.store.receiving import parts
-from wayloom.store.tables.drives import DriveFile
+from wayloom.store.receiving.sent_files import SentFile, contents, sent_files
 
 FETCHED: Final = "fetched.json"
 LOCK: Final = "files.lock"
@@ -37,15 +33,6 @@ SAID_EVERY: Final = 64 << 20
 """Bytes between two words of progress."""
 ORPHAN_S: Final = 86_400.0
 """Age of an object that no row names before it is deleted: longer than any request takes."""
-
-
-@dataclass(frozen=True, slots=True)
-class _File:
-    path: str
-    size: int
-    sha256: str
-    upload_id: str
-    start: int
 
 
 class DriveFiles:
@@ -64,7 +51,7 @@ class DriveFiles:
 
         Raises StageError where one is gone or damaged, OSError, BlobError, and what `progress` raises.
         """
-        files = self._sent_to_objects(drive_id)
+        files = sent_files(self._database, drive_id)
         if not files:
             yield
             return
@@ -120,21 +107,13 @@ class DriveFiles:
             count += len(lost)
         return count
 
-    def _sent_to_objects(self, drive_id: str) -> list[_File]:
-        """In the order of the bytes of their uploads."""
-        columns = DriveFile.path, DriveFile.size, DriveFile.sha256, DriveFile.upload_id, DriveFile.upload_start
-        theirs = select(*columns).where(DriveFile.drive_id == drive_id, DriveFile.upload_id.is_not(None))
-        with self._database.read() as session:
-            found = session.execute(theirs.order_by(DriveFile.upload_id, DriveFile.upload_start))
-            return [_File(path, size, digest, str(upload), start or 0) for path, size, digest, upload, start in found]
-
     @staticmethod
     def _is_fetched(home: Path, lock: TextIO) -> bool:
         """Under a lock that others may share, which stays."""
         fcntl.flock(lock, fcntl.LOCK_SH)
         return (home / FETCHED).exists()
 
-    def _fetch(self, home: Path, files: Sequence[_File], lock: TextIO, progress: Progress) -> None:
+    def _fetch(self, home: Path, files: Sequence[SentFile], lock: TextIO, progress: Progress) -> None:
         """Under a lock of our own."""
         fcntl.flock(lock, fcntl.LOCK_UN)
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -145,8 +124,8 @@ class DriveFiles:
         coming = home / COMING
         shutil.rmtree(coming, ignore_errors=True)
         total, done, said = sum(file.size for file in files), 0, 0
-        for upload_id, theirs in groupby(files, lambda file: file.upload_id):
-            for size in self._fetch_upload(self._objects, upload_id, [*theirs], coming):
+        for file, blocks in contents(self._database, self._objects, files):
+            for size in _written(file, blocks, coming / file.path):
                 done += size
                 if done >= said:
                     progress(0.0, f"fetching the drive's files: {done >> 20} of {total >> 20} MiB")
@@ -161,26 +140,6 @@ class DriveFiles:
         unfinished = home / f"{FETCHED}.new"
         unfinished.write_text(json.dumps({"bytes": total}))
         os.replace(unfinished, home / FETCHED)
-
-    def _fetch_upload(self, objects: Objects, upload_id: str, files: Sequence[_File], coming: Path) -> Iterator[int]:
-        """The files of one upload. Yields the bytes written."""
-        with self._database.read() as session:
-            stored = parts.parts_of(session, upload_id, files[0].start)
-        stream = _Stream(parts.read(objects, stored, files[0].start), files[0].start)
-        for file in files:
-            target, found = coming / file.path, hashlib.sha256()
-            target.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                with target.open("wb") as out:
-                    for content in stream.take(file.start, file.size):
-                        out.write(content)
-                        found.update(content)
-                        yield len(content)
-            except NotFoundError as error:
-                raise StageError(f"{file.path}: {error}: remove the drive and send it again") from error
-            if found.hexdigest() != file.sha256:
-                said = f"has SHA-256 {found.hexdigest()} in the object store, the manifest says {file.sha256}"
-                raise StageError(f"{file.path} {said}: remove the drive and send it again")
 
     def _move_out(self, home: Path) -> bool:
         """Where nothing reads the drive's files."""
@@ -197,25 +156,18 @@ class DriveFiles:
         return True
 
 
-class _Stream:
-    """Bytes that come piece by piece, from `at` on, handed out file by file."""
-
-    def __init__(self, pieces: Iterator[bytes], at: int) -> None:
-        self._pieces, self._at, self._rest = pieces, at, memoryview(b"")
-
-    def take(self, start: int, size: int) -> Iterator[memoryview]:
-        """The bytes from `start` on, which are behind those taken before. Raises NotFoundError where they end too early."""
-        skip, left = start - self._at, size
-        while left or skip:
-            if not self._rest:
-                piece = next(self._pieces, None)
-                if piece is None:
-                    raise NotFoundError(f"the bytes end at {self._at}")
-                self._rest = memoryview(piece)
-            some = self._rest[: skip or left]
-            self._rest, self._at = self._rest[len(some) :], self._at + len(some)
-            if skip:
-                skip -= len(some)
-                continue
-            left -= len(some)
-            yield some
+def _written(file: SentFile, blocks: Iterator[memoryview], target: Path) -> Iterator[int]:
+    """Write a file and verify it. Yields the bytes of each block. Raises StageError."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    found = hashlib.sha256()
+    try:
+        with target.open("wb") as out:
+            for content in blocks:
+                out.write(content)
+                found.update(content)
+                yield len(content)
+    except NotFoundError as error:
+        raise StageError(f"{file.path}: {error}: remove the drive and send it again") from error
+    if found.hexdigest() != file.sha256:
+        said = f"has SHA-256 {found.hexdigest()} in the object store, the manifest says {file.sha256}"
+        raise StageError(f"{file.path} {said}: remove the drive and send it again")

@@ -200,6 +200,13 @@ def test_a_pack_that_is_dropped_keeps_the_files_that_have_arrived(objects: Objec
     assert "pack" not in names(objects)
 
 
+def test_the_files_of_a_drive_are_read_out_of_its_parts(objects: Objects, database: Database, place: ObjectPlace) -> None:
+    upload = pack_of_all(database, place)
+    send(place.pack_arrival(upload, None, rows_of(database, place, upload)), STREAM[:17])
+    found = {path: (size, b"".join(blocks)) for path, size, blocks in place.files(upload.drive_id)}
+    assert found == {path: (len(CONTENTS[path]), CONTENTS[path]) for path in ("log/a", "log/b")}
+
+
 def test_a_file_that_has_come_by_another_upload_meanwhile_is_read_from_that_one(
     objects: Objects, database: Database, place: ObjectPlace
 ) -> None:

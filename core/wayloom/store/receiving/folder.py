@@ -1,15 +1,20 @@
 """Uploads in the data folder: the stored bytes, whose number is the offset, and the drives' folders to which whole files go."""
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from typing import Final
 
 from wayloom.store import packs, uploads
 from wayloom.store.arrivals import Arrival, Checks, PieceArrival, Pieces, RunningDigests, StagedArrival, stamp_of
 from wayloom.store.folders import Folders
+from wayloom.store.manifest import FOLDERS
 from wayloom.store.pack_arrivals import PackArrival
 from wayloom.store.packs import Pack, PackedFile
 from wayloom.store.receiving.pack_rows import PackRows
 from wayloom.store.receiving.places import Arriving
 from wayloom.store.tables.drives import Upload
+
+BLOCK: Final = 1 << 20
 
 
 class FolderPlace:
@@ -67,6 +72,13 @@ class FolderPlace:
     def pack(self, upload: Upload) -> Pack:
         """By that file."""
         return packs.of(self._folders, upload)
+
+    def files(self, drive_id: str) -> Iterator[tuple[str, int, Iterator[bytes | memoryview]]]:
+        """Those of the drive's folder."""
+        home = self._folders.drive(drive_id)
+        for path in (path for top in FOLDERS for path in sorted((home / top).rglob("*")) if path.is_file()):
+            with path.open("rb") as file:
+                yield path.relative_to(home).as_posix(), os.fstat(file.fileno()).st_size, iter(lambda: file.read(BLOCK), b"")
 
     def check(self) -> None:
         """It is always there."""

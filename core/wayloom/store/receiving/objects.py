@@ -16,6 +16,7 @@ from wayloom.store.receiving.object_arrivals import ObjectArrival, ObjectPackArr
 from wayloom.store.receiving.pack_rows import PackRows
 from wayloom.store.receiving.part_writer import PartWriter
 from wayloom.store.receiving.places import Arriving
+from wayloom.store.receiving.sent_files import contents, sent_files
 from wayloom.store.tables.drives import Upload
 
 HELD_PACKS: Final = 16
@@ -88,6 +89,11 @@ class ObjectPlace:
             while len(self._packs) > HELD_PACKS:
                 self._packs.popitem(last=False)
         return found
+
+    def files(self, drive_id: str) -> Iterator[tuple[str, int, Iterator[bytes | memoryview]]]:
+        """Those of its uploads."""
+        for file, blocks in contents(self._database, self._objects, sent_files(self._database, drive_id)):
+            yield file.path, file.size, blocks
 
     def check(self) -> None:
         """Ask it for an object that is not there."""

@@ -1,6 +1,6 @@
 """Places in which uploads are kept, behind one interface."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 from wayloom.store.arrivals import Checks, Pieces
@@ -61,6 +61,9 @@ class UploadPlace(Protocol):
 
     def pack(self, upload: Upload) -> Pack:
         """The pack of an upload. Raises NotFoundError where its index is gone."""
+
+    def files(self, drive_id: str) -> Iterator[tuple[str, int, Iterator[bytes | memoryview]]]:
+        """Path, size and bytes of each file of a drive that has arrived; to be read to their end before the next file's."""
 
     def check(self) -> None:
         """Raise BlobError where it does not answer."""
