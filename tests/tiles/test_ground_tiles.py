@@ -83,6 +83,15 @@ def test_a_pyramid_that_was_updated_is_the_one_cut_at_once(street: dict[RegionKe
     assert {key[0] for key in cut_once} == set(RASTER_LAYERS)
 
 
+def test_threads_change_neither_a_tile_nor_their_order(street: dict[RegionKey, GroundMap], cut_once: Tiles) -> None:
+    first = {key: street[key] for key in ((0, 0),)}
+    before = cut_tiles(first, Held(first))
+    for changed, source in ((street, Held(street)), ([(1, 0), (2, 0)], Held(street, before))):
+        one, three = (list(ground_tiles(changed, source, FRAME, SETTINGS, threads)) for threads in (1, 3))
+        assert three == one
+    assert len(one) < len(cut_once)
+
+
 def test_what_has_gone_leaves_no_tile(street: dict[RegionKey, GroundMap], cut_once: Tiles) -> None:
     left = {key: street[key] for key in ((0, 0), (1, 0))}
     after = cut_tiles([(2, 0)], Held(left, cut_once))

@@ -3,6 +3,7 @@
 import itertools
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,17 @@ def test_each_dash_and_each_kerb_lies_in_one_region_where_it_is(context: WorkerC
     heights = [one["properties"]["height_m"] for one in of_kind(everything, "kerb")]
     np.testing.assert_allclose(heights, 0.12, atol=0.02)
     assert in_tables(context) == sorted((key, one["properties"]["length_m"]) for key in found for one in found[key])
+
+
+def test_threads_of_a_stitch_change_no_byte(context: WorkerContext, new_service: NewService, tmp_path: Path) -> None:
+    shared = new_service(tmp_path / "shared")
+    shared = replace(shared, settings=shared.settings.model_copy(update={"threads": 3}))
+    for service in (context, shared):
+        add(service, "a", **FIRST)
+        published(service, tmp_path / f"1{service.settings.threads}")
+        add(service, "b", **SECOND)
+    assert published(context, tmp_path / "2") == published(shared, tmp_path / "3")
+    assert markings(context) == markings(shared) != {}
 
 
 def test_vector_tiles_show_them_whole_at_every_zoom(context: WorkerContext, tmp_path: Path) -> None:

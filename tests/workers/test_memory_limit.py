@@ -5,15 +5,17 @@ import sys
 
 import pytest
 
+from wayloom.config.machine import machine_memory
 from wayloom.config.service import ServiceSettings
-from wayloom_workers.faults import WORKER_SHARE, machine_memory
+from wayloom_workers.faults import WORKER_SHARE
 
 
 def held(limit: str, more: str) -> str:
     """What a process says that limits itself and then asks for more."""
     code = f"""
 import resource
-from wayloom_workers.faults import limit_memory, machine_memory
+from wayloom.config.machine import machine_memory
+from wayloom_workers.faults import limit_memory
 limit_memory({limit})
 print(resource.getrlimit(resource.RLIMIT_DATA)[0])
 try:

@@ -1,1 +1,5 @@
 """Celery application and task shells of wayloom: a task claims a job row and runs one stage of the pipeline."""
+
+from wayloom.config.blas_threads import use_one_blas_thread
+
+use_one_blas_thread()

@@ -5,10 +5,11 @@ import faulthandler
 import os
 import resource
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
+from wayloom.config.machine import machine_memory
 from wayloom.store.blobs import BlobError
 from wayloom.store.database import DatabaseAwayError
 from wayloom.store.folders import Folders
@@ -29,7 +30,6 @@ MACHINE_ERRORS: Final = {
 WORKER_SHARE: Final = 0.8
 """Of the machine's memory, which a worker may hold unless a setting says otherwise: what is left keeps the system, the database and
 the API alive, so that it is the stage that is told, not a neighbour that is killed."""
-CONTROL_GROUPS: Final = (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"))
 OWN_SHARE: Final = 0.25
 """Share of the machine's memory from which on a stage that gets no more is itself to blame."""
 CROWDED_SHARE: Final = 0.1
@@ -71,18 +71,6 @@ def limit_memory(most: int) -> None:
     if most:
         _, hard = resource.getrlimit(resource.RLIMIT_DATA)
         resource.setrlimit(resource.RLIMIT_DATA, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
-
-
-def machine_memory() -> int:
-    """Bytes of memory of the machine, or of the control group where that is less; 0 where the system says neither."""
-    try:
-        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (OSError, ValueError):
-        return 0
-    for file in CONTROL_GROUPS:
-        with suppress(OSError, ValueError):
-            total = min(total, int(file.read_text()))
-    return max(total, 0)
 
 
 def attempt_folder(folders: Folders, held: Claim) -> Path:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Final
 
+from wayloom.config.side_by_side import in_order
 from wayloom.stitching.ground_mosaic import neighbourhood
 from wayloom.stitching.marking_files import read_features
 from wayloom.stitching.region_areas import region_areas
@@ -55,7 +56,9 @@ def marked_regions(
         with attempt.context.database.read() as session:
             kept = current_regions(session, str(attempt.claim.map_id), {*scope, *ours, *dropped})
     there = ours.keys() | (kept.keys() - set(dropped))
-    fresh = {key: _found(attempt, state, key, ground) for key in scope if key in there}
+    keys = [key for key in scope if key in there]
+    found = in_order(lambda key: _found(attempt, state, key, ground), keys, attempt.context.settings.threads)
+    fresh = dict(zip(keys, found, strict=True))
     before = {key: {of: getattr(entry, of) for of in REGION_FEATURES} for key, entry in kept.items()}
     nothing = dict.fromkeys(REGION_FEATURES, "")
     unseen = dict.fromkeys(OF_GROUND, "")

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from types import MappingProxyType
 from typing import Any, Final
 
+from wayloom.config.side_by_side import in_order
 from wayloom.stitching.layer_names import LAYERS, OVERLAYS, STATIC
 from wayloom.stitching.region_grid import RegionKey, region_box
 from wayloom.store import map_versions, maps
@@ -89,19 +90,21 @@ def _merged_regions(attempt: StageAttempt, state: MapState, ready: Mapping[Regio
     merger = Merger(attempt, state)
     made: list[RegionEntry] = []
     gone = sorted(kept.keys() - set(keys)) if state.whole else []
-    for count, key in enumerate(keys):
-        attempt.progress(ALIGNED_SHARE + (FUSED_SHARE - ALIGNED_SHARE) * count / len(keys), f"region {count + 1} of {len(keys)}")
+
+    def merge(key: RegionKey) -> RegionEntry | None:
         rows = merger.rows(key)
         inputs = merger.inputs(rows)
-        if rows and key in kept and kept[key].inputs == inputs:
-            continue
-        entry = ready.get(key)
-        if entry is None or entry.inputs != inputs:
-            entry = merger.region(key, rows, inputs) if rows else None
-        if entry is not None:
-            made.append(entry)
-        elif key in kept:
+        for there in (kept.get(key), ready.get(key)):
+            if rows and there is not None and there.inputs == inputs:
+                return there
+        return merger.region(key, rows, inputs) if rows else None
+
+    for count, (key, entry) in enumerate(zip(keys, in_order(merge, keys, attempt.context.settings.threads), strict=True)):
+        attempt.progress(ALIGNED_SHARE + (FUSED_SHARE - ALIGNED_SHARE) * count / len(keys), f"region {count + 1} of {len(keys)}")
+        if entry is None and key in kept:
             gone.append(key)
+        elif entry is not None and entry is not kept.get(key):
+            made.append(entry)
     ground = {key: entry.ground for key, entry in kept.items() if not state.whole}
     changed = [entry.key for entry in made if entry.ground != ground.get(entry.key, "")]
     return _Merged(made, gone, [*changed, *(key for key in gone if ground.get(key))])
@@ -132,7 +135,7 @@ def _cut_tiles(
             before = map_versions.current_tiles(session, str(attempt.claim.map_id), keys)
     shown: dict[TileKey, TileEntry] = {}
     points = (tile for of in of_map for tile in updated_tiles(changed, sources[of], settings, of))
-    pictures = ground_tiles(merged.ground_changed, ground, state.frame, settings)
+    pictures = ground_tiles(merged.ground_changed, ground, state.frame, settings, attempt.context.settings.threads)
     features = feature_tiles(marked.changed, FeaturesOfMap(attempt, state, marked.regions, merged.dropped), state.frame, settings)
     for count, tile in enumerate(itertools.chain(points, pictures, features)):
         digest = attempt.context.blobs.put(tile.data)

@@ -1,1 +1,5 @@
 """The commands. They parse, make one call and return."""
+
+from wayloom.config.blas_threads import use_one_blas_thread
+
+use_one_blas_thread()

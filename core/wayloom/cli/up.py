@@ -11,11 +11,12 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated
+from typing import IO, TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from wayloom.cli.options import ConfigOption
+from wayloom.cli.options import ConfigOption, default_threads
+from wayloom.config.machine import machine_memory
 from wayloom.errors import ConfigError, ServiceError
 
 if TYPE_CHECKING:
@@ -23,13 +24,20 @@ if TYPE_CHECKING:
     from wayloom.pipeline.settings import WayloomSettings
 
 START_TIMEOUT_S = 60.0
+THREADS_OF_STAGE: Final = 4
+"""At most, by default: each holds an item of the stage, and the workers share the cores."""
+MEMORY_OF_TWO: Final = 6 << 30
+"""bytes of the machine: two workers of up to 1.2 GB, the other processes, and as much for whatever else runs there."""
 
 
 def up_command(
     data: Annotated[Path | None, typer.Option(help="Folder for everything that the service keeps. [default: wayloom-data]")] = None,
     host: Annotated[str | None, typer.Option(help="Address to listen on. [default: 127.0.0.1]")] = None,
     port: Annotated[int | None, typer.Option(help="Port to listen on; 0 takes a free one. [default: 8088]")] = None,
-    workers: Annotated[int, typer.Option(min=1, max=64, help="Worker processes: so many stages run at once.")] = 1,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, max=64, help="Worker processes: so many stages run at once. [default: 2 where there is room for them]"),
+    ] = None,
     ready_file: Annotated[Path | None, typer.Option(help="Write the URL there once the service answers.")] = None,
     config: ConfigOption = None,
 ) -> None:
@@ -39,12 +47,17 @@ def up_command(
     from wayloom.pipeline.usable import check_usable
 
     given = Option("--data", "data_dir", data), Option("--host", "host", host), Option("--port", "port", port)
-    loaded = load_settings(config, *given)
+    loaded = load_settings(config, *given, threads=min(default_threads(), THREADS_OF_STAGE))
     settings = loaded.settings
     settings.check_exposure()
     check_usable(loaded)  # what cannot be had is told now, not by the first drive
     with locked(settings.data_dir), listening(settings) as listener:
-        run(settings, listener, workers, ready_file)
+        run(settings, listener, workers or default_workers(), ready_file)
+
+
+def default_workers() -> int:
+    """Two, so that no core waits while a stage reads or a drive is uploaded; one where there is one core or little memory."""
+    return 2 if default_threads() > 1 and not 0 < machine_memory() < MEMORY_OF_TWO else 1
 
 
 def run(settings: "WayloomSettings", listener: socket.socket, workers: int, ready_file: Path | None) -> None:

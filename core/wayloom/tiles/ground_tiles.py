@@ -5,6 +5,7 @@ they are stored. So a pyramid that was updated is equal to one built at once, by
 """
 
 from collections.abc import Callable, Collection, Generator, Iterator
+from contextlib import closing
 from functools import cache
 from typing import Final, Protocol
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.classes import PALETTE, VOID
+from wayloom.config.side_by_side import in_order
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.ground.ground_map import NO_HEIGHT
@@ -34,8 +36,12 @@ COLOURS[list(GROUND_CLASSES), :3] = PALETTE[list(GROUND_CLASSES)]
 COLOURS[list(GROUND_CLASSES), 3] = 255
 Scope = dict[tuple[str, int], frozenset[TileAddress]]
 """For each layer and zoom, tiles."""
+BLOCK_ZOOMS: Final = 2
+"""A thread makes a tile and all below it in so many zooms, 21 at most: enough to be worth a thread, few enough to be held."""
 HeightOfRegion = Callable[[RegionKey], float | None]
 """m above the ellipsoid; None without ground."""
+MadeTiles = Callable[[TileAddress], Generator[Tile, None, bytes | None]]
+"""Tiles in one, and that one's own bytes."""
 
 
 class GroundSource(RasterSource, Protocol):
@@ -67,42 +73,84 @@ def touched_rasters(changed: Collection[RegionKey], frame: MapFrame, settings: T
     return scope
 
 
-def ground_tiles(changed: Collection[RegionKey], source: GroundSource, frame: MapFrame, settings: TileSettings) -> Iterator[Tile]:
-    """Every tile of the scope that shows something; one that does not come has nothing to show any more."""
+def ground_tiles(
+    changed: Collection[RegionKey], source: GroundSource, frame: MapFrame, settings: TileSettings, threads: int = 1
+) -> Iterator[Tile]:
+    """Every tile of the scope that shows something; one that does not come has nothing to show any more.
+
+    threads : share the blocks of a tile and what lies below it; what comes, and in which order, does not depend on it
+    """
     scope, height_m = touched_rasters(changed, frame, settings), region_heights(source, frame)
     for layer in RASTER_LAYERS:
         update = _Update(layer, scope, source, frame, settings, height_m)
-        for address in sorted(scope[layer, coarsest_zoom(layer, settings)], key=row_by_row):
-            yield from update.made(address)
+        yield from update.all_made(threads)
 
 
 class _Update:
-    """One update of one layer, depth first: of each zoom four tiles are held at a time."""
+    """One update of one layer, depth first: of each zoom four tiles are held at a time, and the blocks that threads are ahead."""
 
     def __init__(
         self, layer: str, scope: Scope, source: GroundSource, frame: MapFrame, settings: TileSettings, height_m: HeightOfRegion
     ) -> None:
         self._layer, self._scope, self._source, self._frame = RASTER_LAYERS[layer], scope, source, frame
-        self._finest, self._height_m = finest_zoom(layer, settings), height_m
+        self._finest, self._coarsest, self._height_m = finest_zoom(layer, settings), coarsest_zoom(layer, settings), height_m
+        self._zoom_of_blocks = max(self._coarsest, self._finest - BLOCK_ZOOMS)
 
-    def made(self, address: TileAddress) -> Generator[Tile, None, bytes | None]:
-        """The tiles of the scope in this one; returns its own bytes, None where it shows nothing."""
+    def all_made(self, threads: int) -> Iterator[Tile]:
+        """The tiles of the scope: blocks by threads, what is coarser from them."""
+        top = sorted(self._scope[self._layer.name, self._coarsest], key=row_by_row)
+        with closing(in_order(self._block, (one for address in top for one in self._blocks_in(address)), threads)) as blocks:
+
+            def made(address: TileAddress) -> Generator[Tile, None, bytes | None]:
+                if address.z < self._zoom_of_blocks or address not in self._scope[self._layer.name, address.z]:
+                    return (yield from self._made(address, made))
+                tiles, data = next(blocks)
+                yield from tiles
+                return data
+
+            for address in top:
+                yield from made(address)
+
+    def _blocks_in(self, address: TileAddress) -> Iterator[TileAddress]:
+        """The blocks of the scope in a tile, in the order in which they are asked for."""
+        if address.z < self._zoom_of_blocks:
+            for child in children(address):
+                yield from self._blocks_in(child)
+        elif address in self._scope[self._layer.name, address.z]:
+            yield address
+
+    def _block(self, address: TileAddress) -> tuple[list[Tile], bytes | None]:
+        """The tiles of the scope in a block, and the block's own bytes."""
+        tiles: list[Tile] = []
+
+        def made(one: TileAddress) -> Generator[Tile, None, bytes | None]:
+            return (yield from self._made(one, made))
+
+        walk = made(address)
+        while True:
+            try:
+                tiles.append(next(walk))
+            except StopIteration as end:
+                return tiles, end.value
+
+    def _made(self, address: TileAddress, finer: MadeTiles) -> Generator[Tile, None, bytes | None]:
+        """The tiles of the scope in this one; returns its own bytes, None where it shows nothing. finer : makes those below it."""
         if address not in self._scope[self._layer.name, address.z]:
             return self._source.tile(self._layer.name, address)
         if address.z == self._finest:
             picture = drawn(self._layer.name, address, self._source, self._frame, self._height_m)
         else:
-            picture = yield from self._coarser(address)
+            picture = yield from self._coarser(address, finer)
         if picture is None or not picture[..., 3].any():
             return None
         data = self._layer.codec.encode(picture)
         yield Tile(self._layer.name, *address, self._layer.media_type, data)
         return data
 
-    def _coarser(self, address: TileAddress) -> Generator[Tile, None, Picture | None]:
+    def _coarser(self, address: TileAddress, finer: MadeTiles) -> Generator[Tile, None, Picture | None]:
         half, picture = RASTER_PX // 2, CLEAR.copy()
         for child in children(address):
-            data = yield from self.made(child)
+            data = yield from finer(child)
             if data is not None:
                 row, column = half * (child.y & 1), half * (child.x & 1)
                 part = self._layer.codec.coarser(decode_picture(data, f"{self._layer.name} {child}"))
