@@ -1,4 +1,4 @@
-"""How many threads the linear algebra library takes.
+"""Threads that the linear algebra library takes.
 
 Its threads wait for one another by spinning. The matrices of a window are small, so they gain nothing by them, and where several
 processes share the cores, each spins away what another one could use.
