@@ -102,8 +102,8 @@ def _signal(child: Child, number: signal.Signals) -> None:
 
 @contextlib.contextmanager
 def compiling_kernels() -> Iterator[None]:
-    """While this lasts, a process of its own compiles what the odometry's kernels still lack, at low priority."""
-    command = [sys.executable, "-m", "wayloom.odometry.warm_up"]
+    """While this lasts, a process of its own compiles the kernels that the cache lacks, at low priority."""
+    command = [sys.executable, "-m", "wayloom.pipeline.kernels_ahead"]
     silence = subprocess.DEVNULL
     child = subprocess.Popen(command, stdin=silence, stdout=silence, stderr=silence, preexec_fn=ending_with_parent(signal.SIGKILL))
     try:

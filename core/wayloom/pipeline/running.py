@@ -17,6 +17,7 @@ from wayloom.config.stages import INGEST, Stage, find_stage
 from wayloom.errors import StageError
 from wayloom.pipeline.code_version import CodeVersion, code_version
 from wayloom.pipeline.digests import sha256_of_json
+from wayloom.pipeline.kernels_ahead import compile_stage
 from wayloom.pipeline.log_parts import fingerprint, read_log_file
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stage_context import StageContext
@@ -69,6 +70,7 @@ def run_stage(
     StageError where the stages before it left nothing to go on with.
     """
     key = key or stage_key(name, context)
+    compile_stage(name, progress)
     start = time.perf_counter()
     import_module(_room(find_stage(name))).run(context, out_dir, progress)
     metadata = {
