@@ -73,14 +73,14 @@ def test_a_drive_goes_through_every_stage_into_the_map_and_out_again(up: Up, tmp
 def test_a_worker_killed_in_the_middle_of_a_stage_loses_that_stage_only(tmp_path: Path) -> None:
     with service(tmp_path / "data") as up:
         api = up.api()
-        drive_id = upload(api, packed_drive(tmp_path / "a", play={"labelling": {"seconds": 1.5}}))["id"]
-        until(lambda: stage(api, drive_id, "labelling")["progress"] > 0.2)
+        drive_id = upload(api, packed_drive(tmp_path / "a", play={"labelling": {"seconds": 6.0}}))["id"]
+        until(lambda: stage(api, drive_id, "labelling")["progress"] > 0.05)
         before = outputs(up, drive_id)
         killed = up.kill("wayloom_workers worker")
         started = time.monotonic()
         drive = wait_for_drive(api, drive_id)
         assert drive["state"] == "done"
-        assert time.monotonic() - started < 25
+        assert time.monotonic() - started < 30
         assert starts(up, drive_id) == {**dict.fromkeys(drive_stages(), 1), "labelling": 2}
         assert (stage(api, drive_id, "labelling")["attempt"], len(stage(api, drive_id, "labelling")["losses"])) == (1, 1)
         assert set(before) == {"ingest", "odometry", "segmentation"}
@@ -93,8 +93,8 @@ def test_a_service_killed_as_a_whole_leaves_no_process_and_goes_on_when_started_
     up = Up(tmp_path / "data").wait()
     try:
         api = up.api()
-        drive_id = upload(api, packed_drive(tmp_path / "a", play={"odometry": {"seconds": 1.0}}))["id"]
-        until(lambda: stage(api, drive_id, "odometry")["progress"] > 0.1)
+        drive_id = upload(api, packed_drive(tmp_path / "a", play={"odometry": {"seconds": 4.0}}))["id"]
+        until(lambda: stage(api, drive_id, "odometry")["progress"] > 0.05)
         children = up.children("")
         assert len(children) >= 4
         up.process.kill()
@@ -205,7 +205,7 @@ def test_a_stage_that_kills_its_worker_each_time_is_quarantined_with_its_traceba
 
 def test_a_full_disk_and_killed_workers_use_up_no_attempt(up: Up, tmp_path: Path) -> None:
     api = up.api()
-    play = {"odometry": {"full": 4}, "labelling": {"seconds": 1.0}}
+    play = {"odometry": {"full": 4}, "labelling": {"seconds": 3.0}}
     drive_id = upload(api, packed_drive(tmp_path / "a", "full", play))["id"]
     killed: set[str] = set()
 
@@ -236,8 +236,8 @@ def test_a_stage_that_takes_too_long_or_too_much_memory_fails_and_says_so(tmp_pa
 
 def test_a_drive_is_cancelled_and_begun_again_at_a_stage_that_was_done(up: Up, tmp_path: Path) -> None:
     api = up.api()
-    drive_id = upload(api, packed_drive(tmp_path / "a", "cancelled", {"labelling": {"seconds": 2.0}}))["id"]
-    until(lambda: stage(api, drive_id, "labelling")["progress"] > 0.1)
+    drive_id = upload(api, packed_drive(tmp_path / "a", "cancelled", {"labelling": {"seconds": 4.0}}))["id"]
+    until(lambda: stage(api, drive_id, "labelling")["progress"] > 0.05)
     assert api.once("POST", f"/v1/drives/{drive_id}/cancel").json()["error"] == "labelling: cancelled"
     time.sleep(1.0)
     assert api.drive(drive_id)["state"] == "failed"
