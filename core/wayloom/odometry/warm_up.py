@@ -1,10 +1,5 @@
-"""Compilation of the odometry's kernels ahead of their use: which there are, and the types of their arguments.
+"""Compilation of the odometry's kernels ahead of their use: which there are, and the types of their arguments."""
 
-`python -m wayloom.odometry.warm_up` compiles them all, at low priority, into the cache that all processes of this installation use.
-"""
-
-import os
-import sys
 from typing import Any, Final
 
 import numpy as np
@@ -12,7 +7,6 @@ import numpy as np
 from wayloom.config.kernel_cache import KernelGroup, compile_kernels
 from wayloom.config.progress import Progress, silent
 
-LOW_PRIORITY: Final = 10
 WINDOW: Final = (
     ("adjustment.observe", "images rig frames points i8:2 b1:1 i8:1 f8:4 f8:4 f8 robust scratch i8:2"),
     ("equations.add_hosts", "u1:3 rig frames points f8 robust f8:2 f8:2 f8:2 scratch terms"),
@@ -117,17 +111,3 @@ def _named_tuples() -> dict[str, Any]:
         "robust": Robust(*[0.0] * 4), "scratch": make_scratch(), "terms": make_terms(1, 1), "inertial": NO_IMU,
         "link": make_link_space(),
     }  # fmt: skip
-
-
-def _say(what: str) -> None:
-    sys.stderr.write(f"{what}\n")
-
-
-def main() -> None:
-    """Compile all kernels of the odometry, and tell on stderr how far it is."""
-    os.nice(LOW_PRIORITY)
-    compile_odometry(True, lambda _share, what, /: _say(what))
-
-
-if __name__ == "__main__":
-    main()

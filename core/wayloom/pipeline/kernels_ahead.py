@@ -17,7 +17,9 @@ from typing import Any, Final
 
 from wayloom.config.kernel_cache import KernelGroup, compile_kernels
 from wayloom.config.progress import Progress, silent
-from wayloom.odometry.warm_up import LOW_PRIORITY, compile_odometry
+from wayloom.odometry.warm_up import compile_odometry
+
+LOW_PRIORITY: Final = 10
 
 LIST: Final = Path(__file__).with_name("kernels.json")
 """[{"module", "stages": [...], "kernels": [[name, types]]}]: a module of kernels, the stages that call it, and its kernels with the
