@@ -22,6 +22,7 @@ from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.migrate import upgrade
 from wayloom.store.tables.maps import MeetingRow, TileRow
 from wayloom.submaps.submap import PlacedSubmap, Submap
+from wayloom.tiles.settings import TileSettings
 from wayloom_workers import region_merging
 from wayloom_workers.__main__ import make_context
 from wayloom_workers.production import stage_hooks
@@ -32,6 +33,13 @@ from wayloom_workers.stitching import stitch
 from wayloom_workers.submap_rows import submap_row
 
 LON, LAT = 8.4, 48.9995
+TILES = TileSettings(max_zoom=19, ortho_zoom=19)
+"""A zoom less than otherwise: what is shown here holds at any, and most of the time goes into the finest pictures."""
+
+
+@pytest.fixture
+def context(context: WorkerContext) -> WorkerContext:
+    return replace(context, settings=context.settings.model_copy(update={"tiles": TILES}))
 
 
 def placed(drive_id: str, seed: int, lat: float = LAT, classes: tuple[int, ...] = (0, 1, 2, 8)) -> PlacedSubmap:
@@ -102,7 +110,7 @@ def newest(context: WorkerContext) -> dict[str, object]:
 
 
 def other_service(tmp_path: Path) -> WorkerContext:
-    made = make_context(WayloomSettings(data_dir=tmp_path))
+    made = make_context(WayloomSettings(data_dir=tmp_path, tiles=TILES))
     upgrade(made.database)
     return made
 
