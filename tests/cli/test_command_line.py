@@ -88,3 +88,10 @@ def test_ctrl_c_inside_of_a_compiled_kernel_is_a_stop() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (130, "wayloom: stopped\n")
+
+
+def test_output_that_is_still_to_be_written_when_the_disk_is_full_makes_no_noise_and_no_success() -> None:
+    code = "import sys\nfrom wayloom.cli import main\nmain.app = lambda **_: sys.stdout.write('lost') and None\nmain.main()\n"
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([sys.executable, "-c", code], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, "wayloom: No space left on device\n")

@@ -66,12 +66,16 @@ def main() -> None:
     except WayloomError as error:
         status = _told(str(error), FAILED)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = FAILED
     except OSError as error:
         status = _told(f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}", FAILED)
     if status == STOPPED:
         _told("stopped", STOPPED)
+    try:
+        sys.stdout.flush()
+    except OSError as error:  # full disk, reader gone: Python would try again at its end, and complain in its own words
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = status or _told(error.strerror or str(error), FAILED)
     sys.exit(status)
 
 
