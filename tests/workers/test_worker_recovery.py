@@ -41,6 +41,11 @@ def starts(up: Up, drive_id: str) -> dict[str, int]:
     return counted
 
 
+def process_at(up: Up, stage: str, drive_id: str) -> str:
+    """Process id of the worker that began the drive's stage first: of two workers either may."""
+    return next(process for what, name, _, process, drive in up.runs() if (what, name, drive) == ("start", stage, drive_id))
+
+
 def stage(api: Api, drive_id: str, name: str) -> dict[str, Any]:
     return next(one for one in api.drive(drive_id)["stages"] if one["stage"] == name)
 
@@ -73,19 +78,20 @@ def test_a_drive_goes_through_every_stage_into_the_map_and_out_again(up: Up, tmp
 def test_a_worker_killed_in_the_middle_of_a_stage_loses_that_stage_only(tmp_path: Path) -> None:
     with service(tmp_path / "data") as up:
         api = up.api()
-        drive_id = upload(api, packed_drive(tmp_path / "a", play={"labelling": {"seconds": 6.0}}))["id"]
-        until(lambda: stage(api, drive_id, "labelling")["progress"] > 0.05)
+        drive_id = upload(api, packed_drive(tmp_path / "a", play={"labelling": {"seconds": 1.5}}))["id"]
+        until(lambda: stage(api, drive_id, "labelling")["progress"] > 0.2)
         before = outputs(up, drive_id)
-        killed = up.kill("wayloom_workers worker")
+        killed = process_at(up, "labelling", drive_id)
+        up.kill_process(int(killed))
         started = time.monotonic()
         drive = wait_for_drive(api, drive_id)
         assert drive["state"] == "done"
-        assert time.monotonic() - started < 30
+        assert time.monotonic() - started < 25
         assert starts(up, drive_id) == {**dict.fromkeys(drive_stages(), 1), "labelling": 2}
         assert (stage(api, drive_id, "labelling")["attempt"], len(stage(api, drive_id, "labelling")["losses"])) == (1, 1)
         assert set(before) == {"ingest", "odometry", "segmentation"}
         assert {name: when for name, when in outputs(up, drive_id).items() if name in before} == before
-        assert str(killed) not in {run[3] for run in up.runs() if run[0] == "end" and run[1] == "labelling"}
+        assert killed not in {run[3] for run in up.runs() if run[0] == "end" and run[1] == "labelling"}
         assert list((up.data / "drives" / drive_id / "attempts").iterdir()) == []
 
 
@@ -93,8 +99,8 @@ def test_a_service_killed_as_a_whole_leaves_no_process_and_goes_on_when_started_
     up = Up(tmp_path / "data").wait()
     try:
         api = up.api()
-        drive_id = upload(api, packed_drive(tmp_path / "a", play={"odometry": {"seconds": 4.0}}))["id"]
-        until(lambda: stage(api, drive_id, "odometry")["progress"] > 0.05)
+        drive_id = upload(api, packed_drive(tmp_path / "a", play={"odometry": {"seconds": 1.0}}))["id"]
+        until(lambda: stage(api, drive_id, "odometry")["progress"] > 0.1)
         children = up.children("")
         assert len(children) >= 4
         up.process.kill()
@@ -205,7 +211,7 @@ def test_a_stage_that_kills_its_worker_each_time_is_quarantined_with_its_traceba
 
 def test_a_full_disk_and_killed_workers_use_up_no_attempt(up: Up, tmp_path: Path) -> None:
     api = up.api()
-    play = {"odometry": {"full": 4}, "labelling": {"seconds": 3.0}}
+    play = {"odometry": {"full": 4}, "labelling": {"seconds": 1.0}}
     drive_id = upload(api, packed_drive(tmp_path / "a", "full", play))["id"]
     killed: set[str] = set()
 
@@ -236,8 +242,8 @@ def test_a_stage_that_takes_too_long_or_too_much_memory_fails_and_says_so(tmp_pa
 
 def test_a_drive_is_cancelled_and_begun_again_at_a_stage_that_was_done(up: Up, tmp_path: Path) -> None:
     api = up.api()
-    drive_id = upload(api, packed_drive(tmp_path / "a", "cancelled", {"labelling": {"seconds": 4.0}}))["id"]
-    until(lambda: stage(api, drive_id, "labelling")["progress"] > 0.05)
+    drive_id = upload(api, packed_drive(tmp_path / "a", "cancelled", {"labelling": {"seconds": 2.0}}))["id"]
+    until(lambda: stage(api, drive_id, "labelling")["progress"] > 0.1)
     assert api.once("POST", f"/v1/drives/{drive_id}/cancel").json()["error"] == "labelling: cancelled"
     time.sleep(1.0)
     assert api.drive(drive_id)["state"] == "failed"
