@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from wayloom.pipeline.kernels_ahead import LIST, types_of
+from wayloom.pipeline.kernels_ahead import LIST
 
 ROOT = Path(__file__).resolve().parents[1]
 OWN_LIST = "wayloom.odometry."
@@ -24,6 +24,7 @@ OWN_LIST = "wayloom.odometry."
 LISTENER = """
 import json, os, sys, threading
 from numba.core import event
+from wayloom.config.kernel_types import words_of
 
 depth = threading.local()
 STAGES = {"run_stage": "name", "stitch": None}
@@ -44,7 +45,11 @@ class Listener(event.Listener):
         depth.now = getattr(depth, "now", 0) + 1
         kernel = compiled.data["dispatcher"].py_func
         if depth.now == 1 and kernel.__module__.startswith("wayloom."):
-            row = [stage(), kernel.__module__, kernel.__qualname__, repr(tuple(compiled.data["args"]))]
+            try:
+                words = words_of(tuple(compiled.data["args"]))
+            except ValueError:
+                words = None
+            row = [stage(), kernel.__module__, kernel.__qualname__, words]
             with open(os.environ["RECORDED_KERNELS"], "a") as file:
                 file.write(json.dumps(row) + "\\n")
 
@@ -71,8 +76,8 @@ def main() -> None:
     print(f"{sum(len(one['kernels']) for one in found)} kernels of {len(found)} modules in {LIST}")
 
 
-def recorded(drives: Path | None) -> list[list[str]]:
-    """[stage, module, kernel, types] of what was compiled from Python, in this order."""
+def recorded(drives: Path | None) -> list[list[str | None]]:
+    """[stage, module, kernel, words for its types, if they have any] of what was compiled from Python, in this order."""
     with tempfile.TemporaryDirectory(prefix="wayloom-kernels-") as name:
         folder = Path(name)
         (folder / "sitecustomize.py").write_text(LISTENER)
@@ -87,28 +92,20 @@ def recorded(drives: Path | None) -> list[list[str]]:
         return [json.loads(line) for line in out.read_text().splitlines()]
 
 
-def entries(rows: list[list[str]]) -> list[dict[str, Any]]:
-    """The list. Named tuples cannot be written: kernels that take them are left to their first call, as are the simulation's."""
+def entries(rows: list[list[str | None]]) -> list[dict[str, Any]]:
+    """The list. Named tuples have no words: kernels that take them are left to their first call, as are the simulation's."""
     found: dict[str, dict[str, Any]] = {}
-    for stage, module, kernel, types in rows:
-        if not stage or module.startswith(OWN_LIST) or not can_be_read(types):
-            print(f"not listed: {stage or 'no stage'} {module}.{kernel} {types[:80]}")
+    for stage, module, kernel, words in rows:
+        if not stage or not module or module.startswith(OWN_LIST) or words is None:
+            print(f"not listed: {stage or 'no stage'} {module}.{kernel} {words}")
             continue
         one = found.setdefault(module, {"module": module, "stages": [], "kernels": []})
         stage = "stitch" if stage == "prepare_stitch" else stage
         if stage not in one["stages"]:
             one["stages"].append(stage)
-        if [kernel, types] not in one["kernels"]:
-            one["kernels"].append([kernel, types])
+        if [kernel, words] not in one["kernels"]:
+            one["kernels"].append([kernel, words])
     return list(found.values())
-
-
-def can_be_read(types: str) -> bool:
-    """Whether the types come back from their text."""
-    try:
-        return repr(types_of(types)) == types
-    except Exception:
-        return False
 
 
 if __name__ == "__main__":

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from wayloom.config.kernel_types import types_of, words_of
 from wayloom.config.stages import drive_stages
 from wayloom.pipeline.code_version import code_version
-from wayloom.pipeline.kernels_ahead import listed, types_of
+from wayloom.pipeline.kernels_ahead import listed
 
 LISTED = [(one["module"], name, types) for one in listed() for name, types in one["kernels"]]
 
@@ -26,7 +27,7 @@ def test_there_are_kernels_of_the_stages_that_compile_most() -> None:
 def test_a_listed_kernel_takes_arguments_of_these_types(module: str, name: str, types: str) -> None:
     kernel = getattr(import_module(module), name)
     assert len(types_of(types)) == len(inspect.signature(getattr(kernel, "py_func", kernel)).parameters)
-    assert repr(types_of(types)) == types
+    assert words_of(types_of(types)) == types
 
 
 def test_a_stage_is_listed_with_kernels_that_it_imports() -> None:

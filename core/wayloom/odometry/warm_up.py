@@ -1,10 +1,11 @@
 """Compilation of the odometry's kernels ahead of their use: which there are, and the types of their arguments."""
 
+from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, Final
 
-import numpy as np
-
 from wayloom.config.kernel_cache import KernelGroup, compile_kernels
+from wayloom.config.kernel_types import types_of
 from wayloom.config.progress import Progress, silent
 
 WINDOW: Final = (
@@ -61,7 +62,7 @@ INERTIAL: Final = (
     ("inertial.add_each_link", "f8:3 f8:3 inertial link f8:2 f8:3 i8:1 f8:2 f8:1"),
     ("inertial.energy_of_each_link", "f8:3 inertial link f8:1"),
 )
-"""Module and kernel, and its arguments: a number's type (as numpy's), :n for an array of n dimensions, or a named tuple."""
+"""Module and kernel, and the words for its arguments (`wayloom.config.kernel_types`), of which some name named tuples."""
 
 
 def compile_odometry(imu: bool, progress: Progress = silent) -> int:
@@ -71,7 +72,7 @@ def compile_odometry(imu: bool, progress: Progress = silent) -> int:
 
 
 def _group(name: str, table: tuple[tuple[str, str], ...]) -> KernelGroup:
-    return KernelGroup(f"odometry-{name}", lambda: [(_kernel(kernel), _types(words)) for kernel, words in table])
+    return KernelGroup(f"odometry-{name}", lambda: [(_kernel(kernel), types_of(words, _named_tuples())) for kernel, words in table])
 
 
 def _kernel(place: str) -> Any:
@@ -82,22 +83,11 @@ def _kernel(place: str) -> Any:
     return getattr(import_module(f"wayloom.odometry.kernels.{module}"), name)
 
 
-def _types(words: str) -> tuple[Any, ...]:
-    """numba's types of these arguments."""
-    from numba import from_dtype, typeof
+@lru_cache(1)
+def _named_tuples() -> Mapping[str, Any]:
+    """numba's types of those that kernels take."""
+    from numba import typeof
 
-    tuples, types = _named_tuples(), []
-    for word in words.split():
-        dtype, _, dimensions = word.partition(":")
-        if word in tuples:
-            types.append(typeof(tuples[word]))
-        else:
-            types.append(typeof(np.zeros((1,) * int(dimensions), dtype)) if dimensions else from_dtype(np.dtype(dtype)))
-    return tuple(types)
-
-
-def _named_tuples() -> dict[str, Any]:
-    """One of each kind that kernels take."""
     from wayloom.odometry.backend.inertial import NO_IMU
     from wayloom.odometry.backend.window import empty_window
     from wayloom.odometry.kernels.adjustment import make_terms
@@ -106,8 +96,9 @@ def _named_tuples() -> dict[str, Any]:
     from wayloom.odometry.kernels.patch import make_scratch
 
     window = empty_window((1, 1), 1, 0.0, 1.0)
-    return {
+    made = {
         "images": window.images, "frames": window.frames, "points": window.points, "rig": Rig(*[0.0] * 7),
         "robust": Robust(*[0.0] * 4), "scratch": make_scratch(), "terms": make_terms(1, 1), "inertial": NO_IMU,
         "link": make_link_space(),
     }  # fmt: skip
+    return {name: typeof(one) for name, one in made.items()}

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from wayloom.config.kernel_cache import KernelGroup, compile_kernels
+from wayloom.config.kernel_types import types_of
 from wayloom.config.progress import Progress, silent
 from wayloom.odometry.warm_up import compile_odometry
 
@@ -23,7 +24,7 @@ LOW_PRIORITY: Final = 10
 
 LIST: Final = Path(__file__).with_name("kernels.json")
 """[{"module", "stages": [...], "kernels": [[name, types]]}]: a module of kernels, the stages that call it, and its kernels with the
-types of their arguments, as numba writes them, in the order of their first use."""
+types of their arguments (`wayloom.config.kernel_types`), in the order of their first use."""
 
 
 def compile_stage(stage: str, progress: Progress = silent) -> int:
@@ -43,15 +44,7 @@ def _group(one: dict[str, Any]) -> KernelGroup:
 
 def _kernels(module: str, kernels: Sequence[tuple[str, str]]) -> list[tuple[Any, tuple[Any, ...]]]:
     found = import_module(module)
-    return [(getattr(found, name), types_of(text)) for name, text in kernels]
-
-
-def types_of(text: str) -> tuple[Any, ...]:
-    """numba's types of arguments, from `repr` of their tuple."""
-    from numba import types
-
-    names = {**vars(types), **vars(types.misc), "unaligned_array": None}
-    return tuple(eval(text, {"__builtins__": {}}, names))  # noqa: S307  # of our own list
+    return [(getattr(found, name), types_of(words)) for name, words in kernels]
 
 
 def main() -> None:
