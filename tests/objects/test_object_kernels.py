@@ -6,6 +6,8 @@ import pytest
 from wayloom.objects.kernels.looked import mark_looked
 from wayloom.objects.kernels.matching import NOISE2, match_rectangles
 from wayloom.objects.kernels.pieces import chain_pieces, runs_in_bands
+from wayloom.objects.kernels.placing import RIDGE, ROUNDS, SCALE, place_by_views
+from wayloom.objects.kernels.shapes import bar_shapes
 
 pytestmark = pytest.mark.kernels
 
@@ -109,3 +111,76 @@ def test_counts_of_looks_do_not_run_over() -> None:
     looked, mark = np.full((8, 8), 255, np.uint8), np.full((8, 8), -1, np.int32)
     mark_looked(np.zeros(2), np.array([[0.3, 1.0]]), np.array([9.0]), 0.0, 0.5, np.zeros(2, np.int64), looked, mark, 0)
     assert (looked == 255).all()
+
+
+def naive_place(
+    R: np.ndarray, centre: np.ndarray, camera: np.ndarray, uvd: np.ndarray, sigma: np.ndarray, height: np.ndarray, stands: bool,
+    place: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """The steps by matrices, with derivatives by differences."""
+    fx, fy, cx, cy, bf = camera
+    rows, axes = ([0, 2], 2) if stands else ([0, 1, 2], 3)
+
+    def residuals(at: np.ndarray) -> np.ndarray:
+        points = np.tile(at, (len(uvd), 1))
+        if stands:
+            points[:, 2] = height
+        x, y, z = np.einsum("nji,nj->in", R, points - centre)
+        return ((uvd - np.column_stack([fx * x / z + cx, fy * y / z + cy, bf / z])) / sigma)[:, rows]
+
+    place = place.copy()
+    for _ in range(ROUNDS):
+        r = residuals(place)
+        steps = 1e-6 * np.eye(3)[:axes]
+        J = np.stack([(residuals(place - step) - residuals(place + step)) / 2e-6 for step in steps], axis=-1)
+        off = np.sqrt((r**2).mean(axis=1))
+        weight = 1.0 / (1.0 + (off / SCALE) ** 2)
+        H = np.einsum("n,nij,nik->jk", weight, J, J) + RIDGE * np.eye(axes)
+        place[:axes] += np.clip(np.linalg.solve(H, np.einsum("n,nij,ni->j", weight, J, r)), -1.0, 1.0)
+    return place, H, off
+
+
+@pytest.mark.parametrize("stands", [True, False])
+def test_a_place_by_views_is_that_of_plain_matrices(stands: bool) -> None:
+    rng = np.random.default_rng(3)
+    camera = np.array([700.0, 690.0, 600.0, 180.0, 380.0])
+    true, axes = np.array([14.0, 2.0, 1.0]), 2 if stands else 3
+    for count in (1, 2, 7):
+        centre = rng.normal(size=(count, 3)) * np.array([3.0, 1.0, 0.1])
+        turn = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+        a = rng.normal(0.0, 0.1, count)
+        yaw = np.array([[np.cos(a), -np.sin(a), 0 * a], [np.sin(a), np.cos(a), 0 * a], [0 * a, 0 * a, 1 + 0 * a]]).transpose(
+            2, 0, 1
+        )
+        R = np.ascontiguousarray(yaw @ turn)
+        x, y, z = np.einsum("nji,nj->in", R, true - centre)
+        uvd = np.column_stack([camera[0] * x / z + camera[2], camera[1] * y / z + camera[3], camera[4] / z])
+        sigma = rng.uniform(0.2, 1.0, uvd.shape)
+        uvd += rng.normal(size=uvd.shape) * sigma
+        height = np.full(count, true[2])
+        start = true + np.array([0.5, -0.4, 0.0 if stands else 0.3])
+        place, H, off, space = start.copy(), np.zeros((axes, axes)), np.zeros(count), rng.normal(size=(7, 3)) * 1e6
+        place_by_views(R, centre, camera, np.arange(count), uvd, sigma, height, stands, place, H, off, space)
+        wanted = naive_place(R, centre, camera, uvd, sigma, height, stands, start)
+        for found, slow in zip((place, H, off), wanted, strict=True):
+            np.testing.assert_allclose(found, slow, rtol=1e-5, atol=1e-7)
+        assert np.abs(place - true)[:2].max() < 1.5
+
+
+def test_shapes_of_bars_are_medians_and_means_of_their_pieces() -> None:
+    rng = np.random.default_rng(4)
+    counts = np.array([1, 2, 5, 8, 3])
+    start = np.concatenate([[0], np.cumsum(counts)])
+    u0, v0 = rng.integers(0, 100, (2, start[-1]))
+    pieces = np.column_stack([u0, v0, u0 + rng.integers(2, 9, len(u0)), v0 + 10])
+    disparity, sigma = rng.normal(10.0, 1.0, len(u0)), rng.uniform(0.0, 0.3, len(u0))
+    shapes = np.empty((len(counts), 6))
+    bar_shapes(pieces, disparity, sigma, start, 0.05, shapes, np.full(counts.max(), np.nan))
+    for row, first, last in zip(shapes, start[:-1], start[1:], strict=True):
+        own, d = pieces[first:last], disparity[first:last]
+        weight = 1.0 / (np.maximum(sigma[first:last], 0.05) ** 2 + (d - np.median(d)) ** 2)
+        wanted = (
+            np.median(0.5 * (own[:, 0] + own[:, 2] - 1)), (own[:, 1] + 4.5).mean(), (weight * d).sum() / weight.sum(), weight.sum(),
+            np.median(d), np.median(own[:, 2] - own[:, 0]),
+        )  # fmt: skip
+        np.testing.assert_allclose(row, wanted, rtol=1e-12)

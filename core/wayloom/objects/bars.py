@@ -4,7 +4,7 @@ A bar is a chain of pieces, runs of the label in bands of rows, that have one di
 sides; a stripe, a pipe or a window's frame on a front has the front beside it, as far away as itself.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_ID, SKY
 from wayloom.objects.kernels.pieces import chain_pieces, runs_in_bands
+from wayloom.objects.kernels.shapes import DISPARITY, PLACE_U, PLACE_V, TYPICAL, WEIGHT, WIDTH, bar_shapes
 from wayloom.objects.measurements import Measurements
 from wayloom.objects.types import POLE, TRUNK
 from wayloom.objects.view import ObjectView
@@ -50,25 +51,6 @@ POST_WIDTH_M: Final = 0.08
 """Of a post that the label does not show: of most signs' posts."""
 
 
-@dataclass(frozen=True, slots=True)
-class Bar:
-    """One measurement of a pole or trunk, as `Measurements` has them."""
-
-    uvd: FloatArray
-    sigma: FloatArray
-    low: float
-    high: float
-    cut_low: bool
-    cut_high: bool
-    width: float
-    free: FloatArray
-    goes_on: float
-
-    def is_of(self, kind: int) -> bool:
-        """Whether it is as wide and as tall as things of this kind are."""
-        return NARROWEST_M[kind] <= self.width <= WIDEST_M[kind] and self.high - self.low >= LEAST_HEIGHT_M[kind]
-
-
 def bars(view: ObjectView, number: int, kind: int, reach_m: float) -> Measurements:
     """The bars of a kind in a view; `number` is the view's row."""
     height = view.label.shape[0]
@@ -86,37 +68,16 @@ def bars(view: ObjectView, number: int, kind: int, reach_m: float) -> Measuremen
     v0, u0, u1, disparity, sigma = (part[good] for part in (v0, u0, u1, disparity, sigma))
     chain = np.zeros(len(v0), np.int64)
     chains = chain_pieces(v0 // band, 0.5 * (u0 + u1 - 1), (u1 - u0).astype(np.float64), disparity, MOST_GAP, chain)
-    rectangles = np.column_stack([u0, v0, u1, v0 + band])
-    made = [_bar(view, rectangles[rows], disparity[rows], sigma[rows]) for rows in (chain == k for k in range(chains))]
-    found = [one for one in made if one.is_of(kind)]
-    return _measurements(found, number, kind)
-
-
-def _measurements(found: list[Bar], number: int, kind: int) -> Measurements:
-    none = np.full(len(found), np.nan)
-    column = {name: [getattr(one, name) for one in found] for name in Bar.__dataclass_fields__}
-    return Measurements(
-        view=np.full(len(found), number),
-        kind=np.full(len(found), kind),
-        uvd=np.array(column["uvd"]).reshape(-1, 3),
-        sigma=np.array(column["sigma"]).reshape(-1, 3),
-        low=np.array(column["low"], np.float64),
-        high=np.array(column["high"], np.float64),
-        cut_low=np.array(column["cut_low"], bool),
-        cut_high=np.array(column["cut_high"], bool),
-        width=np.array(column["width"], np.float64),
-        free=np.array(column["free"]).reshape(-1, 2),
-        goes_on=np.array(column["goes_on"], np.float64),
-        stripe=none,
-        slope=none,
-        slope_sigma=none,
-    )
+    order = np.argsort(chain, kind="stable")
+    pieces = np.column_stack([u0, v0, u1, v0 + band])[order]
+    start = np.searchsorted(chain[order], np.arange(chains + 1))
+    return _measured(view, pieces, disparity[order], sigma[order], start, number, kind)
 
 
 def posts(view: ObjectView, carried: Measurements, number: int) -> Measurements:
     """Poles under the signs and lights of a view, where the label shows none: what is as near as the sign, under its middle."""
     band = max(3, view.label.shape[0] // BANDS)
-    found = []
+    found, start = [(np.zeros((0, 4), np.int64), np.zeros(0), np.zeros(0))], [0]
     for k in range(len(carried)):
         u, v, d = carried.uvd[k]
         px_m = d / view.rig.bf * view.rig.camera.fy
@@ -128,44 +89,72 @@ def posts(view: ObjectView, carried: Measurements, number: int) -> Measurements:
         disparity, sigma = view.match(pieces)
         with np.errstate(invalid="ignore"):
             near = np.abs(disparity - d) <= FREE_PX + FREE_SHARE * d
-        if near.sum() >= LEAST_PIECES and (bar := _bar(view, pieces[near], disparity[near], sigma[near])).is_of(POLE):
-            found.append(replace(bar, width=min(bar.width, POST_WIDTH_M)))
-    return _measurements(found, number, POLE)
+        if near.sum() >= LEAST_PIECES:
+            found.append((pieces[near], disparity[near], sigma[near]))
+            start.append(start[-1] + int(near.sum()))
+    pieces, disparity, sigma = (np.concatenate(part) for part in zip(*found, strict=True))
+    made = _measured(view, pieces, disparity, sigma, np.array(start), number, POLE)
+    return replace(made, width=np.minimum(made.width, POST_WIDTH_M))
 
 
-def _bar(view: ObjectView, pieces: IntArray, disparity: FloatArray, sigma: FloatArray) -> Bar:
-    """The bar of pieces (n, 4), top down, with their disparities (n,) and sigmas: outliers are held down."""
-    u0, v0, u1, v1 = pieces.T
-    middle = 0.5 * (u0 + u1 - 1)
-    weight = 1.0 / (np.maximum(sigma, LEAST_SIGMA_PX) ** 2 + (disparity - np.median(disparity)) ** 2)
-    d = float((weight * disparity).sum() / weight.sum())
-    ends = view.points(middle[[-1, 0]], np.array([v1[-1] - 0.5, v0[0] - 0.5]), np.full(2, np.median(disparity)))
-    band = int(v1[0] - v0[0])
-    return Bar(
-        uvd=np.array([np.median(middle), 0.5 * (v0 + v1 - 1).mean(), d]),
-        sigma=np.array([SIGMA_U_PX * max(1.0, ALIKE / len(v0)) ** 0.5, 1.0, np.hypot(SIGMA_D_PX, weight.sum() ** -0.5)]),
-        low=float(ends[0, 2]),
-        high=float(ends[1, 2]),
-        cut_low=bool(v1[-1] + band > view.label.shape[0]),
-        cut_high=bool(v0[0] < band),
-        width=float(np.median(u1 - u0)) / view.rig.camera.fx * view.rig.bf / d,
-        free=beside(view, pieces, disparity).mean(axis=0),
-        goes_on=goes_on_over(view, pieces[0], float(np.median(disparity))),
+def _measured(
+    view: ObjectView, pieces: IntArray, disparity: FloatArray, sigma: FloatArray, start: IntArray, number: int, kind: int
+) -> Measurements:
+    """Bars that are as wide and as tall as things of a kind.
+
+    pieces (n, 4), top down, with their disparities (n,) and sigmas, of bars that begin at start (b + 1,). What is beside a bar
+    and over it is looked at last: few of them are of the kind.
+    """
+    shapes = np.empty((len(start) - 1, 6))
+    bar_shapes(pieces, disparity, sigma, start, LEAST_SIGMA_PX, shapes, np.empty(len(pieces)))
+    top, bottom = pieces[start[:-1]], pieces[start[1:] - 1]
+    low, high = _height(view, bottom, bottom[:, 3], shapes[:, TYPICAL]), _height(view, top, top[:, 1], shapes[:, TYPICAL])
+    width = shapes[:, WIDTH] / view.rig.camera.fx * view.rig.bf / shapes[:, DISPARITY]
+    fits = (NARROWEST_M[kind] <= width) & (width <= WIDEST_M[kind]) & (high - low >= LEAST_HEIGHT_M[kind])
+    of_fitting = np.repeat(fits, np.diff(start))
+    pieces, disparity, count = pieces[of_fitting], disparity[of_fitting], np.diff(start)[fits]
+    shapes, low, high, width = shapes[fits], low[fits], high[fits], width[fits]
+    top, bottom = top[fits], bottom[fits]
+    band = top[:, 3] - top[:, 1]
+    none = np.full(len(top), np.nan)
+    first = np.cumsum(count) - count
+    free = np.add.reduceat(beside(view, pieces, disparity), first) / count[:, None] if len(top) else np.empty((0, 2))
+    sigma_u = SIGMA_U_PX * np.sqrt(np.maximum(1.0, ALIKE / count))
+    return Measurements(
+        view=np.full(len(top), number),
+        kind=np.full(len(top), kind),
+        uvd=shapes[:, [PLACE_U, PLACE_V, DISPARITY]],
+        sigma=np.column_stack([sigma_u, np.ones(len(top)), np.hypot(SIGMA_D_PX, shapes[:, WEIGHT] ** -0.5)]),
+        low=low,
+        high=high,
+        cut_low=bottom[:, 3] + band > view.label.shape[0],
+        cut_high=top[:, 1] < band,
+        width=width,
+        free=free,
+        goes_on=goes_on_over(view, top, shapes[:, TYPICAL]),
+        stripe=none,
+        slope=none,
+        slope_sigma=none,
     )
 
 
-def goes_on_over(view: ObjectView, top: IntArray, disparity: float) -> float:
-    """1 where what is above a bar's upper piece (4,) is as near as the bar, 0 where it is further or sky; NaN: not known."""
-    u0, v0, u1, v1 = top.tolist()
-    band, half = v1 - v0, max((u1 - u0) // 3, 2)
-    core = (u0 + u1) // 2
+def _height(view: ObjectView, pieces: IntArray, edge: IntArray, disparity: FloatArray) -> FloatArray:
+    """(n,) m, level frame, at which the upper edges of rows are, in the middle of pieces (n, 4)."""
+    middle: FloatArray = 0.5 * (pieces[:, 0] + pieces[:, 2] - 1).astype(np.float64)
+    return view.points(middle, edge.astype(np.float64) - 0.5, disparity)[:, 2]
+
+
+def goes_on_over(view: ObjectView, tops: IntArray, disparity: FloatArray) -> FloatArray:
+    """(n,) 1 where what is above bars' upper pieces (n, 4) is as near as they are, 0 where it is further or sky; NaN: not known."""
+    u0, v0, u1, v1 = tops.T
+    band, half, core = v1 - v0, np.maximum((u1 - u0) // 3, 2), (u0 + u1) // 2
     low = v0 - (1 + GOES_ON_BANDS) * band
-    if low < 0:
-        return np.nan
-    found = view.match(np.array([[core - half, low, core + half + 1, v0 - band]]))[0][0]
-    if np.isnan(found):
-        return 0.0 if view.label[low + band, core] == SKY else np.nan
-    return float(found - disparity >= -(FREE_PX + FREE_SHARE * disparity))
+    found, _ = view.match(np.column_stack([core - half, low, core + half + 1, v0 - band]))
+    sky = view.label[np.maximum(low + band, 0), core] == SKY
+    with np.errstate(invalid="ignore"):
+        near = (found - disparity >= -(FREE_PX + FREE_SHARE * disparity)).astype(np.float64)
+    above = np.where(np.isnan(found), np.where(sky, 0.0, np.nan), near)
+    return np.where(low < 0, np.nan, above)
 
 
 def beside(view: ObjectView, rectangles: IntArray, disparity: FloatArray) -> FloatArray:

@@ -10,19 +10,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.objects.kernels.placing import NEAREST_M, SCALE, place_by_views
 from wayloom.objects.measurements import Measurements
 from wayloom.objects.types import STANDING
 from wayloom.objects.view import ObjectView
 
 FloatArray = NDArray[np.float64]
-ROUNDS: Final = 8
-SCALE: Final = 2.0
-"""Sigmas at which a measurement counts half."""
 TOGETHER: Final = 3.0
 """Views that are wrong together: so many count as one."""
 FLOOR_M: Final = 0.015
 """Sigma that no number of views takes away."""
-NEAREST_M: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +35,8 @@ class Cameras:
 def cameras_of(views: list[ObjectView]) -> Cameras:
     """Those of the views of one drive; there is at least one."""
     c, T = views[0].rig.camera, np.array([view.T_level_cam for view in views])
-    return Cameras(T[:, :3, :3], T[:, :3, 3], (c.fx, c.fy, c.cx, c.cy), views[0].rig.bf)
+    R, centre = np.ascontiguousarray(T[:, :3, :3]), np.ascontiguousarray(T[:, :3, 3])
+    return Cameras(R, centre, (c.fx, c.fy, c.cx, c.cy), views[0].rig.bf)
 
 
 def projected(cameras: Cameras, view: NDArray[np.int64], points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -74,24 +72,16 @@ def triangulate(cameras: Cameras, seen: Measurements, start: FloatArray) -> tupl
     The third axis of a pole or trunk is not estimated: it is that of `start`.
     """
     stands = int(seen.kind[0]) in STANDING
-    rows, axes = ([0, 2], [0, 1]) if stands else ([0, 1, 2], [0, 1, 2])
-    place, off = start.copy(), np.zeros(len(seen))
-    heights = first_points(cameras, seen)[:, 2]
-    H = np.eye(len(axes))
-    for _ in range(ROUNDS):
-        points = np.tile(place, (len(seen), 1))
-        if stands:
-            points[:, 2] = heights
-        uvd, J = projected(cameras, seen.view, points)
-        r = ((seen.uvd - uvd) / seen.sigma)[:, rows]
-        J = (J / seen.sigma[:, :, None])[:, rows][:, :, axes]
-        off = np.sqrt((r**2).mean(axis=1))
-        weight = 1.0 / (1.0 + (off / SCALE) ** 2)
-        H = np.einsum("n,nij,nik->jk", weight, J, J)
-        step = np.linalg.solve(H + 1e-9 * np.eye(len(axes)), np.einsum("n,nij,ni->j", weight, J, r))
-        place[axes] += step.clip(-1.0, 1.0)
+    axes = 2 if stands else 3
+    place, off, H = start.copy(), np.zeros(len(seen)), np.zeros((axes, axes))
+    heights = np.ascontiguousarray(first_points(cameras, seen)[:, 2])
+    numbers = np.array([*cameras.numbers, cameras.bf])
+    place_by_views(
+        cameras.R, cameras.centre, numbers, seen.view, seen.uvd, seen.sigma, heights, stands, place, H, off, np.empty((7, 3))
+    )
+    weight = 1.0 / (1.0 + (off / SCALE) ** 2)
     ratio = max(1.0, float((weight * off**2).sum() / max(weight.sum(), 1e-9)))
     covariance = np.zeros((3, 3))
     alike = min(TOGETHER, float(len(seen)))
-    covariance[np.ix_(axes, axes)] = alike * ratio * np.linalg.inv(H + 1e-9 * np.eye(len(axes)))
+    covariance[:axes, :axes] = alike * ratio * np.linalg.inv(H)
     return place, covariance + FLOOR_M**2 * np.eye(3), off
