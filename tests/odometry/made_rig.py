@@ -1,10 +1,12 @@
 """Drives through the made street whose right camera has a lens that the calibration does not know."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from odometry.made_street import PLANES, TEXELS_PER_M, TEXTURES, MadeLog, bilinear, render
+from odometry.made_street import KEPT, PLANES, TEXELS_PER_M, TEXTURES, MadeLog, bilinear, grey, render
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import IDENTITY, RightLens, at_infinity
 from wayloom.logs.types import StereoFrame
@@ -33,6 +35,13 @@ def right_image(T_world_cam: np.ndarray, rig: StereoRig, lens: RightLens) -> np.
     return image.reshape(u.shape)
 
 
+@lru_cache(KEPT)
+def grey_pair(pose: bytes, rig: StereoRig, lens: RightLens) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Left and right image of a pose (4, 4) as bytes."""
+    T = np.frombuffer(pose).reshape(4, 4)
+    return grey(render(T, rig.camera)[0]), grey(right_image(T, rig, lens))
+
+
 @dataclass
 class LensLog(MadeLog):
     """A drive of the made street with a lens in front of the right camera."""
@@ -41,7 +50,5 @@ class LensLog(MadeLog):
     lens: RightLens = IDENTITY
 
     def frame(self, index: int) -> StereoFrame:
-        T = self.truth[index]
-        images = render(T, self.rig.camera)[0], right_image(T, self.rig, self.lens)
-        left, right = (np.clip(np.round(image), 0, 255).astype(np.uint8) for image in images)
+        left, right = (image.copy() for image in grey_pair(self.truth[index].tobytes(), self.rig, self.lens))
         return StereoFrame(index, int(self.t_ns[index]), left, right)

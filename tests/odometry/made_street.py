@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -16,6 +17,8 @@ FloatArray = NDArray[np.float64]
 CAMERA = PinholeCamera(200.0, 200.0, 159.5, 99.5, 320, 200)
 RIG = StereoRig(CAMERA, (-0.5, 0.0, 0.0))
 TEXELS_PER_M = 12.0
+KEPT = 500
+"""Pairs of images: as many as the longest drive that is tracked more than once has frames, and some."""
 # (normal, distance): planes n.p = d in the world, x right, y down, z forward
 PLANES = (((0.0, 1.0, 0.0), 1.5), ((1.0, 0.0, 0.0), 4.0), ((-1.0, 0.0, 0.0), 5.0), ((0.0, 0.0, 1.0), 45.0), ((0.0, -1.0, 0.0), 7.0))
 
@@ -71,6 +74,20 @@ def pair(T_world_cam: FloatArray, rig: StereoRig = RIG, bias_px: float = 0.0) ->
     return left, render(T_world_cam @ T_left_right, shifted)[0], rho
 
 
+def grey(image: FloatArray) -> NDArray[np.uint8]:
+    """(h, w) uint8 of grey levels, which nobody changes."""
+    rounded = np.clip(np.round(image), 0, 255).astype(np.uint8)
+    rounded.flags.writeable = False
+    return rounded
+
+
+@lru_cache(KEPT)
+def grey_pair(pose: bytes, rig: StereoRig, bias_px: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Left and right image of a pose (4, 4) as bytes: most tests drive the same curve, many of them twice."""
+    left, right, _ = pair(np.frombuffer(pose).reshape(4, 4), rig, bias_px)
+    return grey(left), grey(right)
+
+
 def curve(frames: int, step_m: float = 0.4, yaw_step: float = 0.004) -> FloatArray:
     """(frames, 4, 4) T_world_cam along a gentle curve with some nodding."""
     poses, T = [], np.eye(4)
@@ -111,8 +128,7 @@ class MadeLog:
         return len(self.truth)
 
     def frame(self, index: int) -> StereoFrame:
-        left, right, _ = pair(self.truth[index], self.rig, self.bias_px)
-        left8, right8 = (np.clip(np.round(image), 0, 255).astype(np.uint8) for image in (left, right))
+        left8, right8 = (image.copy() for image in grey_pair(self.truth[index].tobytes(), self.rig, self.bias_px))
         if index in self.changes:
             left8, right8 = self.changes[index](left8, right8)
         if self.colour:
