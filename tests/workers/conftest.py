@@ -13,11 +13,16 @@ from wayloom.stitching.meeting_settings import MeetingSettings
 from wayloom.stitching.meetings import DriveMeetings
 from wayloom.stitching.placed_drive import PlacedDrive
 from wayloom.store.migrate import upgrade
+from wayloom.tiles.settings import TileSettings
 from wayloom_workers import drive_pairs
 from wayloom_workers.__main__ import make_context
 from wayloom_workers.stage_hooks import WorkerContext
 
 NewService = Callable[[Path], WorkerContext]
+with_finest_tiles = pytest.mark.parametrize("tiles", [TileSettings()], ids=["finest"])
+"""For tests of the finest zooms themselves."""
+with_one_database = pytest.mark.parametrize("new_service", ["sqlite"], indirect=True)
+"""For tests of what is made before it is stored: that both databases hold the same is tested by itself (`test_same_tiles`)."""
 
 
 @pytest.fixture(scope="session")
@@ -26,15 +31,21 @@ def postgres_folder() -> Iterator[str]:
         yield folder
 
 
+@pytest.fixture
+def tiles() -> TileSettings:
+    """A zoom less than otherwise: what is shown holds at any, and most of the time goes into the finest pictures."""
+    return TileSettings(max_zoom=19, ortho_zoom=19)
+
+
 @pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)])
-def new_service(request: pytest.FixtureRequest) -> Iterator[NewService]:
+def new_service(request: pytest.FixtureRequest, tiles: TileSettings) -> Iterator[NewService]:
     """Makes an empty service in a folder."""
     made: list[WorkerContext] = []
 
     def make(folder: Path) -> WorkerContext:
         on_postgres = request.param == "postgresql"
         url = {"database_url": postgres.new_database(request.getfixturevalue("postgres_folder"))} if on_postgres else {}
-        made.append(make_context(WayloomSettings(data_dir=folder, **url)))
+        made.append(make_context(WayloomSettings(data_dir=folder, tiles=tiles, **url)))
         upgrade(made[-1].database)
         return made[-1]
 

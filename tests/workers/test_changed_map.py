@@ -6,23 +6,14 @@ import pytest
 
 from stitching.made_sights import Passing, drawn, driven
 from wayloom.dense.files import LOOKS_FILE, save_looks
-from wayloom.pipeline.settings import WayloomSettings
 from wayloom.store import drives, gate, map_versions, maps
 from wayloom.store.jobs import new_job
 from wayloom.store.manifest import Manifest, ManifestFile
-from wayloom.store.migrate import upgrade
-from wayloom_workers.__main__ import make_context
 from wayloom_workers.production import submap_row
 from wayloom_workers.stage_hooks import WorkerContext
-from workers.test_stitching import published
+from workers.test_stitching import other_service, published
 
 STANDS, IS_GONE = Passing(0), Passing(1, pole=False)
-
-
-def new_service(folder: Path) -> WorkerContext:
-    made = make_context(WayloomSettings(data_dir=folder))
-    upgrade(made.database)
-    return made
 
 
 def add(context: WorkerContext, way: Passing, looks: bool = True) -> str:
@@ -77,7 +68,7 @@ def test_the_order_of_arrival_changes_no_byte(context: WorkerContext, tmp_path: 
     published(context, tmp_path / "1")
     add(context, IS_GONE)
     after = published(context, tmp_path / "2")
-    other = new_service(tmp_path / "other")
+    other = other_service(context, tmp_path / "other")
     add(other, IS_GONE)
     published(other, tmp_path / "3")
     add(other, STANDS)

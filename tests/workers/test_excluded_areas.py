@@ -143,13 +143,13 @@ def test_an_area_that_is_excluded_leaves_the_map_its_versions_and_its_drives(con
     had = left_inside(context, drive_id)
     assert all(had[name] > 0 for name in ("points", "cells", "pixels", "things", "track", "looks", "places"))
     assert min(map_inside(context).values()) > 0
-    assert shown(context, "ortho", (124.0, 30.0, 0.0), 20).any()
+    assert shown(context, "ortho", (124.0, 30.0, 0.0), context.settings.tiles.ortho_zoom).any()
     area_id = exclude_area(context, polygon())
     publish_next(context)
     assert set(left_inside(context, drive_id).values()) == {0}
     assert set(map_inside(context).values()) == {0}
-    assert not shown(context, "ortho", (124.0, 30.0, 0.0), 20).any()
-    assert shown(context, "ortho", (148.0, 30.0, 0.0), 20).any()
+    assert not shown(context, "ortho", (124.0, 30.0, 0.0), context.settings.tiles.ortho_zoom).any()
+    assert shown(context, "ortho", (148.0, 30.0, 0.0), context.settings.tiles.ortho_zoom).any()
     assert sum(map(len, features(context, "objects").values())) == 2
     with context.database.read() as session:
         assert [row.since for row in excluded.of_map(session, "city")] == [2]

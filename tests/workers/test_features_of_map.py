@@ -24,7 +24,7 @@ from wayloom.tiles.feature_layers import AREAS, OBJECTS
 from wayloom_workers import region_merging
 from wayloom_workers.drive_sightings import OBJECTS as OBJECTS_STAGE
 from wayloom_workers.stage_hooks import WorkerContext
-from workers.conftest import NewService
+from workers.conftest import NewService, with_one_database
 from workers.test_ground_of_map import FRAME
 from workers.test_ground_of_map import add as add_with_ground
 from workers.test_stitching import published
@@ -121,6 +121,7 @@ def test_areas_cover_the_street_once_join_at_the_border_and_each_object_is_in_it
         assert {one["properties"]["kind"] for one in rings} == {"road", "sidewalk"}
 
 
+@with_one_database
 def test_no_order_of_arrival_changes_a_byte_of_objects_and_areas(new_service: NewService, tmp_path: Path) -> None:
     one, other = new_service(tmp_path / "one"), new_service(tmp_path / "other")
     add(one, "a", **FIRST)
@@ -157,6 +158,7 @@ def test_a_removed_drive_leaves_the_objects_and_areas_of_the_others_alone(new_se
     assert all(context.blobs.has(digest) for found in alone.values() for digest in found.values())
 
 
+@with_one_database
 def test_a_drive_elsewhere_makes_no_objects_anew_and_a_damaged_file_shows_none(
     context: WorkerContext, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

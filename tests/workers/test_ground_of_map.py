@@ -34,7 +34,7 @@ from wayloom_workers.drive_sightings import OBJECTS
 from wayloom_workers.production import SUBMAPS, stage_hooks, submap_row
 from wayloom_workers.publishing import listed_tiles
 from wayloom_workers.stage_hooks import StageAttempt, WorkerContext
-from workers.conftest import NewService
+from workers.conftest import NewService, with_finest_tiles, with_one_database
 from workers.test_stitching import published
 
 STREET = Street()
@@ -110,6 +110,7 @@ def shown(context: WorkerContext, layer: str, xyz: tuple[float, float, float], z
     return np.asarray(decode_picture(context.blobs.get(tile.digest))[row % 512, column % 512])
 
 
+@with_finest_tiles
 def test_the_map_shows_the_ground_of_its_drives_where_it_is(context: WorkerContext, tmp_path: Path) -> None:
     add(context, "a")
     said = published(context, tmp_path / "1")
@@ -132,6 +133,8 @@ def test_the_map_shows_the_ground_of_its_drives_where_it_is(context: WorkerConte
     assert shown(context, "ortho", (40.0, 30.0, 0.0), 16)[3] == 255
 
 
+@with_finest_tiles
+@with_one_database
 def test_no_order_of_arrival_changes_a_byte_of_the_ground(new_service: NewService, tmp_path: Path) -> None:
     one, other = new_service(tmp_path / "one"), new_service(tmp_path / "other")
     add(one, "a", **FIRST)
@@ -174,10 +177,11 @@ def tiles_of(context: WorkerContext, number: int) -> set[str]:
         return {row.digest for row in rows if row.layer in RASTER_LAYERS} - {NOTHING}
 
 
+@with_one_database
 def test_a_drive_elsewhere_makes_no_ground_anew(context: WorkerContext, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     add(context, "a", **FIRST)
     published(context, tmp_path / "1")
-    before = grounds(context)
+    before, finest = grounds(context), (ORTHO, context.settings.tiles.ortho_zoom)
     merged: list[tuple[float, ...]] = []
     real = region_merging.merge_sheets
     monkeypatch.setattr(
@@ -188,8 +192,8 @@ def test_a_drive_elsewhere_makes_no_ground_anew(context: WorkerContext, tmp_path
     assert min(low[0] for low in merged) > 500.0
     assert before.items() <= grounds(context).items()
     with context.database.read() as session:
-        new = [row for row in map_versions.changes(session, "city", 2)[0] if row.layer == ORTHO and row.z == 20]
-        all_of_map = [key for key in map_versions.all_current_tiles(session, "city") if key[:2] == (ORTHO, 20)]
+        new = [row for row in map_versions.changes(session, "city", 2)[0] if (row.layer, row.z) == finest]
+        all_of_map = [key for key in map_versions.all_current_tiles(session, "city") if key[:2] == finest]
     assert 0 < len(new) < 0.7 * len(all_of_map)
 
 
@@ -226,6 +230,7 @@ def test_the_ground_of_a_list_that_waits_to_be_published_is_kept(context: Worker
     assert [*listed_tiles(context.folders)] == ["r", "s", "g"]
 
 
+@with_one_database
 def test_cells_say_who_saw_them_last(context: WorkerContext, tmp_path: Path) -> None:
     one, two = add(context, "a", **FIRST), add(context, "b", **SECOND)
     published(context, tmp_path / "1")

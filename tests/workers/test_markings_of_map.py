@@ -22,7 +22,7 @@ from wayloom.tiles.grid import lonlat_from_unit
 from wayloom_workers import region_marking
 from wayloom_workers.publishing import listed_tiles
 from wayloom_workers.stage_hooks import WorkerContext
-from workers.conftest import NewService
+from workers.conftest import NewService, with_finest_tiles, with_one_database
 from workers.test_ground_of_map import FRAME, add
 from workers.test_stitching import published
 
@@ -97,6 +97,7 @@ def test_each_dash_and_each_kerb_lies_in_one_region_where_it_is(context: WorkerC
     assert in_tables(context) == sorted((key, one["properties"]["length_m"]) for key in found for one in found[key])
 
 
+@with_one_database
 def test_threads_of_a_stitch_change_no_byte(context: WorkerContext, new_service: NewService, tmp_path: Path) -> None:
     shared = new_service(tmp_path / "shared")
     shared = replace(shared, settings=shared.settings.model_copy(update={"threads": 3}))
@@ -108,6 +109,7 @@ def test_threads_of_a_stitch_change_no_byte(context: WorkerContext, new_service:
     assert markings(context) == markings(shared) != {}
 
 
+@with_finest_tiles
 def test_vector_tiles_show_them_whole_at_every_zoom(context: WorkerContext, tmp_path: Path) -> None:
     add(context, "a", **FIRST)
     layers = published(context, tmp_path / "1")["about"][4]  # type: ignore[index]
@@ -132,6 +134,7 @@ def test_vector_tiles_show_them_whole_at_every_zoom(context: WorkerContext, tmp_
             assert drawn[name] == pytest.approx(whole, rel=0.02)
 
 
+@with_one_database
 def test_no_order_of_arrival_changes_a_byte_of_the_markings(new_service: NewService, tmp_path: Path) -> None:
     one, other = new_service(tmp_path / "one"), new_service(tmp_path / "other")
     add(one, "a", **FIRST)
@@ -164,6 +167,7 @@ def test_a_removed_drive_leaves_the_markings_of_the_others_alone(new_service: Ne
     assert all(context.blobs.has(digest) for digest in alone.values())
 
 
+@with_one_database
 def test_a_second_drive_has_markings_found_only_where_the_ground_around_has_changed(
     context: WorkerContext, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -183,6 +187,7 @@ def test_a_second_drive_has_markings_found_only_where_the_ground_around_has_chan
     assert 0 < len(new) < 0.5 * len(held)
 
 
+@with_one_database
 def test_a_region_whose_neighbour_alone_has_changed_gets_its_markings_anew(context: WorkerContext, tmp_path: Path) -> None:
     """The second drive ends the dash that the first one has only begun to see, in the next region."""
     add(context, "a", start=85.4, pieces=1)

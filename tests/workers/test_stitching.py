@@ -22,7 +22,6 @@ from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.migrate import upgrade
 from wayloom.store.tables.maps import MeetingRow, TileRow
 from wayloom.submaps.submap import PlacedSubmap, Submap
-from wayloom.tiles.settings import TileSettings
 from wayloom_workers import region_merging
 from wayloom_workers.__main__ import make_context
 from wayloom_workers.production import stage_hooks
@@ -33,13 +32,6 @@ from wayloom_workers.stitching import stitch
 from wayloom_workers.submap_rows import submap_row
 
 LON, LAT = 8.4, 48.9995
-TILES = TileSettings(max_zoom=19, ortho_zoom=19)
-"""A zoom less than otherwise: what is shown here holds at any, and most of the time goes into the finest pictures."""
-
-
-@pytest.fixture
-def context(context: WorkerContext) -> WorkerContext:
-    return replace(context, settings=context.settings.model_copy(update={"tiles": TILES}))
 
 
 def placed(drive_id: str, seed: int, lat: float = LAT, classes: tuple[int, ...] = (0, 1, 2, 8)) -> PlacedSubmap:
@@ -109,15 +101,16 @@ def newest(context: WorkerContext) -> dict[str, object]:
         }
 
 
-def other_service(tmp_path: Path) -> WorkerContext:
-    made = make_context(WayloomSettings(data_dir=tmp_path, tiles=TILES))
+def other_service(context: WorkerContext, tmp_path: Path) -> WorkerContext:
+    """An empty one on SQLite with the same tiles."""
+    made = make_context(WayloomSettings(data_dir=tmp_path, tiles=context.settings.tiles))
     upgrade(made.database)
     return made
 
 
 def test_the_order_in_which_drives_came_changes_no_byte(context: WorkerContext, tmp_path: Path) -> None:
     """Neither the order of drives within one version, nor how many versions they came in."""
-    other, third = other_service(tmp_path / "other"), other_service(tmp_path / "third")
+    other, third = other_service(context, tmp_path / "other"), other_service(context, tmp_path / "third")
     for name, seed in (("a", 1), ("b", 2), ("c", 3)):
         add(context, name, seed, lat=LAT + 0.0004 * seed)
     at_once = published(context, tmp_path / "1")
@@ -145,7 +138,7 @@ def test_a_map_from_which_a_drive_was_removed_is_the_map_without_it(context: Wor
     with context.database.write() as session:
         drives.delete_rows(session, removed)
     assert published(context, tmp_path / "4") == without
-    other = other_service(tmp_path / "other")
+    other = other_service(context, tmp_path / "other")
     add(other, "a", 1)
     assert published(other, tmp_path / "5") == without
     other.database.close()
@@ -187,7 +180,7 @@ def test_other_settings_make_the_map_anew_and_as_if_it_had_been_made_with_them(c
     published(context, tmp_path / "1")
     coarse = replace(context, settings=context.settings.model_copy(update={"merge": MergeSettings(voxel_m=0.5)}))
     changed = published(coarse, tmp_path / "2")
-    other = other_service(tmp_path / "other")
+    other = other_service(context, tmp_path / "other")
     fresh = replace(other, settings=other.settings.model_copy(update={"merge": MergeSettings(voxel_m=0.5)}))
     for name, seed in (("a", 1), ("b", 2)):
         add(fresh, name, seed, lat=LAT + 0.0004 * seed)
@@ -287,7 +280,7 @@ def test_what_is_parked_is_an_overlay_of_its_own_that_comes_and_goes_with_its_dr
     assert {"parked", "parked-points", "parked-cloud", "parked-tilesets"} <= set(layers)
     assert layers["parked"]["min_zoom"] == still.settings.tiles.overlays_from_zoom
     assert not {"moving", "parked-counts"} & set(layers)
-    other = other_service(tmp_path / "other")
+    other = other_service(context, tmp_path / "other")
     fresh = replace(other, settings=still.settings)
     add(fresh, "cars", 2, lat=LAT + 0.0004, classes=(0, 13))
     add(fresh, "street", 1)
@@ -327,7 +320,7 @@ def requested(context: WorkerContext) -> int:
 def test_regions_merged_in_parts_by_workers_in_any_order_are_the_same_map(
     context: WorkerContext, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    other = other_service(tmp_path / "other")
+    other = other_service(context, tmp_path / "other")
     city(context)
     city(other)
     monkeypatch.setattr(region_merging, "REGIONS_OF_PART", 64)
