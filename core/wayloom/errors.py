@@ -50,6 +50,7 @@ class InputError(WayloomError):
         remedy: str | None = None,
         reason: str | None = None,
     ) -> None:
+        self.what = what
         self.file = None if file is None else str(file)
         self.record = record
         self.remedy = remedy

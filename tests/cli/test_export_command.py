@@ -60,6 +60,8 @@ def test_a_picture_shows_an_overview_with_insets_and_says_where_it_came_from(dri
     [
         (("NOTHING", "--out", "map.laz"), "holds no submaps"),
         (("ONE", "--from", "http://127.0.0.1:9", "--out", "map.laz"), "--from URL"),
+        (("http://127.0.0.1:9", "--out", "map.laz"), "--from URL"),
+        (("ONE", "--out", "map.laz", "--bbox", "0,0,1,1"), "there is nothing in the box; give a box that the drives have seen"),
     ],
 )
 def test_what_cannot_be_exported_is_one_line_with_a_remedy_and_status_2(drives, tmp_path, arguments, said):

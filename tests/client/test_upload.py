@@ -22,7 +22,7 @@ from wayloom.client.manifests import pack
 from wayloom.client.upload import upload
 from wayloom.client.watch import NEARLY_DONE, wait_for_drive
 from wayloom.config.backoff import Backoff
-from wayloom.errors import LogError, ServiceError
+from wayloom.errors import ConfigError, LogError, ServiceError
 
 
 @pytest.fixture
@@ -167,6 +167,16 @@ def test_a_file_that_was_rewritten_is_said_though_the_server_is_away_after_its_r
 def test_a_server_that_is_not_there_is_said() -> None:
     with Api("http://127.0.0.1:9", retries=Backoff(0.01, 0.01, 2)) as api, pytest.raises(ServiceError, match="does not answer"):
         api.json("GET", "/v1/drives")
+
+
+def test_a_server_that_nobody_runs_is_asked_after_and_an_address_without_a_scheme_is_given_one() -> None:
+    with (
+        Api("http://127.0.0.1:9", retries=Backoff(0.01, 0.01, 1)) as api,
+        pytest.raises(ServiceError, match="is `wayloom up` running"),
+    ):
+        api.json("GET", "/v1/drives")
+    with pytest.raises(ConfigError, match=r"give it with its scheme: http://127\.0\.0\.1:9$"):
+        Api("127.0.0.1:9")
 
 
 def test_a_refusal_carries_its_status_and_code(api: Api) -> None:

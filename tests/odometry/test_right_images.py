@@ -7,7 +7,6 @@ import pytest
 from made_rig import CAMERA, LENS, RIG, LensLog, right_image
 from made_street import curve, render
 
-from wayloom.cli.odometry import warn_of_calibration
 from wayloom.geometry.camera import StereoRig
 from wayloom.geometry.lens import IDENTITY, RightLens, displaced
 from wayloom.odometry import frame_source
@@ -15,6 +14,7 @@ from wayloom.odometry.odometry import track
 from wayloom.odometry.rig import rows
 from wayloom.odometry.rig.rows import RightRectifier
 from wayloom.odometry.settings import OdometrySettings
+from wayloom.reports.drive_warnings import calibration_warning
 
 GRID = np.column_stack([a.ravel() for a in np.meshgrid(np.linspace(0, 479, 25), np.linspace(0, 179, 11))])
 
@@ -125,10 +125,9 @@ def test_the_lens_moves_no_pose_of_the_left_camera() -> None:
     assert displaced(StereoRig(CAMERA, (-0.5, 0.01, 0.02)), IDENTITY).t_right_left == pytest.approx((-0.5, 0.01, 0.02))
 
 
-def test_the_size_of_a_bad_calibration_is_told_in_pixels(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_size_of_a_bad_calibration_is_told_in_pixels() -> None:
     turned = RightRectifier(RIG, IDENTITY, np.array([1.2, 0.0, 0.0]))
     assert turned.worst_px() == pytest.approx(1.2 * (1 + (89.5 / 300) ** 2), rel=0.02)
-    warn_of_calibration({"rows_off_px": turned.worst_px(), "disparity_bias_px": -0.4})
-    assert "rows of left and right by up to 1.3 px, disparities by 0.4 px" in capsys.readouterr().err
-    warn_of_calibration({"rows_off_px": 0.9, "disparity_bias_px": -0.9})
-    assert capsys.readouterr().err == ""
+    told = calibration_warning({"rows_off_px": turned.worst_px(), "disparity_bias_px": -0.4})
+    assert "rows of left and right by up to 1.3 px, disparities by 0.4 px" in str(told)
+    assert calibration_warning({"rows_off_px": 0.9, "disparity_bias_px": -0.9}) is None

@@ -108,6 +108,15 @@ def test_nearly_all_points_of_a_scene_are_in_the_picture_and_fill_it(view: str) 
     assert (np.ptp(uv, axis=0) / np.array(found.size_px)).max() > 0.85
 
 
+def test_the_way_is_in_the_picture_from_end_to_end_even_where_no_points_are() -> None:
+    scene = street()
+    way = np.vstack([scene.tracks[0], scene.tracks[0][-1] + np.array([[12.0, 0.0, 0.0]])])
+    for ways, all_shown in (((), False), ((way,), True)):
+        view = oblique(scene.points, (800, 450), None, ways)
+        uv, _, _ = view.project(way.astype(np.float32))
+        assert bool(((uv >= 0) & (uv < np.array(view.size_px))).all()) == all_shown
+
+
 def test_a_flight_goes_forward_along_the_way_and_looks_ahead() -> None:
     views = [*flight(street().tracks[0], (320, 180), 12)]
     eyes = np.array([-view.T_view_scene[:3, :3].T @ view.T_view_scene[:3, 3] for view in views])

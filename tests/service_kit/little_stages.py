@@ -49,9 +49,7 @@ def run(attempt: StageAttempt) -> None:
     note(attempt, "start")
     play = json.loads((Path(str(attempt.log_path)) / "play.json").read_text()).get(attempt.claim.stage, {})
     if play.get("bad"):
-        raise LogError(
-            "is damaged", file=attempt.context.folders.root / "drives" / "left.png", record="line 1", remedy="record it again"
-        )
+        raise LogError("is damaged", file=Path(str(attempt.log_path)) / "left.png", record="line 1", remedy="record it again")
     if play.get("hang"):
         time.sleep(1000)
     if play.get("hoard"):

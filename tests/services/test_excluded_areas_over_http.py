@@ -67,4 +67,6 @@ def test_operators_exclude_areas_from_the_command_line(api_process: ApiAlone, tm
     assert areas(api_process, "list").stdout == "no excluded areas\n"
     assert areas(api_process, "remove", "depot").returncode == 1
     file.write_text("{}")
-    assert areas(api_process, "add", str(file), "--yes").returncode == 2
+    refused = areas(api_process, "add", str(file), "--yes")
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert refused.stderr.startswith(f"wayloom: {file}: is no area: ")

@@ -191,7 +191,7 @@ def test_a_stage_that_fails_is_tried_again_and_then_given_up_with_its_reason(up:
     assert (always["state"], always["error"]) == ("failed", "odometry: RuntimeError: no luck this time")
     assert always["stages"][1]["attempt"] == 3
     bad = wait_for_drive(api, upload(api, packed_drive(tmp_path / "c", "bad", {"segmentation": {"bad": True}}))["id"])
-    assert bad["error"] == "segmentation: drives/left.png, line 1: is damaged; record it again"
+    assert bad["error"] == "segmentation: left.png, line 1: is damaged; record it again"
     assert bad["stages"][2]["attempt"] == 1
     (up.data / "drives" / bad["id"] / "log" / "play.json").write_text("{}")
     api.once("POST", f"/v1/drives/{bad['id']}/retry")

@@ -19,7 +19,9 @@ from wayloom.pipeline.running import part_room, run_stage, stage_key
 from wayloom.pipeline.settings import ProcessSettings, with_asked
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stages.submaps import PREVIEW_FILE
+from wayloom.reports.drive_warnings import CALIBRATION_FACTS, NETWORK_FACTS
 from wayloom.reports.quality_plots import quality_pictures
+from wayloom.segmentation.keyframe_labels import MODEL_FILE
 from wayloom.store import drives, reprocessing, runs
 from wayloom.store.coming import note, note_place
 from wayloom.store.database import Session
@@ -95,15 +97,28 @@ def _record_log(attempt: StageAttempt) -> Record:
 
 
 def _record_tracking(attempt: StageAttempt) -> Record:
-    """How much of the drive was tracked, for its warnings."""
+    """How much of the drive was tracked, and how far its calibration is off, for its warnings."""
     odometry = load_odometry(attempt.out_dir / ODOMETRY_FILE)
     tracked, segment = odometry.trajectory.tracked, odometry.trajectory.segment
     losses = [{"frame": one["frame"], "reason": one["reason"]} for one in odometry.report.get("losses", ())]
     counted = {"frames": len(tracked), "frames_tracked": int(tracked.sum()), "segments": len(np.unique(segment))}
-    facts = _finite({**counted, "losses": losses[:20]})
+    calibration: dict[str, Any] = {name: odometry.report[name] for name in CALIBRATION_FACTS if name in odometry.report}
+    facts = _finite({**counted, **calibration, "losses": losses[:20]})
 
     def write(session: Session) -> list[JobMessage]:
         note(drives.get(session, str(attempt.claim.drive_id)), odometry=facts)
+        return []
+
+    return write
+
+
+def _record_network(attempt: StageAttempt) -> Record:
+    """Which network labelled the drive, for its warnings."""
+    content = json.loads((attempt.out_dir / MODEL_FILE).read_text(encoding="utf-8"))
+    facts = _finite({name: content[name] for name in NETWORK_FACTS if name in content})
+
+    def write(session: Session) -> list[JobMessage]:
+        note(drives.get(session, str(attempt.claim.drive_id)), network=facts)
         return []
 
     return write
@@ -205,6 +220,7 @@ def _record_submaps(attempt: StageAttempt) -> Record:
 _HOOKS: Final = {
     "ingest": StageHooks(_prepare, record=_record_log),
     ODOMETRY: StageHooks(_prepare, share=_remember_rig, record=_record_tracking),
+    "segmentation": StageHooks(_prepare, record=_record_network),
     "georeference": StageHooks(_prepare, share=_share_georeference, record=_record_track),
     OBJECTS: StageHooks(_prepare, share=_share_submaps, record=_record_submaps),
     "stitch": StageHooks(_prepare_stitch, record=at_once(request_publish)),

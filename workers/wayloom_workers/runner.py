@@ -1,6 +1,7 @@
 """Run of one job, from its claim to its commit."""
 
 import os
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterable
@@ -28,6 +29,8 @@ from wayloom_workers.stage_hooks import HookTable, PreparedStage, RepeatStageErr
 
 MACHINE_PAUSES: Final = 4
 """A job that waits for disk or database waits so many times the first pause."""
+LOG_OF_DRIVE: Final = re.compile(r"\b[\w-]+/[0-9a-f]{64}/log/")
+"""In front of the files of a drive's log, in this machine's folder of its drives."""
 log = structlog.get_logger()
 
 
@@ -210,5 +213,5 @@ def _write_failure(context: WorkerContext, held: Claim, error: Exception) -> Non
 
 
 def _without_folders(context: WorkerContext, text: str) -> str:
-    """The message without this machine's paths, which say nothing to whoever sent the drive."""
-    return text.replace(f"{context.folders.root}/", "")
+    """The message with files named as in the log, and without this machine's paths: those say nothing to whoever sent the drive."""
+    return LOG_OF_DRIVE.sub("", text.replace(f"{context.folders.root}/", ""))

@@ -29,7 +29,10 @@ def add_command(
         content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read ({error})", file=file, remedy="give a GeoJSON file") from error
-    found = areas_of_geojson(content)
+    try:
+        found = areas_of_geojson(content)
+    except InputError as error:
+        raise InputError(error.what, file=file, remedy=error.remedy) from error
     if not yes:
         confirm(f"drop all that the map has in {len(found)} areas for good?")
     with service(to, config) as api:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from wayloom.cli.progress_bars import ProgressBars
-from wayloom.errors import ConfigError
+from wayloom.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
     from wayloom.exports.source import MapSource
@@ -43,6 +43,8 @@ def export_command(
     grid = None if geoid is None else GeoidGrid(geoid)
     with ProgressBars() as bars, writing_to(out.parent):
         source = _of_drives(folders or [], voxel, box) if server is None else _of_server(server, city, version, box)
+        if box is not None and not source.keys:
+            raise InputError("there is nothing in the box", file=out, remedy="give a box that the drives have seen")
         typer.echo(f"{export_map(Export(source, out, box, wanted, grid, bars(out.name)), form)}: {out}")
 
 

@@ -1,5 +1,6 @@
 """`wayloom inspect`: what is in a log, and what is wrong with it."""
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,12 +24,18 @@ def inspect_command(
     quick: Annotated[bool, typer.Option("--quick", help="Look at both ends of each image instead of decoding all.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Print what is in a log, what is missing, rates, gaps, duration, distance. Exit status 2 where it cannot be used."""
-    from wayloom.errors import LogError
+    """Print what is in a log, what is missing, rates, gaps, duration, distance. Exit status 2 where it cannot be used.
+
+    Images are decoded, and a few pairs matched: --quick does neither.
+    """
+    from wayloom.errors import CalibrationError, LogError
     from wayloom.logs.inspection import inspect_log
     from wayloom.logs.registry import open_log_unchecked
+    from wayloom.odometry.frame_source import first_matches
+    from wayloom.odometry.settings import OdometrySettings
 
-    report = inspect_log(open_log_unchecked(log, gnss=gnss), decode=not quick)
+    drive = open_log_unchecked(log, gnss=gnss)
+    report = inspect_log(drive, decode=not quick)
     if as_json:
         print_json(report.model_dump(mode="json"))
     else:
@@ -36,6 +43,9 @@ def inspect_command(
     if not report.usable:
         count = len(report.damaged)
         raise LogError(f"{count} of {2 * report.frames.count} images cannot be used, the first: {report.damaged[0].problem}")
+    if not quick:
+        with contextlib.suppress(CalibrationError):  # a rig that cannot be tracked with may yet be converted
+            first_matches(drive, OdometrySettings().row_frames)  # raises LogError where the sides are exchanged
 
 
 def print_report(report: "LogReport") -> None:

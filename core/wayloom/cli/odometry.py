@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from wayloom.odometry.types import OdometryResult
 
 VOID = 255
-BAD_CALIBRATION_PX = 1.0
 
 
 class TrajectoryFormat(StrEnum):
@@ -50,6 +49,7 @@ def odometry_command(
     from wayloom.calibration.rig_file import rig_for_log
     from wayloom.calibration.self_calibration import track_calibrated
     from wayloom.config.sources import Option
+    from wayloom.errors import ConfigError
     from wayloom.files.atomic import check_writable
     from wayloom.logs.registry import check_outside, open_log
     from wayloom.odometry.debugging.recorder import DebugRecorder
@@ -58,6 +58,7 @@ def odometry_command(
     from wayloom.pipeline.folders import writing_to
     from wayloom.pipeline.settings import load_settings
     from wayloom.pipeline.usable import check_rig
+    from wayloom.reports.drive_warnings import calibration_warning
 
     loaded = load_settings(config, Option("--threads", "threads", threads), Option("--rig", "rig", rig))
     check_rig(loaded)
@@ -71,6 +72,8 @@ def odometry_command(
     with writing_to(out):
         for file in filter(None, (out, points, evidence)):
             check_writable(file)
+        if points is not None and points.suffix.lower() != ".ply":
+            raise ConfigError(f"{points}: the cloud is written as PLY", record="--points", remedy="give a name that ends in .ply")
         observers = [observer for observer in (collector, None if debug is None else DebugRecorder(debug)) if observer is not None]
         with ProgressBars(quarters=True) as bars:
             result = track_calibrated(drive, settings.odometry, bars("odometry"), settings.threads, observers=observers, rig=known)
@@ -78,7 +81,8 @@ def odometry_command(
         if collector is not None and evidence is not None:
             save_observations(collector.observations(drive), evidence)
     warn_of_losses(result.report)
-    warn_of_calibration(result.report)
+    if off := calibration_warning(result.report):
+        sys.stderr.write(f"wayloom: warning: {off}\n")
     words(as_json)(f"{result.report['tracked']} of {len(drive)} frames tracked, {result.report['keyframes']} keyframes: {out}")
     if as_json:
         print_json(result.report)
@@ -99,21 +103,6 @@ def write_results(result: "OdometryResult", out: Path, trajectory_format: Trajec
     if points is not None:
         grey = np.repeat(result.points.grey[:, None], 3, axis=1)
         write_ply(points, result.points_world(), grey, np.full(len(grey), VOID, np.uint8), ("frame world: the first left camera",))
-
-
-def warn_of_calibration(report: dict[str, Any]) -> None:
-    """One line on stderr where the log's calibration is off by more than a pixel. report : the odometry's."""
-    rows, bias, own = report["rows_off_px"], abs(report["disparity_bias_px"]), report.get("self_calibration", {})
-    if own.get("used"):
-        sys.stderr.write(
-            f"wayloom: warning: the calibration is off: the right image by {own['moves_px']:.1f} px on average; the lens that "
-            "the drive's own images tell of is used instead; `wayloom calibrate` learns it better from several drives\n"
-        )
-    elif max(rows, bias) > BAD_CALIBRATION_PX:
-        sys.stderr.write(
-            f"wayloom: warning: the calibration is off: rows of left and right by up to {rows:.1f} px, "
-            f"disparities by {bias:.1f} px; `wayloom calibrate` learns the rest of it from several drives\n"
-        )
 
 
 def warn_of_losses(report: dict[str, Any]) -> None:

@@ -73,7 +73,7 @@ def summary(result: "DriveResult", out: Path) -> str:
     trajectory = result.odometry.trajectory
     tracked = f"{int(trajectory.tracked.sum())} of {len(trajectory)} frames tracked"
     points = sum(len(placed.submap) for placed in result.submaps)
-    where = "in its own frame (no GNSS)" if result.geo.frame is None else "geo-referenced"
+    where = "in its own frame (no GNSS)" if result.geo.frame is None else f"geo-referenced, grade {result.quality['grade']}"
     distance = path_length(trajectory.T_world_cam[:, :3, 3])
     made = f"{points} labelled points in {len(result.submaps)} submaps, {where}"
     return f"{distance:.1f} m driven, {tracked}, {made}\nreport: {out / 'report.html'}"

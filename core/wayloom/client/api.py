@@ -9,7 +9,7 @@ from typing import Any, Self
 import httpx2
 
 from wayloom.config.backoff import Backoff
-from wayloom.errors import NotFoundError, ServiceError
+from wayloom.errors import ConfigError, NotFoundError, ServiceError
 
 RETRIED_STATUS = frozenset({423, 429, 500, 502, 503, 504})
 LONGEST_WAIT_S = 30.0
@@ -36,6 +36,8 @@ class Api:
 
     def __init__(self, url: str, key: str | None = None, connections: int = 4, retries: Backoff = RETRIES) -> None:
         key = key or os.environ.get("WAYLOOM_API_KEY")
+        if not url.startswith(("http://", "https://")):
+            raise ConfigError(f"{url} is no address of a server", remedy=f"give it with its scheme: http://{url}")
         headers = {"Authorization": f"Bearer {key}"} if key else {}
         limits = httpx2.Limits(max_connections=connections + 2, max_keepalive_connections=connections + 2)
         self._retries = retries
@@ -78,7 +80,10 @@ class Api:
         try:
             response = self._client.request(method, path, **request)
         except httpx2.HTTPError as error:
-            raise ServiceError(f"{self.url} does not answer: {str(error) or type(error).__name__}") from error
+            what = f"{self.url} does not answer: {str(error) or type(error).__name__}"
+            raise ServiceError(
+                f"{what}; is `wayloom up` running there?" if isinstance(error, httpx2.ConnectError) else what
+            ) from error
         if response.status_code >= 400:
             raise _refusal(response)
         return response

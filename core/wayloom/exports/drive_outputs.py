@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.errors import InputError
+from wayloom.errors import ConfigError, InputError
 from wayloom.exports.drive_origin import drive_origin
 from wayloom.exports.provenance import provenance_of
 from wayloom.exports.source import Feature
@@ -62,6 +62,10 @@ def submap_folder(folder: Path) -> Path:
     for name in SUBMAP_FOLDERS:
         if (folder / name / "index.json").is_file():
             return folder / name
+    if str(folder).startswith(("http:", "https:")):
+        raise ConfigError(
+            "a server's map is named by --from URL", record=str(folder), remedy="wayloom export --from URL --out FILE"
+        )
     raise InputError("holds no submaps", file=folder, remedy="give the folder that `wayloom process` wrote")
 
 

@@ -91,7 +91,7 @@ def find_log(path: Path) -> Path:
     """The folder or file that is a log: `path`, or the only one inside it. Raises LogError or UnknownFormatError."""
     try:
         if not path.exists():
-            raise LogError("no such folder", file=path, remedy="give the path of a drive log")
+            raise LogError("no such folder", file=path, remedy="give the path of a drive log", reason="file.missing")
         if _recognised(path):
             return path
         if not path.is_dir():

@@ -1,6 +1,6 @@
 """Viewpoints: orthographic from above, oblique that fits a scene, and flights along a drive."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -85,12 +85,16 @@ def from_above(points: NDArray[np.float32], longest_px: int) -> Viewpoint:
     return Viewpoint(T, (width, height), metre_px=metre_px)
 
 
-def oblique(points: NDArray[np.float32], size_px: tuple[int, int], azimuth_deg: float | None = None) -> Viewpoint:
+def oblique(
+    points: NDArray[np.float32], size_px: tuple[int, int], azimuth_deg: float | None = None, ways: Sequence[FloatArray] = ()
+) -> Viewpoint:
     """From one side, at 38° over the horizon, as near as the scene fits.
 
     azimuth_deg : to which the viewer looks, clockwise from north; None: across the direction in which the scene is longest
+    ways        : (K, 3) m each, that have to be in the picture from end to end; of the points strays need not
     """
     low, high = _reach(points)
+    way = np.concatenate([np.zeros((0, 3)), *ways]).astype(np.float32)
     target = np.array([*(0.5 * (low[:2] + high[:2])), float(np.median(points[:, 2]))])
     azimuth = np.radians(_across(points) if azimuth_deg is None else azimuth_deg)
     lift = np.radians(ELEVATION_DEG)
@@ -102,6 +106,9 @@ def oblique(points: NDArray[np.float32], size_px: tuple[int, int], azimuth_deg: 
         uv, depth, _ = view.project(points)
         uv = uv[depth > 0.0].astype(np.float64)
         left, right = np.quantile(uv, [SHOWN_SHARE, 1.0 - SHOWN_SHARE], axis=0)
+        on_way, way_depth, _ = view.project(way)
+        on_way = on_way[way_depth > 0.0].astype(np.float64)
+        left, right = np.minimum(left, on_way.min(axis=0, initial=np.inf)), np.maximum(right, on_way.max(axis=0, initial=-np.inf))
         shift = 0.5 * (left + right) - (np.array(size_px) - 1.0) / 2.0
         right_dir, down_dir = view.T_view_scene[0, :3], view.T_view_scene[1, :3]
         target = target + distance / focal * (shift[0] * right_dir + shift[1] * down_dir)

@@ -71,7 +71,9 @@ def shown(scene: Scene, look: Look) -> Picture:
     """(H, W, 3) RGB of a scene from above or from one side."""
     size_px = (look.width_px, look.height_px)
     drawn, colours, legend = _coloured(scene, look)
-    view = from_above(drawn.points, look.width_px) if look.view == "top" else oblique(drawn.points, size_px, look.azimuth_deg)
+    ways = scene.tracks if look.tracks else ()
+    above = look.view == "top"
+    view = from_above(drawn.points, look.width_px) if above else oblique(drawn.points, size_px, look.azimuth_deg, ways)
     picture = rendered(drawn, colours, view)
     return laid_over(picture, overlay(view, legend, scene.north_up)) if look.legend else picture
 

@@ -138,18 +138,12 @@ def truth_errors(result: DriveResult) -> dict[str, Any] | None:
 
 def warnings(result: DriveResult) -> list[str]:
     """Warnings about the result, the most serious first."""
-    noted = {"odometry": _tracking(result.odometry), "georeference": result.geo.report, "log": result.log_facts["log"]}
+    noted = {
+        "odometry": _tracking(result.odometry), "georeference": result.geo.report, "log": result.log_facts["log"],
+        "network": result.model,
+    }  # fmt: skip
     found = [] if any(len(placed.submap) for placed in result.submaps) else ["no point was good enough for the cloud"]
     found += drive_warnings.noted_warnings(noted)
-    if result.model.get("grey_images_to_a_colour_network"):
-        found.append(
-            f"the images are grey and the network {result.model['name']} was trained on colour: its labels are less certain"
-        )
-    if result.model.get("photographs_to_a_network_of_simulated_streets"):
-        found.append(
-            f"the network {result.model['name']} knows simulated streets only: its labels of real ones are mostly wrong; give "
-            "another by --model (`wayloom models` lists those that are known)"
-        )
     void = int((result.labels.stereo == VOID).sum())
     if len(result.labels) and void > 0.2 * len(result.labels):
         found.append(f"{100.0 * void / len(result.labels):.0f} % of the points have no label")
@@ -162,6 +156,7 @@ def _tracking(odometry: OdometryResult) -> dict[str, Any]:
     return {
         "frames": len(trajectory), "frames_tracked": int(trajectory.tracked.sum()),
         "segments": len(np.unique(trajectory.segment)), "losses": odometry.report.get("losses", ()),
+        **{name: odometry.report[name] for name in drive_warnings.CALIBRATION_FACTS if name in odometry.report},
     }  # fmt: skip
 
 

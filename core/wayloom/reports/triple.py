@@ -44,5 +44,5 @@ def _scene(result: DriveResult) -> Scene:
 def _view(scene: Scene, colouring: str, street: bool) -> Image:
     colours, legend = COLOURINGS[colouring](scene)
     drawn, colours = with_tracks(scene, colours, way_colours(scene, colouring))
-    view = street_level(max(scene.tracks, key=len), SIZE_PX) if street else oblique(drawn.points, SIZE_PX)
+    view = street_level(max(scene.tracks, key=len), SIZE_PX) if street else oblique(drawn.points, SIZE_PX, None, scene.tracks)
     return laid_over(rendered(drawn, colours, view), overlay(view, legend, scene.north_up))

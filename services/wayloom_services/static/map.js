@@ -4,9 +4,13 @@ import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
 import { ask, headers } from "/static/api.js";
 import { Coverage } from "/static/map/coverage.js";
 import { knowClasses } from "/static/map/shown_classes.js";
+import { wider } from "/static/map/sites.js";
 import { grid } from "/static/map/style.js";
 import { placesOf, Tracks } from "/static/map/tracks.js";
 import { VersionLayers } from "/static/map/version_layers.js";
+
+// From a drive's way to the fronts along it.
+const BESIDE_M = 25;
 
 // The map of this page; about: { info } with the answer of /v1/info.
 export function mountMap(container, { info }) {
@@ -121,11 +125,11 @@ export class CityMap {
     this.fitTo(placesOf(feature));
   }
 
-  // Everywhere that drives have covered; the map's own bounds reach as far as the farthest thing that they saw.
+  // Everywhere that drives have covered, with the fronts beside; the map's own bounds reach as far as the farthest thing seen.
   fit() {
     // Across the antimeridian west is the greater.
     const isPlain = this.bounds && this.bounds[0] <= this.bounds[2];
-    const [west, south, east, north] = (isPlain && this.coverage.box) || this.bounds || [];
+    const [west, south, east, north] = (isPlain && this.coverage.box && wider(this.coverage.box, BESIDE_M)) || this.bounds || [];
     const corners = this.bounds ? [[west, south], [east < west ? east + 360 : east, north]] : this.tracks.features.flatMap(placesOf);
     this.fitTo(corners);
   }

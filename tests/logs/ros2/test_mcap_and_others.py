@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 from mcap.reader import make_reader
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from logs.made_drives import FRAMES, RIG, T_CAM_IMU, made_frames, made_imu, made_packets, made_poses
@@ -50,6 +50,19 @@ def test_others_decode_every_message_that_we_write(tmp_path: Path) -> None:
     assert (place.header.frame_id, place.child_frame_id) == ("left_camera", "imu")
     t = place.transform.translation
     np.testing.assert_allclose([t.x, t.y, t.z], T_CAM_IMU[:3, 3])
+
+
+def test_others_open_the_folder_of_a_recording_by_its_metadata(tmp_path: Path) -> None:
+    with McapWriter(tmp_path / "drive", RIG) as drive:
+        for frame, T in zip(made_frames(FRAMES, True), made_poses(FRAMES), strict=True):
+            drive.add(frame, T)
+    with Reader(tmp_path / "drive") as bag:
+        t_ns = [t for _, t, _ in bag.messages()]
+        counts = {connection.topic: connection.msgcount for connection in bag.connections}
+        assert (bag.message_count, bag.start_time, bag.end_time) == (len(t_ns), min(t_ns), max(t_ns) + 1)
+    assert counts["/camera/left/image_rect_color/compressed"] == counts["/truth/left_camera"] == FRAMES
+    assert sum(counts.values()) == len(t_ns)
+    assert len(open_log(tmp_path / "drive")) == FRAMES
 
 
 def test_we_read_a_bag_that_others_wrote(tmp_path: Path) -> None:

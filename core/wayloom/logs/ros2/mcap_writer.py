@@ -10,15 +10,16 @@
 """
 
 import heapq
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from wayloom.files.atomic import UMASK, UNFINISHED
+from wayloom.files.atomic import UMASK, UNFINISHED, write_atomically
 from wayloom.geometry import se3
 from wayloom.logs.drive_writer import SIDES, DriveWriter, FloatArray
 from wayloom.logs.kitti.kitti_360_clouds import read_scan
@@ -29,6 +30,7 @@ from wayloom.logs.sidecars.oxts_writer import OxtsPacket
 from wayloom.logs.types import FixType, GnssTrack
 
 ENDING: Final = ".mcap"
+METADATA, METADATA_VERSION = "metadata.yaml", 5
 CHUNK_BYTES: Final = 4 << 20
 LEFT_FRAME, RIGHT_FRAME, IMU_FRAME, GNSS_FRAME, LIDAR_FRAME, WORLD_FRAME = (
     "left_camera",
@@ -46,8 +48,30 @@ Message = tuple[int, int, str, str, bytes]
 """Time ns, rank among messages of one time, topic, type, bytes."""
 
 
+def metadata(file: str, first_ns: int, last_ns: int, counts: Mapping[tuple[str, str], int]) -> bytes:
+    """rosbag2's metadata.yaml of a recording of one file, by which its tools open the folder; JSON is YAML, too.
+
+    counts : messages of each topic and type
+    """
+    about = {"starting_time": {"nanoseconds_since_epoch": first_ns}, "duration": {"nanoseconds": last_ns - first_ns}}
+    topics = [
+        {
+            "topic_metadata": {"name": topic, "type": kind, "serialization_format": "cdr", "offered_qos_profiles": ""},
+            "message_count": count,
+        }
+        for (topic, kind), count in sorted(counts.items())
+    ]
+    whole = {"version": METADATA_VERSION, "storage_identifier": "mcap", **about, "message_count": sum(counts.values())}
+    whole |= {"topics_with_message_count": topics, "compression_format": "", "compression_mode": "", "relative_file_paths": [file]}
+    whole["files"] = [{"path": file, **about, "message_count": sum(counts.values())}]
+    return (json.dumps({"rosbag2_bagfile_information": whole}, indent=1) + "\n").encode()
+
+
 class McapWriter(DriveWriter):
-    """A folder with `<name>.mcap` and wayloom.json. Images stay in the spool until all messages are written in order of time."""
+    """A folder with `<name>.mcap`, rosbag2's metadata.yaml and wayloom.json.
+
+    Images stay in the spool until all messages are written in order of time.
+    """
 
     name_digits = 10
     holds_raw_images = True
@@ -84,14 +108,19 @@ class McapWriter(DriveWriter):
                 )
                 writer.start(profile="ros2", library="wayloom")
                 channels: dict[str, int] = {}
+                counts: dict[tuple[str, str], int] = {}
+                first_ns = last_ns = self.times_ns[0]
                 for sequence, (t_ns, _, topic, kind, data) in enumerate(heapq.merge(*self._streams())):
                     if topic not in channels:
                         schema = writer.register_schema(kind, "ros2msg", ros.schema(kind).encode())
                         channels[topic] = writer.register_channel(topic, "cdr", schema)
                     writer.add_message(channels[topic], t_ns, data, t_ns, sequence)
+                    counts[topic, kind] = counts.get((topic, kind), 0) + 1
+                    first_ns, last_ns = min(first_ns, t_ns), max(last_ns, t_ns)
                 writer.finish()
             unfinished.chmod(0o666 & ~UMASK)
             os.replace(unfinished, file)
+            write_atomically(self.folder / METADATA, metadata(file.name, first_ns, last_ns, counts))
         except OSError as problem:
             unfinished.unlink(missing_ok=True)
             raise OSError(problem.errno, problem.strerror, str(file)) from problem

@@ -14,7 +14,7 @@ import { driveWords, duration, errorOf, moment, OVER, STATES } from "/static/ui/
 const id = location.pathname.split("/").pop();
 const RENEW_MS = 10_000;
 const SAVING_MS = 60_000;
-const VERDICTS = { merge: "merged into the map", hold: "held: it waits for drives that place it, or an operator", quarantine: "quarantined: not merged" };
+const VERDICTS = { merge: "good enough for the map", hold: "held: it waits for drives that place it, or an operator", quarantine: "quarantined: not merged" };
 const RUNS = { running: "Being processed anew", publishing: "Processed anew, joining the map", failed: "Processing anew failed" };
 
 const [info, caller] = await Promise.all([ask("/v1/info"), frame()]);
@@ -31,7 +31,7 @@ function showVerdict(drive) {
   at("grade").replaceChildren(gradeBadge(drive.quality));
   if (!drive.quality) return;
   const { grade, gate, reasons, release, by_map: byMap } = drive.quality;
-  const verdict = release ? "released" : byMap?.admitted ? `in the map with grade ${byMap.grade} by the drives that it meets` : VERDICTS[gate];
+  const verdict = release ? "released" : byMap?.admitted ? `in the map with grade ${byMap.grade} by the drives that it meets` : gate === "merge" && drive.state === "done" ? "merged into the map" : VERDICTS[gate];
   at("verdict").textContent = `${grade ? `Grade ${grade} by its own GNSS` : "No GNSS of its own"}, ${verdict}`;
   at("by-map").hidden = !byMap;
   if (byMap) at("by-map").textContent = `The map says: ${byMap.reason}.`;

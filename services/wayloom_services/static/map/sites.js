@@ -22,6 +22,13 @@ export const sizeOf = ([west, south, east, north]) => [
   (east - west) * M_PER_DEGREE * Math.cos((((south + north) / 2) * Math.PI) / 180), (north - south) * M_PER_DEGREE,
 ];
 
+// The box with so many metres more on each side.
+export function wider([west, south, east, north], metres) {
+  const up = metres / M_PER_DEGREE;
+  const aside = up / Math.max(Math.cos((((south + north) / 2) * Math.PI) / 180), 0.05);
+  return [west - aside, south - up, east + aside, north + up];
+}
+
 export function areaOf(bounds) {
   const [wide, high] = sizeOf(bounds);
   return wide * high;

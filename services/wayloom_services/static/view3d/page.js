@@ -4,7 +4,7 @@ import { ask } from "/static/api.js";
 import { at, element } from "/static/ui/dom.js";
 import { numbersOf, readHash, writeHash } from "/static/map/hash.js";
 import { zoomOf } from "/static/map/scale.js";
-import { sitesOf } from "/static/map/sites.js";
+import { sitesOf, wider } from "/static/map/sites.js";
 import { follow, frame } from "/static/ui/frame.js";
 import { many } from "/static/ui/words.js";
 import { MODES } from "/static/view3d/colours.js";
@@ -14,6 +14,9 @@ import { tellPoint } from "/static/view3d/point.js";
 import { PointScene } from "/static/view3d/scene.js";
 
 const STATIC = "static";
+// From a drive's way to the fronts along it; what the panel leaves of the width.
+const BESIDE_M = 25;
+const FREE_SHARE = 0.75;
 const state = { colour: "class", hidden: new Set(), layers: new Set(), size: 2, detail: 3, drive: "", version: null };
 let found = null;
 let sites = [];
@@ -141,13 +144,18 @@ async function standSomewhere() {
 }
 
 function fit(site = sites[0]) {
-  const [west, south, east, north] = site?.bounds ?? found?.bounds ?? [];
-  if (west === undefined || !scene.frame) return;
+  const bounds = site?.bounds ?? found?.bounds;
+  if (!bounds || !scene.frame) return;
+  const [west, south, east, north] = wider(bounds, BESIDE_M);
   const corners = [scene.frame.local(west, south, found.frame[2]), scene.frame.local(east, north, found.frame[2])];
   const middle = corners[0].clone().add(corners[1]).multiplyScalar(0.5);
   const ground = scene.groundAt(middle.x, middle.y);
   if (ground !== null) middle.z = ground;
-  scene.orbit.place({ target: middle, distance: Math.max(corners[0].distanceTo(corners[1]) * 0.62, 30), bearing: 0, tilt: 45 });
+  const [wide, deep] = [Math.abs(corners[1].x - corners[0].x), Math.abs(corners[1].y - corners[0].y)];
+  const steep = Math.tan((scene.camera.fov * Math.PI) / 360);
+  const across = wide / 2 / (steep * (innerWidth / innerHeight) * FREE_SHARE);
+  const distance = (deep / 2) * Math.SQRT1_2 + Math.max(across, ((deep / 2) * Math.SQRT1_2) / steep);
+  scene.orbit.place({ target: middle, distance: Math.max(distance, 30), bearing: 0, tilt: 45 });
 }
 
 function goToSite(number) {
