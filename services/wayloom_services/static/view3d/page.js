@@ -14,9 +14,10 @@ import { tellPoint } from "/static/view3d/point.js";
 import { PointScene } from "/static/view3d/scene.js";
 
 const STATIC = "static";
-// From a drive's way to the fronts along it; what the panel leaves of the width.
-const BESIDE_M = 25;
-const FREE_SHARE = 0.75;
+// Beside what drives cover, for the fronts along it; what the panel leaves of a wide window.
+const BESIDE_M = 10;
+const FREE_SHARE = 0.8;
+const NARROW_PX = 700;
 const state = { colour: "class", hidden: new Set(), layers: new Set(), size: 2, detail: 3, drive: "", version: null };
 let found = null;
 let sites = [];
@@ -153,8 +154,9 @@ function fit(site = sites[0]) {
   if (ground !== null) middle.z = ground;
   const [wide, deep] = [Math.abs(corners[1].x - corners[0].x), Math.abs(corners[1].y - corners[0].y)];
   const steep = Math.tan((scene.camera.fov * Math.PI) / 360);
-  const across = wide / 2 / (steep * (innerWidth / innerHeight) * FREE_SHARE);
-  const distance = (deep / 2) * Math.SQRT1_2 + Math.max(across, ((deep / 2) * Math.SQRT1_2) / steep);
+  const free = innerWidth < NARROW_PX ? 1 : FREE_SHARE;
+  const across = wide / 2 / (steep * (innerWidth / innerHeight) * free);
+  const distance = (deep / 4) * Math.SQRT1_2 + Math.max(across, ((deep / 2) * Math.SQRT1_2) / steep);
   scene.orbit.place({ target: middle, distance: Math.max(distance, 30), bearing: 0, tilt: 45 });
 }
 
