@@ -188,9 +188,10 @@ def test_a_cloud_of_others_is_labelled_by_the_standards_classes_and_coloured_by_
 
 
 @pytest.mark.parametrize("name", ["flight.mp4", "flight.webm", "flight.gif", "frames"])
-def test_a_flight_is_a_film_that_can_be_read_again(name: str, tmp_path: Path) -> None:
+def test_a_flight_is_a_film_that_can_be_read_again(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / name
     render(street(), Look("fly", "height", 160, 96, seconds=0.24), out)
+    assert capfd.readouterr() == ("", "")
     if out.suffix == "":
         frames = [cv2.imread(str(file)) for file in sorted(out.iterdir())]
     elif out.suffix == ".gif":

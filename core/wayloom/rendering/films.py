@@ -1,7 +1,8 @@
 """Films: frames one after another into an MP4, a WebM, an animated GIF or a folder of pictures, by the ending of its name."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -58,7 +59,8 @@ def _write_video(path: Path, frames: Iterable[Picture]) -> int:
             count += 1
             if writer is None:
                 codec, size = cv2.VideoWriter.fourcc(*CODECS[path.suffix]), (frame.shape[1], frame.shape[0])
-                writer = cv2.VideoWriter(str(path), codec, float(FRAMES_A_S), size)
+                with _silent_libraries():
+                    writer = cv2.VideoWriter(str(path), codec, float(FRAMES_A_S), size)
                 if not writer.isOpened():
                     raise WayloomError(f"this OpenCV writes no {path.suffix}; give a .gif, or a folder for the frames")
             writer.write(_bgr(frame))
@@ -66,6 +68,19 @@ def _write_video(path: Path, frames: Iterable[Picture]) -> int:
         if writer is not None:
             writer.release()
     return count
+
+
+@contextmanager
+def _silent_libraries() -> Iterator[None]:
+    """Without what C libraries print to the process's standard error: OpenCV has a line of its own for every WebM."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _write_gif(path: Path, frames: Iterable[Picture]) -> int:
