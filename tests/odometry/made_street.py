@@ -127,8 +127,12 @@ class MadeLog:
     def __len__(self) -> int:
         return len(self.truth)
 
+    def drawn(self, index: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Left and right image of the street as it always is: nobody changes them."""
+        return grey_pair(self.truth[index].tobytes(), self.rig, self.bias_px)
+
     def frame(self, index: int) -> StereoFrame:
-        left8, right8 = (image.copy() for image in grey_pair(self.truth[index].tobytes(), self.rig, self.bias_px))
+        left8, right8 = (image.copy() for image in self.drawn(index))
         if index in self.changes:
             left8, right8 = self.changes[index](left8, right8)
         if self.colour:

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from made_street import MadeLog, curve
 from made_window import NUMBERS, ROBUST, made_window
+from numpy.typing import NDArray
 
 from wayloom.geometry import se3
-from wayloom.logs.types import StereoFrame
 from wayloom.odometry.backend.stereo_scale import LEAST_VOTES, SCALES, SpanScale, StereoScale, strongest_vote
 from wayloom.odometry.backend.window import Window, chosen
 from wayloom.odometry.odometry import track
@@ -96,7 +96,7 @@ class BetweenBuses(MadeLog):
     """The made street, pale as it is in haze, and a bus of 8 m on either side that drives off a fifth as fast as the car, from
     frame 12 on, when the car comes between them."""
 
-    def frame(self, index: int) -> StereoFrame:
+    def drawn(self, index: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         bus = slice(*(np.array([8, 16]) * int(made_street.TEXELS_PER_M) + max(index - 12, 0)))  # a texel a frame
         vivid = list(made_street.TEXTURES)
         planes = [125.0 + share * (plane - 125.0) for share, plane in zip((0.25, 0.4, 0.4, 0.25, 0.25), vivid, strict=True)]
@@ -104,7 +104,8 @@ class BetweenBuses(MadeLog):
             planes[side][bus] = vivid[side][400 : 400 + bus.stop - bus.start]
         made_street.TEXTURES[:] = planes
         try:
-            return super().frame(index)
+            left, right, _ = made_street.pair(self.truth[index], self.rig, self.bias_px)
+            return made_street.grey(left), made_street.grey(right)
         finally:
             made_street.TEXTURES[:] = vivid
 

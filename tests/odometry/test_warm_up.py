@@ -7,6 +7,7 @@ import pytest
 from test_imu_drives import drive
 
 from wayloom.calibration.self_calibration import track_calibrated
+from wayloom.config.kernel_types import types_of
 from wayloom.odometry import warm_up
 
 MODULES = (
@@ -33,7 +34,7 @@ def compiled() -> set[tuple[str, str]]:
 
 @pytest.mark.skipif("not kernels()", reason="numba's compiler is off")
 def test_a_drive_with_an_imu_uses_what_is_listed_and_nothing_else() -> None:
-    listed, before = {(name, str(warm_up._types(words))) for name, words in LISTED}, compiled()
+    listed, before = {(name, str(types_of(words, warm_up._named_tuples()))) for name, words in LISTED}, compiled()
     result = track_calibrated(drive(60))
     assert result.report["imu"]["started_s"]
     assert compiled() - before <= listed
