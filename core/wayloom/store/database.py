@@ -19,7 +19,7 @@ DatabaseAwayError = OperationalError
 """The database cannot be reached, is locked for too long, or its disk is full."""
 BUSY_TIMEOUT_MS = 30_000
 CACHE_KB = 256
-"""Of pages, for each connection: an API process opens up to 30, and grew for hours until SQLite's own 2 MB of each were full."""
+"""Of pages, for each connection: an API process opens up to 30, of which SQLite would keep 2 MB each."""
 PRAGMAS = ("journal_mode=WAL", "synchronous=NORMAL", "foreign_keys=ON", "secure_delete=ON", f"cache_size=-{CACHE_KB}")
 """Of SQLite; what is deleted is overwritten: a row that is gone shall not be read from the file."""
 
