@@ -1,5 +1,6 @@
 """Recordings that were never closed, or were cut: read as far as they go, and told."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,15 @@ def rewritten(source: Path, file: Path, compression: CompressionType, chunked: b
             writer.add_message(channels[name], t_ns, found.read(index[name], row), t_ns, number)
         writer.finish()
     return file
+
+
+def chunks_of(data: bytearray) -> Iterator[int]:
+    """Where the chunks of a recording begin: records have one byte that tells their kind and eight of length."""
+    at = 8
+    while at < len(data) - 8:
+        if data[at] == 0x06:
+            yield at
+        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +78,20 @@ def test_a_recording_whose_end_alone_is_damaged_is_whole(tmp_path: Path, recordi
     log = open_log(tmp_path / "end.mcap")
     assert len(log) == FRAMES
     assert "an index, and what should follow at its end" in log.missing[0]
+
+
+@pytest.mark.parametrize("compression", [CompressionType.LZ4, CompressionType.ZSTD])
+def test_a_footer_that_takes_a_damaged_chunk_for_the_summary_is_not_believed(
+    tmp_path: Path, recording: Path, compression: CompressionType
+) -> None:
+    data = bytearray(rewritten(recording, tmp_path / "small.mcap", compression).read_bytes())
+    third = list(chunks_of(data))[2]
+    data[-28:-20] = third.to_bytes(8, "little")  # where the footer says that the summary begins
+    data[third + 60 : third + 600] = bytes(540)
+    (tmp_path / "wrong.mcap").write_bytes(data)
+    log = open_log(tmp_path / "wrong.mcap")
+    assert 0 < len(log) < FRAMES
+    assert log.missing
 
 
 @pytest.mark.parametrize("chunked", [True, False])
