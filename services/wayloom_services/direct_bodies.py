@@ -43,34 +43,38 @@ class LentSocket:
 
 
 class DirectBody:
-    """Buffers that are filled from the socket while those before are stored by a thread of its own.
+    """Buffers that are filled from the socket, and stored: each by the thread that has filled it, or by another one meanwhile.
 
     left    bytes of the body that are not received yet
     broken  the connection has ended before the body has
     """
 
-    def __init__(self, lent: LentSocket, link: socket.socket, early: bytes, left: int, store: Callable[[memoryview], None]) -> None:
+    def __init__(
+        self, lent: LentSocket, link: socket.socket, early: bytes, left: int, store: Callable[[memoryview], None], *, ahead: bool
+    ) -> None:
         self.left, self.broken = left, False
         self._lent, self._link, self._store = lent, link, store
-        self._filling, *others = (memoryview(mmap.mmap(-1, BUFFER)) for _ in range(BUFFERS))  # pages, as direct writing wants them
+        count = BUFFERS if ahead else 1
+        self._filling, *others = (memoryview(mmap.mmap(-1, BUFFER)) for _ in range(count))  # pages, as direct writing wants them
         self._free = deque(others)
         self._filling[: len(early)] = early
         self._filled = len(early)
-        self._thread = ThreadPoolExecutor(1)
+        self._thread = ThreadPoolExecutor(1) if ahead else None
         self._storing: deque[tuple[Future[None], memoryview]] = deque()
         self._failed = False
         self._poll = select.poll()
         self._poll.register(link, select.POLLIN)
 
     @classmethod
-    def of(cls, request: Request, store: Callable[[memoryview], None]) -> Self | None:
+    def of(cls, request: Request, store: Callable[[memoryview], None], *, ahead: bool) -> Self | None:
         """That of a request, None where it has to be received as usual.
 
         store : takes the next bytes; called from a thread, one call after the other
+        ahead : receive the next ones meanwhile, where storing waits for the disk; otherwise it only costs what handing over costs
         """
         lent: LentSocket = request.scope.get("extensions", {}).get(LENT) or LentSocket()
         found = lent.lend(LEAST)
-        return None if found is None else cls(lent, *found, store)
+        return None if found is None else cls(lent, *found, store, ahead=ahead)
 
     async def readable(self) -> AsyncIterator[bool]:
         """An item whenever there is something to receive, until the end."""
@@ -117,9 +121,14 @@ class DirectBody:
 
     def settle(self) -> None:
         """Wait for what is being stored. Blocking."""
-        self._thread.shutdown()
+        if self._thread is not None:
+            self._thread.shutdown()
 
     def _hand_over(self) -> None:
+        if self._thread is None:
+            content, self._filled = self._filling[: self._filled], 0
+            self._store(content)
+            return
         self._storing.append((self._thread.submit(self._store_in_turn, self._filling[: self._filled]), self._filling))
         self._filled = 0
         if not self._free:

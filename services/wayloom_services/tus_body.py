@@ -27,7 +27,12 @@ PROLONG_S: Final = 60.0
 
 
 class Sink(Protocol):
-    """Where a body's bytes go."""
+    """Where a body's bytes go.
+
+    waits_for_disk : taking them does; otherwise they go to memory, and to the disk behind it
+    """
+
+    waits_for_disk: bool
 
     def take(self, content: memoryview) -> None:
         """The next bytes. Blocking."""
@@ -70,7 +75,7 @@ async def _pour(request: Request, service: Service, upload: Upload, arrival: Sin
         service.metrics.upload_bytes.inc(len(content))
         arrival.take(content)
 
-    body = DirectBody.of(request, store)
+    body = DirectBody.of(request, store, ahead=arrival.waits_for_disk)
     if body is not None:
         return await _pour_directly(body, service, expiry, hold)
     come = 0

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from wayloom.store.manifest import Manifest, ManifestFile, check_path
+from wayloom.store.manifest import USUAL, Manifest, ManifestFile, check_parts, check_path
 
 DIGEST = hashlib.sha256(b"").hexdigest()
 
@@ -59,6 +59,11 @@ def test_no_path_that_is_taken_leaves_its_folder(path: str) -> None:
     assert path.split("/")[0] in ("log", "gnss")
     assert ".." not in path.split("/")
     assert "\0" not in path
+
+
+@given(st.from_regex(USUAL, fullmatch=True))
+def test_the_short_way_for_usual_paths_takes_none_that_the_parts_refuse(path: str) -> None:
+    assert check_parts(path) == path
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,8 @@ class Arrival:
     Raises BlockingIOError where another process writes to the same upload.
     """
 
+    waits_for_disk = True
+
     def __init__(self, part: Part, start: int, sha: Digest | None) -> None:
         self.offset, self.sha = start, sha
         self.closed: Callable[[], None] = lambda: None

@@ -5,18 +5,22 @@ import json
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator
+from functools import cached_property
 from typing import Annotated, Self
 
 import rfc8785
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, field_validator, model_validator
 
 PLAIN = re.compile(r"[ -~]*")
+USUAL = re.compile(r"(log|gnss)(/[\w.-]{0,254}[\w-])+", re.ASCII)
+"""What most paths are: letters, digits, `_`, `-` and inner dots; no part longer than allowed. Nothing is wrong with them."""
 INVISIBLE = ("Cc", "Cf", "Cs", "Zl", "Zp")
 MAX_PATH = 1024
 MAX_NAME_BYTES = 255
 FOLDERS = ("log", "gnss")
 """A file of the drive log lies under `log/`, a file of a GNSS log kept beside it under `gnss/`."""
 
+_TEXT = json.JSONEncoder(ensure_ascii=False)
 Digest = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -79,7 +83,7 @@ class Manifest(BaseModel):
             _check_inside("gnss", self.gnss, self.files)
         return self
 
-    @property
+    @cached_property
     def drive_id(self) -> str:
         """SHA-256 of the manifest as canonical JSON (RFC 8785), files sorted by path, absent fields left out."""
         digest = hashlib.sha256()
@@ -101,13 +105,18 @@ class Manifest(BaseModel):
         about = rfc8785.dumps(self.model_dump(exclude_none=True, exclude={"files"}))
         yield b'{"files":['
         for number, file in enumerate(sorted(self.files, key=lambda file: file.path)):
-            path = json.dumps(file.path, ensure_ascii=False)
+            path = _TEXT.encode(file.path)
             yield f'{"," if number else ""}{{"path":{path},"sha256":"{file.sha256}","size":{file.size}}}'.encode()
         yield b"]," + about[1:]
 
 
 def check_path(path: str, *, may_be_root: bool = False) -> str:
     """The path if it can safely be a file in a drive's folder. Raises PathError that says what is wrong."""
+    return path if USUAL.fullmatch(path) else check_parts(path, may_be_root=may_be_root)
+
+
+def check_parts(path: str, *, may_be_root: bool = False) -> str:
+    """The same of any path, part by part."""
     parts = path.split("/")
     if "\\" in path or (not PLAIN.fullmatch(path) and any(unicodedata.category(letter) in INVISIBLE for letter in path)):
         raise PathError("unsafe-path", f"{path!r}: control characters and backslashes are not allowed in a path")

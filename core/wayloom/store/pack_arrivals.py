@@ -1,7 +1,6 @@
 """Bytes of one request that continues a pack: verified on the way, split into files, and these stored in batches."""
 
 import fcntl
-import mmap
 import os
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -12,14 +11,12 @@ from wayloom.errors import ChecksumMismatchError
 from wayloom.store.arrivals import PieceCheck, Pieces
 from wayloom.store.folders import Folders
 from wayloom.store.packs import Pack, install, stored
-from wayloom.store.uploads import DISK_BLOCK, open_past_cache, write_at, write_past_cache
+from wayloom.store.uploads import FOR_WRITING, write_at
 
-LEAST_PAST_CACHE: Final = 128 << 10
-"""Bytes of one file for which a further opened file and a copy in memory cost less than the page cache does."""
-AT_ONCE: Final = 1 << 20
-BATCH_BYTES: Final = 64 << 20
+BATCH_BYTES: Final = 16 << 20
 BATCH_FILES: Final = 2000
-"""Files that are made durable by one flush and told to the database in one transaction."""
+"""Files that are made durable by one flush and told to the database in one transaction: few bytes, so that at the end of a request
+there is little to wait for."""
 
 
 class FileMismatchError(ChecksumMismatchError):
@@ -35,18 +32,20 @@ class PackArrival:
     commit : called with how many of the pack's files lie in their places, after each batch
     """
 
+    waits_for_disk = False
+
     def __init__(self, folders: Folders, pack: Pack, pieces: Pieces | None, commit: Callable[[int], None]) -> None:
         self._folders, self._pack, self._commit = folders, pack, commit
         self._check = None if pieces is None else PieceCheck(pieces, self._keep)
         self._number, self._within, self._fd = 0, 0, -1
         self._whole: list[int] = []
-        self._page = memoryview(mmap.mmap(-1, AT_ONCE))
         self._lock = (folders.uploads / f"{pack.upload_id}.pack").open("r+b")
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BaseException:
             self._lock.close()
             raise
+        self._prefix = f"{folders.uploads}/{pack.upload_id}."
         self._installer = ThreadPoolExecutor(1)
         self._installed: Future[None] | None = None
 
@@ -97,28 +96,13 @@ class PackArrival:
         while content:
             size = self._pack.files[self._number].size
             some = content[: size - self._within]
-            self._write(some)
+            write_at(self._fd, some, self._within)
             self._sha.update(some)
             self._within += len(some)
             content = content[len(some) :]
             if self._within == size:
                 self._finish()
                 self._open_next()
-
-    def _write(self, content: memoryview) -> None:
-        """At the end of the file's bytes; many of them past the page cache, for which they have to begin at a page of memory."""
-        if len(content) < LEAST_PAST_CACHE or self._within % DISK_BLOCK:
-            write_at(self._fd, content, self._within)
-            return
-        direct = open_past_cache(self._pack.part(self._folders, self._number).path)
-        try:
-            for start in range(0, len(content), len(self._page)):
-                some = content[start : start + len(self._page)]
-                self._page[: len(some)] = some
-                write_past_cache(direct, self._fd, self._page[: len(some)], self._within + start)
-        finally:
-            if direct is not None:
-                os.close(direct)
 
     def _finish(self) -> None:
         """The file is whole: verify it, and hand it over where a batch is full."""
@@ -136,14 +120,12 @@ class PackArrival:
     def _open_next(self) -> None:
         """The next file that is not empty; empty ones are whole."""
         while self._number < len(self._pack.files):
-            part = self._pack.part(self._folders, self._number)
-            self._fd, self._sha = part.open(), sha256()
+            self._fd, self._sha = os.open(f"{self._prefix}{self._number}", FOR_WRITING, 0o640), sha256()
             if self._within < self._pack.files[self._number].size:
                 break
             self._finish()
         if self._within:
-            with part.path.open("rb") as come:
-                self._sha.update(come.read(self._within))
+            self._sha.update(os.pread(self._fd, self._within, 0))
 
     def _close_file(self) -> None:
         if self._fd >= 0:

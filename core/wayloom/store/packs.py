@@ -167,13 +167,15 @@ def stored(folders: Folders, pack: Pack, files_done: int) -> Progress:
 
 def install(folders: Folders, pack: Pack, numbers: Sequence[int]) -> None:
     """Move whole files to their places and make them durable. Those that lie there already are made durable all the same."""
-    targets = [pack.place(folders, number).path for number in numbers]
-    for folder in {target.parent for target in targets}:
-        folder.mkdir(parents=True, exist_ok=True)
+    home, parts = str(folders.drive(pack.drive_id)), f"{folders.uploads}/{pack.upload_id}."
+    targets = [f"{home}/{pack.files[number].path}" for number in numbers]
+    for folder in {os.path.dirname(target) for target in targets}:
+        os.makedirs(folder, exist_ok=True)
     for number, target in zip(numbers, targets, strict=True):
-        part = pack.part(folders, number).path
-        if part.exists():
-            os.replace(part, target)
+        try:
+            os.replace(f"{parts}{number}", target)
+        except FileNotFoundError:  # it lies there
+            continue
     make_durable(targets)
 
 
@@ -226,24 +228,19 @@ def _batches(all_of_them: Sequence[T], size: int) -> Iterator[Sequence[T]]:
     return (all_of_them[start : start + size] for start in range(0, len(all_of_them), size))
 
 
-def make_durable(files: Sequence[Path]) -> None:
+def make_durable(files: Sequence[str | Path]) -> None:
     """Make files and their names durable. Many of them by one flush of their file system: a flush for each would take milliseconds
     a file, whatever its size."""
     if sys.platform == "linux" and len(files) > FEW:
-        fd = os.open(files[0].parent, os.O_RDONLY | os.O_CLOEXEC)
+        fd = os.open(os.path.dirname(files[0]), os.O_RDONLY | os.O_CLOEXEC)
         try:
             if _libc().syncfs(fd) != 0:
                 raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
         finally:
             os.close(fd)
         return
-    for file in _and_folders(files):
-        sync_folder(file)
-
-
-def _and_folders(files: Sequence[Path]) -> Iterator[Path]:
-    yield from files
-    yield from sorted({file.parent for file in files})
+    for path in [*files, *sorted({os.path.dirname(file) for file in files})]:
+        sync_folder(Path(path))
 
 
 @lru_cache(1)

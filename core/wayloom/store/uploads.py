@@ -8,6 +8,7 @@ import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from sqlalchemy import delete, or_, select, update
 from sqlalchemy.orm import Session
@@ -18,6 +19,7 @@ from wayloom.store.folders import Folders
 from wayloom.store.tables.drives import DriveFile, Upload
 
 BLOCK = 1 << 20
+FOR_WRITING: Final = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
 DISK_BLOCK = 4096
 """Bytes of which writing past the page cache wants multiples."""
 
@@ -37,12 +39,11 @@ class Part:
 
     def open(self) -> int:
         """A file descriptor for writing, made with its folder where it is missing."""
-        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
         try:
-            return os.open(self.path, flags, 0o640)
+            return os.open(self.path, FOR_WRITING, 0o640)
         except FileNotFoundError:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            return os.open(self.path, flags, 0o640)
+            return os.open(self.path, FOR_WRITING, 0o640)
 
     def digest(self) -> str:
         """SHA-256 of the stored bytes."""

@@ -16,6 +16,8 @@ class ObjectArrival:
     closed : called when the upload was let go of
     """
 
+    waits_for_disk = False
+
     def __init__(self, writer: PartWriter, sha: Digest | None, checks: Checks) -> None:
         self._writer, self._sha = writer, sha
         self.closed: Callable[[], None] = lambda: None
@@ -67,6 +69,8 @@ class ObjectPackArrival:
 
     begun : the bytes of the next file that are stored already
     """
+
+    waits_for_disk = False
 
     def __init__(self, writer: PartWriter, rows: PackRows, begun: bytes, pieces: Pieces | None) -> None:
         self._writer, self._rows, self._files = writer, rows, rows.pack.files

@@ -10,7 +10,12 @@ from wayloom.store.tables.drives import Upload
 
 
 class Arriving(Protocol):
-    """Bytes of one request that continues an upload. Every method is blocking: call it from a thread."""
+    """Bytes of one request that continues an upload. Every method is blocking: call it from a thread.
+
+    waits_for_disk : whether `take` does; otherwise it puts the bytes into memory, from where they go on meanwhile
+    """
+
+    waits_for_disk: bool
 
     @property
     def offset(self) -> int:
