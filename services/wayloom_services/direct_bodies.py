@@ -18,7 +18,10 @@ from fastapi import Request
 
 BUFFER: Final = 1 << 20
 """Whole buffers are stored, and pieces are parts of them: no byte waits for the other half of its piece."""
-BUFFERS: Final = 4
+LARGE_BUFFER: Final = 2 << 20
+LARGE_BODY: Final = 16 << 20
+"""A body of so much is taken by large buffers: handing one over costs the same, and a kill costs little of the body all the same."""
+BUFFERS: Final = 3
 """So far receiving may be ahead of storing: with two, each waits for the other one's slowest moments."""
 TURN: Final = 32 << 20
 TURN_S: Final = 0.25
@@ -54,8 +57,9 @@ class DirectBody:
     ) -> None:
         self.left, self.broken = left, False
         self._lent, self._link, self._store = lent, link, store
+        self._size = LARGE_BUFFER if left >= LARGE_BODY else BUFFER
         count = BUFFERS if ahead else 1
-        self._filling, *others = (memoryview(mmap.mmap(-1, BUFFER)) for _ in range(count))  # pages, as direct writing wants them
+        self._filling, *others = (memoryview(mmap.mmap(-1, self._size)) for _ in range(count))  # pages, as direct writing wants them
         self._free = deque(others)
         self._filling[: len(early)] = early
         self._filled = len(early)
@@ -93,7 +97,7 @@ class DirectBody:
         is taken, and nothing is waited for. Blocking. Raises what storing raises."""
         last, until = max(0, self.left - TURN), time.monotonic() + TURN_S
         while self.left > last and not self.broken and time.monotonic() < until:
-            room = min(BUFFER - self._filled, self.left)
+            room = min(self._size - self._filled, self.left)
             try:
                 come = self._link.recv_into(self._filling[self._filled :], room)
             except BlockingIOError:
@@ -104,7 +108,7 @@ class DirectBody:
                 come = 0
             self.broken = come == 0
             self.left, self._filled = self.left - come, self._filled + come
-            if self._filled == BUFFER:
+            if self._filled == self._size:
                 self._hand_over()
 
     def flush(self) -> None:
