@@ -14,7 +14,6 @@ from wayloom.pipeline.code_version import code_version
 from wayloom.pipeline.digests import sha256_of_json
 from wayloom.pipeline.settings import WayloomSettings
 from wayloom.stitching.admission import Verdict
-from wayloom.stitching.grid import KEY_LIMITS
 from wayloom.store import map_versions, maps
 from wayloom.store.database import Session
 from wayloom.store.map_versions import MovedSubmap
@@ -22,10 +21,9 @@ from wayloom.store.maps import Box, SubmapPlace
 from wayloom.store.tables.drives import SubmapRow
 from wayloom_workers.city_alignment import Alignment
 from wayloom_workers.drive_pairs import Candidates
+from wayloom_workers.map_reach import reach_of
 
 FloatArray = NDArray[np.float64]
-MARGIN_M: Final = 500.0
-"""Of the submaps' own size: they are judged by the place of their origin, and reach 100 m of road and 60 m of sight from it."""
 MADE_BY: Final = (
     "wayloom.stitching.regions", "wayloom.stitching.region_files", "wayloom.tiles.updates", "wayloom.ground.merge",
     "wayloom.tiles.ground_tiles", "wayloom.stitching.region_markings", "wayloom.stitching.region_areas",
@@ -228,7 +226,7 @@ def _within_reach(
     most submaps. So it depends on which drives are in the map, never on which came first; guests are not asked. A drive of a
     neighbouring cell is moved over exactly: both frames are rigid. Drives without a place are within reach of any map with others.
     """
-    reach_m = KEY_LIMITS * settings.merge.voxel_m - MARGIN_M
+    reach_m = reach_of(settings)
     members = [place for place in places if not place.is_guest]
     cells = {place.frame for place in members if place.frame is not None}
     cells = cells if settings.map_origin is None else {settings.map_origin}

@@ -30,6 +30,7 @@ from wayloom.submaps.files import load_submaps
 from wayloom_workers.drive_sightings import OBJECTS
 from wayloom_workers.exclusion import exclude
 from wayloom_workers.finished_stages import finished_stages
+from wayloom_workers.map_reach import check_reach
 from wayloom_workers.publishing import publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
 from wayloom_workers.rig_memory import forget, remember, remember_gnss, rig_file_for
@@ -38,6 +39,7 @@ from wayloom_workers.stitching import prepare_stitch
 from wayloom_workers.submap_rows import submap_row
 
 TRACK_POINTS: Final = 2000
+INGEST: Final = "ingest"
 ODOMETRY: Final = "odometry"
 GEOREFERENCE: Final = "georeference"
 SUBMAPS: Final = "submaps"
@@ -58,6 +60,8 @@ def _prepare(attempt: StageAttempt) -> PreparedStage:
     assert attempt.log_path is not None
     source = LogSource(attempt.log_path, attempt.gnss_path)
     stage, settings = attempt.claim.stage, _settings(attempt)
+    if stage == INGEST:
+        check_reach(source.log.gnss, attempt.context.settings)
     if stage in (ODOMETRY, GEOREFERENCE):
         settings = settings.model_copy(update={"rig": rig_file_for(attempt, source.log)})
     context = StageContext(source, attempt.inputs_dir, settings, attempt.claim.drive_id)
@@ -218,7 +222,7 @@ def _record_submaps(attempt: StageAttempt) -> Record:
 
 
 _HOOKS: Final = {
-    "ingest": StageHooks(_prepare, record=_record_log),
+    INGEST: StageHooks(_prepare, record=_record_log),
     ODOMETRY: StageHooks(_prepare, share=_remember_rig, record=_record_tracking),
     "segmentation": StageHooks(_prepare, record=_record_network),
     "georeference": StageHooks(_prepare, share=_share_georeference, record=_record_track),
