@@ -20,7 +20,7 @@ BUFFER: Final = 1 << 20
 """Whole buffers are stored, and pieces are parts of them: no byte waits for the other half of its piece."""
 LARGE_BUFFER: Final = 2 << 20
 LARGE_BODY: Final = 16 << 20
-"""A body of so much is taken by large buffers: handing one over costs the same, and a kill costs little of the body all the same."""
+"""A body of so much is taken by large buffers: handing one over costs the same, and a kill still costs little of the body."""
 BUFFERS: Final = 3
 """So far receiving may be ahead of storing: with two, each waits for the other one's slowest moments."""
 TURN: Final = 32 << 20
@@ -59,7 +59,8 @@ class DirectBody:
         self._lent, self._link, self._store = lent, link, store
         self._size = LARGE_BUFFER if left >= LARGE_BODY else BUFFER
         count = BUFFERS if ahead else 1
-        self._filling, *others = (memoryview(mmap.mmap(-1, self._size)) for _ in range(count))  # pages, as direct writing wants them
+        pages = (memoryview(mmap.mmap(-1, self._size)) for _ in range(count))  # as direct writing wants them
+        self._filling, *others = pages
         self._free = deque(others)
         self._filling[: len(early)] = early
         self._filled = len(early)

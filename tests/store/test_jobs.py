@@ -8,7 +8,7 @@ import pytest
 
 from wayloom.config.stages import drive_stages
 from wayloom.errors import ConflictError, LeaseLostError
-from wayloom.store import drives, jobs, maps, sweep
+from wayloom.store import drives, history, jobs, maps, sweep
 from wayloom.store.database import Database
 from wayloom.store.jobs import Claim
 from wayloom.store.manifest import Manifest, ManifestFile
@@ -346,6 +346,9 @@ def test_a_failed_map_job_fails_the_drives_that_wait_for_it_and_a_retry_brings_t
     with database.write() as session:
         jobs.fail(session, held, "no\0 room", final=True)
     assert drive(database, drive_id).error == "stitch: no room"
+    with database.read() as session:
+        newest = history.of_drive(session, drive_id, 1)
+        assert [(row.stage, row.what, row.text) for row in newest] == [("stitch", "failed", "no room")]
     with database.write() as session:
         assert [message.job_id for message in jobs.retry(session, drive_id)] == [job_id]
     assert drive(database, drive_id).state == "stitching"

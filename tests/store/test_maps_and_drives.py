@@ -8,8 +8,8 @@ import pytest
 from sqlalchemy import select
 
 from wayloom.errors import ConflictError, NotFoundError
-from wayloom.store import drives, gate, map_versions, maps, uploads
-from wayloom.store.database import Database
+from wayloom.store import drives, gate, history, map_versions, maps, uploads
+from wayloom.store.database import Database, Session
 from wayloom.store.folders import Folders
 from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.map_versions import OUT_OF_REACH, NewVersion, RegionEntry, TileEntry, TileKey
@@ -34,6 +34,11 @@ def register(database: Database, name: str) -> str:
 
 def version(*tiles: TileEntry, drives: tuple[str, ...] = (), base: int = 0, dropped: tuple[TileKey, ...] = ()) -> NewVersion:
     return NewVersion(base, (8.5, 49.5, 0.0), drives, 1, (8.0, 49.0, 8.1, 49.1), tiles, dropped)
+
+
+def told(session: Session, drive_id: str) -> list[tuple[str, str, str]]:
+    """The drive's history: stage, what, text; oldest first."""
+    return [(row.stage, row.what, row.text) for row in reversed(history.of_drive(session, drive_id, 100))]
 
 
 def publish_and_fail(database: Database) -> None:
@@ -99,6 +104,8 @@ def test_a_drive_that_a_later_map_job_takes_in_is_done_though_its_own_had_failed
     with database.read() as session:
         assert (drives.get(session, drive_id).state, drives.get(session, drive_id).error) == ("done", None)
         assert drives.get(session, broken).state == "failed"
+        assert told(session, drive_id) == [("publish", "done", "the drive is in the map since version 1")]
+        assert told(session, broken) == []
 
 
 def test_a_drive_out_of_the_maps_reach_fails_and_says_why(database: Database) -> None:
@@ -110,6 +117,7 @@ def test_a_drive_out_of_the_maps_reach_fails_and_says_why(database: Database) ->
     with database.read() as session:
         row = drives.get(session, drive_id)
         assert (row.state, row.error) == ("failed", OUT_OF_REACH)
+        assert told(session, drive_id) == [("publish", "failed", OUT_OF_REACH)]
 
 
 def test_nothing_published_and_no_map_are_told_apart(database: Database) -> None:

@@ -1,4 +1,4 @@
-"""How far a map reaches from its origin, and drives that lie beyond, told before anything is made of them."""
+"""Reach of a map from its origin; drives that lie beyond it are told before anything is made of them."""
 
 from typing import Final
 

@@ -358,7 +358,7 @@ def _fail_dependants(session: Session, job: Job, error: str) -> None:
     else:
         if job.part:
             _update(session, update(Job).where(Job.id == job.parent_id, Job.state == "waiting"), **values)
-        _update(
-            session, update(Drive).where(Drive.stitch_job_id == (job.parent_id or job.id), Drive.state == "stitching"), **values
-        )
+        waiting = update(Drive).where(Drive.stitch_job_id == (job.parent_id or job.id), Drive.state == "stitching")
+        for drive_id in session.scalars(waiting.values(values).returning(Drive.id)).all():
+            note_event(session, drive_id, job.stage, "failed", part=job.part, attempt=job.attempt, text=error)
     settle(session, Drive.id == job.drive_id if job.drive_id is not None else Drive.map_id == job.map_id)

@@ -76,6 +76,7 @@ def take_published(session: Session, map_id: str, stitch_job_id: int) -> None:
         assert drive.coming is not None
         if drive.coming.get("stitch", stitch_job_id + 1) <= stitch_job_id:
             _take(drive)
+            note_event(session, drive.id, "publish", "done", text="what was made anew is in the map")
 
 
 def _take(drive: Drive) -> None:
