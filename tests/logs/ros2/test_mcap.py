@@ -1,6 +1,7 @@
 """ROS 2 recordings: as robots make them, and damaged."""
 
 import io
+import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -341,6 +342,15 @@ def test_cdr_aligns_each_value_to_its_size() -> None:
         CdrReader(b"\x07\x07\x00\x00")
     with pytest.raises(CdrError, match="says 5 values"):
         CdrReader(big).sequence("d")
+
+
+@pytest.mark.parametrize(
+    ("place", "quaternion", "what"), [(1e300, 1.0, "a place 1e\\+300 m away"), (0.0, 0.0, "a quaternion of length 0")]
+)
+def test_a_pose_beyond_all_range_is_refused(place: float, quaternion: float, what: str) -> None:
+    values = struct.pack("<7d", 0.0, place, 0.0, 0.0, 0.0, 0.0, quaternion)
+    with pytest.raises(CdrError, match=what):
+        ros.read_motion(CdrReader(bytes([0, 1, 0, 0]) + values))
 
 
 def test_a_log_that_is_let_go_closes_its_file(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.files.text_files import LARGEST_NUMBER
 from wayloom.geometry import se3
 from wayloom.logs.ros2.cdr import CdrError, CdrReader, CdrWriter
 
@@ -159,11 +160,13 @@ def read_exposure(data: bytes | memoryview) -> tuple[Header, float]:
 
 
 def read_motion(message: CdrReader) -> FloatArray:
-    """Translation and quaternion x y z w to (4, 4). Raises CdrError where the quaternion is none."""
+    """Translation and quaternion x y z w to (4, 4). Raises CdrError where the quaternion is none, or the place beyond all range."""
     t, (x, y, z, w) = message.numbers("d", 3), message.numbers("d", 4)
     norm = math.hypot(x, y, z, w)
     if not 0.9 < norm < 1.1:
         raise CdrError(f"a quaternion of length {norm:.3g}")
+    if np.abs(t).max() > LARGEST_NUMBER:
+        raise CdrError(f"a place {np.abs(t).max():.3g} m away")
     return se3.from_quaternion_wxyz(np.array([w, x, y, z]), t)
 
 
