@@ -5,7 +5,6 @@ import json
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator
-from functools import cached_property
 from typing import Annotated, Self
 
 import rfc8785
@@ -83,7 +82,7 @@ class Manifest(BaseModel):
             _check_inside("gnss", self.gnss, self.files)
         return self
 
-    @cached_property
+    @property
     def drive_id(self) -> str:
         """SHA-256 of the manifest as canonical JSON (RFC 8785), files sorted by path, absent fields left out."""
         digest = hashlib.sha256()
