@@ -42,6 +42,7 @@ from wayloom_services.heads import HeadAsGet
 from wayloom_services.hosts import CheckHead
 from wayloom_services.limits import LimitBodies
 from wayloom_services.metrics import CountRequests
+from wayloom_services.missing import MissingPages
 from wayloom_services.openapi import describe
 from wayloom_services.tile_answers import ShortWay
 from wayloom_services.tus_headers import MethodOverride
@@ -89,6 +90,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     app.add_middleware(HeadAsGet)
     app.add_middleware(LimitBodies, settings=settings)
     app.add_middleware(Guard, service=service)
+    app.add_middleware(MissingPages)
     app.add_middleware(CheckHead, settings=settings)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(MethodOverride)

@@ -55,9 +55,9 @@ class Assets:
         self._held: dict[str, Asset] = {}
         self._lock = Lock()
 
-    async def page(self, name: str, request: Request) -> Response:
+    async def page(self, name: str, request: Request, status: int = 200) -> Response:
         """A page by its name, asked for each time."""
-        return await self._answer(f"{PAGES}/{name}.html", EACH_TIME, request)
+        return await self._answer(f"{PAGES}/{name}.html", EACH_TIME, request, status)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request below the place where this is mounted. Raises HTTPException."""
@@ -71,19 +71,21 @@ class Assets:
         answer = await self._answer(name, FOR_GOOD if known else EACH_TIME, request)
         await answer(scope, receive, send)
 
-    async def _answer(self, name: str, keep: str, request: Request) -> Response:
+    async def _answer(self, name: str, keep: str, request: Request, status: int = 200) -> Response:
         if name not in self._names:
             raise HTTPException(404)
         asset = self._held.get(name)
         if asset is None:
             asset = await anyio.to_thread.run_sync(self._made, name)
         headers = {"ETag": asset.tag, "Cache-Control": keep, "Vary": "Accept-Encoding"}
-        if asset.tag in [one.strip().removeprefix("W/") for one in request.headers.get("if-none-match", "").split(",")]:
+        if status == 404:
+            headers = {"Cache-Control": "no-store", "Vary": "Accept, Accept-Encoding"}
+        elif asset.tag in [one.strip().removeprefix("W/") for one in request.headers.get("if-none-match", "").split(",")]:
             return Response(status_code=304, headers=headers)
         body = asset.plain
         if asset.compressed is not None and "gzip" in request.headers.get("accept-encoding", ""):
             body, headers["Content-Encoding"] = asset.compressed, "gzip"
-        return Response(body, headers=headers, media_type=asset.media_type)
+        return Response(body, status, headers, asset.media_type)
 
     def _made(self, name: str) -> Asset:
         """The file as it is sent, made once: it takes some tens of milliseconds to compress one."""

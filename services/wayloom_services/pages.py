@@ -1,12 +1,15 @@
 """Pages of the dashboard. They hold nothing of anybody: what they show they ask of /v1 with the rights of whoever looks."""
 
+import re
 from functools import cache
+from typing import Final
 
 from fastapi import APIRouter, Request, Response
 
 from wayloom_services.assets import Assets
-from wayloom_services.drives import DriveId
+from wayloom_services.errors import ProtocolError
 
+DRIVE_ID: Final = re.compile("[0-9a-f]{64}")
 router = APIRouter(include_in_schema=False)
 
 
@@ -53,7 +56,8 @@ async def access(request: Request) -> Response:
 
 
 @router.get("/drives/{drive_id}")
-async def drive(drive_id: DriveId, request: Request) -> Response:
-    """One drive."""
-    del drive_id
+async def drive(drive_id: str, request: Request) -> Response:
+    """One drive. Raises ProtocolError where the address is no drive's; whether there is such a drive, the page asks."""
+    if not DRIVE_ID.fullmatch(drive_id):
+        raise ProtocolError(404, "not-found", f"{drive_id[:80]!r} is no drive's id, which has 64 hexadecimal digits")
     return await assets().page("drive", request)

@@ -53,6 +53,23 @@ def test_the_same_manifest_twice_is_the_same_drive(http: httpx2.Client) -> None:
     assert [file["path"] for file in again.json()["missing"]] == ["log/a"]
 
 
+HTML, JSON = "text/html,application/xhtml+xml;q=0.9,*/*;q=0.8", "application/json"
+
+
+@pytest.mark.parametrize("path", ["/drives/nonsense", "/nonsense", "/v1/nonsense", "/static/nonsense"])
+@pytest.mark.parametrize("accept", [HTML, JSON, "*/*"])
+def test_programs_get_a_problem_of_what_is_not_there_and_browsers_a_page(http: httpx2.Client, path: str, accept: str) -> None:
+    answer = http.get(path, headers={"Accept": accept})
+    assert answer.status_code == 404
+    is_page = accept == HTML and not path.startswith(("/v1", "/static"))
+    assert answer.headers["content-type"] == ("text/html; charset=utf-8" if is_page else "application/problem+json")
+    if is_page:
+        assert (answer.headers["cache-control"], answer.headers["vary"]) == ("no-store", "Accept, Accept-Encoding")
+        assert "script-src 'self'" in answer.headers["content-security-policy"]
+    else:
+        assert answer.json()["code"] == "not-found"
+
+
 def test_a_file_that_was_begun_says_where_to_go_on(http: httpx2.Client) -> None:
     drive = register(http, "begun", a=b"0123456789")
     address = create(http, drive, "log/a", 10, b"0123").headers["Location"]

@@ -15,11 +15,12 @@ from wayloom.config.classes import CLASS_NAMES
 PAGES = {
     "map": "/", "drive": "/drives/{done}", "held drive": "/drives/{held}", "failed drive": "/drives/{failed}", "fleet": "/fleet",
     "areas": "/areas", "access": "/access", "sign-in": "/sign-in", "3d": "/3d",
+    "no drive": "/drives/nonsense", "no page": "/nonsense",
 }  # fmt: skip
 READY = {
     "map": "#drives .drive", "drive": "[data-plot=sigma] svg", "held drive": "#history table", "failed drive": "#history table",
     "fleet": "#vehicles table", "areas": "#areas table", "access": "#keys table", "sign-in": "#sign-in",
-    "3d": "#panel",
+    "3d": "#panel", "no drive": "#none:not([hidden])", "no page": ".missing",
 }  # fmt: skip
 RUN = """() => axe.run(document, { resultTypes: ["violations"] }).then(({ violations }) => violations.map((one) =>
   [one.id, ...one.nodes.slice(0, 5).map(({ target, any }) => `${target} ${any.map((check) => check.message)}`)].join(" | ")))"""

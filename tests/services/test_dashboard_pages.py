@@ -73,6 +73,41 @@ def test_every_page_leads_to_every_other(browser: Any, shown: tuple[ApiAlone, di
 
 
 @pytest.mark.browser
+@pytest.mark.parametrize(("address", "status"), [("/drives/nonsense", 404), (f"/drives/{'0' * 64}", 200)])
+def test_an_address_of_no_drive_says_so_and_leads_to_the_list(
+    browser: Any, shown: tuple[ApiAlone, dict[str, str]], address: str, status: int
+) -> None:
+    alone, ids = shown
+    answering(alone.url)
+    page = browser.new_page()
+    answer = page.goto(alone.url + address)
+    assert answer.status == status
+    until(lambda: page.is_visible("#none"))
+    assert page.inner_text("h1:visible") == "There is no such drive"
+    assert page.title() == "No such drive · wayloom"
+    assert not page.is_visible("#history")
+    assert page.locator("nav a:visible").count() == 5
+    page.click("#none a")
+    page.wait_for_selector(f"[data-id='{ids['done']}']")
+    page.close()
+
+
+@pytest.mark.browser
+def test_an_unknown_page_says_so_with_the_status_404_and_leads_to_the_map(
+    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+) -> None:
+    alone, _ = shown
+    answering(alone.url)
+    page = browser.new_page()
+    for path in ("/nonsense", "/drives/", "/drives/a/b"):
+        assert page.goto(alone.url + path).status == 404, path
+        assert page.inner_text("h1") == "There is no such page"
+    page.click("main a")
+    page.wait_for_url(f"{alone.url}/")
+    page.close()
+
+
+@pytest.mark.browser
 def test_who_has_to_sign_in_comes_back_to_the_same_view(browser: Any, guarded: Guarded) -> None:
     context = browser.new_context()
     page = context.new_page()

@@ -15,6 +15,7 @@ const id = location.pathname.split("/").pop();
 const RENEW_MS = 10_000;
 const SAVING_MS = 60_000;
 const VERDICTS = { merge: "good enough for the map", hold: "held: it waits for drives that place it, or an operator", quarantine: "quarantined: not merged" };
+const MISSING = [404, 422]; // of an id that nobody has, and of what is no id
 const RUNS = { running: "Being processed anew", publishing: "Processed anew, joining the map", failed: "Processing anew failed" };
 
 const [info, caller] = await Promise.all([ask("/v1/info"), frame()]);
@@ -197,7 +198,19 @@ function markAt(seconds) {
   plots.track.mark(x[row], y[row]);
 }
 
-const refresh = async () => show(await ask(`/v1/drives/${id}`));
+async function refresh() {
+  const found = await ask(`/v1/drives/${id}`).catch((error) => {
+    if (shown || !MISSING.includes(error.status)) throw error;
+  });
+  missing(!found);
+  if (found) show(found);
+}
+
+function missing(isMissing) {
+  at("none").hidden = !isMissing;
+  at("main").classList.toggle("is-missing", isMissing);
+  if (isMissing) document.title = "No such drive · wayloom";
+}
 
 at("ask-release").addEventListener("submit", (event) => {
   event.preventDefault();
@@ -207,7 +220,7 @@ at("revoke").addEventListener("click", () => act(() => ask(`/v1/drives/${id}/rel
 at("by").value = caller.name === "this machine" ? "" : caller.name.replace(/^user /, "");
 
 function hear(event, data) {
-  if (event === "drive" && data.id === id) show(data);
+  if (event === "drive" && data.id === id) (missing(false), show(data));
   if (event === "removed" && data.id === id) {
     isRemoved = true;
     telling("drive", () => Promise.reject(new Error("This drive was removed.")));
