@@ -10,7 +10,7 @@ import pytest
 
 from service_kit.browsers import answering
 from service_kit.filled_service import filled
-from service_kit.guarded import PASSWORD, Guarded
+from service_kit.guarded import API_KEY, PASSWORD, Guarded
 from service_kit.running import ApiAlone, until
 from wayloom.config.roles import Role
 from wayloom.store.database import Database
@@ -40,8 +40,8 @@ def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
         yield service
 
 
-def sign_in(page: Any) -> None:
-    page.fill("#name", "anna")
+def sign_in(page: Any, name: str = "anna") -> None:
+    page.fill("#name", name)
     page.fill("#password", PASSWORD)
     page.click("#sign-in button")
 
@@ -225,6 +225,54 @@ def test_a_drive_at_work_is_asked_for_on_its_page_too_and_the_focus_stays(
     assert page.evaluate("document.activeElement.id") == "delete"
     assert page.is_visible("#downloads a")  # they were drawn anew
     page.close()
+
+
+@pytest.mark.browser
+def test_the_page_of_a_held_drive_says_why_and_what_an_operator_can_do(
+    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+) -> None:
+    alone, ids = shown
+    answering(alone.url)
+    page = browser.new_page()
+    ways = page.locator("#ways-out li")
+    page.goto(f"{alone.url}/drives/{ids['held']}")
+    until(lambda: ways.count() == 3)
+    assert page.inner_text("#reasons") == "sigma of the position 2.00 m in the median"
+    assert [one.split()[0] for one in ways.all_inner_texts()] == ["Release", "Process", "Delete"]
+    assert all(page.is_visible(f"#{name}") for name in ("ask-release", "reprocess", "delete"))
+    change(alone, ids["held"], placed=False, images="deleted", sound=True)
+    page.reload()
+    until(lambda: ways.count() == 3)
+    said = ways.all_inner_texts()
+    assert "cannot be released: send it again with GNSS" in said[0]
+    assert "wayloom upload LOG --again" in said[1]
+    assert said[2].startswith("Delete")
+    assert not page.is_visible("#ask-release")
+    change(alone, ids["quarantined"], gate="hold", sound=True)
+    page.goto(f"{alone.url}/drives/{ids['quarantined']}")
+    until(lambda: ways.count() == 4)
+    assert ways.first.inner_text() == "Wait: drives that come later and meet it may place it."
+    page.goto(f"{alone.url}/drives/{ids['done']}")
+    page.wait_for_selector("#verdict:visible")
+    assert not page.is_visible("#ways")
+    page.close()
+
+
+@pytest.mark.browser
+def test_a_viewer_is_told_who_may_do_something_about_a_held_drive(browser: Any, guarded: Guarded) -> None:
+    guarded.user("vera", Role.VIEWER)
+    drive = guarded.drive(API_KEY)
+    change(guarded.api, drive, state="held", grade="D", gate="hold", reasons=["sigma 2.00 m"], placed=True)
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(f"{guarded.api.url}/sign-in?next=%2Fdrives%2F{drive}")
+    sign_in(page, "vera")
+    page.wait_for_selector("#ways-out li")
+    assert page.inner_text("#ways-out") == (
+        "An operator may release it into the map, process it anew with other settings or delete it. You may look at it."
+    )
+    assert not page.is_visible("#ask-release")
+    context.close()
 
 
 @pytest.mark.browser

@@ -5,6 +5,7 @@ import { Scrubber } from "/static/drive/keyframes.js";
 import { showHistory, showStages } from "/static/drive/log.js";
 import { numbers } from "/static/drive/numbers.js";
 import { plotsOf } from "/static/drive/plots.js";
+import { waysOut } from "/static/drive/ways_out.js";
 import { gradeBadge } from "/static/list/card.js";
 import { actionsFor } from "/static/ui/actions.js";
 import { at, button, element, link, say, table } from "/static/ui/dom.js";
@@ -37,6 +38,9 @@ function showVerdict(drive) {
   at("by-map").hidden = !byMap;
   if (byMap) at("by-map").textContent = `The map says: ${byMap.reason}.`;
   at("reasons").replaceChildren(...reasons.map((reason) => element("li", "", reason)));
+  const ways = waysOut(drive, about);
+  at("ways").hidden = !ways.length;
+  at("ways-out").replaceChildren(...ways);
   at("release").hidden = !release;
   at("revoke").hidden = !release || !mayOperate;
   if (release) at("release").textContent = `Released by ${release.by} on ${moment(release.at)}: ${release.why}`;
