@@ -318,6 +318,23 @@ def test_a_download_that_is_refused_is_said_and_not_saved(browser: Any, tmp_path
 
 
 @pytest.mark.browser
+def test_the_poses_of_a_drive_without_a_place_are_said_to_be_in_its_own_frame(
+    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+) -> None:
+    alone, ids = shown
+    answering(alone.url)
+    page = browser.new_page()
+    poses = page.locator("#downloads li", has_text="TUM")
+    page.goto(f"{alone.url}/drives/{ids['done']}")
+    until(lambda: poses.count() and poses.inner_text() == "Keyframe poses, TUM East, north, up in the map's frame")
+    change(alone, ids["done"], placed=False)
+    page.reload()
+    own = "Keyframe poses, TUM Right, ahead, up of the drive's start: it has no place on Earth"
+    until(lambda: poses.count() and poses.inner_text() == own)
+    page.close()
+
+
+@pytest.mark.browser
 def test_a_picture_of_a_keyframe_that_comes_late_is_not_shown(browser: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
     """Asked for before another one was, it would stand under the other one's words."""
     alone, ids = shown

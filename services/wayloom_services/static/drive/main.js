@@ -95,15 +95,16 @@ const act = (work) =>
   });
 
 function showDownloads(drive) {
+  const axes = drive.placed === false ? "Right, ahead, up of the drive's start: it has no place on Earth" : "East, north, up in the map's frame";
   const files = [
     ["Report, a page that stands by itself", "report.html", Boolean(drive.facts.quality), "Opens in a tab"],
     ["Track, GeoJSON", "track", drive.placed === true, "Longitude, latitude, height in WGS84"],
-    ["Keyframe poses, TUM", "trajectory.tum", Boolean(drive.facts.preview), "East, north, up in the map's frame"],
+    ["Keyframe poses, TUM", "trajectory.tum", Boolean(drive.facts.preview), axes],
     ["Labelled points, PLY", "cloud.ply", Boolean(drive.facts.preview), "With class, sigma and time"],
     ["All of these in one archive, zip", "archive.zip", Boolean(drive.facts.preview), "With objects, pictures of the ground, and a README that says what is what"],
     ["Log as it was sent, tar", "log.tar", mayOperate && drive.images.state === "kept" && drive.uploaded_at !== null, "Images and all; for operators"],
   ];
-  const key = JSON.stringify([drive.name, files.map(([, , has]) => has)]);
+  const key = JSON.stringify([drive.name, axes, files.map(([, , has]) => has)]);
   if (at("downloads").dataset.key === key) return;
   at("downloads").dataset.key = key;
   const had = at("downloads").contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
