@@ -291,7 +291,25 @@ def test_the_fleet_page_takes_its_complaint_back_and_tells_what_the_map_s_jobs_d
     until(lambda: page.is_visible("#problem") and page.inner_text("#problem") == "the database is away")
     until(lambda: not page.is_visible("#problem"), RENEWED_S)
     cells = page.locator("#map-jobs tbody tr").first.locator("td").all_inner_texts()
-    assert [cells[1], cells[2], cells[4], cells[5]] == ["stitch", "failed", "75 s", "no memory"]
+    assert [cells[1], cells[2], cells[4], cells[5]] == ["stitch", "failed", "1 min 15 s", "no memory"]
+    page.close()
+
+
+@pytest.mark.browser
+def test_durations_have_seconds_below_ten_minutes_and_hours_from_sixty(
+    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+) -> None:
+    alone, ids = shown
+    told = {
+        0.2: "1 s", 59.4: "59 s", 59.6: "1 min", 91: "1 min 31 s", 180: "3 min", 599.4: "9 min 59 s", 599.6: "10 min", 754: "13 min",
+        3569: "59 min", 3570: "1 h", 3599: "1 h", 5400: "1 h 30 min", 7200: "2 h", 90_120: "25 h 2 min",
+    }  # fmt: skip
+    answering(alone.url)
+    page = browser.new_page()
+    page.goto(f"{alone.url}/drives/{ids['done']}")
+    words = "async (all) => all.map((await import('/static/ui/words.js')).duration)"
+    assert page.evaluate(words, [*told]) == [*told.values()]
+    until(lambda: "300 stereo pairs in 30 s" in page.inner_text("#numbers"))
     page.close()
 
 

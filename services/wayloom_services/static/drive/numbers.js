@@ -1,12 +1,12 @@
 // What is known of a drive in numbers, as rows of a table in the order of interest.
 
-import { many, metres, moment, size } from "/static/ui/words.js";
+import { duration, many, metres, moment, size } from "/static/ui/words.js";
 
 export function numbers({ fixes, bursts, receiver, scale, drift, loops }, facts) {
   const { log, georeference, odometry } = facts;
   const rows = [];
   if (log) {
-    rows.push(["Log", `${log.format}, ${many(log.frames.count, "stereo pair")} in ${log.frames.duration_s.toFixed(1)} s, ${size(log.bytes)}`]);
+    rows.push(["Log", `${log.format}, ${many(log.frames.count, "stereo pair")} in ${duration(log.frames.duration_s)}, ${size(log.bytes)}`]);
     rows.push(["Begin", log.start ?? moment(null)]);
     rows.push(["Camera", `${log.camera.width} × ${log.camera.height}, baseline ${log.camera.baseline_m.toFixed(3)} m`]);
   }

@@ -7,10 +7,16 @@ export const STATES = {
 
 export const OVER = ["done", "held", "quarantined", "failed"];
 
-export const duration = (seconds) => {
-  if (seconds < 90) return `${Math.max(1, Math.round(seconds))} s`;
-  return seconds < 5400 ? `${Math.round(seconds / 60)} min` : `${(seconds / 3600).toFixed(1)} h`;
-};
+// The larger unit and what is left of the smaller: "1 min 31 s", "2 h 5 min", "3 min".
+const inTwo = (number, base, large, small) => `${Math.floor(number / base)} ${large}${number % base ? ` ${number % base} ${small}` : ""}`;
+
+export function duration(seconds) {
+  const whole = Math.max(1, Math.round(seconds));
+  if (whole < 60) return `${whole} s`;
+  if (whole < 600) return inTwo(whole, 60, "min", "s");
+  const minutes = Math.round(seconds / 60);
+  return minutes < 60 ? `${minutes} min` : inTwo(minutes, 60, "h", "min");
+}
 
 // An interval in one unit: "4 to 9 min".
 export const between = (low, high) => {
