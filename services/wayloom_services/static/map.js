@@ -4,13 +4,10 @@ import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
 import { ask, headers } from "/static/api.js";
 import { Coverage } from "/static/map/coverage.js";
 import { knowClasses } from "/static/map/shown_classes.js";
-import { wider } from "/static/map/sites.js";
+import { BESIDE_M, wider } from "/static/map/sites.js";
 import { grid } from "/static/map/style.js";
 import { placesOf, Tracks } from "/static/map/tracks.js";
 import { VersionLayers } from "/static/map/version_layers.js";
-
-// From a drive's way to the fronts along it.
-const BESIDE_M = 25;
 
 // The map of this page; about: { info } with the answer of /v1/info.
 export function mountMap(container, { info }) {

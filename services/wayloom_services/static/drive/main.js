@@ -5,6 +5,7 @@ import { Scrubber } from "/static/drive/keyframes.js";
 import { showHistory, showStages } from "/static/drive/log.js";
 import { numbers } from "/static/drive/numbers.js";
 import { plotsOf } from "/static/drive/plots.js";
+import { verdict } from "/static/drive/verdict.js";
 import { waysOut } from "/static/drive/ways_out.js";
 import { gradeBadge } from "/static/list/card.js";
 import { actionsFor } from "/static/ui/actions.js";
@@ -15,7 +16,6 @@ import { driveWords, duration, errorOf, moment, OVER, STATES } from "/static/ui/
 const id = location.pathname.split("/").pop();
 const RENEW_MS = 10_000;
 const SAVING_MS = 60_000;
-const VERDICTS = { merge: "good enough for the map", hold: "held: it waits for drives that place it, or an operator", quarantine: "quarantined: not merged" };
 const MISSING = [404, 422]; // of an id that nobody has, and of what is no id
 const RUNS = { running: "Being processed anew", publishing: "Processed anew, joining the map", failed: "Processing anew failed" };
 
@@ -32,9 +32,8 @@ function showVerdict(drive) {
   at("verdict-box").hidden = !drive.quality;
   at("grade").replaceChildren(gradeBadge(drive.quality));
   if (!drive.quality) return;
-  const { grade, gate, reasons, release, by_map: byMap } = drive.quality;
-  const verdict = release ? "released" : byMap?.admitted ? `in the map with grade ${byMap.grade} by the drives that it meets` : gate === "merge" && drive.state === "done" ? "merged into the map" : VERDICTS[gate];
-  at("verdict").textContent = `${grade ? `Grade ${grade} by its own GNSS` : "No GNSS of its own"}, ${verdict}`;
+  const { gate, reasons, release, by_map: byMap } = drive.quality;
+  at("verdict").textContent = verdict(drive);
   at("by-map").hidden = !byMap;
   if (byMap) at("by-map").textContent = `The map says: ${byMap.reason}.`;
   at("reasons").replaceChildren(...reasons.map((reason) => element("li", "", reason)));

@@ -2,6 +2,8 @@
 
 const GAP_M = 400;
 const M_PER_DEGREE = 111_320;
+// Beside what drives cover, for the fronts along it: the margin of a first view.
+export const BESIDE_M = 25;
 
 export const boxOf = (polygon) => {
   const box = [Infinity, Infinity, -Infinity, -Infinity];

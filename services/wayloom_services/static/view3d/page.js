@@ -4,7 +4,7 @@ import { ask } from "/static/api.js";
 import { at, element } from "/static/ui/dom.js";
 import { numbersOf, readHash, writeHash } from "/static/map/hash.js";
 import { zoomOf } from "/static/map/scale.js";
-import { sitesOf, wider } from "/static/map/sites.js";
+import { BESIDE_M, sitesOf, wider } from "/static/map/sites.js";
 import { follow, frame } from "/static/ui/frame.js";
 import { many } from "/static/ui/words.js";
 import { MODES } from "/static/view3d/colours.js";
@@ -14,8 +14,7 @@ import { tellPoint } from "/static/view3d/point.js";
 import { PointScene } from "/static/view3d/scene.js";
 
 const STATIC = "static";
-// Beside what drives cover, for the fronts along it; what the panel leaves of a wide window.
-const BESIDE_M = 10;
+// What the panel leaves of a wide window.
 const FREE_SHARE = 0.8;
 const NARROW_PX = 700;
 const state = { colour: "class", hidden: new Set(), layers: new Set(), size: 2, detail: 3, drive: "", version: null };
