@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
+import numpy as np
 import pytest
 
-from service_kit.browsers import answering
+from service_kit.browsers import answering, shot
 from service_kit.filled_service import filled
 from service_kit.guarded import API_KEY, PASSWORD, Guarded
 from service_kit.running import ApiAlone, until
@@ -310,6 +311,61 @@ def test_durations_have_seconds_below_ten_minutes_and_hours_from_sixty(
     words = "async (all) => all.map((await import('/static/ui/words.js')).duration)"
     assert page.evaluate(words, [*told]) == [*told.values()]
     until(lambda: "300 stereo pairs in 30 s" in page.inner_text("#numbers"))
+    page.close()
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_table_that_goes_on_beyond_its_edge_has_a_shade_there(
+    browser: Any, shown: tuple[ApiAlone, dict[str, str]], scheme: str
+) -> None:
+    alone, _ = shown
+    answering(alone.url)
+    page = browser.new_page(viewport={"width": 390, "height": 900}, color_scheme=scheme)
+    page.goto(f"{alone.url}/fleet")
+    page.wait_for_selector("#vehicles table")
+    assert page.evaluate("document.querySelector('#vehicles').scrollWidth > document.querySelector('#vehicles').clientWidth + 60")
+    left, right = edges(page, "#vehicles")
+    assert right > left + 8
+    page.evaluate("document.querySelector('#vehicles').scrollLeft = 30")
+    left, right = edges(page, "#vehicles")
+    assert min(left, right) > 8
+    page.evaluate("document.querySelector('#vehicles').scrollLeft = 9999")
+    left, right = edges(page, "#vehicles")
+    assert left > right + 8
+    page.close()
+
+
+def edges(page: Any, selector: str) -> tuple[int, int]:
+    """How much darker than the panel most rows of a block are at its left and at its right edge, 0 to 255."""
+    page.locator(selector).scroll_into_view_if_needed()
+    box = page.locator(selector).bounding_box()
+    x, y, width, height = (int(box[name]) for name in ("x", "y", "width", "height"))
+    picture = shot(page)[y + 2 : y + height - 2].astype(int).mean(axis=2)
+    ground = np.median(picture[:, x - 4])
+    return tuple(int(ground - np.median(picture[:, at])) for at in (x + 1, x + width - 2))  # type: ignore[return-value]
+
+
+@pytest.mark.browser
+def test_the_verdict_on_a_drive_is_said_in_words(browser: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
+    alone, ids = shown
+    answering(alone.url)
+    page = browser.new_page()
+    for state, words in {
+        "done": "Grade B by its own GNSS, merged into the map",
+        "held": "Grade D by its own GNSS, held: it waits for drives that place it, or an operator",
+        "quarantined": "Grade D by its own GNSS, quarantined: not merged",
+    }.items():
+        page.goto(f"{alone.url}/drives/{ids[state]}")
+        until(lambda words=words: page.inner_text("#verdict") == words)
+    words = "async (drive) => (await import('/static/drive/verdict.js')).verdict(drive)"
+    merged = {"grade": "A", "gate": "merge", "release": None, "by_map": None}
+    assert page.evaluate(words, {"state": "failed", "quality": merged}) == "Grade A by its own GNSS, good enough for the map"
+    held = {"grade": None, "gate": "hold", "release": {"by": "Ada"}, "by_map": None}
+    assert page.evaluate(words, {"state": "done", "quality": held}) == "No GNSS of its own, released"
+    met = {"grade": "D", "gate": "hold", "release": None, "by_map": {"admitted": True, "grade": "B"}}
+    said = page.evaluate(words, {"state": "done", "quality": met})
+    assert said == "Grade D by its own GNSS, in the map with grade B by the drives that it meets"
     page.close()
 
 
