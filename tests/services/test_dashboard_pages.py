@@ -392,6 +392,24 @@ def test_a_download_that_is_refused_is_said_and_not_saved(browser: Any, tmp_path
 
 
 @pytest.mark.browser
+def test_plots_name_the_mark_of_the_keyframe_and_the_bands_of_bursts(
+    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+) -> None:
+    alone, ids = shown
+    answering(alone.url)
+    page = browser.new_page()
+    page.goto(f"{alone.url}/drives/{ids['done']}")
+    page.wait_for_selector("#picture img")
+    page.focus("#keyframe")
+    page.keyboard.press("Home")
+    names = page.locator("#track figcaption span:visible")
+    until(lambda: "keyframe that is shown" in [one.strip() for one in names.all_inner_texts()])
+    told = [one.strip() for one in page.locator("[data-plot=speed] figcaption span:visible").all_inner_texts()]
+    assert told == ["speed by the odometry", "GNSS burst"]
+    page.close()
+
+
+@pytest.mark.browser
 def test_the_poses_of_a_drive_without_a_place_are_said_to_be_in_its_own_frame(
     browser: Any, shown: tuple[ApiAlone, dict[str, str]]
 ) -> None:

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ from map_pages import Open, like, opening
 
 from service_kit.looked_at import LookedAt, looked_at
 from service_kit.running import until
+from tiles.made_maps import made_map
 from wayloom.config.classes import CLASS_NAMES, PALETTE
 
 AT = "at=8.39,48.98,19"
@@ -72,3 +75,40 @@ def test_coverage_is_coloured_by_drives_and_by_the_last_one(opened: Open) -> Non
     page.select_option("#coverage-by", "age")
     until(lambda: page.inner_text("#legend .by >> nth=1").endswith("2026-06-02"))
     assert "coverage=age" in page.url
+
+
+@pytest.mark.browser
+def test_the_legend_names_classes_of_overlays_that_are_shown_and_in_sight(browser: Any, tmp_path: Path) -> None:
+    city = made_map(6000, extent_m=60.0)
+    cars = city.take(np.arange(0, len(city), 7))
+    parked = replace(cars, label=np.full_like(cars.label, CLASS_NAMES.index("car")))
+    served = looked_at(tmp_path / "data", parked=parked)
+    with closing(served.api), opening(browser, served) as opened:
+        page = opened(AT)
+        assert page.locator("#legend [data-of=parked]").count() == 0
+        page.check("#show-parked")
+        until(lambda: page.locator("#legend [data-of=parked]").count() == 1, 60)
+        assert page.inner_text("#legend [data-of=parked]").split("\n") == ["Parked", "car"]
+        page.uncheck("#show-parked")
+        until(lambda: page.locator("#legend [data-of=parked]").count() == 0, 60)
+        page.check("#show-parked")
+        until(lambda: page.locator("#legend [data-of=parked]").count() == 1, 60)
+        page.evaluate("wayloomMap.jumpTo({center: [8.45, 48.98]})")
+        until(lambda: page.locator("#legend [data-of=parked]").count() == 0, 60)
+
+
+@pytest.mark.browser
+def test_the_legend_names_the_colours_of_drives_and_of_the_one_that_is_chosen(opened: Open, shown: LookedAt) -> None:
+    page = opened(AT)
+    meaning = page.locator("#legend .by >> nth=0").locator(".key")
+    until(lambda: meaning.all_inner_texts() == ["drives"])
+    page.click(f"[data-id='{shown.drive_id}'] .show")
+    until(lambda: meaning.all_inner_texts() == ["drives", "chosen drive"])
+
+
+@pytest.mark.browser
+def test_the_legend_names_things_that_are_new_and_that_have_gone(browser: Any, tmp_path: Path) -> None:
+    served = looked_at(tmp_path / "data", changes=True)
+    with closing(served.api), opening(browser, served) as opened:
+        page = opened(AT)
+        until(lambda: page.locator("#legend [data-of=changes] .key").all_inner_texts() == ["is new", "has gone"], 60)

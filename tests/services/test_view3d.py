@@ -200,6 +200,7 @@ def test_a_click_on_a_point_tells_its_class_and_which_drives_saw_it(opened: Any,
 def test_a_flight_follows_the_drive_and_stops_at_a_hand(opened: Any, shown: LookedAt) -> None:
     page = opened(f"drive={shown.drive_id}")
     until(lambda: page.is_enabled("#play"))
+    until(lambda: page.is_visible("#way"))  # what its line's colour means
     assert page.evaluate("wayloom3d.flight.length") == pytest.approx(118, abs=3)
     page.click("#play")
     until(lambda: page.evaluate("wayloom3d.flight.at") > 4)
@@ -209,6 +210,8 @@ def test_a_flight_follows_the_drive_and_stops_at_a_hand(opened: Any, shown: Look
     page.keyboard.press("ArrowLeft")
     until(lambda: page.inner_text("#play") == "Fly")
     assert page.evaluate("!!wayloom3d.scene.way")
+    page.select_option("#drive", "")
+    until(lambda: not page.is_visible("#way"))
 
 
 @pytest.mark.browser

@@ -3,6 +3,7 @@
 import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
 import { ask, headers } from "/static/api.js";
 import { Coverage } from "/static/map/coverage.js";
+import { noteClasses } from "/static/map/overlay_classes.js";
 import { knowClasses } from "/static/map/shown_classes.js";
 import { BESIDE_M, wider } from "/static/map/sites.js";
 import { grid } from "/static/map/style.js";
@@ -13,6 +14,7 @@ import { VersionLayers } from "/static/map/version_layers.js";
 export function mountMap(container, { info }) {
   const city = new CityMap(container, info.overlays);
   knowClasses(info.classes.filter((one) => one.in_map));
+  noteClasses(info.classes);
   globalThis.wayloomMap = city.map;
   return city;
 }

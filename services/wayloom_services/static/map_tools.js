@@ -12,7 +12,7 @@ export async function mountTools(city, { info, ask, at }) {
   const changed = (step) => address?.keep(step);
   const lists = new Lists(city.map.getContainer(), at("tools"));
   const told = new Told(city, () => changed(true));
-  const legend = new Legend(at("legend"), city, info.classes.filter((one) => one.in_map), changed);
+  const legend = new Legend(at("legend"), city, info, changed);
   const versions = new Versions(city, info.map_id, ask, changed);
   new Sites(city, lists);
   const changes = new Changes(city, lists, told, ask);

@@ -20,7 +20,7 @@ const range = (values) => values.reduce(([low, high], one) => [Math.min(low, one
 const finite = (value) => Number.isFinite(value);
 
 // about: { title, text, x: { label, values }, y: { label, from0 }, series: [{ name, values, kind: line | dots | crosses, style, x }], bands:
-// [[from, to]], equal }. Of `equal`, both axes have one scale, as of a track. Returns a figure; mark(x, y) shows a place on it, null none.
+// [[from, to]], band: what they are, place: what is marked, equal }. Of `equal`, both axes have one scale, as of a track. Returns a figure; mark(x, y) shows a place on it, null none.
 export function chart(about) {
   const height = about.equal ? 380 : HEIGHT;
   const figure = element("figure", "chart");
@@ -62,8 +62,12 @@ export function chart(about) {
   series.forEach((one) => root.append(drawn(one, one.x ?? about.x.values, X, Y)));
   const dot = svg("circle", { class: "here", r: 5, visibility: "hidden" });
   root.append(dot);
-  figure.append(root, legend(series));
+  const place = entry(svg("circle", { class: "here", r: 4, cx: 11, cy: 5 }), about.place ?? "");
+  place.hidden = true;
+  const band = about.bands?.length ? [entry(svg("rect", { class: "band", width: 22, height: 10 }), about.band)] : [];
+  figure.append(root, legend(series, [...band, place]));
   const mark = (x, y) => {
+    place.hidden = !finite(x) || !finite(y);
     dot.setAttribute("visibility", finite(x) && finite(y) ? "visible" : "hidden");
     if (!finite(x) || !finite(y)) return;
     dot.setAttribute("cx", X(x));
@@ -85,14 +89,19 @@ function drawn({ values, kind = "line", style }, xs, X, Y) {
   return svg("path", { class: `${kind} ${style}`, d: path.join("") });
 }
 
-function legend(series) {
+function legend(series, more) {
   const list = element("figcaption");
-  for (const { name, style, kind = "line" } of series) {
-    const one = element("span");
-    const sample = svg("svg", { viewBox: "0 0 22 10", width: 22, height: 10, "aria-hidden": "true" });
-    sample.append(drawn({ values: kind === "line" ? [0, 0] : [0], kind, style }, kind === "line" ? [0, 22] : [11], (x) => x, () => 5));
-    one.append(sample, ` ${name}`);
-    list.append(one);
-  }
+  list.append(...series.map(({ name, style, kind = "line" }) =>
+    entry(drawn({ values: kind === "line" ? [0, 0] : [0], kind, style }, kind === "line" ? [0, 22] : [11], (x) => x, () => 5), name),
+  ), ...more);
   return list;
+}
+
+// What is drawn of 22 by 10 units, and what it means.
+function entry(sign, words) {
+  const one = element("span");
+  const sample = svg("svg", { viewBox: "0 0 22 10", width: 22, height: 10, "aria-hidden": "true" });
+  sample.append(sign);
+  one.append(sample, ` ${words}`);
+  return one;
 }

@@ -4,6 +4,7 @@ import { chart } from "/static/drive/chart.js";
 
 const rms = (values) => Math.sqrt(values.reduce((sum, one) => sum + one * one, 0) / Math.max(1, values.length));
 const most = (values) => values.reduce((high, one) => Math.max(high, one), 0);
+const spans = (bursts) => bursts.map((one) => [one.from_s, one.to_s]);
 const fixed = (value, digits = 2) => value.toFixed(digits);
 
 // km/h along the road, smoothed over a second or so; a thinned track still has its times and lengths.
@@ -20,7 +21,7 @@ function trackPlot({ track, bursts, placed, loops }) {
   const shifted = track.t_s.map((t, k) => (inBurst(t) ? y[k] : NaN));
   const length = track.road_m.at(-1);
   return chart({
-    title: "The track from above", text: `${fixed(length, 0)} m of road${loops ? `, ${loops.count} loop closures` : ""}.`, equal: true,
+    title: "The track from above", text: `${fixed(length, 0)} m of road${loops ? `, ${loops.count} loop closures` : ""}.`, equal: true, place: "keyframe that is shown",
     x: { label: placed ? "east (m)" : "right of the start (m)", values: x }, y: { label: placed ? "north (m)" : "ahead of the start (m)" },
     series: [
       { name: "track", values: y, style: "one" }, { name: "GNSS burst", values: shifted, kind: "dots", style: "bad" },
@@ -34,7 +35,7 @@ function speedPlot({ track, bursts }) {
   const known = values.filter(Number.isFinite);
   return chart({
     title: "Speed", text: `Mean ${fixed((3.6 * track.road_m.at(-1)) / (track.t_s.at(-1) || 1), 0)} km/h, most ${fixed(most(known), 0)} km/h.`,
-    x: { label: "time (s)", values: track.t_s }, y: { label: "km/h", from0: true }, bands: bursts.map((one) => [one.from_s, one.to_s]),
+    x: { label: "time (s)", values: track.t_s }, y: { label: "km/h", from0: true }, bands: spans(bursts), band: "GNSS burst",
     series: [{ name: "speed by the odometry", values, style: "one" }],
   });
 }
@@ -48,7 +49,7 @@ function residualPlot({ fixes, bursts }) {
   return chart({
     title: "GNSS residuals", limit,
     text: `Fix minus antenna: ${fixed(rms(used))} m RMS across for ${used.length} fixes that are used; ${across.length - used.length} are not. What lies beyond the axis is drawn at its edge.`,
-    x: { label: "time (s)", values: fixes.t_s }, y: { label: "m", from0: true }, bands: bursts.map((one) => [one.from_s, one.to_s]),
+    x: { label: "time (s)", values: fixes.t_s }, y: { label: "m", from0: true }, bands: spans(bursts), band: "GNSS burst",
     series: [
       { name: "across, used", values: pick(true, across), kind: "dots", style: "one" },
       { name: "up, used", values: pick(true, up), kind: "dots", style: "two" },

@@ -1,5 +1,7 @@
 // What has gone and what is new, on the map and in a list.
 
+import { CHANGES } from "/static/map/style.js";
+
 const EMPTY = { type: "FeatureCollection", features: [] };
 const LISTED = 200;
 
@@ -16,7 +18,7 @@ export class Changes {
     this.map.addLayer({
       id: "changes", type: "circle", source: "changes",
       paint: {
-        "circle-color": ["match", ["get", "kind"], "gone", "#b3372f", "#1a7f4f"], "circle-stroke-color": "#ffffff", "circle-stroke-width": 1.5,
+        "circle-color": ["match", ["get", "kind"], "gone", CHANGES.gone, CHANGES.new], "circle-stroke-color": "#ffffff", "circle-stroke-width": 1.5,
         "circle-radius": ["interpolate", ["linear"], ["zoom"], 12, 3, 20, 9],
       },
     });

@@ -1,10 +1,11 @@
-// The legend: classes that are there, each switched on and off; what the colours of tracks and coverage mean, and by what they go.
+// The legend: classes that are there, each switched on and off; what the colours of tracks, coverage, overlays and lines mean.
 
 import { element } from "/static/ui/dom.js";
-import { AGE_RAMP, COUNT_RAMP } from "/static/map/style.js";
+import { AGE_RAMP, CHANGES, COUNT_RAMP, FEATURES } from "/static/map/style.js";
 import { many } from "/static/ui/words.js";
 
 const day = (seconds) => new Date(1000 * seconds).toISOString().slice(0, 10);
+const LINES = ["markings", "kerbs"];
 const CHOICES = {
   tracks: { plain: "one colour", vehicle: "vehicle", age: "age", grade: "grade" },
   coverage: { plain: "one colour", drives: "number of drives", age: "last drive" },
@@ -12,16 +13,20 @@ const CHOICES = {
 
 export class Legend {
   // into: the page's <details>. changed(step): what is chosen here has changed.
-  constructor(into, city, classes, changed) {
-    Object.assign(this, { into, city, classes, changed, hidden: new Set(), listed: "" });
+  constructor(into, city, { classes, overlays }, changed) {
+    Object.assign(this, { into, city, all: classes, overlays, changed, hidden: new Set(), listed: "" });
+    this.classes = classes.filter((one) => one.in_map);
     this.list = into.querySelector("ul");
     into.querySelector("summary").textContent = "Legend";
     this.tracks = this.#choice("tracks", "Tracks by", (mode) => city.tracks.by(mode));
     this.coverage = this.#choice("coverage", "Coverage by", (mode) => this.#cover(mode));
     city.hear("tracks", () => this.#showTracks());
     city.coverage.changed = () => this.#showCoverage();
-    city.map.on("idle", () => this.#listClasses());
-    this.#fill(classes);
+    this.also = element("div", "also");
+    into.append(this.also);
+    city.map.on("idle", () => (this.#listClasses(), this.#listAlso()));
+    this.#fill(this.classes);
+    this.#showTracks();
   }
 
   #choice(name, words, work) {
@@ -45,6 +50,35 @@ export class Legend {
   #listClasses() {
     const names = this.city.layers.classesHere();
     if (names) this.#fill(this.classes.filter(({ name }) => names.has(name) || this.hidden.has(name)));
+  }
+
+  // Of overlays, lines and changes that are in sight.
+  #listAlso() {
+    const groups = this.overlays.map((name) => [name, this.#overlay(name)]);
+    groups.push(["lines", this.#lines()], ["changes", this.#changes()]);
+    const shown = groups.filter(([, entries]) => entries.length);
+    const key = JSON.stringify(shown);
+    if (key === this.also.dataset.key) return;
+    this.also.dataset.key = key;
+    this.also.replaceChildren(...shown.map(([name, entries]) => group(name, entries)));
+  }
+
+  #overlay(name) {
+    const names = this.city.layers.classesOf(name);
+    return this.all.filter((one) => names.has(one.name)).map((one) => [one.name, one.colour]);
+  }
+
+  #drawn(id) {
+    return this.city.map.getLayer(id) ? this.city.map.queryRenderedFeatures({ layers: [id] }) : [];
+  }
+
+  #lines() {
+    return LINES.filter((id) => this.#drawn(id).length).map((id) => [id, FEATURES.markings[id].paint["line-color"]]);
+  }
+
+  #changes() {
+    const kinds = new Set(this.#drawn("changes").map(({ properties }) => (properties.kind === "gone" ? "gone" : "new")));
+    return [["is new", "new"], ["has gone", "gone"]].filter(([, kind]) => kinds.has(kind)).map(([words, kind]) => [words, CHANGES[kind]]);
   }
 
   #fill(classes) {
@@ -88,13 +122,8 @@ export class Legend {
 
   #showTracks() {
     const { mode } = this.city.tracks;
-    if (mode === "age") return this.tracks.meaning.replaceChildren(...ramp(AGE_RAMP, this.city.tracks.ages().map(day)));
-    this.tracks.meaning.replaceChildren(...this.city.tracks.legend().map(([words, tone]) => {
-      const [entry, square] = [element("span", "key"), element("i")];
-      square.style.background = tone;
-      entry.append(square, words);
-      return entry;
-    }));
+    const ages = mode === "age" ? ramp(AGE_RAMP, this.city.tracks.ages().map(day)) : [];
+    this.tracks.meaning.replaceChildren(...ages, ...keys(this.city.tracks.legend()));
   }
 
   #showCoverage() {
@@ -111,4 +140,22 @@ function ramp(colours, [low, high]) {
   const bar = element("span", "ramp");
   bar.style.background = `linear-gradient(to right, ${colours.join(", ")})`;
   return [bar, element("span", "quiet", low), element("span", "quiet end", high)];
+}
+
+// entries: [[words, colour]].
+function keys(entries) {
+  return entries.map(([words, tone]) => {
+    const [entry, square] = [element("span", "key"), element("i")];
+    square.style.background = tone;
+    entry.append(square, words);
+    return entry;
+  });
+}
+
+function group(name, entries) {
+  const [section, meaning] = [element("div", "by"), element("div", "meaning")];
+  section.dataset.of = name;
+  meaning.append(...keys(entries));
+  section.append(element("span", "quiet", `${name[0].toUpperCase()}${name.slice(1)}`), meaning);
+  return section;
 }

@@ -64,6 +64,7 @@ export const COUNT_RAMP = ["#440154", "#365c8d", "#1fa187", "#a0da39", "#fde725"
 export const AGE_RAMP = ["#123570", "#5c616e", "#9b9476", "#dcc85a", "#fee838"];
 // Okabe and Ito's, which people with any colour vision tell apart.
 export const PALETTE = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d1f", "#6a3d9a"];
+export const CHANGES = { new: "#1a7f4f", gone: "#b3372f" };
 export const GRADES = { A: "#1a7f4f", B: "#6aa84f", C: "#d0a215", D: "#d9702b", E: "#b3372f" };
 
 // A MapLibre expression over a ramp between two values of a number.

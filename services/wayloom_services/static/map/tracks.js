@@ -28,7 +28,7 @@ const about = (drive) => ({
 
 export class Tracks {
   constructor(map, ask) {
-    Object.assign(this, { map, ask, mode: "plain", drives: new Map(), changed: () => {} });
+    Object.assign(this, { map, ask, mode: "plain", chosen: null, drives: new Map(), changed: () => {} });
   }
 
   addLayers() {
@@ -78,6 +78,8 @@ export class Tracks {
   // The line of one drive stands out, whether its way is here or comes later.
   mark(id, on) {
     this.map.setFeatureState({ source: "tracks", id }, { chosen: on });
+    this.chosen = on ? id : null;
+    this.changed();
   }
 
   draw() {
@@ -95,12 +97,16 @@ export class Tracks {
     this.changed();
   }
 
-  // [[words, colour]] of what the colours mean; of ages the ends of the ramp.
+  // [[words, colour]] of what the colours mean; those of ages are a ramp's.
   legend() {
+    return [...this.#tones(), ...(this.drives.get(this.chosen) ? [["chosen drive", CHOSEN]] : [])];
+  }
+
+  #tones() {
     const known = this.features.map(({ properties }) => properties);
     if (this.mode === "vehicle") return this.#vehicles().map(([name, tone]) => [name || "no vehicle", tone]);
     if (this.mode === "grade") return [...Object.entries(GRADES), ["none", NONE]].filter(([grade]) => known.some((one) => (one.grade || "none") === grade));
-    return [];
+    return this.mode === "plain" && known.length ? [["drives", colour("--accent")]] : [];
   }
 
   // Oldest and newest, seconds since 1970.

@@ -1,5 +1,6 @@
 // The layers of one version on a map: pictures and vector tiles, with classes switched off where they are.
 
+import { namesWithin, notedAddress } from "/static/map/overlay_classes.js";
 import { addressWithout } from "/static/map/shown_classes.js";
 import { FEATURES, HIDDEN, KIND_OF_CLASS } from "/static/map/style.js";
 
@@ -48,9 +49,14 @@ export class VersionLayers {
     return this.kinds?.length ? ["!", ["in", ["get", "kind"], ["literal", this.kinds]]] : null;
   }
 
+  #base(name) {
+    return `${location.origin}/v1/maps/${this.version.map_id}/versions/${this.version.version}/tiles/${name}`;
+  }
+
   #address(name) {
     const suffix = name in FEATURES || name === "features" ? "mvt" : name === PHOTO ? "webp" : "png";
-    const plain = `${location.origin}/v1/maps/${this.version.map_id}/versions/${this.version.version}/tiles/${name}/{z}/{x}/{y}.${suffix}`;
+    const plain = `${this.#base(name)}/{z}/{x}/{y}.${suffix}`;
+    if (this.overlays.includes(name)) return notedAddress(plain);
     return CLASS_PICTURES.has(name) ? addressWithout(plain, this.hidden) : plain;
   }
 
@@ -105,5 +111,11 @@ export class VersionLayers {
       for (const name of Object.keys(properties)) if (name.startsWith("n_")) found.add(name.slice(2).replaceAll("_", " "));
     }
     return found.size ? found : null;
+  }
+
+  // Names of the classes in the pictures of an overlay that are in sight; none where it is not shown.
+  classesOf(name) {
+    const isShown = !this.off.has(name) && this.map.getLayer(name) && Math.round(this.map.getZoom() + 1) >= this.version.layers[name].min_zoom;
+    return isShown ? namesWithin(this.#base(name), this.map.getBounds()) : new Set();
   }
 }

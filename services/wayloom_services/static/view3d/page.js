@@ -191,7 +191,8 @@ async function chooseDrive() {
   const { drive } = state;
   const feature = drive && (await ask(`/v1/drives/${drive}/track`).catch(() => null));
   if (drive !== state.drive) return; // another one was chosen meanwhile
-  if (!feature?.geometry || !scene.frame) {
+  at("way").hidden = !feature?.geometry || !scene.frame;
+  if (at("way").hidden) {
     scene.line(null);
     flight.take([]);
     return;
