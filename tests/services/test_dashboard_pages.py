@@ -302,8 +302,8 @@ def test_durations_have_seconds_below_ten_minutes_and_hours_from_sixty(
 ) -> None:
     alone, ids = shown
     told = {
-        0.2: "1 s", 59.4: "59 s", 59.6: "1 min", 91: "1 min 31 s", 180: "3 min", 599.4: "9 min 59 s", 599.6: "10 min", 754: "13 min",
-        3569: "59 min", 3570: "1 h", 3599: "1 h", 5400: "1 h 30 min", 7200: "2 h", 90_120: "25 h 2 min",
+        0.2: "1 s", 59.4: "59 s", 59.6: "1 min", 91: "1 min 31 s", 180: "3 min", 599.4: "9 min 59 s", 599.6: "10 min",
+        754: "13 min", 3569: "59 min", 3570: "1 h", 3599: "1 h", 5400: "1 h 30 min", 7200: "2 h", 90_120: "25 h 2 min",
     }  # fmt: skip
     answering(alone.url)
     page = browser.new_page()
@@ -392,9 +392,7 @@ def test_a_download_that_is_refused_is_said_and_not_saved(browser: Any, tmp_path
 
 
 @pytest.mark.browser
-def test_plots_name_the_mark_of_the_keyframe_and_the_bands_of_bursts(
-    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
-) -> None:
+def test_plots_name_the_mark_of_the_keyframe_and_the_bands_of_bursts(browser: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
     alone, ids = shown
     answering(alone.url)
     page = browser.new_page()

@@ -224,7 +224,10 @@ at("revoke").addEventListener("click", () => act(() => ask(`/v1/drives/${id}/rel
 at("by").value = caller.name === "this machine" ? "" : caller.name.replace(/^user /, "");
 
 function hear(event, data) {
-  if (event === "drive" && data.id === id) (missing(false), show(data));
+  if (event === "drive" && data.id === id) {
+    missing(false);
+    show(data);
+  }
   if (event === "removed" && data.id === id) {
     isRemoved = true;
     telling("drive", () => Promise.reject(new Error("This drive was removed.")));
