@@ -1,5 +1,6 @@
 """What every log format must do, through its own writer and reader."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from wayloom.errors import LogError, UnknownFormatError
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.logs.drive_writer import DriveWriter, SensorExtrinsics
-from wayloom.logs.registry import LOG_FORMATS, open_log
+from wayloom.logs.registry import LOG_FORMATS, MOST_LOOKED, logs_below, open_log
 from wayloom.logs.sidecars.oxts import ins_trajectory
 from wayloom.logs.types import NOTHING_STATED, FixType, StatedReceiver, StereoFrame
 from wayloom.pipeline.log_parts import gnss_digest
@@ -157,8 +158,39 @@ def test_the_only_log_inside_a_folder_is_opened_and_two_are_named(tmp_path: Path
     write_drive(tmp_path, "kitti-raw")
     assert open_log(tmp_path).format == "kitti-raw"
     write_drive(tmp_path, "kitti-odometry")
-    with pytest.raises(UnknownFormatError, match=r"holds 2 logs \(07, 2031_01_02_drive_0007_sync\)"):
+    with pytest.raises(UnknownFormatError, match=r"holds 2 logs \(07, 2031_01_02_drive_0007_sync\); .* wayloom inspect .*/07$"):
         open_log(tmp_path)
+
+
+@formats
+def test_a_log_some_levels_below_is_named_and_not_opened(tmp_path: Path, log_format: str) -> None:
+    drive = write_drive(tmp_path / "a b" / "c", log_format)
+    drive = next(drive.glob("*.mcap"), drive)
+    with pytest.raises(UnknownFormatError) as caught:
+        open_log(tmp_path)
+    told = f"{tmp_path}: is no log, but logs lie below it ({drive.relative_to(tmp_path)})"
+    assert str(caught.value) == f"{told}; give one of them, as wayloom inspect '{drive}'"
+
+
+def test_of_many_logs_below_the_first_few_are_named(tmp_path: Path) -> None:
+    for number in range(8):
+        (tmp_path / "of a day" / f"{number}" / "image_2").mkdir(parents=True)
+    with pytest.raises(UnknownFormatError, match=r"below it \(of a day/0, of a day/1, of a day/2, of a day/3, of a day/4, …\);"):
+        open_log(tmp_path)
+
+
+def test_logs_are_looked_for_at_few_entries_and_not_in_what_is_a_gnss_log_alone(tmp_path: Path) -> None:
+    (tmp_path / "gnss" / "0001_sync" / "oxts").mkdir(parents=True)
+    (tmp_path / "deep" / "2" / "3" / "4" / "5" / "image_2").mkdir(parents=True)
+    (tmp_path / "loop").symlink_to(tmp_path)
+    assert logs_below(tmp_path) == []
+    (tmp_path / "many").mkdir()
+    for number in range(MOST_LOOKED):
+        (tmp_path / "many" / f"{number}.txt").touch()
+    (tmp_path / "next" / "drive" / "image_2").mkdir(parents=True)
+    assert logs_below(tmp_path) == []
+    shutil.rmtree(tmp_path / "many")
+    assert logs_below(tmp_path) == [tmp_path / "next" / "drive"]
 
 
 def test_the_ins_trajectory_has_attitude_and_integrates_velocity(tmp_path: Path) -> None:

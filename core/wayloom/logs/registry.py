@@ -1,7 +1,9 @@
 """Registry of the drive log formats (`LOG_FORMATS`), and recognition of a log's format from its files."""
 
+import itertools
 import os
-from collections.abc import Callable, Iterable
+import shlex
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,6 +14,13 @@ from wayloom.logs.euroc import euroc_log
 from wayloom.logs.kitti import kitti_360, kitti_odometry, kitti_raw
 from wayloom.logs.ros2 import mcap_log
 from wayloom.logs.types import DriveLog, StoredLog
+
+NAMED: Final = 5
+"""Logs that an error lists."""
+LEVELS: Final = 4
+"""How deep logs are looked for below a folder that is none."""
+MOST_LOOKED: Final = 2000
+"""Entries that are looked at for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,11 +112,62 @@ def find_log(path: Path) -> Path:
     if len(logs) == 1:
         return logs[0]
     if logs:
-        names = ", ".join(folder.name for folder in logs[:5]) + (", …" if len(logs) > 5 else "")
-        raise UnknownFormatError(f"holds {len(logs)} logs ({names})", file=path, remedy="give one of them")
+        raise UnknownFormatError(f"holds {len(logs)} logs ({_named(logs, path)})", file=path, remedy=_inspect(logs[0]))
     if not inside:
         raise UnknownFormatError(f"the folder is empty; {known()}", file=path, remedy="give a log's folder")
+    if below := logs_below(path):
+        raise UnknownFormatError(f"is no log, but logs lie below it ({_named(below, path)})", file=path, remedy=_inspect(below[0]))
     raise UnknownFormatError(f"no known log format; {known()}", file=path, remedy="give the folder that holds them")
+
+
+def logs_below(path: Path) -> list[Path]:
+    """The first logs with images below a folder that is none, NAMED and one at most, the least deep first.
+
+    LEVELS and MOST_LOOKED bound the search; it follows no links.
+    """
+    looked = itertools.islice(_below(path), MOST_LOOKED)
+    return list(itertools.islice((entry for entry in looked if _is_log_on_its_own(entry)), NAMED + 1))
+
+
+def _below(path: Path) -> Iterator[Path]:
+    """What lies below a folder, level by level and by name; nothing hidden, nothing in logs, of a folder MOST_LOOKED at most."""
+    level = [path]
+    for _ in range(LEVELS):
+        folders: list[Path] = []
+        for folder in level:
+            for entry in _entries(folder):
+                yield entry
+                if entry.is_dir() and not entry.is_symlink() and not _is_log_on_its_own(entry):
+                    folders.append(entry)
+        level = folders
+
+
+def _entries(folder: Path) -> list[Path]:
+    try:
+        with os.scandir(folder) as entries:
+            some = itertools.islice(entries, MOST_LOOKED)
+            return sorted(Path(entry.path) for entry in some if not entry.name.startswith("."))
+    except OSError:  # may not be read
+        return []
+
+
+def _is_log_on_its_own(path: Path) -> bool:
+    """Whether a path is a log with images. Of recordings the file counts: to look for it in each folder would list them all."""
+    formats = (log_format for key, log_format in LOG_FORMATS.items() if key not in (mcap_log.FORMAT, kitti_raw.FORMAT))
+    try:
+        if path.suffix.lower() == mcap_log.ENDING and path.is_file():
+            return True
+        return kitti_raw.has_image_folder(path) or any(log_format.recognise(path) for log_format in formats)
+    except OSError:  # may not be looked at
+        return False
+
+
+def _named(logs: list[Path], path: Path) -> str:
+    return ", ".join(str(log.relative_to(path)) for log in logs[:NAMED]) + (", …" if len(logs) > NAMED else "")
+
+
+def _inspect(log: Path) -> str:
+    return f"give one of them, as wayloom inspect {shlex.quote(str(log))}"
 
 
 def known() -> str:

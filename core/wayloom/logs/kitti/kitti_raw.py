@@ -35,9 +35,12 @@ DISTORTED_ENDING = "_extract"
 
 def recognise(path: Path) -> bool:
     """Whether a folder looks like this layout: it has one of the image folders, or a name and an oxts folder as KITTI's drives."""
-    if any((path / f"image_{camera}").is_dir() for pair in PAIRS for camera in pair):
-        return True
-    return path.name.endswith(("_sync", DISTORTED_ENDING)) and (path / "oxts").is_dir()
+    return has_image_folder(path) or (path.name.endswith(("_sync", DISTORTED_ENDING)) and (path / "oxts").is_dir())
+
+
+def has_image_folder(path: Path) -> bool:
+    """Whether one of the cameras is there: KITTI's drives may be GNSS logs alone."""
+    return any((path / f"image_{camera}").is_dir() for pair in PAIRS for camera in pair)
 
 
 def choose_pair(path: Path) -> tuple[str, str]:
