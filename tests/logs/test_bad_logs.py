@@ -67,7 +67,17 @@ def remove(name: str) -> Spoil:
 ODOMETRY: dict[str, tuple[Spoil, type[InputError], tuple[str, ...]]] = {
     "missing calibration": (remove("calib.txt"), CalibrationError, ("calib.txt", "no such file", "copy the calibration")),
     "missing key": (replace("calib.txt", "P3", "Q3"), CalibrationError, ("calib.txt, P3", "is missing")),
-    "word": (replace("calib.txt", "P2: 101.5", "P2: 1o1.5"), CalibrationError, ("calib.txt, P2", "'1o1.5' is not a number")),
+    "word": (replace("calib.txt", "P2: 101.5", "P2: 1o1.5"), CalibrationError, ("calib.txt, P2, line 3: '1o1.5' is not a number",)),
+    "split number": (
+        replace("calib.txt", "P3: 101.5", "P3: 101. 5e+"),
+        CalibrationError,
+        ("calib.txt, P3, line 4: 13 numbers where 12 belong, and '5e+' is not a number; the line is cut or damaged",),
+    ),
+    "long word": (
+        replace("calib.txt", "P2: 101.5", f"P2: {50 * 'x'}"),
+        CalibrationError,
+        (f"calib.txt, P2, line 3: '{40 * 'x'}…' is not a number; correct the file",),
+    ),
     "not finite": (replace("calib.txt", "P2: 101.5", "P2: nan"), CalibrationError, ("calib.txt, P2", "not finite")),
     "short": (replace("calib.txt", "P2: 101.5", "P2:"), CalibrationError, ("calib.txt, P2", "11 numbers where 12 belong")),
     "focal length": (replace("calib.txt", "P2: 101.5", "P2: -1"), CalibrationError, ("calib.txt, P2", "focal length -1")),

@@ -12,6 +12,8 @@ from wayloom.files.regular import MOST_BYTES, IrregularFileError, LargeFileError
 
 FloatArray = NDArray[np.float64]
 QUOTE_CHARACTERS = 40
+MOST_WORDS = 1000
+"""Of a line of too many words, so many are looked through for one that is no number."""
 LONGEST_LINE, MOST_LINES = 1 << 16, 20_000_000
 """Of a table that is read line by line: five hours of 1 kHz samples, or 23 days of frames."""
 MOST_TEXT = 64 << 20
@@ -111,13 +113,10 @@ def parse_numbers(
     """Whitespace-separated finite numbers, `count` of them where given, (count,). Raises `error` naming the first that is none."""
     words = text.split()
     if count is not None and len(words) != count:
-        raise error(
-            f"{len(words)} numbers where {count} belong",
-            file=file,
-            record=record,
-            remedy="the line is cut or damaged",
-            reason="file.cut",
-        )
+        what = f"{len(words)} numbers where {count} belong"
+        if (stray := next((word for word in words[:MOST_WORDS] if not _is_number(word)), None)) is not None:
+            what += f", and {quoted(stray)} is not a number"
+        raise error(what, file=file, record=record, remedy="the line is cut or damaged", reason="file.cut")
     values = np.empty(len(words))
     for i, word in enumerate(words):
         try:
@@ -130,3 +129,11 @@ def parse_numbers(
             message = f"{quoted(word)} {what}"
             raise error(message, file=file, record=record, remedy="correct the file", reason="number.out_of_range")
     return values
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

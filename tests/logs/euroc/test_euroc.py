@@ -243,6 +243,11 @@ REFUSED: dict[str, tuple[Spoil, type[InputError], tuple[str, ...]]] = {
     ),
     "no rotation": (replace("cam1/sensor.yaml", "data: [", "data: [9"), CalibrationError, ("T_BS.data", "no rigid motion")),
     "not a number": (replace("cam1/sensor.yaml", "data: [", "data: [nan, "), CalibrationError, ("T_BS.data", "not finite")),
+    "a word in a list over lines": (
+        replace("cam1/sensor.yaml", "data: [", "data: [0,\n  # and\n\n    1,O, "),
+        CalibrationError,
+        ("cam1/sensor.yaml, T_BS.data, line 9: 'O' is not a number; correct the file",),
+    ),
     "no size": (replace("cam0/sensor.yaml", "[188", "[0"), CalibrationError, ("resolution", "0x120")),
     "another size": (replace("cam0/sensor.yaml", "[188", "[189"), LogError, ("188x120", "189x120")),
     "an alias": (

@@ -125,7 +125,7 @@ def test_a_lens_that_is_not_whole_is_named(tmp_path: Path, key: str) -> None:
     drive = write_extract(tmp_path)
     file = tmp_path / "calib_cam_to_cam.txt"
     file.write_text(file.read_text().replace(f"{key}:", f"{key}: 1"))
-    with pytest.raises(CalibrationError, match=f"calib_cam_to_cam.txt, {key}: .* numbers where .* belong"):
+    with pytest.raises(CalibrationError, match=rf"calib_cam_to_cam.txt, {key}, line \d+: .* numbers where .* belong"):
         open_log(drive)
 
 

@@ -23,10 +23,14 @@ _KEY: Final = re.compile(r"^(\s*)([A-Za-z_][\w .-]*?)\s*:(?:\s+(.*))?$")
 
 @dataclass(frozen=True, slots=True)
 class AslSettings:
-    """The entries of a sensor.yaml by key, a nested one as `T_BS.data`; texts, which are parsed when they are asked for."""
+    """The entries of a sensor.yaml by key, a nested one as `T_BS.data`; texts, which are parsed when they are asked for.
+
+    A list over several lines keeps them, and `lines` has the number of its first one.
+    """
 
     file: Path
     entries: dict[str, str]
+    lines: dict[str, int]
 
     def __contains__(self, key: str) -> bool:
         return key in self.entries
@@ -38,9 +42,10 @@ class AslSettings:
         return self.entries[key].strip().strip("'\"")
 
     def numbers(self, key: str) -> FloatArray:
-        """The finite numbers of a list (n,). Raises CalibrationError."""
-        words = self.text(key).strip("[]").replace(",", " ")
-        return parse_numbers(words, file=self.file, record=key, error=CalibrationError)
+        """The finite numbers of a list (n,). Raises CalibrationError naming key and line."""
+        rows = enumerate(self.text(key).strip("[]").replace(",", " ").split("\n"), start=self.lines[key])
+        parsed = [parse_numbers(row, file=self.file, record=f"{key}, line {line}", error=CalibrationError) for line, row in rows]
+        return np.concatenate(parsed)
 
     def motion(self, key: str) -> FloatArray:
         """The (4, 4) rigid motion under `key`.data. Raises CalibrationError where it is none (to 1e-3)."""
@@ -64,18 +69,21 @@ def read_asl_settings(file: Path) -> AslSettings:
     if len(text) > MOST_CHARACTERS:
         raise CalibrationError(f"{len(text)} characters are no calibration", file=file, remedy=RESTORE)
     entries: dict[str, str] = {}
+    lines: dict[str, int] = {}
     parent, key, is_open = "", "", False
     for number, line in enumerate(text.split("\n"), start=1):
         content = line.split("#", 1)[0].rstrip()
         if not content.strip() or content.startswith(("%", "---", "...")):
+            if is_open:
+                entries[key] += "\n"
             continue
         if is_open:
-            entries[key] += " " + content.strip()
+            entries[key] += "\n" + content.strip()
         elif (match := _KEY.match(content)) is not None:
             indent, name, value = match.groups()
             parent = parent if indent else name
             key = f"{parent}.{name}" if indent else name
-            entries[key] = (value or "").strip()
+            entries[key], lines[key] = (value or "").strip(), number
         else:
             what = f"{quoted(content.strip())} is not understood"
             raise CalibrationError(what, file=file, record=f"line {number}", remedy=RESTORE)
@@ -84,7 +92,7 @@ def read_asl_settings(file: Path) -> AslSettings:
         raise CalibrationError(
             "the list is not closed", file=file, record=key, remedy="the file is cut: copy it again", reason="file.cut"
         )
-    return AslSettings(file, entries)
+    return AslSettings(file, entries, lines)
 
 
 def _rotation_near(R: FloatArray) -> FloatArray:

@@ -21,20 +21,21 @@ CAM_TO_CAM, IMU_TO_VELO, VELO_TO_CAM = "calib_cam_to_cam.txt", "calib_imu_to_vel
 
 @dataclass(frozen=True, slots=True)
 class CalibrationFile:
-    """A file of `key: numbers` lines, whose numbers are parsed when they are asked for."""
+    """A file of `key: numbers` lines, whose numbers are parsed when they are asked for, and the line of each key, from 1."""
 
     file: Path
     entries: dict[str, str]
+    lines: dict[str, int]
 
     def __contains__(self, key: str) -> bool:
         return key in self.entries
 
     def numbers(self, key: str, *shape: int) -> FloatArray:
-        """The finite numbers of a key in this shape, rows first. Raises CalibrationError naming the key."""
+        """The finite numbers of a key in this shape, rows first. Raises CalibrationError naming key and line."""
         if key not in self.entries:
             raise CalibrationError("is missing", file=self.file, record=key, remedy=RESTORE)
-        count = int(np.prod(shape))
-        values = parse_numbers(self.entries[key], file=self.file, record=key, count=count, error=CalibrationError)
+        record, count = f"{key}, line {self.lines[key]}", int(np.prod(shape))
+        values = parse_numbers(self.entries[key], file=self.file, record=record, count=count, error=CalibrationError)
         return values.reshape(shape)
 
     def rotation(self, key: str) -> FloatArray:
@@ -48,8 +49,13 @@ class CalibrationFile:
 def read_calibration(file: Path) -> CalibrationFile:
     """Raises CalibrationError where the file is missing or cannot be read."""
     text = read_text(file, remedy=RESTORE, error=CalibrationError)
-    pairs = (line.partition(":") for line in text.split("\n") if ":" in line)
-    return CalibrationFile(file, {key.strip(): numbers for key, _, numbers in pairs})
+    entries: dict[str, str] = {}
+    lines: dict[str, int] = {}
+    for number, line in enumerate(text.split("\n"), start=1):
+        key, colon, numbers = line.partition(":")
+        if colon:
+            entries[key.strip()], lines[key.strip()] = numbers, number
+    return CalibrationFile(file, entries, lines)
 
 
 def check_projection(P: FloatArray, file: Path, key: str) -> None:
