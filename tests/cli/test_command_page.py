@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
+from typer.testing import CliRunner
 
 from logs.made_drives import write_drive
 from wayloom.cli.main import COMMANDS, app
+from wayloom.cli.options import SERVER_HELP
 from wayloom.cli.results import JsonOption
 from wayloom.cli.statuses import BAD_INPUT, DONE, FAILED, STATUSES
 
@@ -62,6 +64,51 @@ def test_json_is_the_one_switch_of_every_command_but_those_that_are_named() -> N
     always, files = (set(re.findall(r"`([a-z ]+)`", part)) for part in re.findall(r"\(([^)]+)\)", told))
     assert {name for name in without if name.split()[0] not in always} == files
     assert {name.split()[0] for name in without} >= always
+
+
+def test_the_address_of_a_service_has_one_spelling_everywhere_beside_that_of_its_direction() -> None:
+    found: dict[str, set[str]] = {"--to": set(), "--from": set()}
+    for name, command in commands_of_the_program().items():
+        for one in (getattr(command, "commands", None) or {"": command}).values():
+            for option in one.params:
+                if option.metavar == "URL" and isinstance(option, TyperOption):
+                    direction, alias = option.opts
+                    assert (alias, option.help) == ("--server", SERVER_HELP), name
+                    found[direction].add(name)
+    told = PAGE.split("- `--server URL`")[1].split("\n- ")[0]
+    to, of = (set(re.findall(r"`([a-z]+)`", part)) for part in re.findall(r"\(([^)]+)\)", told))
+    assert found == {"--to": to, "--from": of}
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("areas", "list"), ("drives", "list"), ("selftest",), ("sync", "DIR"), ("rigs", "list"), ("rigs", "show", "RIG"),
+        ("export", "--out", "map.laz"), ("render", "--out", "map.png"), ("report", "--out", "map.html"),
+    ],
+)  # fmt: skip
+def test_the_address_is_taken_from_the_option_else_from_the_environment(
+    arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def asked(*more: str) -> str:
+        return str(CliRunner().invoke(app, [*arguments, *more], standalone_mode=False).exception)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("WAYLOOM_SERVER", raising=False)
+    assert re.search("no service is named|Missing parameter|nothing to show|named by URL|--from URL", asked())
+    monkeypatch.setenv("WAYLOOM_SERVER", "set.example")
+    assert asked().startswith("set.example is no address of a server")
+    direction = "--to" if arguments[0] in ("areas", "drives", "selftest") else "--from"
+    for option in (direction, "--server"):
+        assert asked(option, "given.example").startswith("given.example is no address of a server")
+
+
+@pytest.mark.parametrize(
+    "arguments", [("sync", "http://one", "DIR"), ("rigs", "show", "http://one", "RIG"), ("rigs", "list", "http://one")]
+)
+def test_an_address_that_is_an_argument_and_an_option_is_refused(arguments: tuple[str, ...]) -> None:
+    told = CliRunner().invoke(app, [*arguments, "--server", "http://two"], standalone_mode=False).exception
+    assert str(told) == "the service is named twice, http://one and http://two; leave one of the two out"
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
-from wayloom.cli.drives import SHORT, ToOption, confirm, service
-from wayloom.cli.options import ConfigOption
+from wayloom.cli.drives import SHORT, confirm, service
+from wayloom.cli.options import ConfigOption, ToOption
 from wayloom.cli.results import JsonOption, print_json
 from wayloom.errors import InputError, NotFoundError
 

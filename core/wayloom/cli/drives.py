@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from wayloom.cli.options import ConfigOption
+from wayloom.cli.options import ConfigOption, ToOption
 from wayloom.cli.results import JsonOption, print_json, words
 from wayloom.errors import ConfigError, NotFoundError
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 group = typer.Typer(
     help="The drives of a service: list, show, watch, retry, cancel, delete, report, download.", no_args_is_help=True
 )
-ToOption = Annotated[str, typer.Option("--to", metavar="URL", help="Address of the service, e.g. http://127.0.0.1:8088")]
 DriveArgument = Annotated[str, typer.Argument(metavar="DRIVE", help="The drive's id, or its beginning; or its name.")]
 SHORT: Final = 12
 """Digits of an id that people are shown."""

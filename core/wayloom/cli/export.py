@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from wayloom.cli.options import FromOption, known_server
 from wayloom.cli.progress_bars import ProgressBars
 from wayloom.errors import ConfigError, InputError
 
@@ -25,7 +26,7 @@ def export_command(
     ] = None,
     voxel: Annotated[float, typer.Option(min=0.01, max=10.0, help="Edge of a voxel of merged drives, m.")] = 0.1,
     geoid: Annotated[Path | None, typer.Option(help="Geoid grid (.gtx, .tif): LAZ and COPC state heights above it.")] = None,
-    server: Annotated[str | None, typer.Option("--from", metavar="URL", help="Service whose map is exported.")] = None,
+    server: FromOption = None,
     city: Annotated[str, typer.Option("--map", help="Which map of the service.")] = "city",
     version: Annotated[int | None, typer.Option(min=1, help="Which version of it; default the newest.")] = None,
 ) -> None:
@@ -37,6 +38,7 @@ def export_command(
 
     wanted = () if layers is None else tuple(name.strip() for name in layers.split(","))
     checked_format(out, form, wanted, geoid is not None)
+    server = server if folders else known_server(server)
     if bool(folders) == (server is not None):
         raise ConfigError("give folders of drives, or --from URL", remedy="wayloom export DRIVE… --out map.laz")
     box = None if bbox is None else parse_box(bbox)

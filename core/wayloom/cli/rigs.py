@@ -6,18 +6,18 @@ from typing import Annotated, Any
 
 import typer
 
-from wayloom.cli.options import ConfigOption
+from wayloom.cli.options import ConfigOption, FromOption, server_and_last, server_of
 from wayloom.cli.results import JsonOption, print_json, words
 from wayloom.errors import NotFoundError
 
 group = typer.Typer(help="What a service remembers of the rigs of its vehicles.", no_args_is_help=True)
-Url = Annotated[str, typer.Argument(metavar="URL", help="Address of the service, e.g. http://127.0.0.1:8088")]
+Url = Annotated[str | None, typer.Argument(metavar="URL", help="Address of the service.")]
 
 
 @group.command("list")
-def list_command(url: Url, as_json: JsonOption = False, config: ConfigOption = None) -> None:
+def list_command(url: Url = None, server: FromOption = None, as_json: JsonOption = False, config: ConfigOption = None) -> None:
     """Every rig: vehicle, drives, newest version of its file, its GNSS clock."""
-    found = fetched(url, config)
+    found = fetched(server_of(url, server), config)
     if as_json:
         print_json({"rigs": found})
         return
@@ -29,8 +29,11 @@ def list_command(url: Url, as_json: JsonOption = False, config: ConfigOption = N
 
 @group.command("show")
 def show_command(
-    url: Url,
-    rig: Annotated[str, typer.Argument(help="The rig's id, or its beginning; or its vehicle's id.")],
+    which: Annotated[
+        list[str],
+        typer.Argument(metavar="[URL] RIG", help="The rig's id, or its beginning; or its vehicle's id; before it the service."),
+    ],
+    server: FromOption = None,
     out: Annotated[Path | None, typer.Option(help="Also write the newest RIG.toml there.")] = None,
     as_json: JsonOption = False,
     config: ConfigOption = None,
@@ -40,6 +43,7 @@ def show_command(
     from wayloom.files.atomic import write_atomically
     from wayloom.pipeline.settings import load_settings
 
+    url, rig = server_and_last(which, "RIG", server)
     chosen = [one for one in fetched(url, config) if one["id"].startswith(rig) or one["vehicle_id"] == rig]
     if len(chosen) != 1:
         raise NotFoundError(f"{len(chosen)} rigs are called {rig!r}; `wayloom rigs list {url}` shows them")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wayloom.cli.options import ConfigOption
+from wayloom.cli.options import SERVER_HELP, ConfigOption, known_server
 from wayloom.cli.results import JsonOption, print_json, words
 from wayloom.errors import ConfigError
 
@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 
 def selftest_command(
-    url: Annotated[str | None, typer.Argument(metavar="URL", help="Address of the service, e.g. http://127.0.0.1:8088")] = None,
+    url: Annotated[str | None, typer.Argument(metavar="URL", help="Address of the service.")] = None,
+    to: Annotated[str | None, typer.Option("--to", "--server", metavar="URL", help=SERVER_HELP)] = None,
     local: Annotated[bool, typer.Option("--local", help="Start a service of its own, and drill its processes too.")] = False,
     compose: Annotated[
         Path | None,
@@ -37,6 +38,7 @@ def selftest_command(
     from wayloom.client.selftest import report as reports
     from wayloom.pipeline.settings import load_settings
 
+    url = url or to if local else known_server(url, to)
     if local == (url is not None) or (compose is not None and url is None):
         raise ConfigError("the service is named by URL, or started by --local", remedy="give one of the two; --compose wants a URL")
     say = words(as_json)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wayloom.cli.options import ConfigOption
+from wayloom.cli.options import ConfigOption, FromOption, server_and_last
 from wayloom.cli.progress_bars import ProgressBars
 from wayloom.cli.results import JsonOption, print_json, words
 from wayloom.errors import ConfigError
@@ -18,8 +18,11 @@ STRAYS_TOLD = 5
 
 
 def sync_command(
-    url: Annotated[str, typer.Argument(metavar="URL", help="Address of the service, e.g. http://127.0.0.1:8088")],
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of static XYZ tiles; made where there is none.")],
+    places: Annotated[
+        list[str],
+        typer.Argument(metavar="[URL] DIR", help="Folder of static XYZ tiles, made where there is none; before it the service."),
+    ],
+    server: FromOption = None,
     map_id: Annotated[str, typer.Option("--map", help="Name of the map.")] = "city",
     layers: Annotated[str | None, typer.Option(help="Only these layers of tiles, between commas.")] = None,
     bbox: Annotated[str | None, typer.Option(help="Only tiles that touch west,south,east,north (degrees).")] = None,
@@ -35,11 +38,12 @@ def sync_command(
     from wayloom.client.map_sync import SyncChoice, SyncOptions, sync_map
     from wayloom.pipeline.settings import load_settings
 
+    url, folder = server_and_last(places, "DIR", server)
     choice = SyncChoice(map_id, tuple(layers.split(",")) if layers else (), None if bbox is None else box_of_option(bbox))
     options = SyncOptions(delete, check, connections)
     key = load_settings(config).settings.api_key
     with Api(url, key, connections) as api, ProgressBars() as bars:
-        report = sync_map(api, folder, choice, options, bars(f"map {map_id}"))
+        report = sync_map(api, Path(folder), choice, options, bars(f"map {map_id}"))
     say = words(as_json)
     for line in lines(report, map_id, delete):
         say(line)

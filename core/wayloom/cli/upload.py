@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wayloom.cli.options import ConfigOption
+from wayloom.cli.options import ConfigOption, ToOption
 from wayloom.cli.progress_bars import ProgressBars
 from wayloom.cli.results import JsonOption, print_json, words
 from wayloom.errors import ConfigError, NotFoundError
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def upload_command(
-    to: Annotated[str, typer.Option(help="Address of the service, e.g. http://127.0.0.1:8088")],
+    to: ToOption,
     logs: Annotated[list[Path] | None, typer.Argument(metavar="LOG…", help="Drive logs.")] = None,
     gnss: Annotated[Path | None, typer.Option(help="GNSS log kept beside the drive (one LOG only).")] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Show the stages until the drives are in the map.")] = False,

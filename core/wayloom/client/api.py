@@ -18,6 +18,12 @@ RETRIES = Backoff(first_s=0.25, longest_s=16.0, tries=8)
 TIMEOUT = httpx2.Timeout(connect=10.0, read=120.0, write=120.0, pool=None)
 
 
+def check_address(url: str) -> None:
+    """Raises ConfigError where an address of a server lacks its scheme."""
+    if not url.startswith(("http://", "https://")):
+        raise ConfigError(f"{url} is no address of a server", remedy=f"give it with its scheme: http://{url}")
+
+
 class AnswerError(ServiceError):
     """The server refused. `status` and `code` are those of its problem document, `after_s` the seconds of its Retry-After."""
 
@@ -36,8 +42,7 @@ class Api:
 
     def __init__(self, url: str, key: str | None = None, connections: int = 4, retries: Backoff = RETRIES) -> None:
         key = key or os.environ.get("WAYLOOM_API_KEY")
-        if not url.startswith(("http://", "https://")):
-            raise ConfigError(f"{url} is no address of a server", remedy=f"give it with its scheme: http://{url}")
+        check_address(url)
         headers = {"Authorization": f"Bearer {key}"} if key else {}
         limits = httpx2.Limits(max_connections=connections + 2, max_keepalive_connections=connections + 2)
         self._retries = retries

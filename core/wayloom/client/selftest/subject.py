@@ -8,6 +8,7 @@ from typing import Any, Final, Self
 
 import httpx2
 
+from wayloom.client.api import check_address
 from wayloom.errors import ServiceError
 
 VERSION: Final = "1.0.0"
@@ -32,10 +33,11 @@ def expect(holds: bool, otherwise: str) -> None:
 class Subject:
     """One service with a drive of some files that are random bytes. Its last file is never sent, so that no stage ever begins.
 
-    Raises ServiceError where the service does not answer or does not take the drive.
+    Raises ConfigError for what is no address, ServiceError where the service does not answer or does not take the drive.
     """
 
     def __init__(self, url: str, key: str | None = None) -> None:
+        check_address(url)
         key = key or os.environ.get("WAYLOOM_API_KEY")
         headers = {"Authorization": f"Bearer {key}"} if key else {}
         self.url, self.headers = url.rstrip("/"), headers
