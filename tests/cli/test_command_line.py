@@ -27,6 +27,10 @@ def wayloom(*arguments: object, stdout: IO[str] | int = subprocess.PIPE) -> subp
         (("process", "log"), "Missing option '--out'; see "),
         (("odometry", "log", "--out", "t", "--threads", "0"), "Invalid value for '--threads'"),
         (("odometry", "log", "--out", "t", "--format", "bag"), "'bag' is not one of 'tum', 'kitti'"),
+        (("odometry", "log", "--out", "t", "--threads", "0"), "greater than or equal to 1, not '0'; see "),
+        (("odometry", "log", "--out", "t", "--format", "bag"), "Invalid value for '--format': 'bag' is not one of"),
+        (("demo", "--port", "-5"), "Invalid value for '--port': Input should be greater than or equal to 0, not '-5'; see "),
+        (("render", "log", "--out", "a.png", "--azimuth", "nan"), "Invalid value for '--azimuth': "),
         (("inspect", "--fast", "log"), "No such option"),
     ],
 )
@@ -36,6 +40,31 @@ def test_a_mistake_in_the_command_line_is_one_line_and_status_2(arguments: tuple
     assert said in done.stderr
     assert done.stderr.startswith("wayloom: ")
     assert done.stderr.endswith(" --help\n")
+    assert done.stderr.count("\n") == 1
+
+
+BOX = "give west,south,east,north in degrees, as 8.40,49.00,8.42,49.01 [input.invalid]"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("render", "log", "--out", "a.png", "--colour", "pink"), "--colour: pink is no colouring; known are class, height, "),
+        (("render", "log", "--out", "a.png", "--bbox", "1,2,3"), f"--bbox: 3 numbers are no box; {BOX}"),
+        (("export", "log", "--out", "a.laz", "--bbox", "9,9,1,1"), f"--bbox: 9,9,1,1 is no box on Earth; {BOX}"),
+        (("export", "log", "--out", "a.laz", "--bbox", "town"), f"--bbox: 'town' is no box; {BOX}"),
+        (("export", "log", "--out", "a.laz", "--format", "dwg"), "a.laz, --format: dwg is no format that is written; known are "),
+        (("export", "log", "--out", "a.laz", "--layers", "x"), "a.laz, --layers: x is no layer that this format holds; known are "),
+        (("sync", "http://127.0.0.1:9", "d", "--bbox", "9,95,1,1"), f"--bbox: 9,95,1,1 is no box on Earth; {BOX}"),
+        (("upload", "l", "--to", "http://127.0.0.1:9", "--limit-rate", "fast"), "--limit-rate: 'fast' is no rate; write one as "),
+        (("simulate", "fleet", "--out", "d", "--drives", "x"), "--drives: no drive 'x' in fleet; use some of van-1, "),
+        (("process", "log", "--out", "d", "--model", "x"), "--model: unknown network 'x'; known are wayloom-city, "),
+    ],
+)
+def test_a_wrong_value_of_an_option_is_named_with_it_and_what_is_allowed(arguments: tuple[str, ...], said: str) -> None:
+    done = wayloom(*arguments)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"wayloom: {said}")
     assert done.stderr.count("\n") == 1
 
 

@@ -45,7 +45,7 @@ def demo_command(
     model: Annotated[str | None, typer.Option(help="Network for the labels: a name of `wayloom models`, or a file.")] = None,
     once: Annotated[bool, typer.Option("--once", help="End when the map is there.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for the drives, the service's data and map.png.")] = Path("demo-out"),
-    port: Annotated[int | None, typer.Option(help="Port of the service. [default: 8088, or a free one]")] = None,
+    port: Annotated[int | None, typer.Option(min=0, max=65535, help="Port of the service. [default: 8088, or a free one]")] = None,
     config: ConfigOption = None,
 ) -> None:
     """Simulate two drives (or take a log), upload them to a service, map them, and show the map."""

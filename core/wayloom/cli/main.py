@@ -96,7 +96,20 @@ def _told_usage(error: typer.TyperException) -> int:
     if type(error).__name__ == "NoArgsIsHelpError":
         return int(error.exit_code)
     command = context.command_path if context else "wayloom"
-    return _told(f"{' '.join(error.format_message().split()).rstrip('.')}; see {command} --help", error.exit_code)
+    message = " ".join(error.format_message().split()).rstrip(".").replace(": Value error, ", ": ")
+    return _told(f"{message}{_value_of(error, message)}; see {command} --help", error.exit_code)
+
+
+def _value_of(error: typer.TyperException, message: str) -> str:
+    """The value that was refused, where the message does not have it."""
+    from pydantic import ValidationError
+
+    from wayloom.files.text_files import quoted
+
+    if not isinstance(error.__cause__, ValidationError):
+        return ""
+    value = quoted(str(error.__cause__.errors()[0]["input"]))
+    return "" if value in message else f", not {value}"
 
 
 if __name__ == "__main__":

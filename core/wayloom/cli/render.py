@@ -28,7 +28,9 @@ def render_command(
     view: Annotated[str | None, typer.Option(help="top, oblique or fly; default oblique, or fly where --out is a film.")] = None,
     colour: Annotated[str, typer.Option(help="class, height, grey or drives.")] = "class",
     size: Annotated[str, typer.Option(metavar="WxH", help="Pixels; of a view from above W is the longer edge.")] = "1920x1080",
-    azimuth: Annotated[float | None, typer.Option(help="To which an oblique view looks, degrees from north.")] = None,
+    azimuth: Annotated[
+        float | None, typer.Option(min=-360.0, max=360.0, help="To which an oblique view looks, degrees from north.")
+    ] = None,
     seconds: Annotated[float | None, typer.Option(min=0.1, max=600.0, help="Length of a flight.")] = None,
     tracks: Annotated[bool, typer.Option(help="Draw the drives' ways.")] = True,
     legend: Annotated[bool, typer.Option(help="Draw legend and scale.")] = True,

@@ -9,7 +9,6 @@ import typer
 from wayloom.cli.options import ConfigOption, FromOption, server_and_last
 from wayloom.cli.progress_bars import ProgressBars
 from wayloom.cli.results import JsonOption, print_json, words
-from wayloom.errors import ConfigError
 
 if TYPE_CHECKING:
     from wayloom.client.map_sync import SyncReport
@@ -52,11 +51,11 @@ def sync_command(
 
 
 def box_of_option(text: str) -> tuple[float, float, float, float]:
-    """West, south, east, north. Raises ConfigError."""
-    try:
-        west, south, east, north = (float(part) for part in text.split(","))
-    except ValueError:
-        raise ConfigError(f"--bbox {text} is no box", remedy="give west,south,east,north in degrees") from None
+    """West, south, east, north; across the antimeridian west is over east. Raises InputError."""
+    from wayloom.exports.boxes import parse_box
+
+    parse_box(text)
+    west, south, east, north = (float(part) for part in text.split(","))
     return west, south, east, north
 
 

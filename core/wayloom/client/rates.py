@@ -19,7 +19,7 @@ def bytes_a_second(text: str) -> float:
     found = _RATE.fullmatch(text.strip())
     rate = 0.0 if found is None else float(found[1]) * (1024.0 if found[3] else 1000.0) ** _POWERS[found[2]]
     if rate < 1.0:
-        raise ConfigError(f"{text!r} is no rate", remedy="write one as 2MB/s, 500kB/s or 1MiB/s")
+        raise ConfigError(f"{text!r} is no rate", record="--limit-rate", remedy="write one as 2MB/s, 500kB/s or 1MiB/s")
     return rate
 
 

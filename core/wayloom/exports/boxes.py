@@ -7,26 +7,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import InputError
+from wayloom.files.text_files import quoted
 from wayloom.geodesy.antimeridian import Box, box_of, overlap
 
+OPTION: Final = "--bbox"
 REMEDY: Final = "give west,south,east,north in degrees, as 8.40,49.00,8.42,49.01"
 
 
 def parse_box(text: str) -> Box:
     """West, south, east, north; across the antimeridian east is over 180. Raises InputError."""
     try:
-        return checked_box([float(part) for part in text.split(",")])
+        edges = [float(part) for part in text.split(",")]
     except ValueError:
-        raise InputError(f"--bbox {text!r} is no box", remedy=REMEDY) from None
+        raise InputError(f"{quoted(text)} is no box", record=OPTION, remedy=REMEDY) from None
+    return checked_box(edges, OPTION)
 
 
-def checked_box(edges: Sequence[float]) -> Box:
-    """West, south, east, north as a box; across the antimeridian east is over 180. Raises InputError."""
+def checked_box(edges: Sequence[float], record: str | None = None) -> Box:
+    """West, south, east, north as a box; across the antimeridian east is over 180. Raises InputError that names the record."""
     if len(edges) != 4:
-        raise InputError(f"{len(edges)} numbers are no box", remedy=REMEDY)
+        raise InputError(f"{len(edges)} numbers are no box", record=record, remedy=REMEDY)
     west, south, east, north = edges
     if not (abs(west) <= 180.0 and abs(east) <= 180.0 and -90.0 <= south < north <= 90.0 and west != east):
-        raise InputError(f"{','.join(f'{edge:g}' for edge in edges)} is no box on Earth", remedy=REMEDY)
+        raise InputError(f"{','.join(f'{edge:g}' for edge in edges)} is no box on Earth", record=record, remedy=REMEDY)
     return west, south, east if west < east else east + 360.0, north
 
 

@@ -177,7 +177,8 @@ def format_of(out: Path, name: str | None) -> ExportFormat:
     known = ", ".join(EXPORT_FORMATS)
     if name is not None:
         if name not in EXPORT_FORMATS:
-            raise UnknownFormatError(f"{name} is no format that is written", file=out, remedy=f"known are {known}")
+            what, remedy = f"{name} is no format that is written", f"known are {known}"
+            raise UnknownFormatError(what, file=out, record="--format", remedy=remedy)
         return EXPORT_FORMATS[name]
     fitting = [
         (len(suffix), one) for one in EXPORT_FORMATS.values() for suffix in one.suffixes if suffix and out.name.endswith(suffix)
@@ -195,7 +196,8 @@ def checked_format(out: Path, name: str | None, layers: Sequence[str] = (), abov
     for layer in layers:
         if layer not in form.layers:
             known = ", ".join(form.layers) or "none"
-            raise InputError(f"{layer} is no layer that this format holds", file=out, remedy=f"known are {known}")
+            what, remedy = f"{layer} is no layer that this format holds", f"known are {known}"
+            raise InputError(what, file=out, record="--layers", remedy=remedy)
     if above_geoid and not form.geoid:
         raise InputError("states no heights above a geoid", file=out, remedy="write a .laz, or leave --geoid away")
     return form

@@ -47,7 +47,7 @@ class Look:
 def check_look(look: Look, out: Path) -> None:
     """Raises UnknownFormatError or InputError where the file's name or the colour is not known, before anything is read."""
     if look.colour not in COLOURINGS:
-        raise InputError(f"{look.colour} is no colouring", remedy=f"known are {', '.join(COLOURINGS)}")
+        raise InputError(f"{look.colour} is no colouring", record="--colour", remedy=f"known are {', '.join(COLOURINGS)}")
     if look.view == "fly":
         check_film(out)
     elif out.suffix not in PICTURES:

@@ -326,5 +326,5 @@ def chosen_drives(preset: Preset, names: tuple[str, ...]) -> tuple[int, ...]:
     known = [plan.vehicle_id for plan in preset.drives]
     unknown = [name for name in names if name not in known]
     if unknown:
-        raise ConfigError(f"no drive {unknown[0]!r} in {preset.name}", remedy=f"use some of {', '.join(known)}")
+        raise ConfigError(f"no drive {unknown[0]!r} in {preset.name}", record="--drives", remedy=f"use some of {', '.join(known)}")
     return tuple(i for i, name in enumerate(known) if not names or name in names)
