@@ -38,6 +38,11 @@ INSETS_AT: Final = (0.57, 0.115, 0.41, 0.80)
 GAP: Final = 0.012
 ROWS: Final = ((), (1,), (1, 1), (1, 2), (2, 2))
 """Insets in each row, by how many there are."""
+LETTERS: Final = "ABCD"
+LETTER_IN: Final = 0.1
+"""Radius of a letter's disc in the overview, inches."""
+AROUND: Final = np.array([[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+"""Where a letter may stand beside its frame: corners first."""
 LEAST_SHARE: Final = 0.0005
 """Of the points that a class has in the legend."""
 
@@ -52,10 +57,10 @@ def write_city_picture(path: Path, source: MapSource, box: Box | None, provenanc
     overview = figure.add_axes(OVERVIEW_AT)
     places = _inset_places(len(insets := chosen_insets(survey)))
     window = _draw_overview(overview, survey)
-    for letter, inset, at in zip("ABCD", insets, places, strict=False):
+    for letter, inset, at in zip(LETTERS, insets, places, strict=False):
         axes = figure.add_axes(at)
         _draw_inset(axes, source, survey, inset, letter)
-        _mark_inset(overview, inset, letter, window)
+    _mark_insets(overview, insets, window)
     _draw_legend(figure, survey)
     _draw_words(figure, survey, provenance)
     data = io.BytesIO()
@@ -154,15 +159,28 @@ def _draw_inset(axes: Axes, source: MapSource, survey: Survey, inset: Inset, let
     )  # fmt: skip
 
 
-def _mark_inset(overview: Axes, inset: Inset, letter: str, window: Window) -> None:
-    """A frame in the overview and its letter."""
-    edge = max(inset.edge_m, 0.022 * float(window.edges[0]))
-    corner = inset.middle - 0.5 * edge
-    overview.add_patch(Rectangle((corner[0], corner[1]), edge, edge, fill=False, edgecolor=INK, lw=1.4, zorder=4))
-    overview.annotate(
-        letter, (corner[0], corner[1] + edge), xytext=(-3, 3), textcoords="offset points", ha="right", va="bottom", fontsize=10,
-        fontweight="bold", color="white", bbox={"boxstyle": "circle,pad=0.22", "facecolor": INK, "edgecolor": "white"}, zorder=6,
-    )  # fmt: skip
+def _mark_insets(overview: Axes, insets: list[Inset], window: Window) -> None:
+    """Frames in the overview and their letters."""
+    radius = LETTER_IN * float(window.edges[0]) / (OVERVIEW_AT[2] * SIZE_IN[0])
+    taken: list[FloatArray] = []
+    for letter, inset in zip(LETTERS, insets, strict=False):
+        edge = max(inset.edge_m, 0.022 * float(window.edges[0]))
+        corner = inset.middle - 0.5 * edge
+        overview.add_patch(Rectangle((corner[0], corner[1]), edge, edge, fill=False, edgecolor=INK, lw=1.4, zorder=4))
+        taken.append(_place_of_letter(inset.middle, 0.5 * edge + 0.8 * radius, radius, window, taken))
+        overview.text(
+            *taken[-1], letter, ha="center", va="center_baseline", fontsize=10, fontweight="bold", color="white",
+            bbox={"boxstyle": "circle,pad=0.22", "facecolor": INK, "edgecolor": "white"}, zorder=6,
+        )  # fmt: skip
+
+
+def _place_of_letter(middle: FloatArray, away: float, radius: float, window: Window, taken: list[FloatArray]) -> FloatArray:
+    """Where a letter stands (2,): at the first place beside its frame, or farther off, moved into the window, that is free."""
+    reach = 0.5 * window.edges - 1.2 * radius
+    around = np.concatenate([(away + farther * radius) * AROUND for farther in (0.0, 2.0, 4.0)])
+    places = np.clip(middle + around, window.middle - reach, window.middle + reach)
+    apart = np.min([np.full(len(places), np.inf), *(np.linalg.norm(places - one, axis=1) for one in taken)], axis=0)
+    return np.asarray(places[np.argmax(np.minimum(apart, 2.0 * radius))])
 
 
 def _frame_axes(axes: Axes, colour: str) -> None:
