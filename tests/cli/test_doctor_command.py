@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from typer.testing import CliRunner
@@ -22,6 +23,14 @@ def test_a_package_that_cannot_be_imported_is_bad(monkeypatch):
     found = doctor.check_packages()
     assert [finding.state for finding in found] == ["ok", "bad"]
     assert "no_such_package" in found[1].found
+
+
+def test_every_package_tells_its_version():
+    assert [finding for finding in doctor.check_packages() if not finding.found[0].isdigit()] == []
+
+
+def test_a_package_whose_version_nobody_knows_is_said_to_be_there():
+    assert doctor.version_of(ModuleType("made_in_memory")) == "can be imported"
 
 
 def test_a_cache_that_cannot_be_written_is_a_note(monkeypatch):

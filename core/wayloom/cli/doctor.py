@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Final, Literal
 
 import typer
@@ -75,11 +76,21 @@ def check_packages() -> list[Finding]:
     findings = []
     for name in PACKAGES:
         try:
-            version = getattr(importlib.import_module(name), "__version__", "version unknown")
-            findings.append(Finding(name, "ok", str(version)))
+            findings.append(Finding(name, "ok", version_of(importlib.import_module(name))))
         except Exception as problem:  # a broken binary raises whatever it likes
             findings.append(Finding(name, "bad", f"cannot be imported ({type(problem).__name__}: {problem})"))
     return findings
+
+
+def version_of(module: ModuleType) -> str:
+    """What a module says of its version, else its installation; else that it is there."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    told = getattr(module, "__version__", None)
+    try:
+        return str(told or version(module.__name__))
+    except PackageNotFoundError:
+        return "can be imported"
 
 
 def check_kernel_cache() -> list[Finding]:
