@@ -1,5 +1,7 @@
 """What an independent implementation of ROS 2's formats makes of our recordings, and we of its."""
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ from logs.made_drives import FRAMES, RIG, T_CAM_IMU, made_frames, made_imu, made
 from wayloom.geometry import se3
 from wayloom.logs.drive_writer import SensorExtrinsics
 from wayloom.logs.registry import open_log
-from wayloom.logs.ros2.mcap_writer import McapWriter
+from wayloom.logs.ros2.mcap_writer import McapWriter, metadata
 
 
 def test_others_decode_every_message_that_we_write(tmp_path: Path) -> None:
@@ -50,6 +52,13 @@ def test_others_decode_every_message_that_we_write(tmp_path: Path) -> None:
     assert (place.header.frame_id, place.child_frame_id) == ("left_camera", "imu")
     t = place.transform.translation
     np.testing.assert_allclose([t.x, t.y, t.z], T_CAM_IMU[:3, 3])
+
+
+def test_the_page_of_formats_names_every_member_of_the_metadata() -> None:
+    page = (Path(__file__).resolve().parents[3] / "docs" / "formats.md").read_text(encoding="utf-8")
+    told = page.split("lies `metadata.yaml`")[1].split("\n### ")[0]
+    ((name, whole),) = json.loads(metadata("a.mcap", 1, 2, {("/a", "b"): 1})).items()
+    assert {*re.findall(r"`([a-z_0-9]+)`", told)} >= {name, *whole}
 
 
 def test_others_open_the_folder_of_a_recording_by_its_metadata(tmp_path: Path) -> None:
