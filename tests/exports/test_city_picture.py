@@ -5,9 +5,12 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from exports.made_sources import made_source
+from wayloom.errors import InputError
 from wayloom.exports import city_picture
 from wayloom.exports.city_insets import EDGE_M, Inset
-from wayloom.exports.city_picture import DPI, LETTERS, OVERVIEW_AT, SIZE_IN, Window
+from wayloom.exports.city_picture import DPI, LETTERS, OVERVIEW_AT, SIZE_IN, Window, write_city_picture
+from wayloom.exports.tileset_folder import write_tileset
 
 ASPECT = OVERVIEW_AT[2] * SIZE_IN[0] / (OVERVIEW_AT[3] * SIZE_IN[1])
 
@@ -55,3 +58,10 @@ def test_no_letter_covers_another_one_where_insets_are_close_together(corner, mo
     insets = insets_at(*(np.array(corner) + beside))
     alone = of_letters(insets_at((0.0, 0.0)), 5000.0, monkeypatch).sum()
     assert of_letters(insets, 5000.0, monkeypatch).sum() > 0.9 * len(insets) * alone
+
+
+@pytest.mark.parametrize("write", [write_city_picture, write_tileset])
+def test_a_box_with_nothing_in_it_is_told_in_the_same_words_by_every_export(write, tmp_path):
+    with pytest.raises(InputError, match="out: there is nothing in the box; give a box that the drives have seen"):
+        write(tmp_path / "out", made_source(50), (0.0, 0.0, 1.0, 1.0), {})
+    assert list(tmp_path.iterdir()) == []

@@ -7,7 +7,7 @@ import typer
 
 from wayloom.cli.options import FromOption, known_server
 from wayloom.cli.progress_bars import ProgressBars
-from wayloom.errors import ConfigError, InputError
+from wayloom.errors import ConfigError
 
 if TYPE_CHECKING:
     from wayloom.exports.source import MapSource
@@ -31,7 +31,7 @@ def export_command(
     version: Annotated[int | None, typer.Option(min=1, help="Which version of it; default the newest.")] = None,
 ) -> None:
     """Write a map, of the outputs of `wayloom process` or of a service, in a format that other programs open."""
-    from wayloom.exports.boxes import parse_box
+    from wayloom.exports.boxes import nothing_inside, parse_box
     from wayloom.exports.formats import Export, checked_format, export_map
     from wayloom.geodesy.geoid import GeoidGrid
     from wayloom.pipeline.folders import writing_to
@@ -46,7 +46,7 @@ def export_command(
     with ProgressBars() as bars, writing_to(out.parent):
         source = _of_drives(folders or [], voxel, box) if server is None else _of_server(server, city, version, box)
         if box is not None and not source.keys:
-            raise InputError("there is nothing in the box", file=out, remedy="give a box that the drives have seen")
+            raise nothing_inside(out)
         typer.echo(f"{export_map(Export(source, out, box, wanted, grid, bars(out.name)), form)}: {out}")
 
 

@@ -1,6 +1,7 @@
 """Boxes of degrees that exports are cut to: `W,S,E,N`, across the antimeridian with west over east."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -31,6 +32,11 @@ def checked_box(edges: Sequence[float], record: str | None = None) -> Box:
     if not (abs(west) <= 180.0 and abs(east) <= 180.0 and -90.0 <= south < north <= 90.0 and west != east):
         raise InputError(f"{','.join(f'{edge:g}' for edge in edges)} is no box on Earth", record=record, remedy=REMEDY)
     return west, south, east if west < east else east + 360.0, north
+
+
+def nothing_inside(out: Path) -> InputError:
+    """The error of an output for which the box, or the map itself, has nothing."""
+    return InputError("there is nothing in the box", file=out, remedy="give a box that the drives have seen")
 
 
 def inside(lon_lat: NDArray[np.float64], box: Box | None) -> NDArray[np.bool_]:

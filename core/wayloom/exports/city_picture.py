@@ -17,7 +17,7 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_NAMES, PALETTE
-from wayloom.errors import InputError
+from wayloom.exports.boxes import nothing_inside
 from wayloom.exports.city_insets import Inset, chosen_insets, drawn_inset
 from wayloom.exports.city_survey import Survey, surveyed
 from wayloom.exports.source import MapSource
@@ -51,7 +51,7 @@ def write_city_picture(path: Path, source: MapSource, box: Box | None, provenanc
     """Write the picture as PNG; what it shows, in words. Raises InputError where there is nothing to show, OSError."""
     survey = surveyed(source, box)
     if not survey.count:
-        raise InputError("there is nothing in the box", file=path, remedy="give a box that the drives have seen")
+        raise nothing_inside(path)
     figure = Figure(SIZE_IN, dpi=DPI, facecolor=PAPER)
     FigureCanvasAgg(figure)
     overview = figure.add_axes(OVERVIEW_AT)
@@ -167,9 +167,10 @@ def _mark_insets(overview: Axes, insets: list[Inset], window: Window) -> None:
         edge = max(inset.edge_m, 0.022 * float(window.edges[0]))
         corner = inset.middle - 0.5 * edge
         overview.add_patch(Rectangle((corner[0], corner[1]), edge, edge, fill=False, edgecolor=INK, lw=1.4, zorder=4))
-        taken.append(_place_of_letter(inset.middle, 0.5 * edge + 0.8 * radius, radius, window, taken))
+        x, y = place = _place_of_letter(inset.middle, 0.5 * edge + 0.8 * radius, radius, window, taken)
+        taken.append(place)
         overview.text(
-            *taken[-1], letter, ha="center", va="center_baseline", fontsize=10, fontweight="bold", color="white",
+            x, y, letter, ha="center", va="center_baseline", fontsize=10, fontweight="bold", color="white",
             bbox={"boxstyle": "circle,pad=0.22", "facecolor": INK, "edgecolor": "white"}, zorder=6,
         )  # fmt: skip
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from wayloom.errors import InputError
+from wayloom.exports.boxes import nothing_inside
 from wayloom.exports.pyramids import MapPyramid
 from wayloom.exports.source import MapSource
 from wayloom.files.atomic import new_folder, write_atomically
@@ -31,7 +32,7 @@ def write_tileset(folder: Path, source: MapSource, box: Box | None, provenance: 
             if tile.layer == TILE_FORMATS["tileset"].layer and tile.z == top_zoom(settings):
                 tops.append(tile.data)
         if not tops:
-            raise InputError("there is nothing in the box", file=folder, remedy="give a box that the drives have seen")
+            raise nothing_inside(folder)
         root = json.loads(root_of(tops, frame))
         root["asset"]["extras"] = {**root["asset"].get("extras", {}), "provenance": dict(provenance)}
         write_atomically(new / ROOT, json.dumps(root, separators=(",", ":")).encode())
