@@ -34,11 +34,14 @@ def rewritten(source: Path, file: Path, compression: CompressionType, chunked: b
     return file
 
 
-def chunks_of(data: bytearray) -> Iterator[int]:
-    """Where the chunks of a recording begin: records have one byte that tells their kind and eight of length."""
+CHUNK, CHUNK_INDEX = 0x06, 0x08
+
+
+def records_of(data: bytearray, kind: int) -> Iterator[int]:
+    """Where the records of a kind begin: one byte tells it, eight the length."""
     at = 8
     while at < len(data) - 8:
-        if data[at] == 0x06:
+        if data[at] == kind:
             yield at
         at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
 
@@ -85,13 +88,24 @@ def test_a_footer_that_takes_a_damaged_chunk_for_the_summary_is_not_believed(
     tmp_path: Path, recording: Path, compression: CompressionType
 ) -> None:
     data = bytearray(rewritten(recording, tmp_path / "small.mcap", compression).read_bytes())
-    third = list(chunks_of(data))[2]
+    third = list(records_of(data, CHUNK))[2]
     data[-28:-20] = third.to_bytes(8, "little")  # where the footer says that the summary begins
     data[third + 60 : third + 600] = bytes(540)
     (tmp_path / "wrong.mcap").write_bytes(data)
     log = open_log(tmp_path / "wrong.mcap")
     assert 0 < len(log) < FRAMES
     assert log.missing
+
+
+@pytest.mark.parametrize("place", [2**40, 2**63, 2**64 - 1])
+def test_an_index_that_leads_beyond_the_file_is_told_in_one_line(tmp_path: Path, recording: Path, place: int) -> None:
+    data = bytearray(rewritten(recording, tmp_path / "small.mcap", CompressionType.NONE).read_bytes())
+    index = next(records_of(data, CHUNK_INDEX))
+    data[index + 25 : index + 33] = place.to_bytes(8, "little")
+    (tmp_path / "wrong.mcap").write_bytes(data)
+    with pytest.raises(InputError, match=r"wrong\.mcap.*mcap recover") as caught:
+        open_log(tmp_path / "wrong.mcap")
+    assert caught.value.reason == "recording.damaged"
 
 
 @pytest.mark.parametrize("chunked", [True, False])

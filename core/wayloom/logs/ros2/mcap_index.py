@@ -296,6 +296,9 @@ class McapFile:
             data = os.pread(self._handle, length, offset)
         except OSError as problem:
             raise LogError(f"cannot be read ({problem.strerror})", file=self.path, remedy="check the disk") from None
+        except (OverflowError, MemoryError):
+            what = "has an index that leads beyond all files"
+            raise LogError(what, file=self.path, remedy=RECOVER, reason="recording.damaged") from None
         if len(data) < length:
             raise LogError(f"ends after {offset + len(data)} bytes", file=self.path, remedy=RECOVER, reason="recording.damaged")
         return data
