@@ -132,7 +132,7 @@ class DirectBody:
     def _hand_over(self) -> None:
         if self._thread is None:
             content, self._filled = self._filling[: self._filled], 0
-            self._store(content)
+            self._store_in_turn(content)
             return
         self._storing.append((self._thread.submit(self._store_in_turn, self._filling[: self._filled]), self._filling))
         self._filled = 0

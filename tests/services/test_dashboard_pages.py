@@ -342,7 +342,8 @@ def edges(page: Any, selector: str) -> tuple[int, int]:
     x, y, width, height = (int(box[name]) for name in ("x", "y", "width", "height"))
     picture = shot(page)[y + 2 : y + height - 2].astype(int).mean(axis=2)
     ground = np.median(picture[:, x - 4])
-    return tuple(int(ground - np.median(picture[:, at])) for at in (x + 1, x + width - 2))  # type: ignore[return-value]
+    left, right = (int(ground - np.median(picture[:, at])) for at in (x + 1, x + width - 2))
+    return left, right
 
 
 @pytest.mark.browser

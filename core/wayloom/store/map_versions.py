@@ -161,7 +161,7 @@ def publish(session: Session, map_id: str, new: NewVersion, kept: int, stitch_jo
     if not flipped:
         raise ConflictError(f"map {map_id!r}: another version was published meanwhile")
     _write_verdicts(session, new.verdicts, now)
-    _finish_drives(session, map_id, number, new.out_of_reach, stitch_job_id)
+    _finish_drives(session, map_id, number, new.out_of_reach, now, stitch_job_id)
     settle(session, Drive.map_id == map_id)
     for some in _batches(new.taken_in):
         session.execute(delete(ChangedBox).where(ChangedBox.map_id == map_id, ChangedBox.id.in_(some)))
@@ -383,17 +383,19 @@ def _write_verdicts(session: Session, verdicts: Mapping[str, Mapping[str, Any]],
     session.flush()
 
 
-def _finish_drives(session: Session, map_id: str, number: int, out_of_reach: Sequence[str], stitch_job_id: int | None) -> None:
+def _finish_drives(
+    session: Session, map_id: str, number: int, out_of_reach: Sequence[str], now: float, stitch_job_id: int | None
+) -> None:
     """Those that are in the map are done, by this job, also one whose own map job was given up or has not begun; those out of its
     reach have failed."""
     held = select(MapDrive.drive_id).where(MapDrive.map_id == map_id, MapDrive.until.is_(None))
     taken_in = _stitched_drives(Drive.id.in_(held), "stitching", "failed")
     by = {} if stitch_job_id is None else {"stitch_job_id": stitch_job_id}
-    done = {"state": "done", "error": None, "finished_at": now_s(session), **by}
+    done = {"state": "done", "error": None, "finished_at": now, **by}
     for drive_id in session.scalars(taken_in.values(done).returning(Drive.id)).all():
         note_event(session, drive_id, "publish", "done", text=f"the drive is in the map since version {number}")
     left_out = _stitched_drives(Drive.id.in_(out_of_reach), "stitching", "done")
-    failed = {"state": "failed", "error": OUT_OF_REACH, "finished_at": now_s(session)}
+    failed = {"state": "failed", "error": OUT_OF_REACH, "finished_at": now}
     for drive_id in session.scalars(left_out.values(failed).returning(Drive.id)).all():
         note_event(session, drive_id, "publish", "failed", text=OUT_OF_REACH)
 

@@ -196,7 +196,7 @@ class McapFile:
             raise LogError(f"cannot be read ({problem.strerror})", file=self.path, remedy="check its permissions") from None
         except (mcap.exceptions.McapError, ValueError, struct.error, MemoryError, UnicodeDecodeError):
             return None
-        except (zstandard.ZstdError, RuntimeError):  # what is said to be the summary has a chunk in it
+        except (zstandard.ZstdError, RuntimeError):  # of zstd and lz4: what is said to be the summary has a damaged chunk in it
             return None
         return summary if summary is not None and summary.chunk_indexes else None
 
