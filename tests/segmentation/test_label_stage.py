@@ -83,6 +83,29 @@ def test_a_second_run_labels_only_what_is_missing_or_torn(log: DriveLog, network
     assert {path: path.read_bytes() for path in out.rglob("0*.*")} == before
 
 
+def test_what_was_labelled_ahead_is_moved_in_and_the_rest_made(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:
+    segment_keyframes(log, KEYFRAMES, network, tmp_path / "as ever", right=np.array([True, False, True]))
+    ahead = tmp_path / "ahead"
+    segment_keyframes(log, (0, 9, 15), network, ahead)  # frame 15 is no keyframe in the end, the right image of 9 does not vote
+    network.images = 0
+    segment_keyframes(log, KEYFRAMES, network, tmp_path / "out", right=np.array([True, False, True]), ahead=ahead)
+    assert network.images == 2
+    assert contents(tmp_path / "out") == contents(tmp_path / "as ever")
+    assert sorted(path.stem for path in (ahead / "left").iterdir()) == ["0000000015"]
+
+
+def test_nothing_is_moved_in_that_another_network_labelled(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:
+    other = Network(find_model(put(tmp_path, "other", logits_network(classes=4), THREE.replace("10]", "10, 0]"))))
+    segment_keyframes(log, KEYFRAMES, other, tmp_path / "ahead")
+    segment_keyframes(log, KEYFRAMES, network, tmp_path / "out", ahead=tmp_path / "ahead")
+    assert network.images == 6
+    assert json.loads((tmp_path / "out" / "model.json").read_text())["name"] == "made"
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
 def test_another_network_labels_everything_anew(log: DriveLog, network: CountingNetwork, tmp_path: Path) -> None:
     out = tmp_path / "out"
     segment_keyframes(log, KEYFRAMES, network, out)

@@ -1,5 +1,6 @@
 """Observers of the odometry: what debugging and calibration are told while a drive is tracked."""
 
+from collections.abc import Callable
 from typing import Protocol
 
 from wayloom.odometry.mapper import Mapper
@@ -26,3 +27,26 @@ class Observer(Protocol):
 
     def on_finish(self, mapper: Mapper, /) -> None:
         """The drive is done."""
+
+
+class KeyframeCaller:
+    """Observer that calls a function with the frame of each keyframe."""
+
+    def __init__(self, call: Callable[[int], None]) -> None:
+        self._call = call
+
+    def on_keyframe(self, pair: PosedPair, /) -> None:
+        """The frame has become a keyframe."""
+        self._call(pair.frame)
+
+    def on_adjustment(self, *_: object) -> None:
+        """Not looked at."""
+
+    def on_interrupt(self) -> None:
+        """Not looked at."""
+
+    def on_frame(self, *_: object) -> None:
+        """Not looked at."""
+
+    def on_finish(self, *_: object) -> None:
+        """Not looked at."""

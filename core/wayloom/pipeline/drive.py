@@ -26,6 +26,7 @@ from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.drive_quality import QUALITY_FILE, read_quality
 from wayloom.pipeline.exports import DENSE_FILE, GroundFound, write_dense, write_exports
 from wayloom.pipeline.folders import discard, new_folders, put_in_place, sole_writer, sweep, whole_folder, writing_to
+from wayloom.pipeline.labels_ahead import labels_ahead
 from wayloom.pipeline.log_parts import read_log_file
 from wayloom.pipeline.log_source import LogSource
 from wayloom.pipeline.running import run_stage, stage_key
@@ -100,7 +101,8 @@ def process_drive(
     context = _checked(context, progress)
     with writing_to(out_dir), new_folders(stages_dir), sole_writer(stages_dir):
         sweep(stages_dir)
-        times = {name: _stage(name, context, progress) for name in drive_stages()}
+        with labels_ahead(context) as followed:
+            times = {name: _stage(name, followed, progress) for name in drive_stages()}
         result = _load(context, times)
         progress("exports")(0.0, "writing trajectory, cloud and pictures")
         with whole_folder(stages_dir / "exports") as folder:

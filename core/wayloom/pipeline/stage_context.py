@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from wayloom.logs.types import DriveLog
+    from wayloom.pipeline.labels_ahead import LabelsAhead
     from wayloom.pipeline.log_source import LogSource
     from wayloom.pipeline.settings import ProcessSettings
 
@@ -24,6 +25,7 @@ class StageContext:
     inputs_dir     the folders of finished stages lie (or are linked) there under their stages' names
     drive_id       the name that the map shall keep for the drive; None takes the log's
     parts_dir      where a stage that works in parts keeps those that are finished, of its key; None: nowhere beyond its run
+    ahead          is told of keyframes by the odometry and labels them meanwhile; None: nobody does
     first_matches  (n, 4) stereo matches of the first pairs (`odometry.frame_source.first_matches`) where the caller has them
     """
 
@@ -33,6 +35,7 @@ class StageContext:
     drive_id: str | None = None
     first_matches: NDArray[np.float64] | None = None
     parts_dir: Path | None = None
+    ahead: "LabelsAhead | None" = None
 
     @property
     def log(self) -> "DriveLog":

@@ -46,6 +46,7 @@ def segment_keyframes(
     progress: Progress = silent,
     right: NDArray[np.bool_] | None = None,
     threads: int = 1,
+    ahead: Path | None = None,
 ) -> KeyframeLabels:
     """Write `left/%010d.png` and `right/%010d.png`, named by frame index, and `model.json`, into out_dir.
 
@@ -56,15 +57,20 @@ def segment_keyframes(
     keyframes : frame indices (`Keyframes.frame` of the odometry)
     right : (K,) of which keyframes the right image is labelled, too; None: of all
     threads : keyframes that are labelled at a time
+    ahead : a folder, on the same disk, of another call for the same drive and network, out of which finished images are moved
     Raises LogError from the log's reader.
     """
     out_dir.mkdir(parents=True, exist_ok=True)
-    _claim(out_dir, _facts(log, network), network.gives_scores)
+    facts = _facts(log, network)
+    _claim(out_dir, facts, network.gives_scores)
+    ahead = ahead if ahead is not None and _is_claimed(ahead, facts) else None
     shape = (log.rig.camera.height, log.rig.camera.width)
     frames = [int(index) for index in keyframes]
 
     def segment(row: int) -> None:
-        _segment_frame(log, network, out_dir, frames[row], shape, SIDES if right is None or right[row] else SIDES[:1])
+        sides = SIDES if right is None or right[row] else SIDES[:1]
+        if ahead is None or not all(_is_moved(ahead, out_dir, side, frames[row], network.gives_scores) for side in sides):
+            _segment_frame(log, network, out_dir, frames[row], shape, sides)
 
     for done, _ in enumerate(in_order(segment, range(len(frames)), threads), 1):
         progress(done / len(frames), f"labelled {done} of {len(frames)} keyframes")
@@ -83,6 +89,15 @@ def _segment_frame(
         if labelled.scores is not None:
             write_atomically(scores_path(out_dir, side, index), encode_scores(labelled.scores))
         _write_png(label_path(out_dir, side, index), labelled.labels)
+
+
+def _is_moved(ahead: Path, out_dir: Path, side: str, index: int, with_scores: bool) -> bool:
+    """Whether an image's files lay in `ahead`, and lie in out_dir now; its labels, which are written last, say that all do."""
+    if not label_path(ahead, side, index).is_file():
+        return False
+    for path in (small_path, *([scores_path] if with_scores else []), label_path):
+        path(ahead, side, index).rename(path(out_dir, side, index))
+    return True
 
 
 def _is_done(out_dir: Path, side: str, index: int, shape: tuple[int, int], with_scores: bool) -> bool:
@@ -123,8 +138,7 @@ def _facts(log: DriveLog, network: Network) -> dict[str, Any]:
 def _claim(out_dir: Path, facts: dict[str, Any], with_scores: bool) -> None:
     """Leave what the same network labelled of the same drive; anything else in the folder is removed first."""
     path = out_dir / MODEL_FILE
-    text = json.dumps(facts, indent=1, sort_keys=True) + "\n"
-    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+    if not _is_claimed(out_dir, facts):
         path.unlink(missing_ok=True)
         for name in _FOLDERS:
             for old in (out_dir / name).glob("[0-9]*.*"):
@@ -133,7 +147,17 @@ def _claim(out_dir: Path, facts: dict[str, Any], with_scores: bool) -> None:
                 (out_dir / name).rmdir()
     for name in _FOLDERS if with_scores else _FOLDERS[:-2]:
         (out_dir / name).mkdir(exist_ok=True)
-    write_atomically(path, text.encode())
+    write_atomically(path, _as_text(facts).encode())
+
+
+def _is_claimed(folder: Path, facts: dict[str, Any]) -> bool:
+    """Whether the images in a folder are of the same network and drive."""
+    path = folder / MODEL_FILE
+    return path.is_file() and path.read_text(encoding="utf-8") == _as_text(facts)
+
+
+def _as_text(facts: dict[str, Any]) -> str:
+    return json.dumps(facts, indent=1, sort_keys=True) + "\n"
 
 
 def _as_npy(image: Labels) -> bytes:

@@ -11,6 +11,7 @@ from typing import Any
 
 from wayloom.calibration.rig_file import rig_for_log
 from wayloom.config.progress import Progress
+from wayloom.odometry.observers import KeyframeCaller, Observer
 from wayloom.odometry.odometry import track
 from wayloom.odometry.rig.calibration_observations import ObservationCollector
 from wayloom.odometry.rig.collecting_alongside import CollectingAlongside
@@ -59,8 +60,10 @@ def _track_whole(context: StageContext, out_dir: Path, progress: Progress) -> No
     log, known = context.log, odometry_parts.calibrate(context, progress)
     settings, collector = known.settings(context.settings.odometry), ObservationCollector(log.rig)
     threads, ratio = context.settings.threads, known.baseline_ratio
-    observer = CollectingAlongside(collector) if threads > 1 else collector
-    result = track(log, settings, progress, threads, known.lens, (observer,), known.matches, ratio)
+    observers: list[Observer] = [CollectingAlongside(collector) if threads > 1 else collector]
+    if context.ahead is not None:
+        observers.append(KeyframeCaller(context.ahead.on_keyframe))
+    result = track(log, settings, progress, threads, known.lens, observers, known.matches, ratio)
     observations = collector.observations(log)
     odometry_parts.write_result(known.complete(result, observations), observations, out_dir)
 

@@ -22,11 +22,17 @@ MOST_AT_ONCE: Final = 4
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises ModelError for a network that cannot be used."""
     settings, at_once = context.settings, min(context.settings.threads, MOST_AT_ONCE)
-    description, device = find_model(settings.segmentation.model or DEFAULT_MODEL), settings.segmentation.device
-    network = Network(description, settings.threads // at_once, device)
+    network = network_of(context, settings.threads // at_once)
     frames = voting_frames(tracked_drive(context), settings.labelling)
     right = right_images_vote(len(frames), settings.labelling)
-    segment_keyframes(context.log, frames, network, out_dir, progress, right, at_once)
+    ahead = None if context.ahead is None else context.ahead.finished()
+    segment_keyframes(context.log, frames, network, out_dir, progress, right, at_once, ahead)
+
+
+def network_of(context: StageContext, threads: int) -> Network:
+    """The network of the settings, which works with so many threads on an image. Raises ModelError."""
+    chosen = context.settings.segmentation
+    return Network(find_model(chosen.model or DEFAULT_MODEL), threads, chosen.device)
 
 
 def key_parts(context: StageContext) -> dict[str, Any]:
