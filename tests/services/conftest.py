@@ -25,6 +25,14 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture
+def page(browser: Any) -> Iterator[Any]:
+    """An empty page, closed whatever the test finds."""
+    opened = browser.new_page()
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
 def http(api_process: ApiAlone) -> Iterator[httpx2.Client]:
     with httpx2.Client(base_url=api_process.url, timeout=30.0, trust_env=False) as client:
         yield client

@@ -62,25 +62,22 @@ def without_stream(page: Any) -> None:
 
 
 @pytest.mark.browser
-def test_every_page_leads_to_every_other(browser: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
+def test_every_page_leads_to_every_other(page: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
     alone, ids = shown
     answering(alone.url)
-    page = browser.new_page()
     for name, path in PATHS.items():
         page.goto(alone.url + path.format(**ids))
         until(lambda: page.locator("nav a:visible").count() == 5)
         assert page.locator("nav a").all_inner_texts() == ["Map", "3D", "Fleet", "Areas", "Access"], name
-    page.close()
 
 
 @pytest.mark.browser
 @pytest.mark.parametrize(("address", "status"), [("/drives/nonsense", 404), (f"/drives/{'0' * 64}", 200)])
 def test_an_address_of_no_drive_says_so_and_leads_to_the_list(
-    browser: Any, shown: tuple[ApiAlone, dict[str, str]], address: str, status: int
+    page: Any, shown: tuple[ApiAlone, dict[str, str]], address: str, status: int
 ) -> None:
     alone, ids = shown
     answering(alone.url)
-    page = browser.new_page()
     answer = page.goto(alone.url + address)
     assert answer.status == status
     until(lambda: page.is_visible("#none"))
@@ -90,22 +87,19 @@ def test_an_address_of_no_drive_says_so_and_leads_to_the_list(
     assert page.locator("nav a:visible").count() == 5
     page.click("#none a")
     page.wait_for_selector(f"[data-id='{ids['done']}']")
-    page.close()
 
 
 @pytest.mark.browser
 def test_an_unknown_page_says_so_with_the_status_404_and_leads_to_the_map(
-    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+    page: Any, shown: tuple[ApiAlone, dict[str, str]]
 ) -> None:
     alone, _ = shown
     answering(alone.url)
-    page = browser.new_page()
     for path in ("/nonsense", "/drives/", "/drives/a/b"):
         assert page.goto(alone.url + path).status == 404, path
         assert page.inner_text("h1") == "There is no such page"
     page.click("main a")
     page.wait_for_url(f"{alone.url}/")
-    page.close()
 
 
 @pytest.mark.browser
@@ -155,10 +149,9 @@ def test_the_sign_in_leads_to_pages_of_this_service_alone(browser: Any, guarded:
 
 @pytest.mark.browser
 def test_blocks_say_whether_they_are_live_and_the_list_comes_anew_after_the_service_was_away(
-    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+    page: Any, shown: tuple[ApiAlone, dict[str, str]]
 ) -> None:
     alone, ids = shown
-    page = browser.new_page()
     page.goto(alone.url)
     page.wait_for_selector(f"[data-id='{ids['queued']}']")
     beat = page.locator("aside [data-live]")
@@ -171,28 +164,24 @@ def test_blocks_say_whether_they_are_live_and_the_list_comes_anew_after_the_serv
     alone.start()
     until(lambda: beat.get_attribute("aria-label") == "The list: live", 40)
     page.wait_for_selector(f"[data-id='{ids['queued']}']", state="detached")
-    page.close()
 
 
 @pytest.mark.browser
 @pytest.mark.parametrize("name", BEATS)
-def test_blocks_of_every_page_are_live(browser: Any, shown: tuple[ApiAlone, dict[str, str]], name: str) -> None:
+def test_blocks_of_every_page_are_live(page: Any, shown: tuple[ApiAlone, dict[str, str]], name: str) -> None:
     alone, ids = shown
     answering(alone.url)
-    page = browser.new_page()
     page.goto(alone.url + PATHS[name].format(**ids))
     beats = page.locator(f"{BEATS[name]} [data-live]")
     until(lambda: {one.get_attribute("data-live") for one in beats.all()} == {"live"})
-    page.close()
 
 
 @pytest.mark.browser
 def test_drives_at_work_are_asked_for_every_ten_seconds_and_after_each_action(
-    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+    page: Any, shown: tuple[ApiAlone, dict[str, str]]
 ) -> None:
     alone, ids = shown
     answering(alone.url)
-    page = browser.new_page()
     without_stream(page)
     page.goto(alone.url)
     page.wait_for_selector(f"[data-id='{ids['running']}'][data-state=running]")
@@ -207,16 +196,14 @@ def test_drives_at_work_are_asked_for_every_ten_seconds_and_after_each_action(
     page.fill("dialog input", "street held")
     page.click("dialog .danger")
     until(lambda: card.count() == 0 or card.get_attribute("data-state") == "removing", 5)
-    page.close()
 
 
 @pytest.mark.browser
 def test_a_drive_at_work_is_asked_for_on_its_page_too_and_the_focus_stays(
-    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+    page: Any, shown: tuple[ApiAlone, dict[str, str]]
 ) -> None:
     alone, ids = shown
     answering(alone.url)
-    page = browser.new_page()
     without_stream(page)
     page.goto(f"{alone.url}/drives/{ids['running']}")
     until(lambda: page.inner_text("#state") == "working")
@@ -225,16 +212,12 @@ def test_a_drive_at_work_is_asked_for_on_its_page_too_and_the_focus_stays(
     until(lambda: page.inner_text("#state") == "failed", RENEWED_S)
     assert page.evaluate("document.activeElement.id") == "delete"
     assert page.is_visible("#downloads a")  # they were drawn anew
-    page.close()
 
 
 @pytest.mark.browser
-def test_the_page_of_a_held_drive_says_why_and_what_an_operator_can_do(
-    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
-) -> None:
+def test_the_page_of_a_held_drive_says_why_and_what_an_operator_can_do(page: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
     alone, ids = shown
     answering(alone.url)
-    page = browser.new_page()
     ways = page.locator("#ways-out li")
     page.goto(f"{alone.url}/drives/{ids['held']}")
     until(lambda: ways.count() == 3)
@@ -255,7 +238,6 @@ def test_the_page_of_a_held_drive_says_why_and_what_an_operator_can_do(
     page.goto(f"{alone.url}/drives/{ids['done']}")
     page.wait_for_selector("#verdict:visible")
     assert not page.is_visible("#ways")
-    page.close()
 
 
 @pytest.mark.browser
@@ -277,7 +259,7 @@ def test_a_viewer_is_told_who_may_do_something_about_a_held_drive(browser: Any, 
 
 @pytest.mark.browser
 def test_the_fleet_page_takes_its_complaint_back_and_tells_what_the_map_s_jobs_did(
-    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+    page: Any, shown: tuple[ApiAlone, dict[str, str]]
 ) -> None:
     alone, _ = shown
     database = Database(f"sqlite:///{alone.data / 'wayloom.db'}")
@@ -285,32 +267,26 @@ def test_the_fleet_page_takes_its_complaint_back_and_tells_what_the_map_s_jobs_d
         job = create_map_job(session, "stitch", "city")
         job.state, job.started_at, job.finished_at, job.error = "failed", job.created_at, job.created_at + 75.0, "no memory"
     answering(alone.url)
-    page = browser.new_page()
     page.route("**/v1/fleet", lambda route: route.fulfill(status=503, json={"detail": "the database is away"}), times=1)
     page.goto(f"{alone.url}/fleet")
     until(lambda: page.is_visible("#problem") and page.inner_text("#problem") == "the database is away")
     until(lambda: not page.is_visible("#problem"), RENEWED_S)
     cells = page.locator("#map-jobs tbody tr").first.locator("td").all_inner_texts()
     assert [cells[1], cells[2], cells[4], cells[5]] == ["stitch", "failed", "1 min 15 s", "no memory"]
-    page.close()
 
 
 @pytest.mark.browser
-def test_durations_have_seconds_below_ten_minutes_and_hours_from_sixty(
-    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
-) -> None:
+def test_durations_have_seconds_below_ten_minutes_and_hours_from_sixty(page: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
     alone, ids = shown
     told = {
         0.2: "1 s", 59.4: "59 s", 59.6: "1 min", 91: "1 min 31 s", 180: "3 min", 599.4: "9 min 59 s", 599.6: "10 min",
         754: "13 min", 3569: "59 min", 3570: "1 h", 3599: "1 h", 5400: "1 h 30 min", 7200: "2 h", 90_120: "25 h 2 min",
     }  # fmt: skip
     answering(alone.url)
-    page = browser.new_page()
     page.goto(f"{alone.url}/drives/{ids['done']}")
     words = "async (all) => all.map((await import('/static/ui/words.js')).duration)"
     assert page.evaluate(words, [*told]) == [*told.values()]
     until(lambda: "300 stereo pairs in 30 s" in page.inner_text("#numbers"))
-    page.close()
 
 
 @pytest.mark.browser
@@ -347,10 +323,9 @@ def edges(page: Any, selector: str) -> tuple[int, int]:
 
 
 @pytest.mark.browser
-def test_the_verdict_on_a_drive_is_said_in_words(browser: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
+def test_the_verdict_on_a_drive_is_said_in_words(page: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
     alone, ids = shown
     answering(alone.url)
-    page = browser.new_page()
     for state, words in {
         "done": "Grade B by its own GNSS, merged into the map",
         "held": "Grade D by its own GNSS, held: it waits for drives that place it, or an operator",
@@ -366,15 +341,13 @@ def test_the_verdict_on_a_drive_is_said_in_words(browser: Any, shown: tuple[ApiA
     met = {"grade": "D", "gate": "hold", "release": None, "by_map": {"admitted": True, "grade": "B"}}
     said = page.evaluate(words, {"state": "done", "quality": met})
     assert said == "Grade D by its own GNSS, in the map with grade B by the drives that it meets"
-    page.close()
 
 
 @pytest.mark.browser
-def test_a_download_that_is_refused_is_said_and_not_saved(browser: Any, tmp_path: Path) -> None:
+def test_a_download_that_is_refused_is_said_and_not_saved(page: Any, tmp_path: Path) -> None:
     alone, ids = filled(tmp_path / "data")
     with closing(alone):
         answering(alone.url)
-        page = browser.new_page()
         page.add_init_script("sessionStorage.setItem('wayloom-key', 'any')")  # where a link sends no key, the page fetches
         downloads: list[Any] = []
         page.on("download", lambda one: downloads.append(one))
@@ -388,14 +361,12 @@ def test_a_download_that_is_refused_is_said_and_not_saved(browser: Any, tmp_path
         with page.expect_download() as found:
             page.locator("#downloads a", has_text="GeoJSON").click()
         assert found.value.suggested_filename == "street done.geojson"
-        page.close()
 
 
 @pytest.mark.browser
-def test_plots_name_the_mark_of_the_keyframe_and_the_bands_of_bursts(browser: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
+def test_plots_name_the_mark_of_the_keyframe_and_the_bands_of_bursts(page: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
     alone, ids = shown
     answering(alone.url)
-    page = browser.new_page()
     page.goto(f"{alone.url}/drives/{ids['done']}")
     page.wait_for_selector("#picture img")
     page.focus("#keyframe")
@@ -404,16 +375,14 @@ def test_plots_name_the_mark_of_the_keyframe_and_the_bands_of_bursts(browser: An
     until(lambda: "keyframe that is shown" in [one.strip() for one in names.all_inner_texts()])
     told = [one.strip() for one in page.locator("[data-plot=speed] figcaption span:visible").all_inner_texts()]
     assert told == ["speed by the odometry", "GNSS burst"]
-    page.close()
 
 
 @pytest.mark.browser
 def test_the_poses_of_a_drive_without_a_place_are_said_to_be_in_its_own_frame(
-    browser: Any, shown: tuple[ApiAlone, dict[str, str]]
+    page: Any, shown: tuple[ApiAlone, dict[str, str]]
 ) -> None:
     alone, ids = shown
     answering(alone.url)
-    page = browser.new_page()
     poses = page.locator("#downloads li", has_text="TUM")
     page.goto(f"{alone.url}/drives/{ids['done']}")
     until(lambda: poses.count() and poses.inner_text() == "Keyframe poses, TUM East, north, up in the map's frame")
@@ -421,15 +390,13 @@ def test_the_poses_of_a_drive_without_a_place_are_said_to_be_in_its_own_frame(
     page.reload()
     own = "Keyframe poses, TUM Right, ahead, up of the drive's start: it has no place on Earth"
     until(lambda: poses.count() and poses.inner_text() == own)
-    page.close()
 
 
 @pytest.mark.browser
-def test_a_picture_of_a_keyframe_that_comes_late_is_not_shown(browser: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
+def test_a_picture_of_a_keyframe_that_comes_late_is_not_shown(page: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
     """Asked for before another one was, it would stand under the other one's words."""
     alone, ids = shown
     answering(alone.url)
-    page = browser.new_page()
     late: list[Any] = []
     page.route("**/keyframes/0/points.webp", lambda route: late.append(route))
     page.goto(f"{alone.url}/drives/{ids['done']}")
@@ -445,4 +412,3 @@ def test_a_picture_of_a_keyframe_that_comes_late_is_not_shown(browser: Any, show
     late[0].continue_()
     page.wait_for_timeout(700)
     assert words in page.get_attribute("#picture img", "alt")
-    page.close()
