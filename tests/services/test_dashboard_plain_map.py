@@ -24,6 +24,7 @@ def test_without_webgl_the_list_is_there_and_a_plain_map_is_moved_by_keys(tmp_pa
         assert "has no WebGL 2" in seen.inner_text(".plain-note")
         until(lambda: seen.evaluate("[...document.querySelectorAll('.plain-tiles img')].some((one) => one.naturalWidth === 256)"))
         assert seen.locator(".plain-map polyline").count() == 1
+        assert seen.locator("#legend .plain-keys span").all_inner_texts() == ["drives"]
         where = "document.querySelector('.plain-map polyline').getAttribute('points')"
         before = seen.evaluate(where)
         seen.focus(".plain-map")
@@ -33,4 +34,8 @@ def test_without_webgl_the_list_is_there_and_a_plain_map_is_moved_by_keys(tmp_pa
         assert len({before, moved, seen.evaluate(where)}) == 3
         seen.click("#show-semantic")
         until(lambda: seen.locator(".plain-tiles img.semantic").count() == 0)
+        seen.click(f"[data-id='{first}'] button, [data-id='{first}']")
+        until(lambda: seen.locator("#legend .plain-keys span").all_inner_texts() == ["chosen drive"])
+        seen.click("#show-tracks")
+        until(lambda: seen.locator("#legend .plain-keys span").count() == 0)
         assert wrong == []

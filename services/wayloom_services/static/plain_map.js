@@ -36,6 +36,8 @@ export class PlainMap {
     this.lines = document.createElementNS(SVG, "svg");
     this.lines.setAttribute("aria-hidden", "true");
     this.view.append(this.tiles, this.lines);
+    this.keys = element("p", "plain-keys");
+    document.getElementById("legend")?.append(this.keys);
     container.append(this.view, this.#buttons(), element("p", "plain-note", `A plain map: ${why}. Everything else works as usual.`));
     this.#listen();
     new ResizeObserver(() => this.#draw()).observe(this.view);
@@ -155,6 +157,7 @@ export class PlainMap {
   #drawTracks([left, top], width, height) {
     this.lines.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.lines.replaceChildren();
+    this.#drawKeys();
     if (this.hidden.has("tracks")) return;
     for (const [id, feature] of this.tracks) {
       for (const line of feature ? linesOf(feature.geometry) : []) {
@@ -165,6 +168,17 @@ export class PlainMap {
         this.lines.append(drawn);
       }
     }
+  }
+
+  // What the lines mean that are there.
+  #drawKeys() {
+    const known = this.hidden.has("tracks") ? [] : [...this.tracks].filter(([, feature]) => feature).map(([id]) => id === this.chosen);
+    const words = [known.includes(false) && ["drives", ""], known.includes(true) && ["chosen drive", "chosen"]].filter(Boolean);
+    this.keys.replaceChildren(...words.map(([text, kind]) => {
+      const entry = element("span", "", text);
+      entry.prepend(element("i", kind));
+      return entry;
+    }));
   }
 
   // Shows a published version; the first one also moves the view there.
