@@ -54,7 +54,7 @@ class LabellingSettings(Settings):
         "the network's training did not weight rare classes; 0: off",
     )
     right_images: int = Field(
-        1, ge=0, le=50, description="the right image of every so many keyframes is labelled and votes beside the left one; 0: none"
+        2, ge=0, le=50, description="the right image of every so many keyframes is labelled and votes beside the left one; 0: none"
     )
     between_keyframes: bool = Field(False, description="the frames between keyframes are labelled and vote as well")
 
