@@ -16,7 +16,8 @@ from wayloom.geodesy.antimeridian import median_place
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geometry import se3
 from wayloom.ground.files import load_sheet, read_index
-from wayloom.ground.sheet import CELL_M, LARGEST_SIGMA_MM, PIXEL_M, GroundSheet
+from wayloom.ground.kernels import picture_tiles as kernels
+from wayloom.ground.sheet import CELL_M, LARGEST_SIGMA_MM, NO_HEIGHT, PIXEL_M, GroundSheet
 from wayloom.submaps.submap import PlacedSubmap
 
 FloatArray = NDArray[np.float64]
@@ -49,12 +50,10 @@ def export_ground(sheets_dir: Path, submaps: Sequence[PlacedSubmap], folder: Pat
     index = read_index(sheets_dir)
     frame = submaps[0].frame if len(submaps) else None
     epsg = None if frame is None else _epsg(submaps, frame)
-    places = [
-        _place(digest, load_sheet(sheets_dir, digest), placed[submap].T_enu_submap, frame, epsg) for submap, digest in index.items()
-    ]
+    held = lru_cache(maxsize=SHEETS_HELD)(lambda digest: load_sheet(sheets_dir, digest))
+    places = [_place(digest, held(digest), placed[submap].T_enu_submap, frame, epsg) for submap, digest in index.items()]
     if not places:
         return
-    held = lru_cache(maxsize=SHEETS_HELD)(lambda digest: load_sheet(sheets_dir, digest))
     photo, height = _grid(places, PIXEL_M, epsg), _grid(places, CELL_M, epsg)
     write_cog(
         folder / ORTHOPHOTO_FILE, photo, lambda row, column: _photo_tile(photo, row, column, places, held),
@@ -117,8 +116,9 @@ def _height_around(sheet: GroundSheet, at: FloatArray, side: float, otherwise: f
     """Median height of the cells around a place of the sheet."""
     low = np.maximum(np.floor((at - 0.5 * side - sheet.corner_m) / CELL_M).astype(int), 0)
     high = np.maximum(np.floor((at + 0.5 * side - sheet.corner_m) / CELL_M).astype(int), 0)
-    part = sheet.height[low[1] : high[1], low[0] : high[0]]
-    return float(np.nanmedian(part)) if np.isfinite(part).any() else otherwise
+    part = sheet.height_mm[low[1] : high[1], low[0] : high[0]]
+    known = part[part != NO_HEIGHT]
+    return float(np.median(known / 1000.0)) if len(known) else otherwise
 
 
 def _warped(raster: NDArray[Any], M: FloatArray, how: int) -> NDArray[Any]:
@@ -133,10 +133,8 @@ def _photo_tile(grid: GeoGrid, row: int, column: int, places: list[SheetPlace], 
         M = _warp(grid, row, column, place, sheet, PIXEL_M)
         alpha = _warped((sheet.sharpness > 0).astype(np.float32), M, cv2.INTER_LINEAR)
         colour = _warped(sheet.colour.astype(np.float32), M, cv2.INTER_LINEAR).reshape(TILE, TILE, -1)
-        shown = colour / np.maximum(alpha, SOLID)[..., None]
-        sharpness = np.where(alpha >= SOLID, _warped(sheet.sharpness, M, cv2.INTER_NEAREST), 0)
-        better = sharpness > best
-        tile[better, :3], tile[better, 3], best[better] = np.rint(shown[better]).clip(0, 255), 255, sharpness[better]
+        sharpness = _warped(sheet.sharpness, M, cv2.INTER_NEAREST)
+        kernels.lay_sharper(colour, alpha, sharpness, np.float32(SOLID), tile, best)
     return tile if best.any() else None
 
 
@@ -147,22 +145,20 @@ def _height_tile(grid: GeoGrid, row: int, column: int, places: list[SheetPlace],
     for place in _near(grid, row, column, places):
         sheet = held(place.digest)
         M = _warp(grid, row, column, place, sheet, CELL_M)
-        z = _warped(np.nan_to_num(sheet.height, nan=np.inf), M, cv2.INTER_NEAREST)
+        mm = _warped(sheet.height_mm, M, cv2.INTER_NEAREST)
         xy = np.stack([M[k, 0] * u + M[k, 1] * v + M[k, 2] + 0.5 for k in range(2)], axis=-1) * CELL_M + sheet.corner_m
         stated = _warped(sheet.sigma_mm, M, cv2.INTER_NEAREST).astype(np.int64)
-        sigma = np.where((stated > 0) & np.isfinite(z), stated, UNKNOWN_MM)
-        told = xy @ place.A[2, :2] + place.A[2, 2] * np.where(sigma < UNKNOWN_MM, z, 0.0) + place.b[2]
+        sigma = np.where((stated > 0) & (mm != NO_HEIGHT), stated, UNKNOWN_MM)
+        told = xy @ place.A[2, :2] + place.A[2, 2] * np.where(sigma < UNKNOWN_MM, mm / 1000.0, 0.0) + place.b[2]
         tile, best = np.where(sigma < best, told, tile).astype(np.float32), np.minimum(sigma, best)
     return tile if (best < UNKNOWN_MM).any() else None
 
 
 def halved_colours(tile: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """RGBA (2h, 2w, 4) at half its size: means of what shows."""
-    values = tile.astype(np.float32)  # whole numbers below 2^24: exact
-    alpha = values[..., 3:]
-    total = _sums_of_four(alpha)
-    colour = _sums_of_four(values[..., :3] * alpha) / np.maximum(total, 1.0).astype(np.float64)
-    return np.asarray(np.rint(np.concatenate([colour, 0.25 * total], axis=-1)), np.uint8)
+    half = np.empty((tile.shape[0] // 2, tile.shape[1] // 2, 4), np.uint8)
+    kernels.halve_colours(tile, half)
+    return half
 
 
 def halved_heights(tile: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -20,10 +20,12 @@ def overlay(image: NDArray[np.uint8], labels: NDArray[np.uint8], alpha: float = 
     alpha    share of the colour, 0 to 1
     returns  (h, w, 3) RGB uint8
     """
-    rgb = np.repeat(image[:, :, None], 3, axis=2) if image.ndim == 2 else image
-    share = np.where(labels == VOID, 0.0, alpha).astype(np.float32)[:, :, None]
-    blend = rgb + share * (PALETTE_WITH_VOID[labels].astype(np.float32) - rgb)
-    return np.rint(blend).astype(np.uint8)
+    level = np.arange(256, dtype=np.uint8)[:, None]
+    share = np.where(np.arange(256) == VOID, 0.0, alpha).astype(np.float32)[:, None, None]
+    blend = np.rint(level + share * (PALETTE_WITH_VOID[:, None].astype(np.float32) - level)).astype(np.uint8)
+    row = labels.astype(np.int64) << 8
+    channels = [image if image.ndim == 2 else image[:, :, k] for k in range(3)]
+    return np.stack([blend[..., k].ravel().take(row + channel) for k, channel in enumerate(channels)], axis=2)
 
 
 def without_persons(image: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:

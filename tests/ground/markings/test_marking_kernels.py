@@ -20,7 +20,7 @@ def picture(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_side_contrast_is_that_of_the_plain_loop() -> None:
     grey, seen, candidate = picture()
     offsets = np.array([3.0, 5.0])
-    out = np.empty((4, *grey.shape), np.float32)
+    out = np.zeros((4, *grey.shape), np.float32)
     lines.side_contrast(grey, seen, candidate, NORMALS, offsets, 8.0, out)
     expected = np.zeros_like(out)
     for k, (nx, ny) in enumerate(NORMALS):

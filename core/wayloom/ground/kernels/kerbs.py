@@ -24,30 +24,37 @@ def best_step(
     best = math.inf
     for k in range(6):
         out[k] = math.nan
+    A, r, szz = np.zeros((3, 3)), np.zeros(3), 0.0
+    for n in range(across.shape[0]):
+        x, z, w = across[n], height[n], weight[n]
+        if w > 0:
+            A[0, 0] += w
+            A[0, 1] += w * x
+            A[1, 1] += w * x * x
+            r[0] += w * z
+            r[1] += w * x * z
+            szz += w * z * z
+    A[1, 0] = A[0, 1]
     for s in range(shifts.shape[0]):
         for q in range(smears.shape[0]):
-            A, r, szz = np.zeros((3, 3)), np.zeros(3), 0.0
             low, high = 0, 0
             for n in range(across.shape[0]):
-                x, z, w = across[n], height[n], weight[n]
-                if w <= 0:
-                    continue
-                u = 0.5 * (1.0 + math.erf((x - shifts[s]) / smears[q] * 0.7071067811865476))
-                low += 1 if x < shifts[s] - smears[q] else 0
-                high += 1 if x > shifts[s] + smears[q] else 0
-                A[0, 0] += w
-                A[0, 1] += w * x
-                A[0, 2] += w * u
-                A[1, 1] += w * x * x
-                A[1, 2] += w * x * u
-                A[2, 2] += w * u * u
-                r[0] += w * z
-                r[1] += w * x * z
-                r[2] += w * u * z
-                szz += w * z * z
+                if weight[n] > 0:
+                    low += 1 if across[n] < shifts[s] - smears[q] else 0
+                    high += 1 if across[n] > shifts[s] + smears[q] else 0
             if low < least or high < least:
                 continue
-            A[1, 0], A[2, 0], A[2, 1] = A[0, 1], A[0, 2], A[1, 2]
+            a02, a12, a22, r2 = 0.0, 0.0, 0.0, 0.0
+            for n in range(across.shape[0]):
+                x, z, w = across[n], height[n], weight[n]
+                if w > 0:
+                    u = 0.5 * (1.0 + math.erf((x - shifts[s]) / smears[q] * 0.7071067811865476))
+                    a02 += w * u
+                    a12 += w * x * u
+                    a22 += w * u * u
+                    r2 += w * u * z
+            A[0, 2], A[1, 2], A[2, 2], r[2] = a02, a12, a22, r2
+            A[2, 0], A[2, 1] = a02, a12
             if abs(np.linalg.det(A)) < 1e-12 * A[0, 0] ** 3:
                 continue
             inverse = np.linalg.inv(A)

@@ -16,24 +16,27 @@ Int32 = NDArray[np.int32]
 def side_contrast(
     smooth: Float32, seen: UInt8, candidate: UInt8, normals: Float64, offsets: Float64, dark: float, out: Float32
 ) -> None:
-    """Fill out (K, R, C): how much brighter a pixel is than the brighter of two places across it, as a share of that one.
+    """Fill out (K, R, C), zeros: how much brighter a pixel is than the brighter of two places across it, as a share of that one.
 
     smooth, seen, candidate  (R, C)
     normals                  (K, 2) unit steps (column, row) across a line
     offsets                  (D,) pixels to either side; the offset with the most contrast counts
     dark                     added to the share's denominator
-    Where a pixel is no candidate, or one of its sides was not seen, nothing is claimed: 0. Never below 0.
+    Where a pixel is no candidate, or one of its sides was not seen, nothing is claimed: 0 stays. Never below 0.
     """
     rows, columns = smooth.shape
+    steps = np.empty((normals.shape[0], offsets.shape[0], 2), np.int64)
     for k in range(normals.shape[0]):
-        for y in range(rows):
-            for x in range(columns):
-                out[k, y, x] = 0.0
-                if candidate[y, x] == 0:
-                    continue
+        for d in range(offsets.shape[0]):
+            steps[k, d, 0], steps[k, d, 1] = round(offsets[d] * normals[k, 0]), round(offsets[d] * normals[k, 1])
+    for y in range(rows):
+        for x in range(columns):
+            if candidate[y, x] == 0:
+                continue
+            for k in range(normals.shape[0]):
                 best = 0.0
                 for d in range(offsets.shape[0]):
-                    dx, dy = round(offsets[d] * normals[k, 0]), round(offsets[d] * normals[k, 1])
+                    dx, dy = steps[k, d, 0], steps[k, d, 1]
                     if x < abs(dx) or y < abs(dy) or x + abs(dx) >= columns or y + abs(dy) >= rows:
                         continue
                     if seen[y + dy, x + dx] == 0 or seen[y - dy, x - dx] == 0:
@@ -51,6 +54,10 @@ def along_mean(contrast: Float32, candidate: UInt8, normals: Float64, half: int,
     all directions, weighted by the squares, rad in (-pi/2, pi/2]; both are 0 where candidate (R, C) is.
     """
     count, rows, columns = contrast.shape
+    steps = np.empty((count, 2 * half + 1, 2), np.int64)
+    for k in range(count):
+        for t in range(-half, half + 1):
+            steps[k, t + half, 0], steps[k, t + half, 1] = -round(t * normals[k, 1]), round(t * normals[k, 0])
     for y in range(rows):
         for x in range(columns):
             best[y, x], angle[y, x] = 0.0, 0.0
@@ -59,8 +66,8 @@ def along_mean(contrast: Float32, candidate: UInt8, normals: Float64, half: int,
             most, c2, s2 = 0.0, 0.0, 0.0
             for k in range(count):
                 total = 0.0
-                for t in range(-half, half + 1):
-                    u, v = x - round(t * normals[k, 1]), y + round(t * normals[k, 0])
+                for t in range(2 * half + 1):
+                    u, v = x + steps[k, t, 0], y + steps[k, t, 1]
                     if 0 <= u < columns and 0 <= v < rows:
                         total += contrast[k, v, u]
                 mean = total / (2 * half + 1)

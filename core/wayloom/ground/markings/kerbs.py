@@ -40,9 +40,10 @@ def find_kerbs(raster: GroundRaster, settings: KerbSettings = KerbSettings()) ->
     """All kerbs, in the raster's frame; the same for the same raster."""
     known = np.isfinite(raster.height)
     weight = np.where(known, 1.0 / (np.maximum(raster.sigma_m, FLOOR_M) ** 2), 0.0)
+    height = np.where(known, raster.height, 0.0)
     out: list[Kerb] = []
     for border in borders_of(raster.label == ROAD, np.isin(raster.label, BESIDE)):
-        out += _kerbs_of(border, np.nan_to_num(raster.height), weight, raster, settings)
+        out += _kerbs_of(border, height, weight, raster, settings)
     return out
 
 

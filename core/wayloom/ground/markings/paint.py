@@ -63,7 +63,7 @@ def find_paint(raster: GroundRaster, settings: MarkingSettings) -> Paint:
     shape = raster.grey.shape
     theta = np.arange(DIRECTIONS) * np.pi / DIRECTIONS
     normals = np.column_stack([np.cos(theta), np.sin(theta)])
-    by_direction = np.empty((DIRECTIONS, *shape), np.float32)
+    by_direction = np.zeros((DIRECTIONS, *shape), np.float32)
     lines.side_contrast(smooth, seen.view(np.uint8), candidate, normals, np.array(OFFSETS_M) / PIXEL_M, DARK, by_direction)
     contrast, angle = np.empty(shape, np.float32), np.empty(shape, np.float32)
     lines.along_mean(by_direction, candidate, normals, HALF_ALONG_PX, contrast, angle)
@@ -91,8 +91,9 @@ def _near_road(raster: GroundRaster) -> NDArray[np.bool_]:
 
 def _mean(grey: NDArray[np.float32], seen: NDArray[np.bool_], edge: int) -> NDArray[np.float32]:
     """Mean over the seen pixels of a square; 0 where there are none."""
-    weight = cv2.boxFilter(seen.astype(np.float32), -1, (edge, edge), normalize=False, borderType=cv2.BORDER_CONSTANT)
-    total = cv2.boxFilter(
-        np.where(seen, grey, 0).astype(np.float32), -1, (edge, edge), normalize=False, borderType=cv2.BORDER_CONSTANT
-    )
-    return np.where(weight > 0.5, total / np.maximum(weight, 1.0), 0).astype(np.float32)
+    window, around = (edge, edge), cv2.BORDER_CONSTANT
+    weight = cv2.boxFilter(seen.astype(np.float32), -1, window, normalize=False, borderType=around)
+    total = cv2.boxFilter(np.where(seen, grey, np.float32(0)), -1, window, normalize=False, borderType=around)
+    mean = np.asarray(total / np.maximum(weight, np.float32(1)), np.float32)
+    mean[weight <= 0.5] = 0
+    return mean
