@@ -10,7 +10,7 @@ from places.made_places import CAR_COLUMNS, SKY_ROWS, MadeLabels, made_drive
 from wayloom.config.classes import CLASS_ID
 from wayloom.dense.extraction import dense_depth, look_of, make_looks, small_camera
 from wayloom.dense.files import LookFile, encode_looks, save_looks
-from wayloom.dense.kernels.patches import reduce_patches
+from wayloom.dense.kernels.patches import encode_depths, keep_returning, reduce_patches
 from wayloom.dense.settings import LookSettings
 from wayloom.dense.types import BUILT, DEPTHS_M, INFINITY, MOVING, OPEN_SKY, THIN, UNSURE, Looks
 from wayloom.errors import InputError
@@ -158,6 +158,9 @@ def test_labels_with_a_hole_are_void_and_of_no_kind():
 
 
 def naive_patches(near_code, far_code, kinds, edge, share):
+    """With codes as large as kinds."""
+    denied = (kinds == OPEN_SKY) & (near_code > 0) & (near_code < 255)
+    near_code, far_code = (np.where(denied, 0, np.where(kinds == OPEN_SKY, 255, code)) for code in (near_code, far_code))
     height, width = (-(-side // edge) for side in near_code.shape)
     out = np.zeros((3, height, width), np.uint8)
     for y in range(height):
@@ -171,11 +174,46 @@ def naive_patches(near_code, far_code, kinds, edge, share):
 
 
 @pytest.mark.kernels
+@pytest.mark.parametrize("times", [1, 2])
 @pytest.mark.parametrize("edge", [1, 2, 5])
-def test_patches_are_as_by_slices(edge):
+def test_patches_are_as_by_slices(edge, times):
     rng = np.random.default_rng(edge)
-    near_code = rng.integers(0, 200, (23, 31)).astype(np.uint8) * (rng.random((23, 31)) < 0.6)
-    far_code, kinds = np.where(near_code > 0, near_code + 3, 0).astype(np.uint8), rng.integers(0, 64, (23, 31)).astype(np.uint8)
+    small = (23 // times, 31 // times)
+    near_code = (rng.choice([20, 90, 200, 255], small) * (rng.random(small) < 0.6)).astype(np.uint8)
+    far_code = np.where(near_code > 0, np.minimum(near_code.astype(int) + 3, 255), 0).astype(np.uint8)
+    kinds = rng.choice([MOVING, OPEN_SKY, THIN | BUILT], (23, 31)).astype(np.uint8)
     out = np.empty((3, -(-23 // edge), -(-31 // edge)), np.uint8)
-    reduce_patches(near_code.astype(np.uint8), far_code, kinds, edge, 0.5, *out)
-    np.testing.assert_array_equal(out, naive_patches(near_code, far_code, kinds, edge, 0.5))
+    reduce_patches(near_code, far_code, times, kinds, OPEN_SKY, edge, 0.5, *out)
+    large = np.zeros((2, 23, 31), np.uint8)
+    for code, whole in zip((near_code, far_code), large, strict=True):
+        whole[: times * small[0], : times * small[1]] = np.kron(code, np.ones((times, times), np.uint8))
+    np.testing.assert_array_equal(out, naive_patches(*large, kinds, edge, 0.5))
+
+
+@pytest.mark.kernels
+def test_codes_of_depths_are_as_by_search():
+    rng = np.random.default_rng(1)
+    depth = np.exp(rng.uniform(-0.5, 5.0, (30, 40)))
+    depth[3, :20], depth[4, :20], depth[5] = np.nan, np.inf, DEPTHS_M[:40]
+    depth[6, :2] = DEPTHS_M[[0, -1]]
+    near, far = np.empty(depth.shape, np.uint8), np.empty(depth.shape, np.uint8)
+    encode_depths(depth, DEPTHS_M, near, far)
+    for d, n, f in zip(depth.ravel(), near.ravel(), far.ravel(), strict=True):
+        towards, away = np.flatnonzero(d >= DEPTHS_M), np.flatnonzero(d <= DEPTHS_M)
+        code = towards[-1] + 1 if len(towards) else 1
+        assert n == (UNSURE if np.isnan(d) else code if len(away) else INFINITY)
+        assert f == (UNSURE if np.isnan(d) else away[0] + 1 if len(away) else INFINITY)
+
+
+@pytest.mark.kernels
+def test_a_disparity_is_kept_where_the_right_image_leads_back():
+    rng = np.random.default_rng(2)
+    there, right = np.where(rng.random((2, 12, 40)) < 0.9, rng.integers(16, 120, (2, 12, 40)) / 16.0, -1.0)
+    sure = np.empty_like(there)
+    keep_returning(there, np.ascontiguousarray(right[:, ::-1]), 1.5, sure)
+    kept = np.zeros(there.shape, bool)
+    for y, x in np.argwhere(there > 0):
+        u_right = round(x - there[y, x])
+        kept[y, x] = u_right >= 0 and right[y, u_right] > 0 and abs(there[y, x] - right[y, u_right]) <= 1.5
+    assert kept.any()
+    np.testing.assert_array_equal(sure, np.where(kept, there, np.nan))

@@ -88,7 +88,7 @@ def digests(package: Path) -> dict[str, str]:
         ("logs/kitti/kitti_360.py", {"kitti.kitti_360"}),
         ("logs/kitti/kitti_odometry.py", {"kitti.kitti_odometry", "kitti.kitti_raw"}),
         ("logs/ros2/cdr.py", {"ros2.mcap_log"}),
-        ("logs/images/plain_png.py", ALL_READERS),
+        ("logs/images/plain_png.py", {*ALL_READERS, "segmentation", "labelling", "places", "looks", "ground", "objects"}),
         ("odometry/kernels/tracking.py", {"odometry"}),
         ("odometry/result/odometry_file.py", TRACKED),
         ("calibration/learn.py", {"odometry"}),

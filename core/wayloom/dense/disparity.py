@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.dense.kernels.patches import keep_returning
 from wayloom.geometry.camera import StereoRig
 
 Image = NDArray[np.uint8]
@@ -39,13 +40,10 @@ def dense_disparity(left: Image, right: Image, search: int, check_px: float) -> 
     search      : disparities up to this are found, a multiple of STEP
     """
     there = _matched(left, right, search)
-    back = _matched(right[:, ::-1], left[:, ::-1], search)[:, ::-1]
-    u = np.arange(left.shape[1])
-    u_right = np.rint(u - there).astype(np.int64)
-    inside = (there > 0.0) & (u_right >= 0)
-    returned = np.take_along_axis(back, np.where(inside, u_right, 0), axis=1)
-    sure = inside & (returned > 0.0) & (np.abs(there - returned) <= check_px)
-    return np.where(sure, there, np.nan)
+    back = _matched(right[:, ::-1], left[:, ::-1], search)
+    sure = np.empty_like(there)
+    keep_returning(there, back, check_px, sure)
+    return sure
 
 
 def _matched(left: Image, right: Image, search: int) -> FloatArray:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from wayloom.config.progress import Progress, silent
 from wayloom.config.side_by_side import in_order
 from wayloom.dense.disparity import dense_disparity, search_px
-from wayloom.dense.kernels.patches import reduce_patches
+from wayloom.dense.kernels.patches import encode_depths, reduce_patches
 from wayloom.dense.settings import LookSettings
-from wayloom.dense.types import DEPTHS_M, INFINITY, KINDS_OF_CLASS, OPEN_SKY, UNSURE, Looks
+from wayloom.dense.types import DEPTHS_M, KINDS_OF_CLASS, OPEN_SKY, Looks
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.frame_source import one_opencv_thread
@@ -75,8 +75,8 @@ def matched_depth(pair: StereoPair, rig: StereoRig, bias_px: float, settings: Lo
     scale = 2.0**level
     small = replace(rig, camera=rig.camera.at_level(level))
     disparity = scale * dense_disparity(left, right, search_px(small), settings.check_px) - bias_px
-    depth = np.where(disparity > 0.0, rig.bf / np.where(disparity > 0.0, disparity, 1.0), np.inf)
-    return np.where(np.isnan(disparity), np.nan, depth)
+    depth = np.where(np.isnan(disparity), np.nan, np.inf)
+    return np.divide(rig.bf, disparity, out=depth, where=disparity > 0.0)
 
 
 def _level(width: int, match_width_px: int) -> int:
@@ -117,21 +117,9 @@ def look_of(depth: FloatArray, label: Image, camera: PinholeCamera, edge: int, s
     Sky is a look to infinity where no depth says otherwise; where one does, one of the two is wrong and neither is believed.
     """
     kinds = KINDS_OF_CLASS[label]
-    near_code, far_code = (_at_full_size(code, label.shape, UNSURE) for code in _codes(depth))
-    sky = kinds == OPEN_SKY
-    denied = sky & (near_code != UNSURE) & (near_code != INFINITY)
-    near_code[sky], far_code[sky] = INFINITY, INFINITY
-    near_code[denied], far_code[denied] = UNSURE, UNSURE
+    near_code, far_code = np.empty(depth.shape, np.uint8), np.empty(depth.shape, np.uint8)
+    encode_depths(depth, DEPTHS_M, near_code, far_code)
     near, far, all_kinds = (np.empty((camera.height, camera.width), np.uint8) for _ in range(3))
-    reduce_patches(near_code, far_code, kinds, edge, sure_share, near, far, all_kinds)
+    times = max(1, label.shape[0] // depth.shape[0])
+    reduce_patches(near_code, far_code, times, kinds, OPEN_SKY, edge, sure_share, near, far, all_kinds)
     return near, far, all_kinds
-
-
-def _codes(depth: FloatArray) -> tuple[Image, Image]:
-    """Of each depth the code of the next one towards the camera, and of the next one away; UNSURE for NaN."""
-    near_code = np.searchsorted(DEPTHS_M, depth, side="right").clip(1)
-    far_code = np.minimum(np.searchsorted(DEPTHS_M, depth, side="left") + 1, INFINITY)
-    near_code[depth > DEPTHS_M[-1]] = INFINITY
-    unknown = np.isnan(depth)
-    near_code[unknown], far_code[unknown] = UNSURE, UNSURE
-    return near_code.astype(np.uint8), far_code.astype(np.uint8)

@@ -10,7 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.errors import StageError
+from wayloom.errors import LogError, StageError
+from wayloom.logs.images import plain_png
+from wayloom.logs.images.image_files import PNG_SIGNATURE, check_png
 from wayloom.segmentation.scores import Scores, decode_scores
 
 Labels = NDArray[np.uint8]
@@ -114,10 +116,12 @@ def facts_in(folder: Path) -> dict[str, Any]:
 
 def read_labels(path: Path) -> Labels | None:
     """The label image (h, w) of a file; None where it is missing or damaged."""
-    if not path.is_file():
+    try:
+        data = path.read_bytes()
+        plain = plain_png.decode(check_png(data, path), colour=None) if data.startswith(PNG_SIGNATURE) else None
+    except (OSError, LogError):
         return None
-    data = np.fromfile(path, np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    image = plain if plain is not None or not data else cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     return None if image is None or image.ndim != 2 or image.dtype != np.uint8 else np.asarray(image, np.uint8)
 
 
