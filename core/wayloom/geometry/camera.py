@@ -44,7 +44,9 @@ class PinholeCamera:
 
     def rays(self, uv: Array) -> Array:
         """uv (N, 2) pixels to (N, 3) directions in the camera frame with z = 1."""
-        return np.column_stack([(uv[:, 0] - self.cx) / self.fx, (uv[:, 1] - self.cy) / self.fy, np.ones(len(uv))])
+        rays = np.empty((len(uv), 3))
+        rays[:, 0], rays[:, 1], rays[:, 2] = (uv[:, 0] - self.cx) / self.fx, (uv[:, 1] - self.cy) / self.fy, 1.0
+        return rays
 
     def project(self, points_cam: Array) -> Array:
         """points_cam (N, 3) m to uv (N, 2) pixels; NaN for points that are not in front of the camera."""

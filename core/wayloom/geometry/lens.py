@@ -15,6 +15,7 @@ To first order, at infinity, in pixels: du = f (yaw (1 + x^2) - pitch x y - roll
 """
 
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +102,10 @@ def project_scaled(lens: RightLens, camera: PinholeCamera, baseline_m: float, q_
     z = np.where(p[:, 2] > 0, p[:, 2], np.nan)
     xy = distort(p[:, :2] / z[:, None], lens._distortion)
     f = lens.focal_ratio
-    return np.column_stack([f * camera.fx * xy[:, 0] + camera.cx + lens.cx_shift_px, f * camera.fy * xy[:, 1] + camera.cy])
+    uv = np.empty((len(xy), 2))
+    uv[:, 0] = f * camera.fx * xy[:, 0] + camera.cx + lens.cx_shift_px
+    uv[:, 1] = f * camera.fy * xy[:, 1] + camera.cy
+    return uv
 
 
 def projection_jacobians(
@@ -157,10 +161,13 @@ def displaced(rig: StereoRig, lens: RightLens) -> StereoRig:
     return StereoRig(rig.camera, (tx, ty + rig.baseline_m * lens.ty, tz + rig.baseline_m * lens.tz))
 
 
+@lru_cache(256)
 def R_real_ideal(lens: RightLens) -> Array:
-    """(3, 3): Rz(roll) Ry(yaw) Rx(pitch)."""
+    """(3, 3), read-only: Rz(roll) Ry(yaw) Rx(pitch)."""
     Rx, Ry, Rz = _axis_rotations(lens)
-    return np.asarray(Rz @ Ry @ Rx)
+    R = np.asarray(Rz @ Ry @ Rx)
+    R.setflags(write=False)
+    return R
 
 
 def _real_scaled(lens: RightLens, baseline_m: float, q_right: Array, rho: Array) -> Array:

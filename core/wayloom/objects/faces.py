@@ -40,10 +40,7 @@ DARK: Final = 4.0
 
 def faces(view: ObjectView, number: int, kind: int, reach_m: float) -> Measurements:
     """The faces of a kind in a view; `number` is the view's row."""
-    mask = (view.label == LABEL[kind]).astype(np.uint8)
-    _, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
-    boxes = stats[1:].astype(np.int64)
-    u0, v0, wide, tall, area = boxes.reshape(-1, 5).T
+    u0, v0, wide, tall, area = _pieces(view.label == LABEL[kind]).T
     large = (wide >= LEAST_PX) & (tall >= LEAST_PX) & (area >= LEAST_FILLED * wide * tall)
     u0, v0, u1, v1 = u0[large], v0[large], (u0 + wide)[large], (v0 + tall)[large]
     rectangles = np.column_stack([u0, v0, u1, v1])
@@ -72,6 +69,18 @@ def faces(view: ObjectView, number: int, kind: int, reach_m: float) -> Measureme
         slope=np.array([one for one, _ in slopes]),
         slope_sigma=np.array([one for _, one in slopes]),
     )
+
+
+def _pieces(mask: NDArray[np.bool_]) -> IntArray:
+    """First column, first row, width, height and area (n, 5) of the pieces of a mask (h, w), whose corners do not connect."""
+    rows = np.flatnonzero(mask.any(axis=1))
+    if not len(rows):
+        return np.zeros((0, 5), np.int64)
+    part = mask[rows[0] : rows[-1] + 1].astype(np.uint8)
+    _, _, stats, _ = cv2.connectedComponentsWithStats(part, connectivity=4)
+    pieces = stats[1:].astype(np.int64)
+    pieces[:, 1] += rows[0]
+    return pieces
 
 
 def match_inside(view: ObjectView, rectangles: IntArray) -> tuple[FloatArray, FloatArray]:

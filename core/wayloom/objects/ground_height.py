@@ -21,7 +21,7 @@ class GroundHeight:
             away, label = cv2.distanceTransformWithLabels(unknown, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
             rows, columns = np.nonzero(unknown == 0)
             height = np.zeros(int(label.max()) + 1)
-            height[label[rows, columns]] = sheet.height[rows, columns]
+            height[label[rows, columns]] = sheet.height_mm[rows, columns] / 1000.0
             self._height, self._away = height[label], away * CELL_M
         else:
             self._sheet = None

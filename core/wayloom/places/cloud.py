@@ -67,20 +67,32 @@ class VoxelFilter:
 
     def __init__(self, voxel_m: float, reach_m: float) -> None:
         self.voxel_m, self.reach_m = voxel_m, reach_m
-        self.kept: deque[tuple[float, NDArray[np.int64]]] = deque()
+        self._kept: deque[tuple[float, NDArray[np.int64]]] = deque()
+        self._taken = np.zeros(0, np.int64)
+        """Numbers of all that are kept, increasing."""
 
     def rows(self, points_world: FloatArray, sigma_cm: NDArray[np.uint8], road_m: float) -> NDArray[np.int64]:
         """Rows (m,) of the points (n, 3) m to keep, increasing: in every voxel that is free the surest, of equals the first."""
-        while self.kept and self.kept[0][0] < road_m - self.reach_m:
-            self.kept.popleft()
+        while self._kept and self._kept[0][0] < road_m - self.reach_m:
+            self._taken = np.delete(self._taken, np.searchsorted(self._taken, self._kept.popleft()[1]))
         number = voxel_numbers(points_world, self.voxel_m)
-        free = ~np.isin(number, np.concatenate([n for _, n in self.kept])) if self.kept else np.ones(len(number), bool)
+        free = ~_among(number, self._taken)
         order = np.lexsort((sigma_cm, number))
         first = np.ones(len(order), bool)
         first[1:] = number[order[1:]] != number[order[:-1]]
         chosen: NDArray[np.int64] = np.sort(order[first & free[order]])
-        self.kept.append((road_m, number[chosen]))
+        new = np.sort(number[chosen])
+        self._kept.append((road_m, new))
+        self._taken = np.insert(self._taken, np.searchsorted(self._taken, new), new)
         return chosen
+
+
+def _among(numbers: NDArray[np.int64], increasing: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(n,) which of the numbers (n,) are in the other ones (m,)."""
+    if not len(increasing):
+        return np.zeros(len(numbers), bool)
+    at = np.searchsorted(increasing, numbers)
+    return np.asarray(increasing[np.minimum(at, len(increasing) - 1)] == numbers)
 
 
 def voxel_numbers(points: FloatArray, voxel_m: float) -> NDArray[np.int64]:

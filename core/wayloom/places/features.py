@@ -29,7 +29,7 @@ def describe(pair: StereoPair, keyframe: int, odometry: OdometryResult, settings
     mask = cv2.resize(STATIC[pair.label].astype(np.uint8), image.shape[::-1], interpolation=cv2.INTER_NEAREST)
     orb = cv2.ORB.create(MORE * settings.features, 1.2, 6, EDGE_PX, 0, 2, cv2.ORB_HARRIS_SCORE, 31, FAST_THRESHOLD)
     corners = orb.detect(image, mask)
-    uv = (np.array([corner.pt for corner in corners], np.float64).reshape(-1, 2) + 0.5) / scale - 0.5
+    uv = (np.asarray(cv2.KeyPoint.convert(corners), np.float64).reshape(-1, 2) + 0.5) / scale - 0.5
     pixels = np.clip(np.rint(uv), 0, np.array(pair.left.shape[::-1]) - 1).astype(np.int64)
     depth, sigma = pair.depth(pixels, odometry)
     sure = sigma < settings.feature_depth_share * depth

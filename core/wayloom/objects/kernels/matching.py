@@ -18,7 +18,8 @@ def match_rectangles(left, right, rectangles, start, most, uniqueness, found):  
     found       (g, 2) is filled: disparity and sigma; NaN without a sure match
     """
     height, width = left.shape
-    cost = np.empty(most + 1)
+    cost, square = np.empty(most + 1), np.empty(most + 1, np.int64)
+    total, of_row = np.empty(most + 1, np.int32), np.empty(most + 1, np.int32)
     for g in range(len(start) - 1):
         found[g, 0] = found[g, 1] = UNMATCHED
         last, count, slope2 = most, 0, 0.0
@@ -34,7 +35,8 @@ def match_rectangles(left, right, rectangles, start, most, uniqueness, found):  
                 continue
             count += (u1 - u0) * (v1 - v0)
             slope2 += _slope2(left, u0, v0, u1, v1)
-            _add_cost(left, right, u0, v0, u1, v1, cost[: last + 1])
+            end = last + 1
+            _add_cost(left, right, u0, v0, u1, v1, cost[:end], total[:end], square[:end], of_row[:end])
         if count > 0 and slope2 > 0.0:
             _best(cost[: last + 1], count, slope2, uniqueness, found[g])
 
@@ -42,26 +44,36 @@ def match_rectangles(left, right, rectangles, start, most, uniqueness, found):  
 @njit(cache=True)
 def _slope2(left, u0, v0, u1, v1):  # type: ignore[no-untyped-def]
     """Sum of the squared slopes along the rows."""
-    total = 0.0
+    total = 0
     for v in range(v0, v1):
         for u in range(u0, u1):
-            step = 0.5 * (float(left[v, u + 1]) - float(left[v, u - 1]))
+            step = int(left[v, u + 1]) - int(left[v, u - 1])
             total += step * step
-    return total
+    return 0.25 * total
 
 
 @njit(cache=True)
-def _add_cost(left, right, u0, v0, u1, v1, cost):  # type: ignore[no-untyped-def]
-    """Add the squared differences less their mean at each disparity."""
-    count = (u1 - u0) * (v1 - v0)
-    for d in range(len(cost)):
-        total, square = 0.0, 0.0
-        for v in range(v0, v1):
-            for u in range(u0, u1):
-                off = float(left[v, u]) - float(right[v, u - d])
-                total += off
-                square += off * off
-        cost[d] += square - total * total / count
+def _add_cost(left, right, u0, v0, u1, v1, cost, total, square, of_row):  # type: ignore[no-untyped-def]
+    """Add the squared differences less their mean at each disparity to cost (D,), of which u0 is D - 1 at least.
+
+    total, of_row (D,) int32 and square (D,) int64 are scratch: sums of whole numbers for all disparities of a pixel, the largest
+    first, as its pixels lie in the right image. A row's squares fit into 32 bits up to 33,000 pixels.
+    """
+    count, last = (u1 - u0) * (v1 - v0), len(cost) - 1
+    total[:], square[:] = 0, 0
+    for v in range(v0, v1):
+        of_row[:] = 0
+        for u in range(u0, u1):
+            here, line = np.int32(left[v, u]), right[v, u - last : u + 1]
+            for e in range(last + 1):
+                off = here - np.int32(line[e])
+                total[e] += off
+                of_row[e] += off * off
+        for e in range(last + 1):
+            square[e] += of_row[e]
+    for d in range(last + 1):
+        whole = float(total[last - d])
+        cost[d] += float(square[last - d]) - whole * whole / count
 
 
 @njit(cache=True)
