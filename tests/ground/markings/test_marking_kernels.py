@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from wayloom.ground.kernels import kerbs, lines
+from wayloom.ground.markings.bars import _median
 
 pytestmark = pytest.mark.kernels
 NORMALS = np.array([(1.0, 0.0), (math.sqrt(0.5), math.sqrt(0.5)), (0.0, 1.0), (-math.sqrt(0.5), math.sqrt(0.5))])
@@ -126,3 +127,11 @@ def test_too_few_heights_on_a_side_give_no_step() -> None:
     out = np.empty(6)
     kerbs.best_step(np.linspace(-5, 1, 30), np.zeros(30), np.ones(30), np.array([0.0]), np.array([0.5]), 6, out)
     assert np.isnan(out).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 20])
+def test_medians_of_few_numbers_are_those_of_numpy(count: int) -> None:
+    values = np.random.default_rng(count).normal(size=count)
+    assert _median(values) == np.median(values)
+    values[0] = np.nan
+    assert np.isnan(_median(values))

@@ -148,9 +148,9 @@ def _fitted(
         offset, slope, rms = _line(s[found], edges.middle[found])
         middle, d = middle + left * offset, d + left * slope
         d = d / np.hypot(*d)
-        half = float(np.clip(np.median(edges.width[found]) / 2, 0.7, settings.most_width_m / PIXEL_M))
+        half = float(np.clip(_median(edges.width[found]) / 2, 0.7, settings.most_width_m / PIXEL_M))
     widest, blur = _blur_px(raster, sections)
-    measured = float(np.median(edges.width[found]))
+    measured = _median(edges.width[found])
     (width, width_sigma), (least, _) = _unblurred(measured, blur), _unblurred(measured, widest)
     width_sigma = float(np.hypot(width_sigma, (width - least) / 4))  # lines across the view are blurred more
     width = max(width, NARROWEST_M / PIXEL_M)
@@ -166,7 +166,7 @@ def _fitted(
     seen_sections = max(1, int(np.isfinite(edges.contrast).sum()))
     whole = Bar(
         np.array([middle + d * span[0], middle + d * span[1]]), width, sigma, np.zeros(2, bool),
-        float(np.median(edges.contrast[found])), count / seen_sections, edge_px / np.sqrt(2) + rms,
+        _median(edges.contrast[found]), count / seen_sections, edge_px / np.sqrt(2) + rms,
         float(paint.grain[row, column]), 0.0,
     )  # fmt: skip
     runs = _runs(middle, d, span, width, raster, seen)
@@ -207,16 +207,25 @@ def _edges(profiles: FloatArray, steps: FloatArray, half: float) -> _Edges:
 def _line(s: FloatArray, a: FloatArray) -> tuple[float, float, float]:
     """Offset, slope and the residuals' robust deviation of the straight line a(s), outliers weighed down (Huber)."""
     weight = np.ones(len(s))
-    offset, slope, rms = float(np.median(a)), 0.0, 0.0
+    offset, slope, rms = _median(a), 0.0, 0.0
     for _ in range(4):
         if len(s) < 3 or np.ptp(s) < SECTION_PX:
             offset, slope = float(np.average(a, weights=weight)), 0.0
         else:
             slope, offset = np.polyfit(s, a, 1, w=np.sqrt(weight))
         residual = a - offset - slope * s
-        rms = float(1.4826 * np.median(np.abs(residual)))
+        rms = 1.4826 * _median(np.abs(residual))
         weight = np.minimum(1.0, 1.5 * max(rms, 0.05) / np.maximum(np.abs(residual), 1e-9))
     return float(offset), float(slope), rms
+
+
+def _median(values: FloatArray) -> float:
+    """Of (N,) numbers, one at least, as of `np.median`, which takes some ten times as long for so few."""
+    ordered = np.sort(values)
+    half = len(ordered) // 2
+    if np.isnan(ordered[-1]):  # they are the last ones
+        return np.nan
+    return float(ordered[half] if len(ordered) % 2 else (ordered[half - 1] + ordered[half]) / 2)
 
 
 def _sections(middle: FloatArray, d: FloatArray, span: tuple[float, float]) -> FloatArray:
