@@ -13,12 +13,13 @@ from typing import Any
 
 import cv2
 import numpy as np
+import onnxruntime
 import pytest
 
 from wayloom.errors import ModelError
 from wayloom.segmentation.catalogue import MODELS, find_model
 from wayloom.segmentation.conversion.convert import convert
-from wayloom.segmentation.conversion.efficientvit import build_efficientvit_b0
+from wayloom.segmentation.conversion.efficientvit import _Builder, build_efficientvit_b0
 from wayloom.segmentation.conversion.onnx_writer import GraphWriter
 from wayloom.segmentation.conversion.state_dict import Tensors, read_state_dict
 from wayloom.segmentation.download import fetch
@@ -81,6 +82,22 @@ def test_any_size_of_image_is_labelled_whole(network: Network) -> None:
         labels = network.labels(rng.integers(0, 255, (height, width, 3)).astype(np.uint8))
         assert labels.shape == (height, width)
         assert labels.max() < 19
+
+
+@pytest.mark.parametrize("times", [2, 4])
+@pytest.mark.parametrize(("rows", "columns"), [(1, 5), (2, 3), (15, 48)])
+def test_enlargement_by_matrices_is_bicubic(times: int, rows: int, columns: int) -> None:
+    builder = _Builder({})
+    graph = builder.graph
+    graph.name_output(builder._enlarged("x", times), "y")
+    scales = graph.constant(np.array([1, 1, times, times], np.float32))
+    how = {"coordinate_transformation_mode": "pytorch_half_pixel", "mode": "cubic", "cubic_coeff_a": -0.75}
+    graph.name_output(graph.node("Resize", "x", "", scales, **how), "z")
+    data = graph.model({"x": ("n", 3, "h", "w")}, dict.fromkeys("yz", ("n", 3, "rows", "columns")), "made")
+    x = np.random.default_rng(0).normal(size=(2, 3, rows, columns)).astype(np.float32)
+    enlarged, expected = onnxruntime.InferenceSession(data, providers=["CPUExecutionProvider"]).run(None, {"x": x})
+    assert enlarged.shape == expected.shape == (2, 3, times * rows, times * columns)
+    assert np.abs(enlarged - expected).max() < 1e-5
 
 
 @pytest.mark.models

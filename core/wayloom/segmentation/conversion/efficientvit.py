@@ -25,10 +25,16 @@ from wayloom.segmentation.conversion.state_dict import Tensors
 
 _NORM_EPSILON: Final = 1e-5
 _ATTENTION_EPSILON: Final = 1e-15
+_KEYS: Final = -0.75
+"""a of the bicubic kernel, as PyTorch has it."""
 _HEAD: Final = 16
 """Channels of a head of the attention."""
 _STAGES: Final = ((2, 0), (2, 0), (1, 2), (1, 2))
 """Of each stage: inverted residuals, EfficientViT modules."""
+_STEM: Final = "backbone.input_stem.op_list."
+_STAGE: Final = "backbone.stages."
+_BLOCK: Final = 16
+"""onnxruntime's CPU convolutions keep channels in blocks of so many, and reorder what fills none to and fro."""
 
 
 def build_efficientvit_b0(tensors: Tensors) -> bytes:
@@ -36,7 +42,7 @@ def build_efficientvit_b0(tensors: Tensors) -> bytes:
 
     Raises ModelError where a tensor is missing, too many or not of the shape that the network needs.
     """
-    network = _Builder(tensors)
+    network = _Builder(_in_whole_blocks(tensors))
     coarse = network.features("image")
     logits = network.head(coarse)
     network.check_all_used()
@@ -57,12 +63,11 @@ class _Builder:
 
     def features(self, x: str) -> dict[int, str]:
         """The backbone: the outputs of the last three stages, by their stride."""
-        stem = "backbone.input_stem.op_list"
-        x = self._swish(self._conv(x, f"{stem}.0", stride=2))
-        x = self._add(x, self._separable(x, f"{stem}.1.main"))
+        x = self._swish(self._conv(x, f"{_STEM}0", stride=2))
+        x = self._add(x, self._separable(x, f"{_STEM}1.main"))
         strides = {}
         for number, (residuals, modules) in enumerate(_STAGES):
-            stage = f"backbone.stages.{number}.op_list"
+            stage = f"{_STAGE}{number}.op_list"
             x = self._residual(x, f"{stage}.0.main", stride=2)
             for k in range(1, residuals):
                 x = self._add(x, self._residual(x, f"{stage}.{k}.main"))
@@ -99,29 +104,40 @@ class _Builder:
         return self._conv(self._swish(self._conv(x, f"{name}.depth_conv")), f"{name}.point_conv")
 
     def _attention(self, x: str, name: str) -> str:
-        """Multi-scale linear attention: ReLU(Q) (ReLU(K)^T V), divided by ReLU(Q) times the sum of ReLU(K) (eq. 2)."""
-        graph = self.graph
-        qkv = self._conv(x, f"{name}.qkv")
+        """Multi-scale linear attention: the heads at x's own scale and those of what lies around each pixel, mixed by 1x1."""
+        own, _ = self._folded(f"{name}.qkv")
         around, mixed = self._take(f"{name}.aggreg.0.0.weight"), self._take(f"{name}.aggreg.0.1.weight")
-        nearby = self._convolution(qkv, around, None, len(around))
-        nearby = self._convolution(nearby, mixed, None, len(mixed) // _HEAD)
-        both = graph.node("Concat", qkv, nearby, axis=1)
-        heads = 2 * len(self._take(f"{name}.qkv.conv.weight")) // (3 * _HEAD)
-        by_head = graph.node("Reshape", both, graph.constant([0, heads, 3 * _HEAD, -1]))
-        q, k, v = graph.nodes("Split", 3, by_head, graph.constant([_HEAD] * 3), axis=2)
-        q, k = graph.node("Relu", q), graph.node("Relu", k)
-        one = graph.constant(np.ones((), np.float32))
-        v = graph.node("Pad", v, graph.constant([0, 0, 0, 0, 0, 0, 1, 0]), one)  # a row of ones, which sums the weights
-        sums = graph.node("MatMul", graph.node("MatMul", v, graph.node("Transpose", k, perm=[0, 1, 3, 2])), q)
-        weighed, weights = graph.nodes("Split", 2, sums, graph.constant([_HEAD, 1]), axis=2)
-        safe = graph.node("Add", weights, graph.constant(np.array(_ATTENTION_EPSILON, np.float32)))
-        mean = graph.node("Div", weighed, safe)
-        size = graph.node("Shape", x, start=2)
-        shape = graph.node("Concat", graph.constant([0, heads * _HEAD]), size, axis=0)
-        return self._conv(graph.node("Reshape", mean, shape), f"{name}.proj")
+        here, near = [], []
+        for part in range(3):  # channels are Q, K, V of one head after the other's: convolutions by part leave nothing to cut
+            channels = np.arange(len(own)).reshape(-1, 3, _HEAD)[:, part].ravel()
+            here.append(self._convolution(x, own[channels], None, 1))
+            look = self._convolution(here[part], around[channels], None, len(channels))
+            near.append(self._convolution(look, mixed[channels], None, len(channels) // _HEAD))
+        size = self.graph.node("Shape", x, start=2)
+        weight, bias = self._folded(f"{name}.proj")
+        half = weight.shape[1] // 2
+        of_here = self._convolution(self._attended(here, half, size), weight[:, :half], bias, 1)
+        return self._add(of_here, self._convolution(self._attended(near, half, size), weight[:, half:], None, 1))
+
+    def _attended(self, qkv: list[str], channels: int, size: str) -> str:
+        """Linear attention over the whole image: V ReLU(K)^T ReLU(Q), divided by the sum of ReLU(K) times ReLU(Q) (eq. 2)."""
+        graph = self.graph
+        by_head = graph.constant([0, channels // _HEAD, _HEAD, -1])
+        q, k = (graph.node("Reshape", graph.node("Relu", x), by_head) for x in qkv[:2])
+        v = graph.node("Reshape", qkv[2], by_head)
+        K_transposed = graph.node("Transpose", k, perm=[0, 1, 3, 2])
+        weights = graph.node("MatMul", graph.node("ReduceSum", K_transposed, graph.constant([2]), keepdims=1), q)
+        sums = graph.node("MatMul", graph.node("MatMul", v, K_transposed), q)
+        mean = graph.node("Div", sums, graph.node("Add", weights, graph.constant(np.array(_ATTENTION_EPSILON, np.float32))))
+        return graph.node("Reshape", mean, graph.node("Concat", graph.constant([0, channels]), size, axis=0))
 
     def _conv(self, x: str, name: str, stride: int = 1) -> str:
         """The convolution `name`, with the normalisation that follows it, if any."""
+        weight, bias = self._folded(name)
+        return self._convolution(x, weight, bias, len(weight) if weight.shape[1] == 1 else 1, stride)
+
+    def _folded(self, name: str) -> tuple[NDArray[Any], NDArray[Any] | None]:
+        """Weights (outputs, inputs / groups, h, w) and bias, float64, of the convolution `name` and its normalisation."""
         weight = self._take(f"{name}.conv.weight").astype(np.float64)
         bias = self._take(f"{name}.conv.bias").astype(np.float64) if f"{name}.conv.bias" in self._tensors else None
         if f"{name}.norm.weight" in self._tensors:
@@ -131,8 +147,7 @@ class _Builder:
             scale = gain / np.sqrt(variance + _NORM_EPSILON)
             weight = weight * scale[:, None, None, None]
             bias = offset + scale * ((0.0 if bias is None else bias) - mean)
-        depthwise = weight.shape[1] == 1
-        return self._convolution(x, weight, bias, len(weight) if depthwise else 1, stride)
+        return weight, bias
 
     def _convolution(self, x: str, weight: NDArray[Any], bias: NDArray[Any] | None, groups: int, stride: int = 1) -> str:
         """A convolution whose output has the input's size over the stride."""
@@ -151,28 +166,56 @@ class _Builder:
         return self.graph.node("Add", x, y)
 
     def _enlarged(self, x: str, times: int) -> str:
-        """Bicubic, half a pixel aligned by area, as R_v X R_h^T, R being the enlarged identity: Resize but for rounding.
+        """Bicubic, half a pixel aligned by area, as R_v X R_h^T, R weighing the neighbours of each place: Resize but for rounding.
 
         onnxruntime's Resize weighs all 16 neighbours of each value anew and takes as long as all convolutions.
         """
         graph = self.graph
         rows, columns = graph.nodes("Split", 2, graph.node("Shape", x, start=2), graph.constant([1, 1]), axis=0)
-        R_v = self._enlarged_identity(rows, [1, 1, times, 1])
-        R_h_transposed = self._enlarged_identity(columns, [1, 1, 1, times])
-        return graph.node("MatMul", R_v, graph.node("MatMul", x, R_h_transposed))
+        R_h_transposed = graph.node("Transpose", self._enlarging(columns, times), perm=[1, 0])
+        return graph.node("MatMul", self._enlarging(rows, times), graph.node("MatMul", x, R_h_transposed))
 
-    def _enlarged_identity(self, size: str, scales: list[int]) -> str:
-        """(1, 1, size, size) identity, enlarged along one axis."""
+    def _enlarging(self, size: str, times: int) -> str:
+        """(times * size, size) matrix: each row weighs four neighbours; those beyond the border are the border itself."""
         graph = self.graph
-        square = graph.node("ConstantOfShape", graph.node("Concat", size, size, axis=0))
-        one = graph.node("Unsqueeze", graph.node("EyeLike", square), graph.constant([0, 1]))
-        return graph.node(
-            "Resize", one, "", graph.constant(np.array(scales, np.float32)), mode="cubic", cubic_coeff_a=-0.75,
-            coordinate_transformation_mode="pytorch_half_pixel",
-        )  # fmt: skip
+        offsets, weights = _cubic_taps(times)
+        zero, one = graph.constant(np.array(0)), graph.constant(np.array(1))
+        count = graph.node("Squeeze", size)
+        pixels = graph.node("Reshape", graph.node("Range", zero, count, one), graph.constant([-1, 1, 1]))
+        taps = graph.node("Add", pixels, graph.constant(offsets))
+        taps = graph.node("Clip", taps, zero, graph.node("Sub", count, one))
+        ones = graph.node("OneHot", taps, size, graph.constant(np.array([0, 1], np.float32)))  # (size, times, 4, size)
+        rows = graph.node("MatMul", graph.constant(weights[:, None].astype(np.float32)), ones)
+        return graph.node("Reshape", rows, graph.node("Concat", graph.constant([-1]), size, axis=0))
 
     def _take(self, name: str) -> NDArray[Any]:
         if name not in self._tensors:
             raise ModelError(f"has no tensor {name}", remedy="give the published weights of EfficientViT-B0 for segmentation")
         self._used.add(name)
         return self._tensors[name]
+
+
+def _cubic_taps(times: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Bicubic convolution (Keys 1981, a = -0.75) at each of the `times` places that a pixel becomes.
+
+    returns (times, 4) offsets of the neighbours from that pixel, (times, 4) their weights
+    """
+    place = ((np.arange(times) + 0.5) / times - 0.5)[:, None]
+    offsets = np.floor(place) + np.arange(-1, 3)
+    d = np.abs(place - offsets)
+    near = ((_KEYS + 2) * d - (_KEYS + 3)) * d * d + 1
+    far = _KEYS * (((d - 5) * d + 8) * d - 4)
+    return offsets.astype(np.int64), np.where(d <= 1, near, far)
+
+
+def _in_whole_blocks(tensors: Tensors) -> Tensors:
+    """The tensors with the 8 channels of the stem filled up by 8 of zeros, which stay zero: normalised by gain 0, offset 0."""
+    eight = (_STEM, f"{_STAGE}0.op_list.0.main.inverted_conv.")
+    return {name: _filled_up(values) if name.startswith(eight) else values for name, values in tensors.items()}
+
+
+def _filled_up(values: NDArray[Any]) -> NDArray[Any]:
+    shape = [_BLOCK if length == _BLOCK // 2 else length for length in values.shape]
+    filled = np.zeros(shape, values.dtype)
+    filled[tuple(slice(length) for length in values.shape)] = values
+    return filled

@@ -33,8 +33,8 @@ class GraphWriter:
         self._made = 0
 
     def constant(self, values: NDArray[Any] | Sequence[int]) -> str:
-        """The name of a constant: float32 or int64; a list of int is a vector of int64, a number a vector of one."""
-        array = np.asarray(values, np.int64) if not isinstance(values, np.ndarray) else np.ascontiguousarray(values)
+        """The name of a constant: float32 or int64; a list of int is a vector of int64."""
+        array = np.asarray(values, np.int64) if not isinstance(values, np.ndarray) else np.asarray(values, order="C")
         name = self._new("c")
         kind = helper.np_dtype_to_tensor_dtype(array.dtype)
         little = array.astype(array.dtype.newbyteorder("<"))
