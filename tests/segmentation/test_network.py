@@ -11,7 +11,7 @@ from made_network import FLOAT, IDS, PLAIN, THREE, ids_network, ids_of_any_size,
 
 from wayloom.errors import ModelError
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, MODELS, find_model
-from wayloom.segmentation.kernels.network_input import scaled_pixels, scaled_planes
+from wayloom.segmentation.kernels.network_input import scaled_grey, scaled_pixels, scaled_planes
 from wayloom.segmentation.kernels.upsampling import upsampled_argmax
 from wayloom.segmentation.network import Network
 from wayloom.segmentation.onnx_file import check_onnx
@@ -58,10 +58,18 @@ def test_a_network_for_squares_sees_tiles_and_labels_the_whole_frame(height: int
     assert (labels == truth(height, width, 255)).mean() > 0.97
 
 
-def test_a_grey_image_is_taken_as_grey_colour(tmp_path: Path) -> None:
-    network = Network(find_model(put(tmp_path, "made", logits_network(), THREE)))
-    grey = np.random.default_rng(0).integers(0, 255, (40, 56)).astype(np.uint8)
-    assert np.array_equal(network.labels(grey), network.labels(np.dstack([grey] * 3)))
+@pytest.mark.parametrize(
+    ("data", "toml"),
+    [(logits_network(), THREE), (logits_network(pool=4), THREE + "zoom = 1.25\n"), (ids_network(64), IDS)],
+    ids=["whole", "enlarged", "squares of bytes"],
+)
+def test_a_grey_image_is_taken_as_grey_colour(data: bytes, toml: str, tmp_path: Path) -> None:
+    network = Network(find_model(put(tmp_path, "made", data, toml)))
+    grey = np.random.default_rng(0).integers(0, 255, (43, 57)).astype(np.uint8)
+    of_grey, of_colour = network.label_images([grey, np.dstack([grey] * 3)])
+    assert np.array_equal(of_grey.labels, of_colour.labels)
+    if network.gives_scores:
+        assert np.array_equal(network.logits(grey), network.logits(np.dstack([grey] * 3)))
 
 
 def test_the_best_scores_are_those_of_the_softmax(tmp_path: Path) -> None:
@@ -161,7 +169,22 @@ def test_bytes_are_scaled_as_the_description_says_in_either_order_of_the_axes() 
     scaled_pixels(image, levels, pixels)
     expected = np.stack([levels[c][image[:, :, c]] for c in range(3)])
     assert np.array_equal(planes, expected)
+    scaled_grey(image[:, :, 1].copy(), levels, planes)
+    assert np.array_equal(planes, levels[:, image[:, :, 1]])
     assert np.array_equal(pixels, expected.transpose(1, 2, 0))
+
+
+def test_values_that_are_not_finite_lead_only_where_they_are_weighed() -> None:
+    rng = np.random.default_rng(3)
+    logits = np.repeat(np.repeat(rng.normal(0, 4, (4, 5, 6)), 2, axis=0), 2, axis=1).astype(np.float32)
+    for odd in (np.nan, np.inf, -np.inf):
+        with_some = logits.copy()
+        with_some[rng.integers(0, 8, 4), rng.integers(0, 10, 4), rng.integers(0, 6, 4)] = odd
+        labels, expected = (upsampled_argmax(values, 32, 40, 32, 40) for values in (with_some, logits))
+        beside = cv2.dilate((~np.isfinite(with_some)).any(axis=2).astype(np.uint8), np.ones((3, 3), np.uint8))
+        far = cv2.resize(beside, (40, 32), interpolation=cv2.INTER_NEAREST) == 0
+        assert far.any()
+        assert np.array_equal(labels[far], expected[far])
 
 
 @pytest.mark.parametrize("step", [0.0, 0.5, 1.0])

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wayloom.segmentation.kernels.scores import best_scores
+from wayloom.segmentation.kernels.scores import best_scores, exponentiate
 from wayloom.segmentation.scores import STEPS_PER_NAT, Scores, decode_scores, encode_scores, scores_from_logits
 
 pytestmark = pytest.mark.kernels
@@ -35,6 +35,17 @@ def test_the_kernel_agrees_with_its_twin(seed: int, k: int, channels: int) -> No
             assert classes[v, u, known].tolist() == [best[i] for i in known.tolist()]
             assert np.exp(steps[v, u, known] / -32.0) == pytest.approx([shares[i] for i in known.tolist()], rel=0.5 / 32 + 1e-3)
     assert all(len(set(cell.tolist())) == k for cell in classes.reshape(-1, k))
+
+
+def test_exponentials_are_right_to_the_last_digits() -> None:
+    values = -np.concatenate([[0.0], np.random.default_rng(0).exponential(20, 1000), np.linspace(0, 699, 1001)])
+    expected = np.exp(values)
+    exponentiate(values)
+    assert np.abs(values / expected - 1).max() < 4e-16
+    lowest = np.array([-701.0, -1e30, -np.inf])
+    exponentiate(lowest)
+    assert (lowest < 1e-300).all()
+    assert (lowest >= 0).all()
 
 
 @settings(max_examples=40, deadline=None)

@@ -14,7 +14,7 @@ from wayloom.config.classes import VOID
 from wayloom.errors import ModelError
 from wayloom.segmentation.catalogue import locate
 from wayloom.segmentation.description import ModelDescription
-from wayloom.segmentation.kernels.network_input import scaled_pixels, scaled_planes
+from wayloom.segmentation.kernels.network_input import scaled_grey, scaled_pixels, scaled_planes
 from wayloom.segmentation.kernels.upsampling import upsampled_argmax
 from wayloom.segmentation.onnx_file import check_onnx
 from wayloom.segmentation.providers import providers_of, resolved_device
@@ -70,8 +70,7 @@ class Network:
         image    (h, w) grey or (h, w, 3) RGB uint8
         returns  (h, w) uint8
         """
-        rgb = _as_rgb(image)
-        return self._labels_of_tiles(rgb) if self.description.size == "tiles" else self._labels_of_frame(rgb)
+        return self._labels_of_tiles(_as_rgb(image)) if self.description.size == "tiles" else self._labels_of_frame(image)
 
     def logits(self, image: Image) -> NDArray[np.float32]:
         """(gh, gw, C) logits of the network's own classes on its grid, which covers the image padded to the network's multiple.
@@ -81,7 +80,7 @@ class Network:
         """
         if not self.gives_scores:
             raise ModelError(f"network {self.description.name} gives an arg max only", remedy="use a network with logits")
-        return self._logits(_as_rgb(image))
+        return self._logits(image)
 
     def scores(self, image: Image, k: int = BEST) -> Scores:
         """The k likeliest of our 19 classes for each cell of the network's grid (softmax).
@@ -99,7 +98,7 @@ class Network:
         """
         if not self.gives_scores:
             return [Labelled(self.labels(image), None) for image in images]
-        padded = [self._prepared(_as_rgb(image)) for image in images]
+        padded = [self._prepared(image) for image in images]
         if self._takes_several and self.device != "cpu":
             grids = list(self._run(*padded)[0])
         else:
@@ -110,15 +109,15 @@ class Network:
             done.append(Labelled(self._labels_of_logits(logits, image), self._scores(logits, image, k)))
         return done
 
-    def _labels_of_frame(self, rgb: Image) -> Labels:
+    def _labels_of_frame(self, image: Image) -> Labels:
         """The whole frame, padded by its own border to the network's multiple, at once."""
-        height, width = rgb.shape[:2]
+        height, width = image.shape[:2]
         if self.description.output == "ids":
-            labels = _in_train_ids(self._train_ids, _as_plane(self._run(self._prepared(rgb))[0]))
+            labels = _in_train_ids(self._train_ids, _as_plane(self._run(self._prepared(image))[0]))
             if self.description.zoom != 1:
                 return np.asarray(cv2.resize(labels, (width, height), interpolation=cv2.INTER_NEAREST_EXACT), np.uint8)
             return labels[:height, :width]
-        return self._labels_of_logits(self._logits(rgb), rgb)
+        return self._labels_of_logits(self._logits(image), image)
 
     def _labels_of_tiles(self, rgb: Image) -> Labels:
         """Near-square tiles, each resized to the network's square and its labels back, joined in the middle of their overlap."""
@@ -154,13 +153,13 @@ class Network:
     def _scores(self, logits: NDArray[np.float32], image: Image, k: int) -> Scores:
         return scores_from_logits(logits, self._train_ids, self._covered(image), k)
 
-    def _prepared(self, rgb: Image) -> Image:
-        """The frame as the network sees it: padded to its multiple, or resized to one."""
+    def _prepared(self, image: Image) -> Image:
+        """The frame as the network sees it, grey or RGB as it is: padded to its multiple, or resized to one."""
         d = self.description
         if d.zoom == 1:
-            return _padded(rgb, d.multiple)
-        height, width = (max(1, round(n * d.zoom / d.multiple)) * d.multiple for n in rgb.shape[:2])
-        return np.asarray(cv2.resize(rgb, (width, height), interpolation=cv2.INTER_LINEAR), np.uint8)
+            return _padded(image, d.multiple)
+        height, width = (max(1, round(n * d.zoom / d.multiple)) * d.multiple for n in image.shape[:2])
+        return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_LINEAR), np.uint8)
 
     def _covered(self, image: Image) -> tuple[int, int]:
         """Height and width, in pixels of the image, of what the network sees."""
@@ -170,32 +169,37 @@ class Network:
         multiple = self.description.multiple
         return -(-height // multiple) * multiple, -(-width // multiple) * multiple
 
-    def _logits(self, rgb: Image) -> NDArray[np.float32]:
+    def _logits(self, image: Image) -> NDArray[np.float32]:
         """(gh, gw, C) logits of the frame as it is prepared."""
-        return self._channels_last(self._run(self._prepared(rgb))[0][0])
+        return self._channels_last(self._run(self._prepared(image))[0][0])
 
     def _channels_last(self, grid: NDArray[Any]) -> NDArray[np.float32]:
         return np.ascontiguousarray(grid if self.description.layout == "NHWC" else grid.transpose(1, 2, 0), np.float32)
 
-    def _run(self, *rgb: Image) -> list[NDArray[Any]]:
+    def _run(self, *images: Image) -> list[NDArray[Any]]:
         """The network's outputs for images of one size, which are stacked."""
         try:
-            outputs: list[NDArray[Any]] = self._session.run(None, {self._input: self._batch(rgb)})
+            outputs: list[NDArray[Any]] = self._session.run(None, {self._input: self._batch(images)})
         except Exception as error:  # onnxruntime's errors have no other base
-            size = f"{rgb[0].shape[1]}x{rgb[0].shape[0]}"
+            size = f"{images[0].shape[1]}x{images[0].shape[0]}"
             raise ModelError(f"does not run on {size} pixels ({_one_line(error)})", file=self.path, remedy=_FIT) from error
         return outputs
 
     def _batch(self, images: Sequence[Image]) -> NDArray[Any]:
-        """(n, 3, h, w) or (n, h, w, 3): the input for images of one size, as the description scales it."""
+        """(n, 3, h, w) or (n, h, w, 3): the input for grey or RGB images of one size, as the description scales it."""
         planes = self.description.layout == "NCHW"
         if self.description.dtype == "uint8":
-            stacked = np.stack(images)
+            stacked = np.stack([_as_rgb(image) for image in images])
             return np.ascontiguousarray(stacked.transpose(0, 3, 1, 2)) if planes else stacked
         height, width = images[0].shape[:2]
         batch = np.empty((len(images), 3, height, width) if planes else (len(images), height, width, 3), np.float32)
         for image, filled in zip(images, batch, strict=True):
-            (scaled_planes if planes else scaled_pixels)(image, self._levels, filled)
+            if not planes:
+                scaled_pixels(_as_rgb(image), self._levels, filled)
+            elif image.ndim == 2:
+                scaled_grey(image, self._levels, filled)
+            else:
+                scaled_planes(image, self._levels, filled)
         return batch
 
     def _try_out(self) -> None:
@@ -277,10 +281,10 @@ def _as_rgb(image: Image) -> Image:
     return np.repeat(image[:, :, None], 3, axis=2) if image.ndim == 2 else image
 
 
-def _padded(rgb: Image, multiple: int) -> Image:
+def _padded(image: Image, multiple: int) -> Image:
     """Height and width rounded up to the multiple; the border's pixels are repeated at the bottom and the right."""
-    below, right = -rgb.shape[0] % multiple, -rgb.shape[1] % multiple
-    return np.pad(rgb, ((0, below), (0, right), (0, 0)), mode="edge") if below or right else rgb
+    below, right = -image.shape[0] % multiple, -image.shape[1] % multiple
+    return np.asarray(cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE), np.uint8) if below or right else image
 
 
 def _one_line(error: Exception) -> str:

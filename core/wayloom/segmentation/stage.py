@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from wayloom.config.classes import VOID
 from wayloom.config.progress import Progress, silent
 from wayloom.config.side_by_side import in_order
-from wayloom.errors import StageError
 from wayloom.files.atomic import write_atomically
+from wayloom.files.label_png import encode_label_png
 from wayloom.logs.sidecars.sidecar import SIMULATED_RIG
 from wayloom.logs.types import DriveLog
 from wayloom.segmentation.keyframe_labels import (
@@ -88,7 +88,7 @@ def _segment_frame(
         write_atomically(small_path(out_dir, side, index), _as_npy(small_grey(image)))
         if labelled.scores is not None:
             write_atomically(scores_path(out_dir, side, index), encode_scores(labelled.scores))
-        _write_png(label_path(out_dir, side, index), labelled.labels)
+        write_atomically(label_path(out_dir, side, index), encode_label_png(labelled.labels))
 
 
 def _is_moved(ahead: Path, out_dir: Path, side: str, index: int, with_scores: bool) -> bool:
@@ -164,10 +164,3 @@ def _as_npy(image: Labels) -> bytes:
     buffer = io.BytesIO()
     np.lib.format.write_array(buffer, np.ascontiguousarray(image), version=(1, 0), allow_pickle=False)
     return buffer.getvalue()
-
-
-def _write_png(path: Path, labels: Labels) -> None:
-    written, data = cv2.imencode(".png", labels, [cv2.IMWRITE_PNG_COMPRESSION, 3])
-    if not written:
-        raise StageError(f"{path}: the label image could not be encoded")
-    write_atomically(path, data.tobytes())

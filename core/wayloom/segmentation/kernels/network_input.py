@@ -19,6 +19,16 @@ def scaled_planes(image, levels, planes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def scaled_grey(image, levels, planes):  # type: ignore[no-untyped-def]
+    """The same of a grey image, which stands for three equal channels. image : (h, w) uint8."""
+    height, width = image.shape
+    for v in range(height):
+        for c in range(3):
+            for u in range(width):
+                planes[c, v, u] = levels[c, image[v, u]]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def scaled_pixels(image, levels, pixels):  # type: ignore[no-untyped-def]
     """The same, channels last. pixels : (h, w, 3) float32, filled."""
     height, width, _ = image.shape
