@@ -14,7 +14,7 @@ _LEVEL: Final = 1
 
 
 def encode_label_png(labels: NDArray[np.uint8]) -> bytes:
-    """The file of an image (h, w), in a tenth of the time that OpenCV takes and as many bytes; any reader decodes it."""
+    """The file of an image (h, w), in a tenth of the time that OpenCV takes and about as many bytes; any reader decodes it."""
     height, width = labels.shape
     rows = np.zeros((height, width + 1), np.uint8)  # each begins with the kind of its filter: 0, none
     rows[:, 1:] = labels
