@@ -34,6 +34,7 @@ def _differences(  # type: ignore[no-untyped-def]
     eye_a = (eye[0] - x0) * nx + (eye[1] - y0) * ny
     eye_b = -(eye[0] - x0) * ny + (eye[1] - y0) * nx
     over = eye[2] - (z0 + slope_a * eye_a + slope_b * eye_b)
+    nearer = 1.0 - rises / over
     T, seen = T_cam_sheet, 0.0
     rows, columns = usable.shape
     table[:] = 0.0
@@ -46,7 +47,7 @@ def _differences(  # type: ignore[no-untyped-def]
                 continue
             u = camera[0] * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / depth + camera[2]
             v = camera[1] * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth + camera[3] - first_row
-            farthest = u - bf / (depth * (1.0 - rises[-1] / over)) - bias
+            farthest = u - bf / (depth * nearer[-1]) - bias
             if v < 0.0 or v >= rows - 1.0 or farthest < 0.0 or u >= columns - 1.0:
                 continue
             if not usable[int(np.rint(v)), int(np.rint(u))]:
@@ -55,10 +56,44 @@ def _differences(  # type: ignore[no-untyped-def]
             # image pixels that show a sample: fx fy h / depth^3 a square metre
             weight = min(1.0, camera[0] * camera[1] * over * (along[1] - along[0]) * (across[1] - across[0]) / depth**3)
             for k in range(rises.shape[0]):
-                right = _at(pair, 1, v, u - bf / (depth * (1.0 - rises[k] / over)) - bias)
+                right = _at(pair, 1, v, u - bf / (depth * nearer[k]) - bias)
                 table[n, k] += weight * min(abs(left - right), most)
             seen += weight
     return eye_a, over, seen
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _between(row, z, step):  # type: ignore[no-untyped-def]
+    """Linear value of row (Z,), whose entries are `step` apart, at z from 0 to the last one."""
+    level = min(int(z / step), row.shape[0] - 2)
+    share = z / step - level
+    return (1.0 - share) * row[level] + share * row[level + 1]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _add_steps(table, upper, across, rises, shifts, eye_a, over, totals, out):  # type: ignore[no-untyped-def]
+    """Add to out (K, Z) the differences that steps of heights `rises` (Z,) at shifts (K,) see in table (A, Z).
+
+    upper (A, Z), totals (Z,) : room to work in
+    """
+    step, heights = rises[1] - rises[0], rises.shape[0]
+    for n in range(across.shape[0]):
+        for h in range(heights):
+            upper[n, h] = _between(table[n], rises[h], step)
+    for k in range(shifts.shape[0]):
+        totals[:] = 0.0
+        for n in range(across.shape[0]):
+            slant = (across[n] - eye_a) / over
+            if slant > LEAST_SLANT:
+                z = max((across[n] - shifts[k]) / slant, 0.0)
+                face = _between(table[n], min(z, rises[-1]), step)
+                for h in range(heights):
+                    totals[h] += face if z < rises[h] else upper[n, h]
+            else:
+                for h in range(heights):
+                    totals[h] += upper[n, h] if across[n] - slant * rises[h] > shifts[k] else upper[n, 0]
+        for h in range(heights):
+            out[k, h] += totals[h]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -74,9 +109,8 @@ def add_step_costs(  # type: ignore[no-untyped-def]
     eye     (3,) the camera in the sheet's frame; most: largest difference of two grey values
     costs   (S, K, Z) float64 sums of differences; seen (S,) float64 sums of weights: image pixels
     """
-    table = np.empty((across.shape[0], rises.shape[0]))
-    step = rises[1] - rises[0]
-    last = rises.shape[0] - 1
+    table, upper = np.empty((across.shape[0], rises.shape[0])), np.empty((across.shape[0], rises.shape[0]))
+    totals = np.empty(rises.shape[0])
     for s in range(places.shape[0]):
         if np.isnan(places[s, 4]):
             continue
@@ -89,20 +123,7 @@ def add_step_costs(  # type: ignore[no-untyped-def]
         if pixels <= 0.0:
             continue
         seen[s] += pixels
-        for k in range(shifts.shape[0]):
-            for h in range(rises.shape[0]):
-                total = 0.0
-                for n in range(across.shape[0]):
-                    slant = (across[n] - eye_a) / over
-                    if slant > LEAST_SLANT:
-                        z = (across[n] - shifts[k]) / slant
-                        z = min(max(z, 0.0), rises[h])
-                    else:
-                        z = rises[h] if across[n] - slant * rises[h] > shifts[k] else 0.0
-                    level = min(int(z / step), last - 1)
-                    share = z / step - level
-                    total += (1.0 - share) * table[n, level] + share * table[n, level + 1]
-                costs[s, k, h] += total
+        _add_steps(table, upper, across, rises, shifts, eye_a, over, totals, costs[s])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
