@@ -5,6 +5,8 @@ import pytest
 
 from wayloom.geometry import se3
 from wayloom.ground.kernels.picture import add_colours, add_votes
+from wayloom.ground.kernels.pieces import large_pieces, near
+from wayloom.ground.kernels.plane import robust_plane
 from wayloom.ground.kernels.samples import gather_heights
 from wayloom.ground.kernels.standing import add_feet, stands
 from wayloom.ground.kernels.surface import block_heights, cell_heights, smooth_blocks, smooth_surface
@@ -316,3 +318,43 @@ def test_what_stands_reaches_down_to_its_feet(rng):
             expected[k, j] = True
     assert (expected & ~standing).sum() > 20
     np.testing.assert_array_equal(out, expected)
+
+
+def test_the_plane_of_disparities_is_that_of_weighted_least_squares(rng):
+    u, v = rng.uniform(0.0, 300.0, 400), rng.uniform(40.0, 90.0, 400)
+    disparity = 0.01 * u + 0.6 * v - 20.0 + rng.normal(0.0, 0.1, 400)
+    disparity[::9] += 4.0
+    A, weight, scales = np.column_stack([u, v, np.ones(400)]), np.ones(400), np.geomspace(4.0, 0.4, 8)
+    for scale in scales:
+        x = np.linalg.lstsq(A * np.sqrt(weight)[:, None], disparity * np.sqrt(weight))[0]
+        weight = 1.0 / (1.0 + ((A @ x - disparity) / scale) ** 2)
+    np.testing.assert_allclose(robust_plane(u, v, disparity, scales), x, rtol=1e-7)
+    np.testing.assert_allclose(x, [0.01, 0.6, -20.0], rtol=0.05)
+
+
+def test_pixels_of_one_row_have_no_plane():
+    u = np.arange(50.0)
+    assert np.isnan(robust_plane(u, np.full(50, 7.0), 0.1 * u, np.array([4.0, 1.0]))).all()
+
+
+def test_pieces_are_large_by_their_own_pixels(rng):
+    for share in (0.1, 0.4, 0.6):
+        marked = rng.random((30, 41)) < share
+        out, label = np.zeros(marked.shape, np.bool_), np.where(marked, 1 + np.arange(marked.size).reshape(marked.shape), 0)
+        while True:
+            padded = np.pad(label, 1)
+            around = np.max([label, padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]], axis=0)
+            if (np.where(marked, around, 0) == label).all():
+                break
+            label = np.where(marked, around, 0)
+        large_pieces(marked, 5.0, out)
+        np.testing.assert_array_equal(out, marked & (np.bincount(label.ravel())[label] >= 5))
+
+
+def test_what_is_near_lies_within_the_disc_of_a_marked_pixel(rng):
+    marked = (rng.random((20, 31)) < 0.02).astype(np.uint8)
+    widths, out = (0, 2, 3, 2, 0), np.zeros(marked.shape, np.uint8)
+    near(marked, np.array(widths, np.uint16), out)
+    for (i, j), value in np.ndenumerate(out):
+        rows = range(max(i - 2, 0), min(i + 3, 20))
+        assert value == any(marked[r, max(j - widths[r - i + 2], 0) : j + widths[r - i + 2] + 1].any() for r in rows)

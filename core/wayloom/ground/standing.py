@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_ID
 from wayloom.geometry.camera import StereoRig
+from wayloom.ground.kernels.pieces import large_pieces
 from wayloom.ground.kernels.standing import add_feet, stands
 from wayloom.ground.raster import Raster
 from wayloom.ground.settings import GroundSettings
 from wayloom.ground.sheet import CELL_M
-from wayloom.ground.view import GROUP, GroundView, disc, numbers
+from wayloom.ground.view import GROUP, GroundView, numbers, within
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -49,7 +50,7 @@ def without_standing(
     standing_pieces = pieces(standing, LEAST_STANDING * width**2)
     add_feet(standing_pieces & (cv2.LUT(label, LARGE_STATIC.view(np.uint8)) == 0), foot, reached)
     large = reached | standing_pieces | pieces(unmatched, LEAST_UNMATCHED * width**2)
-    near = cv2.dilate(large.astype(np.uint8), disc(round(settings.mover_margin_share * width))) > 0
+    near = within(large.view(np.uint8), round(settings.mover_margin_share * width)).view(np.bool_)
     shown = view.shown.copy()
     shown[view.first_row :][near | standing | unmatched] = 0.0
     return replace(view, shown=shown)
@@ -57,7 +58,6 @@ def without_standing(
 
 def pieces(marked: BoolArray, least: float) -> BoolArray:
     """The marked (h, w) of pieces, joined by their sides, that have at least so many."""
-    _, piece, facts, _ = cv2.connectedComponentsWithStats(marked.astype(np.uint8), connectivity=4)
-    large = facts[:, cv2.CC_STAT_AREA] >= least
-    large[0] = False
-    return np.asarray(large[piece])
+    out = np.zeros(marked.shape, np.bool_)
+    large_pieces(marked, least, out)
+    return out

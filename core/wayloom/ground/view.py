@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT, CLASS_ID, MOVING_CLASSES
 from wayloom.geometry.camera import PinholeCamera
-from wayloom.ground.plane import GroundPlane, above_plane, find_plane
+from wayloom.ground.kernels.pieces import near
+from wayloom.ground.plane import GroundPlane, above_plane, find_plane, first_to_match
 from wayloom.ground.settings import GroundSettings
 from wayloom.ground.sheet import GROUND_CLASSES
 from wayloom.logs.types import DriveLog
@@ -81,9 +82,11 @@ def see_ground(
     exposure : gain, offset and fall_off of the view (`GroundView`)
     """
     pair, rig = log.frame(frame), log.rig
-    left, right = grey(pair.left), rectifier.align(grey(pair.right))
+    left, whole_right = grey(pair.left), grey(pair.right)
     shown = may_be_shown(label, settings.mover_margin_share)
-    plane = find_plane(left, right, shown > 0.0, rig)
+    start = first_to_match(shown > 0.0)
+    right = rectifier.align(whole_right, start)
+    plane = find_plane(left[start:], right, shown[start:] > 0.0, start, rig)
     if plane is None:
         return None
     height, width = left.shape
@@ -93,9 +96,10 @@ def see_ground(
     if height - first_row < LEAST_ROWS:
         return None
     search = SEARCH_STEP * max(1, round(settings.search_share * width / SEARCH_STEP))
-    above = above_plane(left, right, plane, first_row, search)
+    right = right[first_row - start :].copy() if first_row >= start else rectifier.align(whole_right, first_row)
+    above = above_plane(left[first_row:], right, plane, first_row, search)
     image = np.ascontiguousarray(pair.left[first_row:]).reshape(height - first_row, width, -1)
-    return GroundView(T_sheet_cam, plane, first_row, above, image, right[first_row:].copy(), label, shown, *exposure)
+    return GroundView(T_sheet_cam, plane, first_row, above, image, right, label, shown, *exposure)
 
 
 def numbers(camera: PinholeCamera) -> FloatArray:
@@ -107,13 +111,21 @@ def may_be_shown(label: Image, margin_share: float) -> NDArray[np.float32]:
     """(h, w) 0 to 1 of an image of train ids: 0 but on ground that no person or vehicle is nearer to than the margin, 1 well
     inside of it."""
     margin = round(margin_share * label.shape[1])
-    movers = cv2.dilate(cv2.LUT(label, MAY_MOVE.view(np.uint8)), disc(margin))
+    shown = np.zeros(label.shape, np.float32)
     ground = cv2.LUT(label, GROUP)
-    ground[movers > 0] = 0
+    first = max(int(ground.any(axis=1).argmax()) - 1, 0)
+    ground = ground[first:]
+    above = min(margin, first)
+    movers = np.asarray(cv2.LUT(label[first - above :], MAY_MOVE.view(np.uint8)), np.uint8)
+    ground[within(movers, margin)[above:] > 0] = 0
     inside = cv2.distanceTransform(cv2.copyMakeBorder(ground, 1, 1, 1, 1, cv2.BORDER_REPLICATE), cv2.DIST_L2, 3)[1:-1, 1:-1]
-    return np.asarray(np.clip((inside - 1.0) / FEATHER_PX, 0.0, 1.0), np.float32)
+    np.clip((inside - 1.0) / FEATHER_PX, 0.0, 1.0, out=shown[first:])
+    return shown
 
 
-def disc(radius: int) -> Image:
-    """(2 radius + 1, 2 radius + 1) 1 inside of a disc."""
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), np.uint8)
+def within(marked: Image, radius: int) -> Image:
+    """(h, w) uint8: 1 where a pixel of marked (h, w) uint8 that is not 0 lies within a disc of the radius, 0 elsewhere."""
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    out = np.zeros(marked.shape, np.uint8)
+    near(marked, np.asarray(disc.sum(axis=1) // 2, np.uint16), out)
+    return out

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from wayloom.config.side_by_side import in_order
 from wayloom.geometry import se3
 from wayloom.geometry.camera import StereoRig
-from wayloom.ground.plane import GroundPlane, find_plane
+from wayloom.ground.plane import GroundPlane, find_plane, first_to_match
 from wayloom.ground.view import SURE_INSIDE, may_be_shown
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.frame_source import grey_pair, one_opencv_thread
@@ -119,7 +119,8 @@ def _samples(
         pair, T_world_cam = grey_pair(log, int(odometry.keyframes.frame[row])), odometry.keyframes.T_world_cam[row]
         left, shown = pair.left, may_be_shown(labels.left(row), 0.0) >= SURE_INSIDE
         if patches is None:
-            plane = find_plane(left, rectifier.align(pair.right), shown, rig)
+            first = first_to_match(shown)
+            plane = find_plane(left[first:], rectifier.align(pair.right, first), shown[first:], first, rig)
             if plane is None:
                 return None
             patches = se3.transform(T_world_cam, on_plane(plane, rig, odometry.disparity_bias_px))

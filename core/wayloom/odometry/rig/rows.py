@@ -139,10 +139,11 @@ def maps(coefficients: FloatArray, rig: StereoRig, lens: RightLens = IDENTITY) -
     return np.asarray(first, np.int16), np.asarray(second, np.uint16)
 
 
-def align(right: Image, row_maps: Maps) -> Image:
-    """The right image (h, w) with its rows on the left's; the outermost pixels repeat. By cubics: linear interpolation blurs what
-    lies between pixels, and disparities shrink by that."""
-    return np.asarray(cv2.remap(right, row_maps[0], row_maps[1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+def align(right: Image, row_maps: Maps, first_row: int = 0) -> Image:
+    """The right image (h, w) with its rows on the left's, from one row on; the outermost pixels repeat. By cubics: linear
+    interpolation blurs what lies between pixels, and disparities shrink by that."""
+    places, parts = (one[first_row:] for one in row_maps)
+    return np.asarray(cv2.remap(right, places, parts, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
 class RightRectifier:
@@ -168,9 +169,9 @@ class RightRectifier:
         """What it is now, which follows no keyframe of this one's. Its arrays are replaced, never changed."""
         return copy(self)
 
-    def align(self, right: Image) -> Image:
-        """The log's right image (h, w) with rows and lens undone."""
-        return right if self.maps is None else align(right, self.maps)
+    def align(self, right: Image, first_row: int = 0) -> Image:
+        """The log's right image (h, w) with rows and lens undone, from one row on."""
+        return right[first_row:] if self.maps is None else align(right, self.maps, first_row)
 
     def real_pixels(self, uv: FloatArray) -> FloatArray:
         """Pixels (n, 2) of the aligned right image to those of the log's."""
