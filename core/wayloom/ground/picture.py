@@ -16,7 +16,7 @@ from wayloom.ground.sheet import CELL_M, GROUND_CLASSES
 from wayloom.ground.view import GroundView, numbers
 
 FloatArray = NDArray[np.float64]
-POWER: Final = 3.0
+POWER: Final = 3
 """Of the sharpness, by which views weigh: so high that the best view all but decides, so low that no seam shows."""
 SLACK: Final = 0.12
 """Share of a disparity by which a view's own may differ before something else is seen there."""

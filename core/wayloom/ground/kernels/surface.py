@@ -5,7 +5,6 @@ from numba import njit
 
 ROUNDS = 3
 LEAST_BLOCKS = 0.25
-ALL_QUADRANTS = 15
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -53,38 +52,48 @@ def cell_heights(keys, order, values, variances, height, information, group):  #
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _plane(height, information, group, of, r, c, radius, step, level, prior, trust):  # type: ignore[no-untyped-def]
+def _taper(radius):  # type: ignore[no-untyped-def]
+    """(2 radius + 1, 2 radius + 1): weights that fall to 0 half a cell further than the radius."""
+    out = np.zeros((2 * radius + 1, 2 * radius + 1))
+    for i in range(-radius, radius + 1):
+        for j in range(-radius, radius + 1):
+            out[i + radius, j + radius] = max(1.0 - (i * i + j * j) / ((radius + 0.5) * (radius + 0.5)), 0.0)
+    return out
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _plane(height, information, group, of, r, c, taper, step, level, prior, trust, near):  # type: ignore[no-untyped-def]
     """Level at cell (r, c) of the plane over the neighbours of group `of`, and the sum of its weights; no sum without neighbours.
 
+    taper : (2 radius + 1, 2 radius + 1) weights of the neighbours, 0 where they are too far
     level : what the weights of Cauchy start from; prior counts as a measurement of the cell itself with the information `trust`
+    near  : (4, (2 radius + 1)^2) room to work in
     """
-    rows, columns = height.shape
-    low_r, high_r = max(r - radius, 0), min(r + radius + 1, rows)
-    low_c, high_c = max(c - radius, 0), min(c + radius + 1, columns)
+    (rows, columns), radius = height.shape, taper.shape[0] // 2
+    count = 0
+    for i in range(max(r - radius, 0), min(r + radius + 1, rows)):
+        for j in range(max(c - radius, 0), min(c + radius + 1, columns)):
+            weight = information[i, j] * taper[i - r + radius, j - c + radius]
+            if weight > 0.0 and group[i, j] == of:
+                near[0, count], near[1, count], near[2, count], near[3, count] = j - c, i - r, height[i, j], weight
+                count += 1
     slope_c, slope_r, total = 0.0, 0.0, 0.0
     for _ in range(ROUNDS):
         a00, b0 = trust, trust * prior
         a01 = a02 = a11 = a12 = a22 = b1 = b2 = 0.0
-        for i in range(low_r, high_r):
-            for j in range(low_c, high_c):
-                if information[i, j] <= 0.0 or group[i, j] != of:
-                    continue
-                x, y = float(j - c), float(i - r)
-                span = (x * x + y * y) / ((radius + 0.5) * (radius + 0.5))
-                if span >= 1.0:
-                    continue
-                rest = (height[i, j] - level - slope_c * x - slope_r * y) / step
-                w = information[i, j] * (1.0 - span) / (1.0 + rest * rest)
-                h = height[i, j]
-                a00 += w
-                a01 += w * x
-                a02 += w * y
-                a11 += w * x * x
-                a12 += w * x * y
-                a22 += w * y * y
-                b0 += w * h
-                b1 += w * x * h
-                b2 += w * y * h
+        for n in range(count):
+            x, y, h = near[0, n], near[1, n], near[2, n]
+            rest = (h - level - slope_c * x - slope_r * y) / step
+            w = near[3, n] / (1.0 + rest * rest)
+            a00 += w
+            a01 += w * x
+            a02 += w * y
+            a11 += w * x * x
+            a12 += w * x * y
+            a22 += w * y * y
+            b0 += w * h
+            b1 += w * x * h
+            b2 += w * y * h
         total = a00
         if total <= 0.0:
             break
@@ -133,7 +142,8 @@ def smooth_blocks(height, information, radius, step, height_out, variance_out): 
     Fills height_out m and variance_out m^2 (2, block rows, block columns), 0 where the group has no cells in the block.
     """
     groups, rows, columns = height.shape
-    one = np.ones((rows, columns), np.uint8)
+    one, taper = np.ones((rows, columns), np.uint8), _taper(radius)
+    near = np.empty((4, taper.size))
     for g in range(groups):
         for r in range(rows):
             for c in range(columns):
@@ -144,7 +154,7 @@ def smooth_blocks(height, information, radius, step, height_out, variance_out): 
                     for j in range(max(c - radius, 0), min(c + radius + 1, columns)):
                         total += information[g, i, j]
                         moment += information[g, i, j] * height[g, i, j]
-                level, weights = _plane(height[g], information[g], one, 1, r, c, radius, step, moment / total, 0.0, 0.0)
+                level, weights = _plane(height[g], information[g], one, 1, r, c, taper, step, moment / total, 0.0, 0.0, near)
                 height_out[g, r, c], variance_out[g, r, c] = level, 1.0 / weights
 
 
@@ -179,36 +189,63 @@ def smooth_surface(  # type: ignore[no-untyped-def]
     neighbours in all four quadrants, and belongs to the group that weighs more around it.
     """
     rows, columns = height.shape
+    taper, counts = _taper(radius), _counts(information)
+    near = np.empty((4, taper.size))
     for r in range(rows):
         for c in range(columns):
             own = information[r, c]
             of, level = int(group[r, c]), height[r, c]
             if own <= 0.0:
-                of, level = _around(height, information, group, radius, r, c)
-                if of == 0:
+                if not _is_enclosed(counts, radius, r, c):
                     continue
+                of, level = _around(height, information, group, radius, r, c)
             prior, variance = _among_blocks(broad_height[of - 1], broad_variance[of - 1], size, r, c)
             trust = 1.0 / (variance + bend2) if variance > 0.0 else 0.0
             if trust > 0.0:
                 level = (own * level + trust * prior) / (own + trust)
-            level, total = _plane(height, information, group, of, r, c, radius, step, level, prior, trust)
+            level, total = _plane(height, information, group, of, r, c, taper, step, level, prior, trust, near)
             if total > 0.0:
                 height_out[r, c], variance_out[r, c], filled[r, c] = level, 1.0 / total, own <= 0.0
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def _counts(information):  # type: ignore[no-untyped-def]
+    """(rows + 1, columns + 1) int32: how many cells have information before each row and column."""
+    rows, columns = information.shape
+    out = np.zeros((rows + 1, columns + 1), np.int32)
+    for r in range(rows):
+        count = 0
+        for c in range(columns):
+            count += information[r, c] > 0.0
+            out[r + 1, c + 1] = out[r, c + 1] + count
+    return out
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _is_enclosed(counts, radius, r, c):  # type: ignore[no-untyped-def]
+    """Whether each of the four quadrants around a cell, its row and column left out, has cells with information."""
+    top, bottom = max(r - radius, 0), min(r + radius + 1, counts.shape[0] - 1)
+    first, last = max(c - radius, 0), min(c + radius + 1, counts.shape[1] - 1)
+    for low, high in ((top, r), (r + 1, bottom)):
+        for left, right in ((first, c), (c + 1, last)):
+            if counts[high, right] - counts[low, right] - counts[high, left] + counts[low, left] == 0:
+                return False
+    return True
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def _around(height, information, group, radius, r, c):  # type: ignore[no-untyped-def]
-    """The group that weighs more around a cell without height and its mean height; group 0 unless all four quadrants have some."""
+    """The group that weighs more around a cell without height, and its mean height."""
     rows, columns = height.shape
-    weights, moments = np.zeros(3), np.zeros(3)
-    seen = 0
+    road, beside, of_road, of_beside = 0.0, 0.0, 0.0, 0.0
     for i in range(max(r - radius, 0), min(r + radius + 1, rows)):
         for j in range(max(c - radius, 0), min(c + radius + 1, columns)):
             if information[i, j] > 0.0:
                 w = information[i, j] / (1.0 + (i - r) ** 2 + (j - c) ** 2)
-                weights[group[i, j]] += w
-                moments[group[i, j]] += w * height[i, j]
-                if i != r and j != c:
-                    seen |= 1 << (2 * (i > r) + (j > c))
-    of = 1 if weights[1] >= weights[2] else 2
-    return (of, moments[of] / weights[of]) if seen == ALL_QUADRANTS else (0, 0.0)
+                if group[i, j] == 1:
+                    road += w
+                    of_road += w * height[i, j]
+                else:
+                    beside += w
+                    of_beside += w * height[i, j]
+    return (1, of_road / road) if road >= beside else (2, of_beside / beside)
