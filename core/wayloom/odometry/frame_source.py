@@ -4,6 +4,7 @@ import functools
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from threading import Lock
 
 import cv2
 import numpy as np
@@ -22,15 +23,29 @@ SMALLEST_SIDE = 64
 EXCHANGED_LEAST, EXCHANGED_FACTOR = 200, 5
 
 
+class _OpenCV:
+    """Of this process: blocks of `one_opencv_thread` that are open, and OpenCV's threads before the first of them."""
+
+    lock = Lock()
+    blocks = 0
+    threads_before = 0
+
+
 @contextmanager
 def one_opencv_thread() -> Iterator[None]:
-    """OpenCV works in the calling thread only, as before afterwards."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
+    """OpenCV works in the calling thread only, as before when the last block is left: several threads may be in one."""
+    with _OpenCV.lock:
+        if _OpenCV.blocks == 0:
+            _OpenCV.threads_before = cv2.getNumThreads()
+            cv2.setNumThreads(1)
+        _OpenCV.blocks += 1
     try:
         yield
     finally:
-        cv2.setNumThreads(before)
+        with _OpenCV.lock:
+            _OpenCV.blocks -= 1
+            if _OpenCV.blocks == 0:
+                cv2.setNumThreads(_OpenCV.threads_before)
 
 
 def grey_pair(log: DriveLog, index: int) -> GreyPair:

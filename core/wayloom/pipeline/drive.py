@@ -9,7 +9,6 @@ from typing import Any, Final
 
 from wayloom.config.progress import NamedProgress, Progress, silent_for_each
 from wayloom.config.side_by_side import in_order
-from wayloom.config.stages import drive_stages
 from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.geoid import GeoidGrid
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
@@ -34,6 +33,7 @@ from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stage_files import finished_key, is_undamaged, read_stage_file
 from wayloom.pipeline.stages.odometry import key_parts as lens_of_rig_file
+from wayloom.pipeline.stages_in_turn import in_turn
 from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model
 from wayloom.segmentation.keyframe_labels import MODEL_FILE, KeyframeLabels
 from wayloom.segmentation.network import Network
@@ -102,7 +102,7 @@ def process_drive(
     with writing_to(out_dir), new_folders(stages_dir), sole_writer(stages_dir):
         sweep(stages_dir)
         with labels_ahead(context) as followed:
-            times = {name: _stage(name, followed, progress) for name in drive_stages()}
+            times = in_turn(lambda name, progress: _stage(name, followed, progress), progress, settings.threads)
         result = _load(context, times)
         progress("exports")(0.0, "writing trajectory, cloud and pictures")
         with whole_folder(stages_dir / "exports") as folder:
