@@ -118,6 +118,17 @@ def test_the_layout_of_kitti_360_and_the_scans_themselves_give_the_same_table(
     assert directly.rows_with_boundaries == by_clouds.rows_with_boundaries
 
 
+def test_label_images_are_there_when_a_drive_is_shown_though_nobody_keeps_them(dataset: Path) -> None:
+    seen: list[int] = []
+
+    def look(done: LabelledPoints) -> None:
+        seen.extend(done.images.left(row).size for row in range(len(done.images)))
+
+    benchmark_labels(find_labelled_drives(dataset, "drawn"), Network(MODELS[DEFAULT_MODEL]), show=look)
+    assert len(seen) > 1
+    assert all(seen)
+
+
 def test_the_clouds_of_a_frame_are_its_scans_points(dataset: Path) -> None:
     clouds, scans = (find_labelled_drives(dataset, source)[0].truth for source in ("kitti-360", "scanned"))
     for index in (0, 7):

@@ -98,7 +98,7 @@ def benchmark_labels(
     """Track, label and judge every drive, one after the other.
 
     work_dir : where tracks and label images stay for the next run; None: nowhere
-    show : called with each drive when it is labelled
+    show : called with each drive when it is labelled, while its label images are there
     A drive that cannot be tracked is left out and named in the result's `losses`; raises StageError where none is left.
     """
     counts: dict[str, tuple[Counts, Counts]] = {}
@@ -115,7 +115,7 @@ def benchmark_labels(
             except StageError as error:
                 losses[drive.name] = str(error)
                 continue
-        show(done)
+            show(done)
         for name in REASONS:
             filters[name] += done.matches.filters[name]
         truth, piece = done.matches.truth, pieces(done.odometry)

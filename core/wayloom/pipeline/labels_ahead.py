@@ -42,13 +42,14 @@ class LabelsAhead:
     """Labels the keyframes that it is told of in threads of its own, all but one of the settings', until it is asked for them.
 
     An image that cannot be labelled is left to the stage, which says why.
+    network : once it is loaded; the stage goes on with it
     """
 
     def __init__(self, context: StageContext, folder: Path) -> None:
         self._context, self._folder = context, folder
         self._pool = ThreadPoolExecutor(min(context.settings.threads - 1, MOST_AT_ONCE))
         self._coming: list[Future[None]] = []
-        self._network: Network | None = None
+        self.network: Network | None = None
         self._opening = Lock()
 
     def on_keyframe(self, frame: int) -> None:
@@ -66,7 +67,7 @@ class LabelsAhead:
 
     def _label(self, frame: int, right: NDArray[np.bool_]) -> None:
         with self._opening:
-            if self._network is None:
-                self._network = network_of(self._context, threads=1)
-                segment_keyframes(self._context.log, [], self._network, self._folder)
-        segment_keyframes(self._context.log, [frame], self._network, self._folder, right=right)
+            if self.network is None:
+                self.network = network_of(self._context.settings)
+                segment_keyframes(self._context.log, [], self.network, self._folder)
+        segment_keyframes(self._context.log, [frame], self.network, self._folder, right=right)

@@ -4,7 +4,7 @@ Leaves left/ and right/ (PNG, named by frame), their scores and small grey image
 """
 
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from wayloom.config.progress import Progress
 from wayloom.labelling.voting_frames import right_images_vote, voting_frames
@@ -15,24 +15,32 @@ from wayloom.segmentation.network import Network
 from wayloom.segmentation.providers import resolved_device
 from wayloom.segmentation.stage import segment_keyframes
 
+if TYPE_CHECKING:
+    from wayloom.pipeline.settings import ProcessSettings
+
 MOST_AT_ONCE: Final = 4
 """Keyframes that are labelled at a time: each holds what the network computes on the way. More threads share one's work."""
 
 
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises ModelError for a network that cannot be used."""
-    settings, at_once = context.settings, min(context.settings.threads, MOST_AT_ONCE)
-    network = network_of(context, settings.threads // at_once)
+    settings, ahead = context.settings, context.ahead
+    folder = None if ahead is None else ahead.finished()
+    network = (None if ahead is None else ahead.network) or network_of(settings)
     frames = voting_frames(tracked_drive(context), settings.labelling)
     right = right_images_vote(len(frames), settings.labelling)
-    ahead = None if context.ahead is None else context.ahead.finished()
-    segment_keyframes(context.log, frames, network, out_dir, progress, right, at_once, ahead)
+    segment_keyframes(context.log, frames, network, out_dir, progress, right, at_once(settings), folder)
 
 
-def network_of(context: StageContext, threads: int) -> Network:
-    """The network of the settings, which works with so many threads on an image. Raises ModelError."""
-    chosen = context.settings.segmentation
-    return Network(find_model(chosen.model or DEFAULT_MODEL), threads, chosen.device)
+def at_once(settings: "ProcessSettings") -> int:
+    """Keyframes that are labelled at a time."""
+    return min(settings.threads, MOST_AT_ONCE)
+
+
+def network_of(settings: "ProcessSettings") -> Network:
+    """The network of the settings, on whose images the threads work that keyframes at a time leave. Raises ModelError."""
+    chosen = settings.segmentation
+    return Network(find_model(chosen.model or DEFAULT_MODEL), settings.threads // at_once(settings), chosen.device)
 
 
 def key_parts(context: StageContext) -> dict[str, Any]:
