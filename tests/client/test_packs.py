@@ -192,9 +192,8 @@ def test_a_server_and_a_client_that_are_killed_in_the_middle_of_a_pack_go_on(
         server.close()
 
 
+@pytest.mark.parametrize("alone", ["folder"], indirect=True)
 def test_whole_files_of_a_pack_that_a_power_cut_has_spoilt_are_sent_again(http: httpx2.Client, alone: ApiAlone) -> None:
-    if alone.objects is not None:
-        pytest.skip("of uploads in the data folder")
     drive = tus.register(http, "spoilt", a=b"aaa", b=b"bbb", c=b"ccc")
     address = begin(http, drive, "log/a", "log/b", "log/c").json()["upload"]
     stem = alone.data / "uploads" / address.rpartition("/")[2]

@@ -18,6 +18,8 @@ from service_kit.tus import CHUNK, V, b64, checksum, create, head, metadata, off
 from wayloom.store.receiving import parts
 
 DATA = bytes(range(256)) * 40
+IN_FOLDER = pytest.mark.parametrize("api_process", ["folder"], indirect=True)
+"""The test looks at files that are not there where uploads are kept in an object store."""
 
 
 @pytest.fixture(scope="module", params=WHEREVER)
@@ -26,13 +28,6 @@ def api_process(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPat
     alone = ApiAlone(tmp_path_factory.mktemp("api") / "data", store, WAYLOOM_MAX_FILE_BYTES=str(64 << 20))
     yield alone
     alone.close()
-
-
-@pytest.fixture
-def in_folder(api_process: ApiAlone) -> None:
-    """The test looks at files that are not there where uploads are kept in an object store."""
-    if api_process.objects is not None:
-        pytest.skip("of uploads in the data folder")
 
 
 @pytest.fixture
@@ -165,7 +160,7 @@ def test_a_chunk_with_a_wrong_checksum_is_dropped(http: httpx2.Client, address: 
 
 
 @pytest.mark.parametrize("more", [{}, checksum(b"bytes")])
-@pytest.mark.usefixtures("in_folder")
+@IN_FOLDER
 def test_bytes_that_the_disk_does_not_take_are_said(
     http: httpx2.Client, address: str, api_process: ApiAlone, more: dict[str, str]
 ) -> None:
@@ -252,7 +247,7 @@ def test_an_empty_file_is_complete_at_its_creation(http: httpx2.Client, api_proc
     assert arrived(api_process, drive, "log/empty") == b""
 
 
-@pytest.mark.usefixtures("in_folder")
+@IN_FOLDER
 def test_a_file_that_was_whole_but_not_verified_when_the_server_died_is_finished(
     http: httpx2.Client, api_process: ApiAlone
 ) -> None:

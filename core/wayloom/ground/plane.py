@@ -23,10 +23,12 @@ BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 COARSE_WIDTH_PX: Final = 300
 """Images are halved to this width, at least, before their plane is looked for."""
+COUNTED_WIDTH_PX: Final = 360
+"""LEAST_PIXELS are of images that are halved to this width, at least."""
 STEP: Final = 16
 """OpenCV searches multiples of so many pixels."""
 NEAREST_M: Final = 2.5
-LEAST_PIXELS: Final = 40
+LEAST_PIXELS: Final = 150
 ROWS_ABOVE: Final = 8
 """Of the small images, over the first one with ground: from where matching has settled."""
 FEWEST_ROWS: Final = 16
@@ -70,7 +72,8 @@ def find_plane(left: Image, right: Image, is_ground: BoolArray, first_row: int, 
     is_ground : (h', w) pixels by whose disparities it is fitted
     first_row : of the whole image, from which on they are given (`first_to_match`)
     """
-    scale = _scale(left.shape[1])
+    scale, counted = _scale(left.shape[1]), _scale(left.shape[1], COUNTED_WIDTH_PX)
+    least = LEAST_PIXELS * (counted / scale) ** 2
     size = (left.shape[1] // scale, left.shape[0] // scale)
     whole = (slice(scale * size[1]), slice(scale * size[0]))
     small = [np.asarray(cv2.resize(image[whole], size, interpolation=cv2.INTER_AREA), np.uint8) for image in (left, right)]
@@ -79,21 +82,21 @@ def find_plane(left: Image, right: Image, is_ground: BoolArray, first_row: int, 
     if not ground.any():
         return None
     disparity = _matched(small[0], small[1], 0, search, SMALL_BLOCK_PX)
-    plane = _fitted(disparity, (disparity > 0.0) & ground, scale)
+    plane = _fitted(disparity, (disparity > 0.0) & ground, scale, least)
     if plane is None:
         return None
     # matching is drawn to the disparities of the row above; against the plane there is nothing to be drawn to
     above = above_plane(small[0], small[1], plane, 0, STEP // 2, SMALL_BLOCK_PX)
     of_plane = plane.disparity(np.arange(float(size[0])), np.arange(float(size[1]))[:, None])
-    plane = _fitted(of_plane + above, np.isfinite(above) & ground, scale)
+    plane = _fitted(of_plane + above, np.isfinite(above) & ground, scale, least)
     return None if plane is None else _at_full_size(plane, scale, first_row)
 
 
-def _fitted(disparity: NDArray[np.floating[Any]], is_used: BoolArray, scale: int) -> GroundPlane | None:
-    """The plane of the used pixels' disparities (h, w), by weights of Cauchy that grow strict; None of too few, and where it does
-    not rise to the horizon. scale : by which the images are smaller"""
+def _fitted(disparity: NDArray[np.floating[Any]], is_used: BoolArray, scale: int, least: float) -> GroundPlane | None:
+    """The plane of the used pixels' disparities (h, w), by weights of Cauchy that grow strict; None of fewer than `least`, and
+    where it does not rise to the horizon. scale : by which the images are smaller"""
     v, u = np.nonzero(is_used)
-    if len(u) < LEAST_PIXELS:
+    if len(u) < least:
         return None
     scales_px = np.geomspace(FIRST_SCALE_PX, LAST_SCALE_PX, ROUNDS) / scale
     x = robust_plane(u.astype(np.float64), v.astype(np.float64), disparity[v, u].astype(np.float64), scales_px)
@@ -114,10 +117,10 @@ def first_to_match(is_ground: BoolArray) -> int:
     return int(scale * max(min(first - ROWS_ABOVE, is_ground.shape[0] // scale - FEWEST_ROWS), 0))
 
 
-def _scale(width: int) -> int:
-    """By how much images of this width are made smaller."""
+def _scale(width: int, least_px: int = COARSE_WIDTH_PX) -> int:
+    """By how much images of this width are made smaller, so that least_px are left."""
     scale = 1
-    while width // (2 * scale) >= COARSE_WIDTH_PX:
+    while width // (2 * scale) >= least_px:
         scale *= 2
     return scale
 

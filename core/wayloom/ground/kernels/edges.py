@@ -6,6 +6,9 @@ at a_C and h_C over the plane. So with a step of height h at s it sees z = clip(
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
 
 LEAST_SLANT = 0.05
 """Of k: seen more steeply, or from the upper side, a step shows no face."""
@@ -63,15 +66,18 @@ def _differences(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _between(row, z, step):  # type: ignore[no-untyped-def]
+def _between(row: Float64, z: float, step: float) -> float:
     """Linear value of row (Z,), whose entries are `step` apart, at z from 0 to the last one."""
     level = min(int(z / step), row.shape[0] - 2)
     share = z / step - level
-    return (1.0 - share) * row[level] + share * row[level + 1]
+    return float((1.0 - share) * row[level] + share * row[level + 1])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _add_steps(table, upper, across, rises, shifts, eye_a, over, totals, out):  # type: ignore[no-untyped-def]
+def _add_steps(
+    table: Float64, upper: Float64, across: Float64, rises: Float64, shifts: Float64, eye_a: float, over: float, totals: Float64,
+    out: Float64,
+) -> None:  # fmt: skip
     """Add to out (K, Z) the differences that steps of heights `rises` (Z,) at shifts (K,) see in table (A, Z).
 
     upper (A, Z), totals (Z,) : room to work in

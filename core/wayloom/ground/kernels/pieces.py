@@ -2,10 +2,15 @@
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Bool = NDArray[np.bool_]
+UInt8 = NDArray[np.uint8]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _root(parent, n):  # type: ignore[no-untyped-def]
+def _root(parent: NDArray[np.int32], n: int) -> int:
+    """The run that stands for the piece of run n; ways to it get shorter."""
     while parent[n] != n:
         parent[n] = parent[parent[n]]
         n = parent[n]
@@ -13,19 +18,15 @@ def _root(parent, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def large_pieces(marked, least, out):  # type: ignore[no-untyped-def]
+def large_pieces(marked: Bool, least: float, out: Bool) -> None:
     """Set out (h, w) bool, which is all False, where marked (h, w) bool is of a piece, joined by sides, of at least so many pixels.
 
     By the union of runs: those of a row that touch one of the row above belong to its piece.
     """
     rows, columns = marked.shape
     most = rows * ((columns + 1) // 2)
-    first, end, parent, area = (
-        np.empty(most, np.int32),
-        np.empty(most, np.int32),
-        np.empty(most, np.int32),
-        np.empty(most, np.int32),
-    )
+    first, end = np.empty(most, np.int32), np.empty(most, np.int32)
+    parent, area = np.empty(most, np.int32), np.empty(most, np.int32)
     of_row = np.zeros(rows + 1, np.int64)
     count, above = 0, 0
     for i in range(rows):
@@ -56,7 +57,7 @@ def large_pieces(marked, least, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def near(marked, half_widths, out):  # type: ignore[no-untyped-def]
+def near(marked: UInt8, half_widths: NDArray[np.uint16], out: UInt8) -> None:
     """Set out (h, w) uint8, which is all 0, to 1 within a disc around each pixel of marked (h, w) that is not 0.
 
     half_widths (2 radius + 1,) uint16: pixels to either side of its middle that the disc covers in each of its rows
@@ -76,7 +77,7 @@ def near(marked, half_widths, out):  # type: ignore[no-untyped-def]
         for j in range(columns - 1, -1, -1):
             if marked[i, j]:
                 last = j
-            beside[j] = min(last - j, np.int64(beside[j]))
+            beside[j] = min(last - j, int(beside[j]))
         for k in range(max(i - radius, 0), min(i + radius + 1, rows)):
             width, row = half_widths[k - i + radius], out[k]
             for j in range(columns):

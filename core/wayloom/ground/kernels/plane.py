@@ -2,10 +2,13 @@
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def robust_plane(u, v, disparity, scales):  # type: ignore[no-untyped-def]
+def robust_plane(u: Float64, v: Float64, disparity: Float64, scales: Float64) -> tuple[float, float, float]:
     """Slopes along u and v, and offset, of the plane of disparities (N,) px at pixels u, v (N,); NaN where they lie on a line.
 
     One round of least squares, then one for each of the scales (R,) px, by weights of Cauchy around the plane of the last one.

@@ -2,6 +2,9 @@
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
 
 ROUNDS = 3
 LEAST_BLOCKS = 0.25
@@ -52,7 +55,7 @@ def cell_heights(keys, order, values, variances, height, information, group):  #
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _taper(radius):  # type: ignore[no-untyped-def]
+def _taper(radius: int) -> Float64:
     """(2 radius + 1, 2 radius + 1): weights that fall to 0 half a cell further than the radius."""
     out = np.zeros((2 * radius + 1, 2 * radius + 1))
     for i in range(-radius, radius + 1):
@@ -62,7 +65,10 @@ def _taper(radius):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _plane(height, information, group, of, r, c, taper, step, level, prior, trust, near):  # type: ignore[no-untyped-def]
+def _plane(
+    height: Float64, information: Float64, group: NDArray[np.uint8], of: int, r: int, c: int, taper: Float64, step: float,
+    level: float, prior: float, trust: float, near: Float64,
+) -> tuple[float, float]:  # fmt: skip
     """Level at cell (r, c) of the plane over the neighbours of group `of`, and the sum of its weights; no sum without neighbours.
 
     taper : (2 radius + 1, 2 radius + 1) weights of the neighbours, 0 where they are too far
@@ -209,7 +215,7 @@ def smooth_surface(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _counts(information):  # type: ignore[no-untyped-def]
+def _counts(information: Float64) -> NDArray[np.int32]:
     """(rows + 1, columns + 1) int32: how many cells have information before each row and column."""
     rows, columns = information.shape
     out = np.zeros((rows + 1, columns + 1), np.int32)
@@ -222,7 +228,7 @@ def _counts(information):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _is_enclosed(counts, radius, r, c):  # type: ignore[no-untyped-def]
+def _is_enclosed(counts: NDArray[np.int32], radius: int, r: int, c: int) -> bool:
     """Whether each of the four quadrants around a cell, its row and column left out, has cells with information."""
     top, bottom = max(r - radius, 0), min(r + radius + 1, counts.shape[0] - 1)
     first, last = max(c - radius, 0), min(c + radius + 1, counts.shape[1] - 1)

@@ -2,6 +2,10 @@
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+UInt8 = NDArray[np.uint8]
+Int32 = NDArray[np.int32]
 
 UNMATCHED = np.nan
 NOISE2 = 9.0
@@ -53,7 +57,10 @@ def _slope2(left, u0, v0, u1, v1):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _add_cost(left, right, u0, v0, u1, v1, cost, total, square, of_row):  # type: ignore[no-untyped-def]
+def _add_cost(
+    left: UInt8, right: UInt8, u0: int, v0: int, u1: int, v1: int,
+    cost: NDArray[np.float64], total: Int32, square: NDArray[np.int64], of_row: Int32,
+) -> None:  # fmt: skip
     """Add the squared differences less their mean at each disparity to cost (D,), of which u0 is D - 1 at least.
 
     total, of_row (D,) int32 and square (D,) int64 are scratch: sums of whole numbers for all disparities of a pixel, the largest

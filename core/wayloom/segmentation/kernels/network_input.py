@@ -1,6 +1,8 @@
 """Images in the order and scale of a network's input."""
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -19,7 +21,7 @@ def scaled_planes(image, levels, planes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def scaled_grey(image, levels, planes):  # type: ignore[no-untyped-def]
+def scaled_grey(image: NDArray[np.uint8], levels: NDArray[np.float32], planes: NDArray[np.float32]) -> None:
     """The same of a grey image, which stands for three equal channels. image : (h, w) uint8."""
     height, width = image.shape
     for v in range(height):

@@ -2,6 +2,9 @@
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
 
 _VOID = 255
 _LEAST = 1e-30
@@ -59,7 +62,7 @@ def best_scores(logits, train_ids, class_count, k, steps_per_nat):  # type: igno
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _find_largest(values, largest, where):  # type: ignore[no-untyped-def]
+def _find_largest(values: Float64, largest: Float64, where: NDArray[np.int64]) -> None:
     """Fill in (n,) float64 the largest of each column of values (C, n) and (n,) int64 the first row that holds it."""
     for u in range(len(largest)):
         largest[u] = values[0, u]
@@ -72,7 +75,7 @@ def _find_largest(values, largest, where):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def exponentiate(values):  # type: ignore[no-untyped-def]
+def exponentiate(values: Float64) -> None:
     """Replace each of (n,) float64 values <= 0 by e to it, several at a time: that is what np.exp cannot do here.
 
     e^x = 2^m e^r with x = m ln 2 + r and |r| <= ln 2 / 2: the series of e^r up to r^13 / 13! is right to 4e-18.

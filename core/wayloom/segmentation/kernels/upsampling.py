@@ -2,6 +2,12 @@
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Float32 = NDArray[np.float32]
+Int64 = NDArray[np.int64]
+Corners = tuple[Float32, Float32, Float32, Float32]
+"""(C,) logits each of four cells: above left, above right, below left, below right."""
 
 _ROUNDING = np.float32(2e-6)
 """Of the largest logit: more than rounding takes from the lead of one class over another between four cells of the grid."""
@@ -52,7 +58,7 @@ def upsampled_argmax(logits, padded_height, padded_width, height, width):  # typ
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _places(cells, padded, pixels):  # type: ignore[no-untyped-def]
+def _places(cells: int, padded: int, pixels: int) -> tuple[Int64, Float32]:
     """Along one axis: (pixels,) int64 last cell before each pixel, (pixels,) float32 how far it is on the way to the next."""
     before = np.empty(pixels, np.int64)
     share = np.empty(pixels, np.float32)
@@ -64,7 +70,8 @@ def _places(cells, padded, pixels):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _end_of_run(values, start):  # type: ignore[no-untyped-def]
+def _end_of_run(values: Int64, start: int) -> int:
+    """Behind the last of the equal values from `start` on."""
     end = start + 1
     while end < len(values) and values[end] == values[start]:
         end += 1
@@ -72,7 +79,7 @@ def _end_of_run(values, start):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _leaders(logits):  # type: ignore[no-untyped-def]
+def _leaders(logits: Float32) -> tuple[NDArray[np.uint8], Float32, np.float32]:
     """Of each cell's (gh, gw, C) logits the class of the largest (gh, gw) uint8 and by how much it leads (gh, gw) float32.
 
     The third is the largest magnitude of all. The lead is -1 where a logit is not finite.
@@ -105,7 +112,7 @@ def _leaders(logits):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _find_contenders(corners, rounding, some):  # type: ignore[no-untyped-def]
+def _find_contenders(corners: Corners, rounding: np.float32, some: Int64) -> int:
     """Fill in the classes that may lead somewhere between four cells, in order, and return their number.
 
     Some class nowhere falls below the largest of all classes' least values: whose largest value does cannot lead.
@@ -123,7 +130,7 @@ def _find_contenders(corners, rounding, some):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _winner(corners, share_v, share_u, classes):  # type: ignore[no-untyped-def]
+def _winner(corners: Corners, share_v: np.float32, share_u: np.float32, classes: Int64) -> int:
     """The first of `classes` whose value between four cells is largest."""
     a, b, c, d = corners
     best = np.float32(0.0)
