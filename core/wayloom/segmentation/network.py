@@ -56,6 +56,8 @@ class Network:
         self._input: str = self._session.get_inputs()[0].name
         self._takes_several = not isinstance(self._session.get_inputs()[0].shape[0], int)
         self._train_ids = np.array(description.classes, np.uint8)
+        self._train_id_table = np.full(256, VOID, np.uint8)
+        self._train_id_table[: len(self._train_ids)] = self._train_ids
         self._levels = _levels(description)
         self._try_out()
 
@@ -149,9 +151,7 @@ class Network:
 
     def _upsampled(self, logits: NDArray[np.float32], covered: tuple[int, int], size: tuple[int, int]) -> Labels:
         """Train ids of the likeliest classes; by OpenCV's look-up, which takes a tenth of numpy's time."""
-        train_ids = np.full(256, VOID, np.uint8)
-        train_ids[: len(self._train_ids)] = self._train_ids
-        return np.asarray(cv2.LUT(upsampled_argmax(logits, *covered, *size), train_ids), np.uint8)
+        return np.asarray(cv2.LUT(upsampled_argmax(logits, *covered, *size), self._train_id_table), np.uint8)
 
     def _scores(self, logits: NDArray[np.float32], image: Image, k: int) -> Scores:
         return scores_from_logits(logits, self._train_ids, self._covered(image), k)
