@@ -27,7 +27,7 @@ class Damaged(MadeLog):
 def sampled(log: MadeLog, wanted: int = 4) -> CalibrationObservations:
     right_rectifier = RightRectifier(log.rig, IDENTITY, frame_source.fit_rows(log, (0,)))
     collector = ObservationCollector(log.rig)
-    Sampler(log, OdometrySettings(), right_rectifier, collector).stretch(0, len(log), wanted)
+    Sampler(log, OdometrySettings(), right_rectifier, collector).go_on(iter(range(len(log))), wanted)
     return collector.observations(log)
 
 

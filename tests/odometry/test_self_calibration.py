@@ -1,5 +1,6 @@
 """A drive of a rig that nobody has calibrated finds its lens in its own images; one of a perfect rig loses nothing."""
 
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,14 @@ from made_rig import LENS, LensLog
 from made_street import MadeLog, curve
 
 from wayloom.calibration.learn import field_size
-from wayloom.calibration.self_calibration import BIAS_SIGMA_PX, LEAST_GROUPS, self_calibrated_lens, track_calibrated
+from wayloom.calibration.self_calibration import (
+    BIAS_SIGMA_PX,
+    GROUPS,
+    LEAST_GROUPS,
+    sampled_observations,
+    self_calibrated_lens,
+    track_calibrated,
+)
 from wayloom.evaluation.recordings import ins_truth
 from wayloom.evaluation.trajectory import evaluate
 from wayloom.geometry.lens import IDENTITY, lens_from_values
@@ -61,6 +69,16 @@ def test_a_lens_that_is_given_or_a_setting_forbids_to_learn_one() -> None:
     assert given.lens == LENS
     assert "self_calibration" not in given.report
     assert track_calibrated(log, OdometrySettings(self_calibration=False)).lens == IDENTITY
+
+
+def test_what_a_dark_part_lacks_the_others_make_good_with_any_number_of_threads() -> None:
+    log = MadeLog(curve(FRAMES, 1.6, 0.01), changes={frame: lambda left, right: (0 * left, 0 * right) for frame in range(33)})
+    one, two = (sampled_observations(log, OdometrySettings(), threads=threads) for threads in (1, 2))
+    assert one.groups == GROUPS
+    assert one.host_frame.min() >= 33
+    assert one.host_frame.max() >= 66
+    for kept in fields(one):
+        np.testing.assert_equal(getattr(two, kept.name), getattr(one, kept.name))
 
 
 @pytest.mark.real_data

@@ -17,17 +17,19 @@ def test_one_thread_runs_them_in_the_catalogue_s_order() -> None:
     assert ran == list(result) == list(drive_stages())
 
 
-def test_looks_go_on_while_later_stages_run() -> None:
-    later, places = Event(), Event()
+def test_looks_begin_with_what_they_read_and_go_on_while_others_run() -> None:
+    looking, later = Event(), Event()
 
     def run(name: str, progress: NamedProgress) -> bool:
         if name == "looks":
             assert current_thread() is not main_thread()
+            looking.set()
             later.wait(WAIT_S)  # for a stage behind it: would it run in turn, this would take for ever
             return later.is_set()
+        if name == "labelling":  # which the looks do not read
+            return looking.wait(WAIT_S)
         if name == "loops":
             later.set()
-        places.set()
         return True
 
     result = in_turn(run, silent_for_each, threads=2)

@@ -5,6 +5,8 @@ found in its targets; the last one is the next host. No window is adjusted: pose
 calibration, and need a first guess only.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,7 +29,7 @@ FINEST_LEVEL = 1
 
 
 class Sampler:
-    """Feeds a collector with hosts and targets from stretches of a log.
+    """Feeds a collector with hosts and targets from a stretch of a log.
 
     reference, T_host_world  the open match group's host, None where the way was lost
     poses                    (t_ns, T_cam_world) of the last two frames
@@ -42,13 +44,13 @@ class Sampler:
         self.cameras = pyramid.level_cameras(camera, self.levels)
         self._forget()
 
-    def stretch(self, start: int, stop: int, wanted: int) -> None:
-        """Frames start to stop, until the collector has `wanted` match groups."""
-        for index in range(start, stop):
+    def go_on(self, frames: Iterator[int], wanted: int) -> None:
+        """The next of these frames, each after the last one, until the collector has `wanted` match groups."""
+        while len(self.collector.finished) < wanted:
+            index = next(frames, None)
+            if index is None:
+                return
             self._frame(frame_source.grey_pair(self.log, index))
-            if len(self.collector.finished) >= wanted:
-                break
-        self._forget()
 
     def _forget(self) -> None:
         """The next frame does not join on to the last one."""

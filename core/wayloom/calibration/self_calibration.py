@@ -6,7 +6,7 @@ where the lens moves pixels by so much that leaving it alone costs more than not
 loses nothing, to the bit. docs/calibration.md has the numbers.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from time import process_time
 from typing import Any, Final
@@ -22,6 +22,7 @@ from wayloom.calibration.sampling import Sampler
 from wayloom.calibration.scale import scale_facts
 from wayloom.calibration.settings import CalibrationSettings, DrivePrior, with_bias_sigma
 from wayloom.config.progress import Progress, silent
+from wayloom.config.side_by_side import in_order
 from wayloom.geometry.lens import IDENTITY, RightLens, lens_from_values
 from wayloom.logs.types import DriveLog
 from wayloom.odometry import frame_source, warm_up
@@ -120,14 +121,14 @@ def track_calibrated(
 ) -> OdometryResult:  # fmt: skip
     """As `wayloom.odometry.odometry.track`; without a rig's file or a lens the drive's own is learnt first, and told in the
     report. matches : of the first pairs, as of `frame_source.first_matches`, where the caller has them."""
-    known = calibrate_drive(log, settings, progress, lens, matches, rig)
+    known = calibrate_drive(log, settings, progress, lens, matches, rig, threads)
     result = track(log, known.settings(settings), progress, threads, known.lens, observers, known.matches, known.baseline_ratio)
     return known.complete(result)
 
 
 def calibrate_drive(
     log: DriveLog, settings: OdometrySettings = OdometrySettings(), progress: Progress = silent, lens: RightLens | None = None,
-    matches: FloatArray | None = None, rig: RigFile | None = None,
+    matches: FloatArray | None = None, rig: RigFile | None = None, threads: int = 1,
 ) -> DriveCalibration:  # fmt: skip
     """What is known of the rig, or else the drive's own lens, where the settings want it. Arguments as of `track_calibrated`."""
     if rig is not None:
@@ -141,7 +142,7 @@ def calibrate_drive(
     if matches is None:
         with frame_source.one_opencv_thread():
             matches = frame_source.first_matches(log, settings.row_frames)
-    own = self_calibrated_lens(log, settings, matches)
+    own = self_calibrated_lens(log, settings, matches, threads)
     seconds, bias_prior = process_time() - start, settings.bias_prior
     if not own.lens.is_ideal:
         bias_prior = max(bias_prior, _bias_information(settings, BIAS_SIGMA_PX))
@@ -174,11 +175,11 @@ def _bias_information(settings: OdometrySettings, sigma_px: float) -> float:
 
 
 def self_calibrated_lens(
-    log: DriveLog, settings: OdometrySettings = OdometrySettings(), matches: FloatArray | None = None
+    log: DriveLog, settings: OdometrySettings = OdometrySettings(), matches: FloatArray | None = None, threads: int = 1
 ) -> SelfCalibration:
     """The lens that a drive tells of. matches : as of `track`. Raises as it does."""
     with frame_source.one_opencv_thread():
-        observations = sampled_observations(log, settings, matches)
+        observations = sampled_observations(log, settings, matches, threads)
     if observations.groups < LEAST_GROUPS:
         reason = f"{observations.groups} groups of matches are too few to tell a lens by"
         unknown = np.diag(CalibrationSettings().lens.sigmas ** 2)
@@ -200,11 +201,23 @@ def self_calibrated_lens(
     return SelfCalibration(lens, reason, observations.groups, against, learnt.rms_px, covariance)
 
 
-def sampled_observations(log: DriveLog, settings: OdometrySettings, matches: FloatArray | None = None) -> CalibrationObservations:
-    """GROUPS match groups or fewer from STRETCHES parts of a drive."""
+def sampled_observations(
+    log: DriveLog, settings: OdometrySettings, matches: FloatArray | None = None, threads: int = 1
+) -> CalibrationObservations:
+    """GROUPS match groups or fewer from STRETCHES parts of a drive; what a part lacks of its share those after it make good."""
     right_rectifier = rows.RightRectifier(log.rig, IDENTITY, frame_source.fit_rows(log, settings.row_frames, matches=matches))
-    collector, count = ObservationCollector(log.rig, POINTS), max(1, min(STRETCHES, len(log) // LEAST_FRAMES))
-    sampler, starts = Sampler(log, settings, right_rectifier, collector), [k * len(log) // count for k in range(count + 1)]
-    for k, start in enumerate(starts[:-1]):
-        sampler.stretch(start, min(starts[k + 1], start + MOST_FRAMES), GROUPS * (k + 1) // count)
+    count = max(1, min(STRETCHES, len(log) // LEAST_FRAMES))
+    starts = [k * len(log) // count for k in range(count + 1)]
+    wanted = [GROUPS * k // count for k in range(count + 1)]
+
+    def stretch(k: int) -> tuple[Sampler, Iterator[int]]:
+        sampler = Sampler(log, settings, right_rectifier, ObservationCollector(log.rig, POINTS))
+        frames = iter(range(starts[k], min(starts[k + 1], starts[k] + MOST_FRAMES)))
+        sampler.go_on(frames, wanted[k + 1] - wanted[k])
+        return sampler, frames
+
+    collector = ObservationCollector(log.rig, POINTS)
+    for k, (sampler, frames) in enumerate(in_order(stretch, range(count), threads)):
+        sampler.go_on(frames, wanted[k + 1] - len(collector.finished))
+        collector.finished += sampler.collector.finished
     return collector.observations(log)

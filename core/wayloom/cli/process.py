@@ -44,7 +44,6 @@ def process_command(
     from wayloom.pipeline.rig_learning import learn_from_drive
     from wayloom.pipeline.settings import load_settings
     from wayloom.pipeline.usable import check_usable
-    from wayloom.reports.drive_report import JSON_FILE, write_report
     from wayloom.reports.facts import warnings
 
     given = (
@@ -57,13 +56,21 @@ def process_command(
     if learn_rig is not None:
         check_writable(learn_rig)
     with ProgressBars() as progress:
-        result = process_drive(log, out, loaded.settings.of_drives(), gnss, progress, write_report)
+        result = process_drive(log, out, loaded.settings.of_drives(), gnss, progress, _write_report)
     learnt = [] if learn_rig is None else learn_from_drive(out / STAGES_DIR, learn_rig)
     for warning in (*warnings(result), *learnt):
         sys.stderr.write(f"wayloom: warning: {warning}\n")
     words(as_json)(summary(result, out))
     if as_json:
+        from wayloom.reports.drive_report import JSON_FILE
+
         typer.echo((out / JSON_FILE).read_text(), nl=False)
+
+
+def _write_report(result: "DriveResult", folder: Path) -> None:
+    from wayloom.reports.drive_report import write_report  # what plots is loaded beside the exports, not before the drive
+
+    write_report(result, folder)
 
 
 def summary(result: "DriveResult", out: Path) -> str:

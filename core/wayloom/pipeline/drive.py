@@ -33,10 +33,9 @@ from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stage_files import finished_key, is_undamaged, read_stage_file
 from wayloom.pipeline.stages.odometry import key_parts as lens_of_rig_file
+from wayloom.pipeline.stages.segmentation import network_of
 from wayloom.pipeline.stages_in_turn import in_turn
-from wayloom.segmentation.catalogue import DEFAULT_MODEL, find_model
 from wayloom.segmentation.keyframe_labels import MODEL_FILE, KeyframeLabels
-from wayloom.segmentation.network import Network
 from wayloom.submaps.files import load_submaps
 from wayloom.submaps.submap import PlacedSubmap
 
@@ -91,7 +90,8 @@ def process_drive(
 
     out_dir gets `stages/`, and, each by one rename and only when all are written, what `write_exports` and write_more leave.
     progress : of each stage by its name, and of "exports"
-    write_more : called with the result and the folder in which the finished files are gathered (reports use it)
+    write_more : called with the result and the folder in which the finished files are gathered, when those of `write_exports` are
+        there, in a thread of its own while others write theirs (reports use it)
     Raises InputError for a bad log, network or setting, and for an out_dir that cannot be written; a bad log leaves no trace.
     """
     stages_dir = out_dir / STAGES_DIR
@@ -104,39 +104,52 @@ def process_drive(
         with labels_ahead(context) as followed:
             times = in_turn(lambda name, progress: _stage(name, followed, progress), progress, settings.threads)
         result = _load(context, times)
-        progress("exports")(0.0, "writing trajectory, cloud and pictures")
         with whole_folder(stages_dir / "exports") as folder:
-            _write(result, settings, stages_dir, folder, geoid)
-            if settings.dense:
-                about = (result.log, result.odometry, result.images, result.submaps)
-                write_dense(*about, folder / DENSE_FILE, result.geo.frame, geoid, settings.looks)
-            progress("exports")(0.6, "writing the report")
-            write_more(result, folder)
+            _write(_writers(result, settings, stages_dir, folder, geoid, write_more), settings.threads, progress("exports"))
         _publish(stages_dir / "exports", out_dir)
         progress("exports")(1.0, f"written to {out_dir}")
     return result
 
 
-def _write(result: DriveResult, settings: ProcessSettings, stages_dir: Path, folder: Path, geoid: GeoidGrid | None) -> None:
-    """Exports, as many files at a time as there are threads, the longest first."""
-    ground = GroundFound(stages_dir / "ground", settings.markings, settings.kerbs, result.objects)
-    about = (result.log, result.odometry, result.images, result.geo, result.submaps)
-    writers = ground.writers(result.submaps, result.geo.frame, folder)
-    for _ in in_order(
-        lambda write: write(), [*writers, lambda: write_exports(*about, folder, geoid, stages_dir)], settings.threads
-    ):
-        pass
+def _writers(
+    result: DriveResult,
+    settings: ProcessSettings,
+    stages_dir: Path,
+    folder: Path,
+    geoid: GeoidGrid | None,
+    write_more: Callable[[DriveResult, Path], None],
+) -> list[Callable[[], None]]:
+    """What writes a drive's products, each for itself, the longest first; write_more comes after `write_exports`."""
+    about = (result.log, result.odometry, result.images)
+    frame, ground = result.geo.frame, GroundFound(stages_dir / "ground", settings.markings, settings.kerbs, result.objects)
+
+    def trajectory_cloud_pictures_and_more() -> None:
+        write_exports(*about, result.geo, result.submaps, folder, geoid, stages_dir)
+        write_more(result, folder)
+
+    def dense() -> None:
+        write_dense(*about, result.submaps, folder / DENSE_FILE, frame, geoid, settings.looks)
+
+    wanted = [dense] if settings.dense else []
+    return [*wanted, trajectory_cloud_pictures_and_more, *ground.writers(result.submaps, frame, folder)]
+
+
+def _write(writers: list[Callable[[], None]], threads: int, progress: Progress) -> None:
+    """Run them, as many at a time as there are threads."""
+    progress(0.0, "writing trajectory, cloud, pictures and report")
+    for number, _ in enumerate(in_order(lambda write: write(), writers, threads), 1):
+        progress(NEARLY_DONE * number / len(writers), "writing trajectory, cloud, pictures and report")
 
 
 def _checked(context: StageContext, progress: NamedProgress) -> StageContext:
-    """The context with the first pairs' matches: a network, a rig file or a rig that cannot be used is told before anything is
-    made."""
+    """The context with its network and the first pairs' matches: a network, a rig file or a rig that cannot be used is told before
+    anything is made."""
     settings = context.settings
-    Network(find_model(settings.segmentation.model or DEFAULT_MODEL), device=settings.segmentation.device)
+    network = network_of(settings)
     progress("ingest")(0.0, "looking at the first pairs")
     lens_of_rig_file(context)
     with one_opencv_thread():
-        return replace(context, first_matches=first_matches(context.log, settings.odometry.row_frames))
+        return replace(context, network=network, first_matches=first_matches(context.log, settings.odometry.row_frames))
 
 
 def _publish(gathered: Path, out_dir: Path) -> None:

@@ -7,7 +7,6 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,6 @@ from wayloom.files.atomic import UNFINISHED
 from wayloom.labelling.voting_frames import right_images_vote
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stages.segmentation import MOST_AT_ONCE, network_of
-from wayloom.segmentation.network import Network
 from wayloom.segmentation.stage import segment_keyframes
 
 
@@ -41,16 +39,15 @@ def labels_ahead(context: StageContext) -> Iterator[StageContext]:
 class LabelsAhead:
     """Labels the keyframes that it is told of in threads of its own, all but one of the settings', until it is asked for them.
 
-    An image that cannot be labelled is left to the stage, which says why.
-    network : once it is loaded; the stage goes on with it
+    An image that cannot be labelled is left to the stage, which says why. Raises ModelError for a network that cannot be used.
     """
 
     def __init__(self, context: StageContext, folder: Path) -> None:
         self._context, self._folder = context, folder
         self._pool = ThreadPoolExecutor(min(context.settings.threads - 1, MOST_AT_ONCE))
         self._coming: list[Future[None]] = []
-        self.network: Network | None = None
-        self._opening = Lock()
+        self._network = context.network or network_of(context.settings)
+        segment_keyframes(context.log, [], self._network, folder)
 
     def on_keyframe(self, frame: int) -> None:
         """A frame of the log has become a keyframe: label it as soon as a thread is free."""
@@ -66,8 +63,4 @@ class LabelsAhead:
         return self._folder
 
     def _label(self, frame: int, right: NDArray[np.bool_]) -> None:
-        with self._opening:
-            if self.network is None:
-                self.network = network_of(self._context.settings)
-                segment_keyframes(self._context.log, [], self.network, self._folder)
-        segment_keyframes(self._context.log, [frame], self.network, self._folder, right=right)
+        segment_keyframes(self._context.log, [frame], self._network, self._folder, right=right)

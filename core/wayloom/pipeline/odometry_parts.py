@@ -63,7 +63,8 @@ def missing_parts(context: StageContext, parts_dir: Path) -> list[DrivePart]:
 def calibrate(context: StageContext, progress: Progress) -> DriveCalibration:
     """What the drive is tracked with: what is known of its rig, or its own lens. Raises LogError, CalibrationError."""
     rig = rig_for_log(context.settings.rig, context.log)[0]
-    found = calibrate_drive(context.log, context.settings.odometry, progress, matches=context.first_matches, rig=rig)
+    settings, matches = context.settings, context.first_matches
+    found = calibrate_drive(context.log, settings.odometry, progress, matches=matches, rig=rig, threads=settings.threads)
     return replace(found, report=found.report | {"rig": None if rig is None else rig_version(rig)})
 
 

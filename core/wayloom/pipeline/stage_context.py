@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from wayloom.pipeline.labels_ahead import LabelsAhead
     from wayloom.pipeline.log_source import LogSource
     from wayloom.pipeline.settings import ProcessSettings
+    from wayloom.segmentation.network import Network
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +27,7 @@ class StageContext:
     drive_id       the name that the map shall keep for the drive; None takes the log's
     parts_dir      where a stage that works in parts keeps those that are finished, of its key; None: nowhere beyond its run
     ahead          is told of keyframes by the odometry and labels them meanwhile; None: nobody does
+    network        the settings' network, where the caller has opened it
     first_matches  (n, 4) stereo matches of the first pairs (`odometry.frame_source.first_matches`) where the caller has them
     """
 
@@ -36,6 +38,7 @@ class StageContext:
     first_matches: NDArray[np.float64] | None = None
     parts_dir: Path | None = None
     ahead: "LabelsAhead | None" = None
+    network: "Network | None" = None
 
     @property
     def log(self) -> "DriveLog":

@@ -20,8 +20,9 @@ class _StoppedError(Exception):
 def in_turn(run: Callable[[str, NamedProgress], Result], progress: NamedProgress, threads: int) -> dict[str, Result]:
     """What `run` gives for each stage of a drive, in the catalogue's order.
 
-    With two threads or more, a stage that no other one reads goes on in a thread of its own while later ones run. An error in the
-    caller's thread, `progress` included, stops it at its next report; an error of its own is raised when the others are done.
+    With two threads or more, a stage that no other one reads begins in a thread of its own as soon as what it reads is there, and
+    goes on while others run. An error in the caller's thread, `progress` included, stops it at its next report; an error of its own
+    is raised when the others are done.
     """
     if threads < 2:
         return {name: run(name, progress) for name in drive_stages()}
@@ -31,11 +32,11 @@ def in_turn(run: Callable[[str, NamedProgress], Result], progress: NamedProgress
     told = _ToldBeside(progress)
     with ThreadPoolExecutor(1) as pool:
         try:
-            for name in drive_stages():
-                if name in read:
-                    done[name] = run(name, progress)
-                else:
-                    beside[name] = pool.submit(run, name, told.named)
+            for name in (name for name in drive_stages() if name in read):
+                done[name] = run(name, progress)
+                for stage in STAGES:
+                    if stage.name not in read | beside.keys() and done.keys() >= set(stage.results_read):
+                        beside[stage.name] = pool.submit(run, stage.name, told.named)
             for name, future in beside.items():
                 while not wait([future], TOLD_S).done:
                     told.repeat(name)

@@ -26,7 +26,7 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises ModelError for a network that cannot be used."""
     settings, ahead = context.settings, context.ahead
     folder = None if ahead is None else ahead.finished()
-    network = (None if ahead is None else ahead.network) or network_of(settings)
+    network = context.network or network_of(settings)
     frames = voting_frames(tracked_drive(context), settings.labelling)
     right = right_images_vote(len(frames), settings.labelling)
     segment_keyframes(context.log, frames, network, out_dir, progress, right, at_once(settings), folder)
