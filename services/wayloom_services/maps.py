@@ -118,20 +118,21 @@ async def coverage(
     map_id: MapId,
     service: ServiceDep,
     of: Annotated[Literal["streets", "tiles", "visits"], Query(description=COVERAGE_OF)] = "streets",
+    version: Annotated[int | None, Query(ge=1, le=2**31 - 1, description="of the map; default the newest")] = None,
 ) -> FeatureCollection:
-    """Where the newest version is: areas along the streets that its drives took, the squares of its tiles, or how often and when
-    its drives came by."""
+    """Where a version is: areas along the streets that its drives took, the squares of its tiles, or how often and when its drives
+    came by; ways as they lie today."""
     if of == "visits":
-        visits = await service.read(lambda session: maps.visits(session, map_id))
+        visits = await service.read(lambda session: maps.visits(session, map_id, version))
         rows = ((drive, at_s, np.array(way, np.float64)) for drive, at_s, way in visits)
         squares = await service.in_thread(lambda: visited_squares(rows))
         return FeatureCollection(features=[_visited(*square) for square in squares])
     if of == "streets":
-        ways = await service.read(lambda session: maps.tracks(session, map_id))
+        ways = await service.read(lambda session: maps.tracks(session, map_id, version))
         areas = await service.in_thread(lambda: list(covered_areas(np.array(way, np.float64) for way in ways)))
         polygons = [{"type": "Polygon", "coordinates": rings} for rings in areas]
         return FeatureCollection(features=[Feature(geometry=one, properties={"beside_m": HALF_WIDTH_M}) for one in polygons])
-    zoom, addresses = await service.read(lambda session: maps.coverage(session, map_id, COVERAGE_ZOOM))
+    zoom, addresses = await service.read(lambda session: maps.coverage(session, map_id, COVERAGE_ZOOM, version))
     return FeatureCollection(
         features=[Feature(geometry=_square(zoom, x, y), properties={"z": zoom, "x": x, "y": y}) for x, y in addresses]
     )

@@ -258,6 +258,10 @@ def test_versions_and_coverage_are_told(http: httpx2.Client) -> None:
     (west, north), (east, south) = feature["geometry"]["coordinates"][0][3], feature["geometry"]["coordinates"][0][1]
     assert west < 8.4 < east
     assert south < 49.01 < north
+    for of in ("streets", "tiles", "visits"):
+        newest, same = (http.get(f"/v1/maps/city/coverage?of={of}{more}").json() for more in ("", "&version=2"))
+        assert newest == same
+        assert http.get(f"/v1/maps/city/coverage?of={of}&version=9").status_code == 404
 
 
 def test_submaps_of_a_box_and_their_bytes(http: httpx2.Client, api_process: ApiAlone) -> None:

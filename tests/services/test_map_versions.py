@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -77,3 +78,27 @@ def test_slider_swipe_publication_and_address_show_the_versions_that_they_name(o
     shown.publish(painted(shown, "sidewalk"))
     until(lambda: like(page, TONES["sidewalk"]) > 200, 60)
     until(lambda: page.evaluate(words).startswith("version 4, newest"))
+
+
+@pytest.mark.browser
+def test_each_side_of_the_line_shows_the_coverage_of_its_own_version(browser: Any, tmp_path: Path) -> None:
+    served = looked_at(tmp_path / "data", voxels=2000)  # of two drives; the second version is of one
+    replace(served, held=served.held[:1]).publish(served.city)
+    counts = "queryRenderedFeatures({layers: ['coverage']}).map((one) => one.properties.drives)"
+    fill = "getPaintProperty('coverage', 'fill-color')"
+    with closing(served.api), opening(browser, served) as open_:
+        page = open_(f"{AT},semantic")
+        page.select_option("#coverage-by", "drives")
+        until(lambda: {*page.evaluate(f"wayloomMap.{counts}")} == {1}, 60)
+        page.click("#compare")
+        page.wait_for_function("globalThis.wayloomOther?.getLayer('coverage')")
+        until(lambda: {*page.evaluate(f"wayloomOther.{counts}")} == {1, 2}, 60)
+        assert page.inner_text("#legend .by >> nth=1").split("\n")[-2:] == ["1 drive", "2 drives"]
+        assert page.evaluate(f"wayloomMap.{fill}") == page.evaluate(f"wayloomOther.{fill}")
+        page.uncheck("#show-coverage")
+        until(lambda: page.evaluate("wayloomOther.getLayoutProperty('coverage', 'visibility')") == "none")
+        page.check("#show-coverage")
+        page.click("#compare")
+        page.focus("#version-slider")
+        page.keyboard.press("ArrowLeft")
+        until(lambda: {*page.evaluate(f"wayloomMap.{counts}")} == {1, 2}, 60)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from sqlalchemy import ColumnElement, and_, delete, func, insert, or_, select
+from sqlalchemy import ColumnElement, Select, and_, delete, func, insert, or_, select
 from sqlalchemy.orm import InstrumentedAttribute, Session, aliased
 
 from wayloom.errors import NotFoundError, WithdrawnError
@@ -161,33 +161,39 @@ def digests_of_zoom(session: Session, map_id: str, number: int, layer: str, zoom
     return list(session.scalars(select(TileRow.digest).where(*here).order_by(TileRow.x, TileRow.y)))
 
 
-def tracks(session: Session, map_id: str) -> list[list[list[float]]]:
-    """The ways of the newest version's drives, submap by submap: longitudes and latitudes; the box's diagonal of a row without."""
-    of_version_ = select(MapDrive.drive_id).where(MapDrive.map_id == map_id, of_version(MapDrive, get(session, map_id).version))
-    places = (SubmapRow.map_id == map_id, SubmapRow.min_lon.is_not(None), SubmapRow.drive_id.in_(of_version_))
+def _drives_of(session: Session, map_id: str, number: int | None) -> Select[str]:
+    """The drives of a version, by default of the newest, of which there may be none yet. Raises as `version` does."""
+    number = get(session, map_id).version if number is None else version(session, map_id, number).version
+    return select(MapDrive.drive_id).where(MapDrive.map_id == map_id, of_version(MapDrive, number))
+
+
+def tracks(session: Session, map_id: str, number: int | None = None) -> list[list[list[float]]]:
+    """The ways of a version's drives, by default the newest's, submap by submap and as they lie today: longitudes and latitudes;
+    the box's diagonal of a row without. Raises as `version` does."""
+    drives = _drives_of(session, map_id, number)
+    places = (SubmapRow.map_id == map_id, SubmapRow.min_lon.is_not(None), SubmapRow.drive_id.in_(drives))
     box = (SubmapRow.min_lon, SubmapRow.min_lat, SubmapRow.max_lon, SubmapRow.max_lat)
     rows = session.execute(select(SubmapRow.track, *box).where(*places).order_by(SubmapRow.drive_id, SubmapRow.position))
     return [[place[:2] for place in track] if track else [[west, south], [east, north]] for track, west, south, east, north in rows]
 
 
-def visits(session: Session, map_id: str) -> list[tuple[str, float, list[list[float]]]]:
-    """The ways of the newest version's drives, submap by submap: drive, seconds since 1970, longitudes and latitudes."""
-    of_version_ = select(MapDrive.drive_id).where(MapDrive.map_id == map_id, of_version(MapDrive, get(session, map_id).version))
-    here = (SubmapRow.map_id == map_id, SubmapRow.drive_id.in_(of_version_))
+def visits(session: Session, map_id: str, number: int | None = None) -> list[tuple[str, float, list[list[float]]]]:
+    """The ways of a version's drives, as of `tracks`: drive, seconds since 1970, longitudes and latitudes."""
+    here = (SubmapRow.map_id == map_id, SubmapRow.drive_id.in_(_drives_of(session, map_id, number)))
     ways = select(SubmapRow.drive_id, SubmapRow.track_t_ns, SubmapRow.track).where(*here)
     rows = session.execute(ways.order_by(SubmapRow.drive_id, SubmapRow.position))
     return [(drive_id, t_ns / 1e9, [place[:2] for place in track]) for drive_id, t_ns, track in rows if track]
 
 
-def coverage(session: Session, map_id: str, zoom: int) -> tuple[int, list[tuple[int, int]]]:
-    """Where the newest version has tiles of the static layer: (zoom, (x, y) in order), at this zoom, or, where it has none, at
-    the next coarser one that has any; (0, []) where there is none."""
-    number = get(session, map_id).version
-    newest = (TileRow.map_id == map_id, of_version(TileRow, number), TileRow.layer.in_(STATIC_TILES))
-    deepest = session.scalar(select(func.max(TileRow.z)).where(*newest, TileRow.z <= zoom))
+def coverage(session: Session, map_id: str, zoom: int, number: int | None = None) -> tuple[int, list[tuple[int, int]]]:
+    """Where a version, by default the newest, has tiles of the static layer: (zoom, (x, y) in order), at this zoom, or, where it
+    has none, at the next coarser one that has any; (0, []) where there is none. Raises as `version` does."""
+    number = get(session, map_id).version if number is None else version(session, map_id, number).version
+    there = (TileRow.map_id == map_id, of_version(TileRow, number), TileRow.layer.in_(STATIC_TILES))
+    deepest = session.scalar(select(func.max(TileRow.z)).where(*there, TileRow.z <= zoom))
     if deepest is None:
         return 0, []
-    found = select(TileRow.x, TileRow.y).where(*newest, TileRow.z == deepest).distinct().order_by(TileRow.x, TileRow.y)
+    found = select(TileRow.x, TileRow.y).where(*there, TileRow.z == deepest).distinct().order_by(TileRow.x, TileRow.y)
     return deepest, [(x, y) for x, y in session.execute(found)]
 
 

@@ -76,7 +76,7 @@ export class CityMap {
     this.newest = version;
     if (!this.pinned) this.layers.show(version);
     this.#tell("version", version);
-    await this.coverage.show(version);
+    await this.coverage.show(this.shown);
     if (first && !this.held) this.fit();
   }
 
@@ -86,6 +86,7 @@ export class CityMap {
     this.pinned = version;
     if (version ?? this.newest) this.layers.show(version ?? this.newest);
     this.#tell("version", version ?? this.newest);
+    if (this.shown) await this.coverage.show(this.shown);
   }
 
   get shown() {

@@ -7,8 +7,10 @@ const EMPTY = { type: "FeatureCollection", features: [] };
 export const COVERAGE_MODES = ["plain", "drives", "age"];
 
 export class Coverage {
-  constructor(map, ask) {
-    Object.assign(this, { map, ask, mode: "plain", version: null, streets: EMPTY, visits: null, changed: () => {}, known: () => {} });
+  // main: the coverage of the other map, whose ramp this one shares, where two versions are compared.
+  constructor(map, ask, main = null) {
+    Object.assign(this, { map, ask, main, mode: main?.mode ?? "plain", version: null, streets: EMPTY, visits: null, beside: null });
+    Object.assign(this, { changed: () => {}, known: () => {} });
   }
 
   addLayers() {
@@ -19,13 +21,18 @@ export class Coverage {
     });
   }
 
-  // Coverage is that of the newest version; an older one keeps what is shown.
   async show(version) {
     this.version = version;
     this.visits = null;
-    this.streets = await this.ask(`/v1/maps/${version.map_id}/coverage`);
-    this.known(this.streets.features);
+    const streets = await this.#of("streets");
+    if (this.version !== version) return;
+    this.streets = streets;
+    this.known(streets.features);
     await this.#draw();
+  }
+
+  #of(what) {
+    return this.ask(`/v1/maps/${this.version.map_id}/coverage?of=${what}&version=${this.version.version}`);
   }
 
   // Around all areas; null of none.
@@ -36,20 +43,26 @@ export class Coverage {
 
   async by(mode) {
     this.mode = COVERAGE_MODES.includes(mode) ? mode : "plain";
-    await this.#draw();
+    await Promise.all([this.#draw(), this.beside?.by(mode)]);
   }
 
   async #draw() {
     if (!this.map.getLayer("coverage")) return;
-    if (this.mode !== "plain" && !this.visits && this.version) this.visits = await this.ask(`/v1/maps/${this.version.map_id}/coverage?of=visits`);
+    const { version } = this;
+    if (this.mode !== "plain" && !this.visits && version) {
+      const visits = await this.#of("visits");
+      if (this.version !== version || !this.map.getLayer("coverage")) return;
+      this.visits = visits;
+    }
     this.map.getSource("coverage").setData(this.mode === "plain" || !this.visits ? this.streets : this.visits);
-    this.recolour();
+    (this.main ?? this).recolour();
   }
 
-  // Lowest and highest of what is coloured.
+  // Lowest and highest of what is coloured, of both versions where two are compared.
   range() {
     const name = this.mode === "age" ? "last_seen" : "drives";
-    const values = (this.visits?.features ?? []).map(({ properties }) => properties[name]);
+    const both = this.main ? [this.main, this] : [this, this.beside];
+    const values = both.flatMap((one) => one?.visits?.features ?? []).map(({ properties }) => properties[name]);
     const [low, high] = values.reduce(([least, most], value) => [Math.min(least, value), Math.max(most, value)], [Infinity, -Infinity]);
     return Number.isFinite(low) ? [low, high > low ? high : low + 1] : [0, 1];
   }
@@ -61,6 +74,7 @@ export class Coverage {
     this.map.setPaintProperty("coverage", "fill-color", plain ? colour("--accent") : ramped(value, this.range(), this.mode === "age" ? AGE_RAMP : COUNT_RAMP));
     this.map.setPaintProperty("coverage", "fill-opacity", plain ? 0.18 : 0.6);
     this.map.setPaintProperty("coverage", "fill-outline-color", plain ? colour("--accent") : "rgba(0, 0, 0, 0)");
+    this.beside?.recolour();
     this.changed();
   }
 }

@@ -1,10 +1,14 @@
 // Two versions side by side: a second map over the first, cut off at a line that a pointer or the keyboard moves.
 
 import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
+import { ask } from "/static/api.js";
 import { element } from "/static/ui/dom.js";
 import { plainStyle, withKey } from "/static/map.js";
+import { Coverage } from "/static/map/coverage.js";
 import { Tracks } from "/static/map/tracks.js";
 import { VersionLayers } from "/static/map/version_layers.js";
+
+const OWN_LAYERS = { tracks: ["tracks-edge", "tracks"], coverage: ["coverage"] };
 
 export class Swipe {
   // changed(): the line has been moved.
@@ -44,6 +48,7 @@ export class Swipe {
     if (this.version !== version) return;
     this.layers.show(version);
     this.#name();
+    await this.coverage.show(version);
   }
 
   async #open() {
@@ -59,13 +64,15 @@ export class Swipe {
     const other = this.map;
     this.ready = new Promise((resolve) => other.once("style.load", resolve)).then(() => {
       if (this.map !== other) return;
+      this.coverage = this.city.coverage.beside = new Coverage(this.map, ask, this.city.coverage);
+      this.coverage.addLayers();
       this.tracks = new Tracks(this.map, null);
       this.tracks.addLayers();
       this.#followTracks();
       this.marked = null;
       this.#followChoice(this.city.chosen);
-      this.#follow("tracks");
-      this.layers = new VersionLayers(this.map, this.city.overlays, "tracks-edge");
+      for (const name of Object.keys(OWN_LAYERS)) this.#follow(name);
+      this.layers = new VersionLayers(this.map, this.city.overlays, "coverage");
       this.layers.off = new Set(this.city.layers.off);
       this.layers.hidden = this.city.layers.hidden;
       this.layers.kinds = this.city.layers.kinds;
@@ -80,8 +87,10 @@ export class Swipe {
     if (!this.map) return;
     this.city.map.off("move", this.keep);
     this.map.remove();
-    Object.assign(this, { map: null, layers: null, tracks: null });
-    this.city.other = null;
+    if (this.coverage) this.coverage.version = null; // what it still waits for comes too late
+    Object.assign(this, { map: null, layers: null, tracks: null, coverage: null });
+    this.city.other = this.city.coverage.beside = null;
+    this.city.coverage.recolour();
   }
 
   #followTracks() {
@@ -100,8 +109,8 @@ export class Swipe {
   #follow(name) {
     if (!this.tracks) return;
     const on = (id) => this.city.map.getLayer(id) && this.city.map.getLayoutProperty(id, "visibility") !== "none";
-    if (name === "tracks") for (const id of ["tracks-edge", "tracks"]) this.map.setLayoutProperty(id, "visibility", on(id) ? "visible" : "none");
-    else if (name !== "coverage") this.layers?.visible(name, !this.city.layers.off.has(name));
+    if (name in OWN_LAYERS) for (const id of OWN_LAYERS[name]) this.map.setLayoutProperty(id, "visibility", on(id) ? "visible" : "none");
+    else this.layers?.visible(name, !this.city.layers.off.has(name));
   }
 
   #name() {
