@@ -42,7 +42,9 @@ lint: .venv/.dev
 	$(BIN)/lint-imports
 	$(BIN)/python -m wayloom.store.migrate --check
 
-test: lint
+# Kernels are compiled beside the checks that run nothing: else two processes of tests would compile each of them at once.
+test: .venv/.dev
+	$(BIN)/python -m wayloom.pipeline.kernels_ahead 2>/dev/null & compiling=$$!; $(MAKE) --no-print-directory lint || { kill $$compiling; exit 1; }; wait $$compiling || true
 	$(BIN)/pytest $(PYTEST_ARGS)
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(KERNEL_TESTS) $(PYTEST_ARGS)
 

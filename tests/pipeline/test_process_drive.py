@@ -1,5 +1,6 @@
 """A real drive from the log to the report: what is done is not done again, what changed is, and nothing is left half-written."""
 
+import errno
 import json
 import os
 from dataclasses import replace
@@ -142,6 +143,22 @@ def test_dense_points_are_written_where_they_are_asked_for_and_redo_no_stage(don
     assert set(np.unique(points.label).tolist()) <= set(STANDING)
     process_drive(log_path, out, settings, clip_a_gnss, write_more=write_report)
     assert not (out / "dense.laz").exists()
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_report_that_fails_leaves_the_products_of_the_run_before(done, log_path, settings, clip_a_gnss, threads):
+    out, _ = done
+
+    def fail(result, folder):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def kept():
+        return {path.relative_to(out): path.read_bytes() for path in out.rglob("*") if path.is_file()}
+
+    before = kept()
+    with pytest.raises(InputError, match="No space left"):
+        process_drive(log_path, out, settings.model_copy(update={"threads": threads}), clip_a_gnss, write_more=fail)
+    assert kept() == before
 
 
 def test_without_gnss_the_map_is_in_its_own_frame(done, log_path, settings, clip_a_gnss):
