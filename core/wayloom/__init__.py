@@ -4,6 +4,7 @@
 are first asked for, so that `import wayloom` costs nothing.
 """
 
+import os as _os
 from importlib import import_module as _import_module
 from pathlib import Path as _Path
 
@@ -12,6 +13,8 @@ from wayloom.config.kernel_cache import use_kernel_cache as _use_kernel_cache
 __version__ = "0.1.0"
 _DOORS = ("Drive", "Map", "open_log", "process")
 
+_os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+"""onnxruntime reads it when it is imported, by whomever; nothing is recorded or sent unasked."""
 _use_kernel_cache(_Path(__file__).parent)
 
 

@@ -177,6 +177,19 @@ def test_a_part_of_the_settings_leaves_the_other_tables_alone(file: Path):
         load(ServiceSettings, file)
 
 
+def test_a_mistyped_variable_is_told_and_one_of_another_part_is_not(monkeypatch: pytest.MonkeyPatch):
+    for model in (ServiceSettings, ProcessSettings, WayloomSettings):
+        for key in leaves(model):
+            monkeypatch.setenv(variable(key), "")
+    for name in ("WAYLOOM_MODELS", "WAYLOOM_SERVER", "WAYLOOM_DATA", "WAYLOOM_DOMAIN"):
+        monkeypatch.setenv(name, "x")
+    for model in (ServiceSettings, ProcessSettings, WayloomSettings):
+        assert load(model).origins == {}
+    monkeypatch.setenv("WAYLOOM_THREDS", "7")
+    assert refused("WAYLOOM_THREDS: no setting is called so").startswith("WAYLOOM_THREDS")
+    refused("did you mean WAYLOOM_THREADS?")
+
+
 UNUSED = ("access", "oidc_client_secret")
 """Beside a file that holds the secret it is refused."""
 

@@ -22,6 +22,10 @@ from wayloom.errors import ConfigError
 
 PREFIX: Final = "WAYLOOM_"
 CONFIG_VARIABLE: Final = "WAYLOOM_CONFIG"
+OTHER_VARIABLES: Final = frozenset({CONFIG_VARIABLE, "WAYLOOM_MODELS", "WAYLOOM_SERVER", "WAYLOOM_DATA"})
+"""That are no settings."""
+MISTYPED: Final = 0.8
+"""`difflib`'s ratio from which a name is taken for another one, mistyped: one letter of five that lacks or is wrong."""
 FILE_SUFFIXES: Final = (".onnx", ".toml")
 S = TypeVar("S", bound=Settings)
 Key = tuple[str, ...]
@@ -176,15 +180,24 @@ def _from_folder(value: Any, info: FieldInfo | None, folder: Path) -> Any:
 
 
 def _from_environment(fields: Mapping[Key, FieldInfo]) -> Iterator[tuple[Key, str, Origin]]:
-    """Variables that are set and not empty. Raises ConfigError for one in a table of ours that no field is called."""
+    """Variables that are set and not empty. Raises ConfigError for one in a table of ours that no field is called, and for one
+    that is nearly called as a field is."""
     known = {name: key for key, info in fields.items() for name in _variables(key, info)}
     tables = {f"{PREFIX}{key[0].upper()}__" for key in fields if len(key) > 1}
     for name in os.environ:
-        if name not in known and name.startswith(tuple(tables)):
+        if name not in known and (name.startswith(tuple(tables)) or _is_mistyped(name, known)):
             raise ConfigError("no setting is called so", record=name, remedy=_nearest(name, list(known)))
     for name, key in known.items():
         if text := os.environ.get(name):
             yield key, text, Origin("environment", name)
+
+
+def _is_mistyped(name: str, known: Mapping[str, Key]) -> bool:
+    """Whether a variable of ours is no other part's setting, but nearly one of these."""
+    if not name.startswith(PREFIX) or "__" in name or name in OTHER_VARIABLES:
+        return False
+    plain = [one.removeprefix(PREFIX) for one in known if "__" not in one]
+    return bool(difflib.get_close_matches(name.removeprefix(PREFIX), plain, n=1, cutoff=MISTYPED))
 
 
 def _variables(key: Key, info: FieldInfo) -> tuple[str, ...]:
