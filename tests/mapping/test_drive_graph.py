@@ -6,7 +6,7 @@ import pytest
 
 from wayloom.geometry import se3
 from wayloom.logs.types import FixType
-from wayloom.mapping.drive_equations import V_OMEGA, CorrelatedFixes, DriveEquations, left_cross_covariances
+from wayloom.mapping.drive_equations import V_OMEGA, CorrelatedFixes, DriveEquations
 from wayloom.mapping.drive_graph import optimise_drive
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain
 from wayloom.mapping.gnss_factors import antenna_errors, antenna_factors, antenna_key, correlations, receiver_key
@@ -126,7 +126,7 @@ def test_the_joint_covariance_of_two_nodes_is_that_of_the_dense_inverse():
     A, _ = equations.linear(state).jacobian()  # unknowns by their keys: the poses come last
     dense = np.linalg.inv(A.T @ A)[-6 * 40 :, -6 * 40 :].reshape(40, 6, 40, 6)[:, V_OMEGA][:, :, :, V_OMEGA]
     Ad = se3.adjoint(state.T_enu_node)
-    found = left_cross_covariances(equations.tree(state), state.T_enu_node, pairs)
+    found = equations.covariances(state, pairs).cross
     for (a, b), cross in zip(pairs, found, strict=True):
         expected = Ad[a] @ dense[a, :, b] @ Ad[b].T
         np.testing.assert_allclose(cross, expected, atol=1e-5 * np.abs(expected).max())

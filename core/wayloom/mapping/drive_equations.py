@@ -26,6 +26,7 @@ from wayloom.mapping.gnss_factors import (
     white_covariance,
 )
 from wayloom.mapping.odometry_links import OdometryLinks, add_scale_factors, link_cost, link_factors, pose_key, scale_key
+from wayloom.mapping.square_root_covariances import covariances, join_in_pattern
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -46,6 +47,17 @@ class DriveState:
     receiver: FloatArray
     place_enu: FloatArray
     values: gtsam.Values
+
+
+@dataclass(frozen=True, slots=True)
+class DriveCovariances:
+    """Of left perturbations of the nodes (K, 6, 6), and of pairs of nodes, first (rows) with second (columns), (P, 6, 6); of the
+    receiver (4, 4); sigma (S,) of each scale."""
+
+    nodes: FloatArray
+    cross: FloatArray
+    receiver: FloatArray
+    scale_sigma: FloatArray
 
 
 class FixTerms(Protocol):
@@ -184,6 +196,22 @@ class DriveEquations:
         """By QR: Cholesky gives up where a heading that nothing observes stands beside millimetres."""
         return self.linear(at).eliminateMultifrontal(function=gtsam.EliminateQR)
 
+    def covariances(self, at: DriveState, pairs: IntArray) -> DriveCovariances:
+        """What is known of the unknowns at the minimum. pairs : (P, 2) rows of nodes."""
+        linear, joint = self.linear(at), [(pose_key(a), pose_key(b)) for a, b in pairs.tolist()]
+        join_in_pattern(linear, joint, 6)
+        nodes, scales = range(len(at.T_enu_node)), range(self.links.stretches)
+        wanted = {*map(pose_key, nodes), *map(scale_key, scales), receiver_key()}
+        found, crosses = covariances(linear, wanted, joint)
+        cross = np.array(crosses).reshape(-1, 6, 6)[:, V_OMEGA][:, :, V_OMEGA]
+        Ad_a, Ad_b = (se3.adjoint(at.T_enu_node[rows]) for rows in pairs.T)
+        return DriveCovariances(
+            left_covariances(np.array([found[pose_key(i)] for i in nodes]), at.T_enu_node),
+            np.asarray(Ad_a @ cross @ np.swapaxes(Ad_b, -1, -2)),
+            found[receiver_key()],
+            np.sqrt([found[scale_key(k)][0, 0] for k in scales]),
+        )
+
     def linear(self, at: DriveState) -> gtsam.GaussianFactorGraph:
         """All factors, linear at a state, whitened."""
         linear = self._graph.linearize(at.values)
@@ -251,40 +279,8 @@ def _pose_sigmas(rotation_rad: float, position_m: float) -> gtsam.noiseModel.Dia
     return gtsam.noiseModel.Diagonal.Sigmas(np.array([rotation_rad] * 3 + [position_m] * 3))
 
 
-def marginal(tree: gtsam.GaussianBayesTree, key: int) -> FloatArray:
-    """Covariance of one unknown, (R^T R)^-1 of its marginal. (R is a view: the marginal must live as long.)"""
-    factor = tree.marginalFactor(key, function=gtsam.EliminateQR)
-    inverse_root = np.linalg.inv(factor.R())
-    return np.asarray(inverse_root @ inverse_root.T)
-
-
-def scale_sigmas(tree: gtsam.GaussianBayesTree, stretches: int) -> FloatArray:
-    """(S,) sigma of each scale unknown."""
-    variances = [float(marginal(tree, scale_key(k))[0, 0]) for k in range(stretches)]
-    return np.sqrt(np.array(variances, np.float64))
-
-
-def left_covariances(tree: gtsam.GaussianBayesTree, T_enu_node: FloatArray) -> FloatArray:
-    """(K, 6, 6): T exp(xi) = exp(Ad_T xi) T, after (omega, v) has been put in the order (v, omega)."""
-    right = np.array([marginal(tree, pose_key(i))[np.ix_(V_OMEGA, V_OMEGA)] for i in range(len(T_enu_node))])
+def left_covariances(right: FloatArray, T_enu_node: FloatArray) -> FloatArray:
+    """(K, 6, 6) out of those of gtsam's right perturbations: T exp(xi) = exp(Ad_T xi) T, (omega, v) in the order (v, omega)."""
     Ad = se3.adjoint(T_enu_node)
-    covariance = Ad @ right @ np.swapaxes(Ad, -1, -2)
+    covariance = Ad @ right[:, V_OMEGA][:, :, V_OMEGA] @ np.swapaxes(Ad, -1, -2)
     return np.asarray(0.5 * (covariance + np.swapaxes(covariance, -1, -2)))
-
-
-def left_cross_covariances(tree: gtsam.GaussianBayesTree, T_enu_node: FloatArray, pairs: IntArray) -> FloatArray:
-    """(P, 6, 6) of the left perturbations of the first node of each pair (rows) with those of its second (columns).
-
-    pairs : (P, 2) rows of nodes, the lesser first
-    """
-    joint = [_cross(tree, pose_key(a), pose_key(b)) for a, b in pairs.tolist()]
-    right = np.array(joint).reshape(-1, 6, 6)[:, V_OMEGA][:, :, V_OMEGA]
-    Ad_a, Ad_b = (se3.adjoint(T_enu_node[rows]) for rows in pairs.T)
-    return np.asarray(Ad_a @ right @ np.swapaxes(Ad_b, -1, -2))
-
-
-def _cross(tree: gtsam.GaussianBayesTree, first: int, second: int) -> FloatArray:
-    """(6, 6) covariance of one pose with another of a greater key."""
-    A, _ = tree.joint([first, second], function=gtsam.EliminateQR).jacobian()
-    inverse_root = np.linalg.inv(np.linalg.qr(A, mode="r"))
-    return np.asarray((inverse_root @ inverse_root.T)[:6, 6:])

@@ -29,15 +29,11 @@ from wayloom.mapping.drive_equations import (
     DriveState,
     NoFixes,
     PoseTerms,
-    left_covariances,
-    left_cross_covariances,
-    marginal,
-    scale_sigmas,
 )
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, DriveSolution, OdometryChain, ReceiverTold
 from wayloom.mapping.evidence import Evidence
 from wayloom.mapping.fix_screening import screen
-from wayloom.mapping.gnss_factors import RECEIVER, receiver_key, with_held
+from wayloom.mapping.gnss_factors import RECEIVER, with_held
 from wayloom.mapping.height_datums import datum_heights, without_datums
 from wayloom.mapping.loop_factors import LoopTerms
 from wayloom.mapping.odometry_links import links_of
@@ -145,14 +141,12 @@ def _solved(equations: DriveEquations, start: DriveState, pairs: IntArray) -> So
         equations = held_at(equations, height.down_m)
         state = equations.descend(replace(state, receiver=without_height(state.receiver)))
         by_height = height.sigma_m * height.nodes_per_m[None]
-    tree = equations.tree(state)
-    receiver, of_receiver = state.receiver, marginal(tree, receiver_key())
+    known = equations.covariances(state, pairs)
+    receiver, of_receiver = state.receiver, known.receiver
     if height is not None:
         receiver = receiver + height.down_m * (np.arange(RECEIVER) == DOWN)
         of_receiver = of_receiver + height.sigma_m**2 * np.outer(height.receiver_per_m, height.receiver_per_m)
-    covariance, cross = left_covariances(tree, state.T_enu_node), left_cross_covariances(tree, state.T_enu_node, pairs)
-    scale_sigma = scale_sigmas(tree, equations.links.stretches)
-    return Solved(equations, state, receiver, covariance, cross, of_receiver, scale_sigma, by_height)
+    return Solved(equations, state, receiver, known.nodes, known.cross, of_receiver, known.scale_sigma, by_height)
 
 
 def clock_sigmas(time_offset_s: float, variance_s2: float, noise: DriveNoise) -> float:
@@ -198,17 +192,17 @@ def optimise_without_fixes(
     terms = (*_terms(evidence, closed), StartGauge(T_enu_node[0]))
     equations = DriveEquations(chain, links, NoFixes(), noise, terms)
     state = equations.descend(equations.first_state(T_closed))
-    tree = equations.tree(state)
+    known = equations.covariances(state, pairs)
     return DriveSolution(
         state.T_enu_node,
-        left_covariances(tree, state.T_enu_node),
-        left_cross_covariances(tree, state.T_enu_node, pairs),
+        known.nodes,
+        known.cross,
         1.0 + state.scale,
-        scale_sigmas(tree, links.stretches),
+        known.scale_sigma,
         np.zeros(0, bool),
         np.zeros((0, 3)),
         state.receiver,
-        marginal(tree, receiver_key()),
+        known.receiver,
         0.0,
         ReceiverTold(np.zeros((RECEIVER, RECEIVER)), np.zeros(RECEIVER)),
         (False, False),
