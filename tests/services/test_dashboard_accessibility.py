@@ -101,6 +101,31 @@ def test_every_swatch_of_the_legend_has_an_edge_that_stands_out_and_its_name_bes
     page.close()
 
 
+@pytest.mark.browser
+def test_no_class_hides_in_the_dark(shown: tuple[Any, str, dict[str, str]]) -> None:
+    """In the dark the map lifts all colours of classes by the same share of white, in the legend as in the pictures."""
+    browser, url, _ = shown
+    page = browser.new_page(color_scheme="dark")
+    page.goto(url)
+    page.wait_for_selector("#legend li")
+    until(lambda: page.evaluate("globalThis.wayloomMap?.getLayer('semantic') !== undefined"), 60)
+    assert page.evaluate("wayloomMap.getPaintProperty('semantic', 'raster-brightness-min')") == 0.2
+    ground, *tones = page.evaluate(
+        """[getComputedStyle(document.getElementById("map")).backgroundColor,
+            ...[...document.querySelectorAll("#legend li i")].map((one) => {
+              const pen = new OffscreenCanvas(1, 1).getContext("2d");
+              pen.fillStyle = getComputedStyle(one).backgroundColor;
+              pen.fillRect(0, 0, 1, 1);
+              return `rgb(${[...pen.getImageData(0, 0, 1, 1).data].slice(0, 3)})`;
+            })]"""
+    )
+    assert len(tones) >= 8
+    assert min(contrast(tone, ground) for tone in tones) >= 3.0
+    page.emulate_media(color_scheme="light")
+    until(lambda: page.evaluate("wayloomMap.getPaintProperty('semantic', 'raster-brightness-min')") == 0)
+    page.close()
+
+
 def contrast(one: str, other: str) -> float:
     """Of two CSS colours rgb(r, g, b), by WCAG 2: 1 to 21."""
     low, high = sorted((luminance(one), luminance(other)))

@@ -45,7 +45,7 @@ def test_a_chosen_folder_is_sent_whole_named_and_mapped(browser: Any, tmp_path: 
         page.fill("dialog input[name=name]", "street seven")
         page.fill("dialog input[name=vehicle]", "van-7")
         page.click("dialog .primary")
-        until(lambda: "sent, it is being processed" in page.inner_text(".upload .words"))
+        until(lambda: page.inner_text(".upload .words").startswith("sent ·"))
         (drive,) = up.api().json("GET", "/v1/drives")["drives"]
         assert (drive["name"], drive["vehicle_id"], drive["files"]) == ("street seven", "van-7", 4)
         assert wait_for_drive(up.api(), drive["id"])["state"] == "done"
@@ -184,3 +184,31 @@ DROP = """() => {
   event.dataTransfer = { types: ["Files"], items: [{ webkitGetAsEntry: () => entry }] };
   document.body.dispatchEvent(event);
 }"""
+
+
+@pytest.mark.browser
+def test_what_is_no_log_and_what_lacks_its_calibration_is_told_before_it_is_sent(browser: Any, tmp_path: Path) -> None:
+    other, raw = folder(tmp_path / "other", (10,)), tmp_path / "2011_09_26_drive_0001_sync"
+    for camera in ("image_00", "image_01"):
+        (raw / camera / "data").mkdir(parents=True)
+        (raw / camera / "timestamps.txt").write_text("2011-09-26 13:02:44.336092940\n")
+        (raw / camera / "data" / "0000000000.png").write_bytes(b"not yet looked at")
+    (tmp_path / "calib_cam_to_cam.txt").write_text("calib_time: 09-Jan-2012 13:57:47\n")
+    with closing(ApiAlone(tmp_path / "data")) as alone:
+        answering(alone.url)
+        page = browser.new_page()
+        page.goto(alone.url)
+        choose(page, other)
+        assert "No file of it is called as those of a drive log are" in page.inner_text("dialog")
+        assert page.is_enabled("dialog .primary")
+        page.keyboard.press("Escape")
+        choose(page, raw)
+        assert "calib_cam_to_cam.txt" in page.inner_text("dialog")
+        assert page.is_disabled("dialog .primary")
+        page.set_input_files("dialog input[name=calibration]", str(tmp_path / "calib_cam_to_cam.txt"))
+        page.click("dialog .primary")
+        until(lambda: page.inner_text(".upload .words").startswith("sent ·"))
+        (drive,) = httpx2.get(f"{alone.url}/v1/drives").json()["drives"]
+        assert drive["files"] == 5
+        assert (alone.data / "drives" / drive["id"] / "log" / "calib_cam_to_cam.txt").is_file()
+        page.close()

@@ -177,7 +177,8 @@ def find(api: "Api", wanted: str) -> dict[str, Any]:
     if len(found) != 1:
         which = ", ".join(f"{one['name']} ({one['id'][:SHORT]})" for one in found[:3]) + (", …" if len(found) > 3 else "")
         said = f"{len(found)} drives are called {wanted!r}: {which}" if found else f"no drive is called {wanted!r}"
-        raise NotFoundError(f"{said}; `wayloom drives list --to {api.url}` shows them")
+        how = "; give an id or its beginning: " if found else "; "
+        raise NotFoundError(f"{said}{how}`wayloom drives list --to {api.url}` shows them")
     return found[0]
 
 

@@ -5,6 +5,7 @@ import { DriveList } from "/static/list/list.js";
 import { MapHost } from "/static/map_host.js";
 import { at, element, say } from "/static/ui/dom.js";
 import { follow, frame } from "/static/ui/frame.js";
+import { onGround } from "/static/ui/tones.js";
 import { many } from "/static/ui/words.js";
 
 const [info, caller] = await Promise.all([ask("/v1/info"), frame()]);
@@ -18,7 +19,7 @@ at("legend").querySelector("ul").append(
   ...info.classes.filter((one) => one.in_map).map(({ name, colour }) => {
     const item = element("li");
     const square = element("i");
-    square.style.background = colour;
+    square.style.background = onGround(colour);
     item.append(square, name);
     return item;
   }),

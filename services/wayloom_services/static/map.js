@@ -42,7 +42,7 @@ export class CityMap {
     this.coverage = new Coverage(this.map, ask);
     this.tracks = new Tracks(this.map, ask);
     this.tracks.changed = () => this.#tell("tracks");
-    this.layers = new VersionLayers(this.map, overlays, "coverage");
+    this.layers = new VersionLayers(this.map, overlays, "coverage", "tracks-edge");
     this.ready = new Promise((resolve) => this.map.once("style.load", resolve)).then(() => {
       this.coverage.addLayers();
       this.tracks.addLayers();
@@ -57,6 +57,8 @@ export class CityMap {
     this.map.addLayer({ id: "grid", type: "raster", source: "grid" }, this.map.getStyle().layers[0]?.id);
     this.coverage.recolour();
     this.tracks.recolour();
+    this.layers.recolour();
+    this.other?.recolour();
   }
 
   // hear(what, work): work is called when the version that is shown, what is visible, the chosen drive, or a way of a drive has changed.

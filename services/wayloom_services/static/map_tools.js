@@ -17,6 +17,7 @@ export async function mountTools(city, { info, ask, at }) {
   new Sites(city, lists);
   const changes = new Changes(city, lists, told, ask);
   follow3d(city, at("to-3d"));
+  city.hear("version", () => (at("version").textContent = `${info.map_id} · version ${city.shown.version}${city.pinned ? `, newest is ${city.newest.version}` : ""}`));
   address = new Address({ city, at, legend, versions, told });
   city.held = address.isPlaced;
   globalThis.wayloomTools = { address, told, legend, versions };

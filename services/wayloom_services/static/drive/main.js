@@ -151,6 +151,7 @@ function show(drive) {
   const news = [before?.facts.quality !== drive.facts.quality, before?.facts.preview !== drive.facts.preview, before?.images.state !== drive.images.state];
   if (news[0] && drive.facts.quality) telling("quality", showQuality);
   if ((news[1] || news[2]) && drive.facts.preview) telling("keyframes", () => scrubber.load());
+  if (drive.state === "removing") return;
   if (!before || before.stages.map((one) => one.state).join() !== drive.stages.map((one) => one.state).join()) telling("history", () => showHistory(id));
 }
 
@@ -230,8 +231,9 @@ function hear(event, data) {
   }
   if (event === "removed" && data.id === id) {
     isRemoved = true;
-    telling("drive", () => Promise.reject(new Error("This drive was removed.")));
-    at("actions").replaceChildren();
+    at("none").querySelector("h1").textContent = "This drive was removed";
+    at("none").querySelector("p").textContent = "Its files are gone; its part of the map goes with the next version.";
+    missing(true);
   }
 }
 

@@ -2,6 +2,7 @@
 
 import { element } from "/static/ui/dom.js";
 import { AGE_RAMP, CHANGES, COUNT_RAMP, FEATURES } from "/static/map/style.js";
+import { onGround } from "/static/ui/tones.js";
 import { many } from "/static/ui/words.js";
 
 const day = (seconds) => new Date(1000 * seconds).toISOString().slice(0, 10);
@@ -65,7 +66,7 @@ export class Legend {
 
   #overlay(name) {
     const names = this.city.layers.classesOf(name);
-    return this.all.filter((one) => names.has(one.name)).map((one) => [one.name, one.colour]);
+    return this.all.filter((one) => names.has(one.name)).map((one) => [one.name, onGround(one.colour)]);
   }
 
   #drawn(id) {
@@ -97,7 +98,7 @@ export class Legend {
       this.hide(this.hidden);
       this.changed(true);
     });
-    square.style.background = colour;
+    square.style.background = onGround(colour);
     label.append(box, square, name);
     item.append(label);
     return item;

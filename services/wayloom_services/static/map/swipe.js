@@ -72,7 +72,7 @@ export class Swipe {
       this.marked = null;
       this.#followChoice(this.city.chosen);
       for (const name of Object.keys(OWN_LAYERS)) this.#follow(name);
-      this.layers = new VersionLayers(this.map, this.city.overlays, "coverage");
+      this.layers = new VersionLayers(this.map, this.city.overlays, "coverage", "tracks-edge");
       this.layers.off = new Set(this.city.layers.off);
       this.layers.hidden = this.city.layers.hidden;
       this.layers.kinds = this.city.layers.kinds;

@@ -10,13 +10,14 @@ const NEAR_PX = 5;
 const VOXELS_FROM_ZOOM = 17;
 const COARSEST_TILE = 14;
 const LISTED = 8;
-const WORDS = { drive_count: "drives" };
+const WORDS = { drive_count: "drives that saw it" };
 
 const value = (name, what) => {
   const text = typeof what === "number" ? String(Number(what.toFixed(3))) : String(what);
   return name.endsWith("_m") ? `${text} m` : name.endsWith("_m2") ? `${text} m²` : name.endsWith("_deg") ? `${text}°` : text;
 };
-const rowsOf = (properties) => Object.entries(properties).map(([name, what]) => [WORDS[name] ?? name.replace(/_(m|m2|deg)$/, "").replaceAll("_", " "), value(name, what)]);
+const IDS = /^\["[0-9a-f]{64}"(, ?"[0-9a-f]{64}")*\]$/; // as MapLibre hands on a list
+const SAID_ABOVE = new Set(["kind", "class"]);
 
 export class Told {
   // changed(): the place or thing that is told of has changed.
@@ -30,6 +31,7 @@ export class Told {
     this.map.getCanvas().addEventListener("keydown", (event) => event.key === "Enter" && this.#middle());
     this.panel.addEventListener("keydown", (event) => event.key === "Escape" && this.close());
     this.map.getCanvas().addEventListener("keydown", (event) => event.key === "Escape" && this.close());
+    city.hear("version", () => this.#tellAgain());
     city.ready.then(() => this.#addMark());
   }
 
@@ -67,10 +69,17 @@ export class Told {
     this.changed();
   }
 
+  // What is here in the version that is shown by now.
+  async #tellAgain() {
+    if (this.panel.hidden || this.told === this.city.shown) return;
+    await new Promise((resolve) => this.map.once("idle", resolve));
+    if (!this.panel.hidden && this.told !== this.city.shown) await this.tellOf(this.place, this.map.project(this.place));
+  }
+
   // place: longitude, latitude. point: its pixel, or null where only the place counts.
   async tellOf(place, point = null) {
     const mine = ++this.asked;
-    const version = this.city.shown;
+    const version = (this.told = this.city.shown);
     const [thing] = point ? this.#things(point) : [];
     this.place = place;
     this.panel.hidden = false;
@@ -80,7 +89,7 @@ export class Told {
     this.#mark(place);
     this.changed();
     if (!version) return;
-    const rest = element("div", "rest quiet", "asking what it was made from");
+    const rest = element("div", "rest quiet", "asking what the map here was made from");
     this.panel.append(rest);
     try {
       const parts = await this.#lineage(version, place);
@@ -107,8 +116,15 @@ export class Told {
     this.panel.replaceChildren(title, where);
   }
 
+  #rows(properties) {
+    const nameOf = (id) => this.city.tracks.drives.get(id)?.properties.name ?? id.slice(0, 12);
+    const words = (name, what) => (IDS.test(what) ? JSON.parse(what).map(nameOf).join(", ") : value(name, what));
+    const rows = Object.entries(properties).filter(([name]) => !SAID_ABOVE.has(name));
+    return rows.map(([name, what]) => [WORDS[name] ?? name.replace(/_(m|m2|deg)$/, "").replaceAll("_", " "), words(name, what)]);
+  }
+
   #about({ layer, properties }) {
-    if (layer.id !== "tracks") return factTable(rowsOf(properties));
+    if (layer.id !== "tracks") return factTable(this.#rows(properties));
     const link = element("a", "", "the drive's page");
     link.href = `/drives/${properties.id}`;
     return factTable([["vehicle", properties.vehicle || "none"], ["grade", properties.grade || "none"], ["driven", day(properties.when)], ["report", link]]);
@@ -141,7 +157,7 @@ export class Told {
       }
       parts.push(table);
     }
-    const title = drives.length ? `Made from ${many(drives.length, "drive")}, version ${version}` : `Nothing is mapped here in version ${version}`;
+    const title = drives.length ? `The map here is from ${many(drives.length, "drive")}, version ${version}` : `Nothing is mapped here in version ${version}`;
     parts.push(element("h3", "", title), driveList(drives));
     return parts;
   }

@@ -3,6 +3,7 @@
 import { namesWithin, notedAddress } from "/static/map/overlay_classes.js";
 import { addressWithout } from "/static/map/shown_classes.js";
 import { FEATURES, HIDDEN, KIND_OF_CLASS } from "/static/map/style.js";
+import { lift } from "/static/ui/tones.js";
 
 const PHOTO = "ortho";
 const CLASS_PICTURES = new Set(["semantic"]);
@@ -10,9 +11,9 @@ export const CLASS_LIST = "class-list";
 const LISTED_UP_TO = 14;
 
 export class VersionLayers {
-  // before: the id of the layer under which they lie, or undefined. overlays: names of pictures over the classes.
-  constructor(map, overlays, before) {
-    Object.assign(this, { map, overlays, before, version: null, hidden: new Set(), off: new Set([...overlays, ...HIDDEN]) });
+  // before: the id of the layer under which pictures lie. above: of that under which features lie. overlays: names of pictures over the classes.
+  constructor(map, overlays, before, above) {
+    Object.assign(this, { map, overlays, before, above, version: null, hidden: new Set(), off: new Set([...overlays, ...HIDDEN]) });
   }
 
   get names() {
@@ -78,7 +79,13 @@ export class VersionLayers {
     const photo = name === PHOTO;
     this.map.addSource(name, { type: "raster", tiles: [this.#address(name)], tileSize: photo ? 512 : 256, ...this.#common(layer) });
     const layout = { visibility: this.off.has(name) ? "none" : "visible" };
-    this.map.addLayer({ id: name, type: "raster", source: name, layout, paint: { "raster-resampling": photo ? "linear" : "nearest" } }, this.before);
+    const paint = photo ? { "raster-resampling": "linear" } : { "raster-resampling": "nearest", "raster-brightness-min": lift() };
+    this.map.addLayer({ id: name, type: "raster", source: name, layout, paint }, this.before);
+  }
+
+  // For the page's light or dark scheme.
+  recolour() {
+    for (const name of ["semantic", ...this.overlays]) if (this.map.getLayer(name)) this.map.setPaintProperty(name, "raster-brightness-min", lift());
   }
 
   #showFeatures(name) {
@@ -89,7 +96,7 @@ export class VersionLayers {
     for (const [id, drawn] of Object.entries(FEATURES[name])) {
       const layout = { ...drawn.layout, visibility: this.off.has(name) ? "none" : "visible" };
       const filter = ["areas", "objects"].includes(id) && this.#filter() ? { filter: this.#filter() } : {};
-      this.map.addLayer({ ...drawn, ...filter, id, source: name, "source-layer": id, layout }, this.before);
+      this.map.addLayer({ ...drawn, ...filter, id, source: name, "source-layer": id, layout }, this.above);
     }
   }
 

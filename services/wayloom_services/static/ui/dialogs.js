@@ -3,7 +3,7 @@
 import { element } from "/static/ui/dom.js";
 
 // Asks. about: { title, text, fields, action, danger, check(values) -> why not | "" }. A field: { name, label, kind, value, options, hint }.
-// The values by name, of kinds file and folder lists of files, or null where the dialog is closed without an answer. work(values) runs while the dialog is open, and an error of it is
+// The values by name, of kinds file, files and folder lists of files, or null where the dialog is closed without an answer. work(values) runs while the dialog is open, and an error of it is
 // told there, so that what was typed is not lost.
 export function dialog({ title, text, fields = [], action, danger = false, check = () => "", work }) {
   return new Promise((resolve) => {
@@ -57,7 +57,8 @@ function inputOf({ name, label, kind = "text", value = "", options = [], hint = 
   const wrap = element("label", "", label);
   const input = element(kind === "select" ? "select" : kind === "long" ? "textarea" : "input");
   if (kind === "select") input.append(...options.map(([key, words]) => new Option(words, key)));
-  else if (kind !== "long") input.type = kind === "folder" ? "file" : kind;
+  else if (kind !== "long") input.type = ["folder", "files"].includes(kind) ? "file" : kind;
+  input.multiple = kind === "files";
   input.name = name;
   if (kind === "folder") input.webkitdirectory = true;
   if (input.type !== "file") input.value = value;

@@ -58,3 +58,22 @@ export function drivesOf(pairs) {
     };
   });
 }
+
+const OF_LOGS = /(^|\/)(times\.txt|timestamps\.txt|data\.csv)$|\.mcap$/;
+const RAW = /^(.*\/)image_0[0-3]\/timestamps\.txt$/;
+const CALIBRATION = /(^|\/)(calib_cam_to_cam|perspective)\.txt$/; // of KITTI's raw layout, of KITTI-360
+
+// What speaks against a drive by the names of its files alone: { words, calibrationAt }, the latter where KITTI's calibration of the day, which
+// is kept beside the drives of it, belongs.
+export function doubtOf({ files }) {
+  const paths = files.map(({ path }) => path);
+  if (!paths.some((path) => OF_LOGS.test(path))) return { words: "No file of it is called as those of a drive log are (KITTI, EuRoC, MCAP): the service will hardly take it.", calibrationAt: null };
+  const raw = paths.map((path) => RAW.exec(path)).find(Boolean);
+  if (!raw || paths.some((path) => CALIBRATION.test(path))) return { words: "", calibrationAt: null };
+  return { words: "KITTI keeps the calibration of a day beside its drives: give calib_cam_to_cam.txt and the others of that day, too.", calibrationAt: raw[1] };
+}
+
+export const withFiles = (drive, folder, found) => {
+  const files = [...drive.files, ...found.map((file) => ({ path: `${folder}${file.name}`, file }))].sort((a, b) => (a.path < b.path ? -1 : 1));
+  return { ...drive, files, bytes: bytesOf(files) };
+};

@@ -1,13 +1,13 @@
 // Sending drives from the page: a folder is dropped anywhere or chosen by a button, looked at, named, and sent; its progress stands over the list.
 
-import { chosen, drivesOf, dropped, gnssOf, withGnss } from "/static/upload/files.js";
+import { chosen, doubtOf, drivesOf, dropped, gnssOf, withFiles, withGnss } from "/static/upload/files.js";
 import { Sender } from "/static/upload/sender.js";
 import { dialog } from "/static/ui/dialogs.js";
 import { at, button, element, say } from "/static/ui/dom.js";
 import { announce } from "/static/ui/frame.js";
 import { many, size } from "/static/ui/words.js";
 
-const WORDS = { hashing: "reading", announcing: "announcing", sending: "sending", paused: "paused", stopped: "stopped", sent: "sent, it is being processed" };
+const WORDS = { hashing: "reading", announcing: "announcing", sending: "sending", paused: "paused", stopped: "stopped", sent: "sent" };
 
 class UploadCard {
   constructor(drive) {
@@ -53,19 +53,22 @@ class UploadCard {
 // Asks for name and vehicle of each drive, and begins.
 async function offer(pairs) {
   for (const drive of drivesOf(pairs)) {
+    const doubt = doubtOf(drive);
     const wanted = await dialog({
-      title: "Send a drive", action: "Send", text: `${many(drive.files.length, "file")}, ${size(drive.bytes)}. Nothing is sent before you say so.`,
+      title: "Send a drive", action: "Send", text: `${many(drive.files.length, "file")}, ${size(drive.bytes)}. Nothing is sent before you say so. ${doubt.words}`.trim(),
       fields: [
+        ...(doubt.calibrationAt === null ? [] : [{ name: "calibration", label: "Calibration of that day, its files", kind: "files", required: true }]),
         { name: "name", label: "Name", value: drive.name, required: true },
         { name: "vehicle", label: "Vehicle", hint: "empty: as the log says" },
         { name: "gnss", label: "GNSS log that is kept beside it, a file", kind: "file" },
         { name: "gnssFolder", label: "or a folder of one", kind: "folder" },
       ],
-      check: ({ name, gnss, gnssFolder }) => (!name.trim() ? "no name" : gnss.length && gnssFolder.length ? "a file or a folder" : ""),
+      check: ({ name, gnss, gnssFolder, calibration }) => (calibration?.length === 0 ? "no calibration" : !name.trim() ? "no name" : gnss.length && gnssFolder.length ? "a file or a folder" : ""),
     });
     if (!wanted) continue;
     const beside = gnssOf(chosen([...wanted.gnss, ...wanted.gnssFolder]));
-    at("uploads").append(new UploadCard({ ...withGnss(drive, beside), name: wanted.name.trim(), vehicle: wanted.vehicle.trim() }).root);
+    const whole = withFiles(drive, doubt.calibrationAt, wanted.calibration ?? []);
+    at("uploads").append(new UploadCard({ ...withGnss(whole, beside), name: wanted.name.trim(), vehicle: wanted.vehicle.trim() }).root);
   }
 }
 

@@ -1,6 +1,7 @@
 // How points are coloured: by class, height, drives, age or confidence, in one shader; hidden classes are not drawn.
 
 import { Color, GLSL3, RawShaderMaterial, Vector3, Vector4 } from "/static/vendor/three/three.bundle.mjs";
+import { lift } from "/static/ui/tones.js";
 import { many } from "/static/ui/words.js";
 
 export const MODES = ["class", "height", "drives", "age", "confidence"];
@@ -16,6 +17,7 @@ uniform int mode;
 uniform vec4 classes[${CLASSES}];
 uniform vec3 ramp[8];
 uniform vec2 range;
+uniform float lift;
 uniform float pointPx, edgeM, pxPerM;
 in vec3 position;
 in vec4 facts;
@@ -33,7 +35,7 @@ void main() {
   gl_Position = own.a > 0.0 ? projectionMatrix * seen : vec4(2.0, 2.0, 2.0, 1.0);
   gl_PointSize = clamp(pointPx * edgeM * pxPerM / max(-seen.z, 0.1), pointPx, 4.0 * pointPx);
   float value = mode == 1 ? place.z : mode == 2 ? log2(max(facts.y, 1.0)) : mode == 3 ? lastSeen : facts.z / 255.0;
-  tone = mode == 0 ? own.rgb : along((value - range.x) / max(range.y - range.x, 1e-6));
+  tone = mode == 0 ? mix(own.rgb, vec3(1.0), lift) : along((value - range.x) / max(range.y - range.x, 1e-6));
 }`;
 const FRAGMENT = `precision mediump float;
 in vec3 tone;
@@ -56,7 +58,7 @@ export function pointMaterial(classes) {
   return new RawShaderMaterial({
     glslVersion: GLSL3, vertexShader: VERTEX, fragmentShader: FRAGMENT,
     uniforms: {
-      mode: { value: 0 }, classes: { value: own }, ramp: { value: VIRIDIS.map(rgb) }, range: { value: [0, 1] },
+      mode: { value: 0 }, classes: { value: own }, ramp: { value: VIRIDIS.map(rgb) }, range: { value: [0, 1] }, lift: { value: lift() },
       pointPx: { value: 2 }, edgeM: { value: 0.1 }, pxPerM: { value: 500 },
     },
   });

@@ -1,5 +1,6 @@
 // The panel of the 3D page: what is chosen there goes to `act`, what is the case comes from `show`, `classes`, `drive` and so on.
 
+import { onGround } from "/static/ui/tones.js";
 import { element } from "/static/ui/dom.js";
 import { CIVIDIS, endsOf, VIRIDIS } from "/static/view3d/colours.js";
 
@@ -47,7 +48,7 @@ export class Panel {
       else hidden.add(name);
       this.act.change({ hidden });
     });
-    square.style.background = colour;
+    square.style.background = onGround(colour);
     label.append(box, square, name);
     item.append(label);
     return item;

@@ -4,6 +4,7 @@ import {
   BufferAttribute, BufferGeometry, Color, Line, LineBasicMaterial, Matrix4, PerspectiveCamera, Scene, Vector3, WebGLRenderer,
 } from "/static/vendor/three/three.bundle.mjs";
 import { Orbit } from "/static/view3d/camera.js";
+import { lift, whenSchemeChanges } from "/static/ui/tones.js";
 import { pointMaterial, setMode, showClass } from "/static/view3d/colours.js";
 import { LocalFrame } from "/static/view3d/geo.js";
 import { TileTree } from "/static/view3d/tiles.js";
@@ -37,7 +38,10 @@ export class PointScene {
     this.asked = false;
     new ResizeObserver(() => this.#resize()).observe(canvas.parentElement);
     canvas.addEventListener("webglcontextrestored", () => this.redraw());
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
+    whenSchemeChanges(() => {
+      this.material.uniforms.lift.value = lift();
+      this.redraw();
+    });
   }
 
   // The tangent plane in which all is drawn from now on.
