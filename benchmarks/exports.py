@@ -66,6 +66,9 @@ class MadeStreets:
     def tracks(self) -> Any:
         return iter([Track("made", self.place + np.array([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0]]))])
 
+    def doubts(self) -> dict[str, Any]:
+        return {}
+
     def provenance(self) -> dict[str, Any]:
         return provenance_of("made", [{"id": "made"}], self.frame, {}, "")
 

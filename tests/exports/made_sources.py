@@ -47,6 +47,9 @@ class MadeSource:
     def tracks(self) -> Any:
         return iter(made_tracks(self.whole))
 
+    def doubts(self) -> dict[str, Any]:
+        return {}
+
     def provenance(self) -> dict[str, Any]:
         drive = {"id": "a", "sha256": {"manifest": "1" * 64}, "network": {"name": "made"}}
         return provenance_of("made", [drive], self.frame, {"merge": {"voxel_m": 0.1}}, "c0de")

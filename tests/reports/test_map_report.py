@@ -1,5 +1,6 @@
 """A map's report is one page that needs nothing else, and lists what is there."""
 
+import json
 import os
 import re
 from pathlib import Path
@@ -79,3 +80,16 @@ def test_a_browser_shows_all_of_it_without_network(page_file: Path, width: int) 
         if folder := os.environ.get("WAYLOOM_SHOTS"):
             page.screenshot(path=f"{folder}/map-report-{width}.png", full_page=True)
         browser.close()
+
+
+def test_what_drives_warn_of_stands_before_the_map(tmp_path: Path) -> None:
+    sure, doubtful = drives_with_ground(tmp_path)
+    (sure / "report.json").write_text(json.dumps({"warnings": []}))
+    (doubtful / "report.json").write_text(json.dumps({"warnings": ["GNSS and odometry disagree by 3 %", "labels <mostly> wrong"]}))
+    write_map_report(DriveOutputs([sure, doubtful], MergeSettings()), tmp_path / "map.html", "two")
+    page = (tmp_path / "map.html").read_text(encoding="utf-8")
+    told = page[page.index("Before you trust this map") : page.index("<h2>The map</h2>")]
+    assert "b" * 64 in told
+    assert "a" * 64 not in told
+    assert "disagree by 3 %" in told
+    assert "&lt;mostly&gt;" in told

@@ -100,3 +100,18 @@ def test_a_drive_is_deleted_by_typing_its_name_and_not_before(browser: Any, up: 
         page.click("dialog .danger")
         card.wait_for(state="detached")
     until(lambda: httpx2.get(f"{up.url}/v1/drives/{drive}").status_code == 404)
+
+
+@pytest.mark.browser
+def test_the_page_of_a_drive_that_is_deleted_says_so_and_leads_back(browser: Any, up: Up, tmp_path: Path) -> None:
+    drive = upload(up.api(), packed_drive(tmp_path / "e", "last street"))["id"]
+    wait_for_drive(up.api(), drive)
+    with watched(browser, up.url, f"/drives/{drive}") as page:
+        page.click("#delete")
+        page.fill("dialog input", "last street")
+        page.click("dialog .danger")
+        until(lambda: page.locator("h1:visible").all_inner_texts()[-1] == "This drive was removed")
+        assert not page.is_visible("#problem")
+        assert not page.is_visible("#history")
+        page.click("#none a")
+        page.wait_for_url(f"{up.url}/")

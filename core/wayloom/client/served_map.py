@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.client.api import Api
+from wayloom.client.drives import all_drives
 from wayloom.exports.boxes import inside
 from wayloom.exports.provenance import provenance_of
 from wayloom.exports.source import Feature
@@ -111,6 +112,11 @@ class ServedMap:
                 lon_lat = lon_lat[inside(lon_lat, self._box)]
                 places = np.column_stack([lon_lat, np.full(len(lon_lat), height)])
                 yield Track(drive_id, wgs84.enu_from_lonlatheight(places, self._frame))
+
+    def doubts(self) -> Mapping[str, Sequence[str]]:
+        """What the service says of the version's drives that warn of something."""
+        drives = set(self._version["drives"])
+        return {one["id"]: one["warnings"] for one in all_drives(self._api) if one["id"] in drives and one["warnings"]}
 
     def provenance(self) -> Mapping[str, Any]:
         """Drives by the hashes of their uploads, with the runs that made them, from the version's lineage."""

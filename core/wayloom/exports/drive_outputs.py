@@ -54,6 +54,7 @@ ON_GROUND: Final[Mapping[str, Callable[[RegionKey, GroundOfRegions, MapFrame], b
     "areas": lambda key, ground, frame: region_areas(key, ground, frame, AreaSettings()),
 }
 """Features that are found on the ground of a region and of those around it."""
+REPORT_FILE: Final = "report.json"
 HELD_SUBMAPS, HELD_SHEETS, HELD_REGIONS, HELD_RASTERS = 32, 24, 9, 48
 
 
@@ -181,6 +182,15 @@ class DriveOutputs:
                 read = partial(load, folder, digest)
                 found.append(PlacedSheet(item.drive_id, digest, read, item.T_enu_submap, item.covariance))
         return found
+
+    def doubts(self) -> Mapping[str, Sequence[str]]:
+        """The warnings of the drives' reports, where the folders have them."""
+        found: dict[str, Sequence[str]] = {}
+        for entry in self._entries:
+            report = entry.folder.parent.parent / REPORT_FILE
+            if entry.drive_id not in found and report.is_file():
+                found[entry.drive_id] = json.loads(report.read_bytes()).get("warnings", ())
+        return {drive_id: warnings for drive_id, warnings in found.items() if warnings}
 
     def provenance(self) -> Mapping[str, Any]:
         """Drives with the hashes of what they were made from."""

@@ -47,5 +47,8 @@ class MapSource(RasterSource, Protocol):
     def tracks(self) -> Iterator[Track]:
         """The drives' tracks, in a fixed order."""
 
+    def doubts(self) -> Mapping[str, Sequence[str]]:
+        """What its drives warn of, by the drive's id; of those that warn of anything, and only as far as it is known."""
+
     def provenance(self) -> Mapping[str, Any]:
         """The map's origin: drives, hashes of what was uploaded, networks, code, parameters."""

@@ -70,6 +70,7 @@ def map_facts(source: MapSource, labels: np.ndarray[Any, np.dtype[np.uint8]], bo
         "voxel_m": source.voxel_m,
         "classes": classes,
         "things": _things(source, box),
+        "doubts": {name: list(words) for name, words in sorted(source.doubts().items())},
         "origin": None if source.frame is None else {"lon": source.frame.lon_deg, "lat": source.frame.lat_deg},
     }
 
