@@ -19,11 +19,14 @@ from wayloom.exports.formats import Export, export_map
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.antimeridian import box_of
 from wayloom.stitching.region_grid import region_edges
+from wayloom.store import drives as drive_rows
 from wayloom.store import maps
 from wayloom.store.blobs import BlobStore
 from wayloom.store.database import Database
 from wayloom.store.folders import Folders
+from wayloom.store.manifest import Manifest, ManifestFile
 from wayloom.store.map_versions import NewVersion, publish
+from wayloom.store.tables.maps import MapDrive
 
 MAP = "exported"
 
@@ -123,3 +126,18 @@ def test_a_part_has_the_etag_of_its_content_and_none_is_404(http: httpx2.Client,
 def test_an_unknown_map_and_a_server_that_is_not_there_are_told(api: Api) -> None:
     with pytest.raises(ServiceError, match="404"):
         ServedMap(api, "nowhere")
+
+
+def test_a_served_version_tells_what_its_drives_warn_of(api: Api, api_process: ApiAlone) -> None:
+    assert ServedMap(api, MAP, 1).doubts() == {}
+    manifest = Manifest(name="doubted street", vehicle_id="bus 1", files=(ManifestFile(path="log/a", size=1, sha256="0" * 64),))
+    database = Database(f"sqlite:///{api_process.data / 'wayloom.db'}")
+    scale = {"mean": 1.031, "sigma": 0.001}
+    with database.write() as session:
+        drive = drive_rows.register(session, manifest, MAP)[0]
+        drive.state, drive.facts, drive_id = "done", {"georeference": {"scale": scale, "messages": []}}, drive.id
+        session.add(MapDrive(map_id=MAP, drive_id=drive_id, since=1))
+    database.close()
+    ((told, words),) = ServedMap(api, MAP, 1).doubts().items()
+    assert told == drive_id
+    assert any("3.1 %" in one for one in words)

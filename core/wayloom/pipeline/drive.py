@@ -91,7 +91,7 @@ def process_drive(
     out_dir gets `stages/`, and, each by one rename and only when all are written, what `write_exports` and write_more leave.
     progress : of each stage by its name, and of "exports"
     write_more : called with the result and the folder in which the finished files are gathered, when those of `write_exports` are
-        there, in a thread of its own while others write theirs (reports use it)
+        there; with two threads or more beside the other exports, in a thread that is not the caller's (reports use it)
     Raises InputError for a bad log, network or setting, and for an out_dir that cannot be written; a bad log leaves no trace.
     """
     stages_dir = out_dir / STAGES_DIR
