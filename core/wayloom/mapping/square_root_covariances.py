@@ -1,4 +1,4 @@
-"""Covariances out of a triangular square root of the information, recovered clique by clique from the root of its Bayes tree down.
+"""Covariances of a square root of the information, clique by clique from the root of its Bayes tree down.
 
 A clique's rows of R, of its frontal unknowns F and its separator P, are [R S]. With K = R^-1 S
 
