@@ -54,6 +54,8 @@ BOX = "give west,south,east,north in degrees, as 8.40,49.00,8.42,49.01 [input.in
         (("export", "log", "--out", "a.laz", "--bbox", "9,9,1,1"), f"--bbox: 9,9,1,1 is no box on Earth; {BOX}"),
         (("export", "log", "--out", "a.laz", "--bbox", "town"), f"--bbox: 'town' is no box; {BOX}"),
         (("export", "log", "--out", "a.laz", "--format", "dwg"), "a.laz, --format: dwg is no format that is written; known are "),
+        (("export", "log", "--out", "a.las"), "a.las: .las is no format that is written; did you mean .laz? give --format, "),
+        (("drives", "list", "--state", "gone", "--to", "http://x"), "Invalid value for '--state': 'gone' is not one of "),
         (("export", "log", "--out", "a.laz", "--layers", "x"), "a.laz, --layers: x is no layer that this format holds; known are "),
         (("sync", "http://127.0.0.1:9", "d", "--bbox", "9,95,1,1"), f"--bbox: 9,95,1,1 is no box on Earth; {BOX}"),
         (("upload", "l", "--to", "http://127.0.0.1:9", "--limit-rate", "fast"), "--limit-rate: 'fast' is no rate; write one as "),

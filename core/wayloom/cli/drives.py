@@ -10,6 +10,7 @@ import typer
 
 from wayloom.cli.options import ConfigOption, ToOption
 from wayloom.cli.results import JsonOption, print_json, words
+from wayloom.config.drive_states import DriveState
 from wayloom.errors import ConfigError, NotFoundError
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ SHORT: Final = 12
 @group.command("list")
 def list_command(
     to: ToOption,
-    state: Annotated[str | None, typer.Option(help="Only drives of this state: done, held, failed, running, …")] = None,
+    state: Annotated[DriveState | None, typer.Option(help="Only drives of this state.")] = None,
     limit: Annotated[int, typer.Option(min=1, max=500, help="How many, newest first.")] = 100,
     as_json: JsonOption = False,
     config: ConfigOption = None,

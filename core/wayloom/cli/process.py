@@ -82,5 +82,6 @@ def summary(result: "DriveResult", out: Path) -> str:
     points = sum(len(placed.submap) for placed in result.submaps)
     where = "in its own frame (no GNSS)" if result.geo.frame is None else f"geo-referenced, grade {result.quality['grade']}"
     distance = path_length(trajectory.T_world_cam[:, :3, 3])
-    made = f"{points} labelled points in {len(result.submaps)} submaps, {where}"
+    parts = f"{len(result.submaps)} submap{'' if len(result.submaps) == 1 else 's'}"
+    made = f"{points} labelled points in {parts}, {where}"
     return f"{distance:.1f} m driven, {tracked}, {made}\nreport: {out / 'report.html'}"

@@ -1,5 +1,6 @@
 """Export formats, one entry each: what it is guessed from, what it holds, and its writer."""
 
+import difflib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -187,7 +188,10 @@ def format_of(out: Path, name: str | None) -> ExportFormat:
         return max(fitting, key=lambda item: item[0])[1]
     if not out.suffix:
         return EXPORT_FORMATS["tiles"]
-    raise UnknownFormatError(f"{out.suffix} is no format that is written", file=out, remedy=f"give --format, one of {known}")
+    suffixes = [suffix for one in EXPORT_FORMATS.values() for suffix in one.suffixes if suffix]
+    likely = difflib.get_close_matches(out.suffix, suffixes, n=1)
+    remedy = f"{f'did you mean {likely[0]}? ' if likely else ''}give --format, one of {known}"
+    raise UnknownFormatError(f"{out.suffix} is no format that is written", file=out, remedy=remedy)
 
 
 def checked_format(out: Path, name: str | None, layers: Sequence[str] = (), above_geoid: bool = False) -> ExportFormat:

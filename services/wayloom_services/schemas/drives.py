@@ -4,12 +4,11 @@ from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from wayloom.config.drive_states import DriveState
 from wayloom.config.gate import Gate, Grade
 from wayloom.pipeline.settings import ProcessSettings, with_asked
 from wayloom.segmentation.catalogue import MODELS
 from wayloom_services.schemas.privacy import ImagesOut
-
-DriveState = Literal["uploading", "queued", "running", "stitching", "done", "held", "quarantined", "failed", "removing"]
 
 StageState = Literal["waiting", "queued", "running", "done", "failed"]
 

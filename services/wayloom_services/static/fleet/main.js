@@ -24,7 +24,7 @@ function showQueues(queues) {
 }
 
 const held = ({ nominal, measured, judged }) =>
-  judged ? `true of ${Math.round(100 * measured)} % of ${judged} (meant: ${Math.round(100 * nominal)} %)` : "none judged yet";
+  judged ? `${Math.round(100 * measured)} % of ${judged} came true, ${Math.round(100 * nominal)} % should` : "none judged yet";
 
 function showStorage({ storage, version, retention, eta }) {
   const rows = [
@@ -32,7 +32,7 @@ function showStorage({ storage, version, retention, eta }) {
     ["Free", `${size(storage.free)} of ${size(storage.total)}`],
     ["Uploads stop below", size(storage.least_free)],
     ["Images are kept", retention === "keep" ? "for good" : retention === "until-published" ? "until their drive is published" : `${retention} days after publication`],
-    ["Times to go that were told", held(eta)],
+    ["Forecasts of the time left", held(eta)],
     ["Version", version],
   ];
   at("storage").replaceChildren(table(rows));

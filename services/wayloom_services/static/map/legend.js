@@ -74,6 +74,9 @@ export class Legend {
   }
 
   #lines() {
+    const { layers, map, shown } = this.city;
+    const comeNearer = shown?.layers.markings && !layers.off.has("markings") && map.getZoom() < FEATURES.markings.markings.minzoom;
+    if (comeNearer) return [["come nearer for markings and kerbs", "transparent"]];
     return LINES.filter((id) => this.#drawn(id).length).map((id) => [id, FEATURES.markings[id].paint["line-color"]]);
   }
 

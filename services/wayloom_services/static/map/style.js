@@ -52,7 +52,7 @@ export const FEATURES = {
       paint: {
         "circle-color": byKind({ pole: "#999999", traffic_sign: "#dcdc00", traffic_light: "#faaa1e" }, "#6b8e23"),
         "circle-radius": ["interpolate", ["linear"], ["zoom"], 16, 2.5, 21, 7],
-        "circle-stroke-color": "#ffffff", "circle-stroke-width": 1.2,
+        "circle-stroke-color": "#2b353c", "circle-stroke-width": 1.2, // light ones stand off light ground by it
       },
     },
   },
