@@ -22,8 +22,8 @@ from wayloom.errors import ConfigError
 
 PREFIX: Final = "WAYLOOM_"
 CONFIG_VARIABLE: Final = "WAYLOOM_CONFIG"
-OTHER_VARIABLES: Final = frozenset({CONFIG_VARIABLE, "WAYLOOM_MODELS", "WAYLOOM_SERVER", "WAYLOOM_DATA"})
-"""That are no settings."""
+MODELS_VARIABLE: Final = "WAYLOOM_MODELS"
+"""No setting, though nearly called as one is: folders of networks (`wayloom.segmentation.catalogue`)."""
 MISTYPED: Final = 0.8
 """`difflib`'s ratio from which a name is taken for another one, mistyped: one letter of five that lacks or is wrong."""
 FILE_SUFFIXES: Final = (".onnx", ".toml")
@@ -194,7 +194,7 @@ def _from_environment(fields: Mapping[Key, FieldInfo]) -> Iterator[tuple[Key, st
 
 def _is_mistyped(name: str, known: Mapping[str, Key]) -> bool:
     """Whether a variable of ours is no other part's setting, but nearly one of these."""
-    if not name.startswith(PREFIX) or "__" in name or name in OTHER_VARIABLES:
+    if not name.startswith(PREFIX) or "__" in name or name == MODELS_VARIABLE:
         return False
     plain = [one.removeprefix(PREFIX) for one in known if "__" not in one]
     return bool(difflib.get_close_matches(name.removeprefix(PREFIX), plain, n=1, cutoff=MISTYPED))

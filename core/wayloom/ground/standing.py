@@ -57,8 +57,8 @@ def without_standing(
 
 
 def pieces(marked: BoolArray, least: float) -> BoolArray:
-    """The marked (h, w) of pieces, joined by their sides, that have at least so many. By runs: OpenCV's labelling of every pixel
-    takes ten times as long."""
+    """The marked (h, w) of pieces, joined by their sides, that have at least so many. By runs, which are far fewer than the pixels
+    that OpenCV labels."""
     out = np.zeros(marked.shape, np.bool_)
     large_pieces(marked, least, out)
     return out

@@ -31,7 +31,7 @@ def covariances(
 ) -> tuple[dict[int, FloatArray], list[FloatArray]]:
     """Of each wanted unknown its covariance, and of each pair that of its first (rows) with its second (columns).
 
-    linear : factors that are whitened; pairs : of unknowns that some factor joins
+    linear : whitened factors, eliminated by QR as in `DriveEquations.tree`; pairs : of unknowns that some factor joins
     """
     zeros = linear.gradientAtZero()
     sizes = {int(key): len(zeros.at(key)) for key in linear.keyVector()}

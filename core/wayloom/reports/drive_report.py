@@ -12,6 +12,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_NAMES, PALETTE
+from wayloom.exports.drive_outputs import REPORT_FILE
 from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
@@ -26,7 +27,7 @@ from wayloom.reports.quality_plots import PICTURES, quality_pictures
 from wayloom.reports.triple import cloud_views
 
 FloatArray = NDArray[np.float64]
-JSON_FILE: Final = "report.json"
+JSON_FILE: Final = REPORT_FILE
 HTML_FILE: Final = "report.html"
 OVERLAY_WIDTH_PX: Final = 700
 MAP_WIDTH_PX: Final = 1400

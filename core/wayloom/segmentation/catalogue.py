@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
+from wayloom.config.sources import MODELS_VARIABLE
 from wayloom.errors import ModelError
 from wayloom.segmentation.description import ModelDescription, read_description
 
@@ -69,7 +70,7 @@ def _beside(onnx: Path) -> ModelDescription:
 
 def model_folders() -> tuple[Path, ...]:
     """The folders that WAYLOOM_MODELS names, in order (separated as in PATH); none by default."""
-    return tuple(Path(part).expanduser() for part in os.environ.get("WAYLOOM_MODELS", "").split(os.pathsep) if part)
+    return tuple(Path(part).expanduser() for part in os.environ.get(MODELS_VARIABLE, "").split(os.pathsep) if part)
 
 
 def inspect_file(description: ModelDescription) -> ModelFile:

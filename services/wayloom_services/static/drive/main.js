@@ -151,7 +151,7 @@ function show(drive) {
   const news = [before?.facts.quality !== drive.facts.quality, before?.facts.preview !== drive.facts.preview, before?.images.state !== drive.images.state];
   if (news[0] && drive.facts.quality) telling("quality", showQuality);
   if ((news[1] || news[2]) && drive.facts.preview) telling("keyframes", () => scrubber.load());
-  if (drive.state === "removing") return;
+  if (drive.state === "removing") return; // its history goes with it
   if (!before || before.stages.map((one) => one.state).join() !== drive.stages.map((one) => one.state).join()) telling("history", () => showHistory(id));
 }
 
