@@ -247,7 +247,7 @@ def made_part(frames: int) -> OdometryResult:
         np.ones(n, bool),
     )  # fmt: skip
     none, no_rows = np.zeros(frames, np.int32), np.zeros(3)
-    report = {"activated_points": n, "losses": [], "imu": None, "disparity_bias_px": 0.0}
+    report = {"activated_points": n, "losses": [], "doubted_steps": 0, "imu": None, "disparity_bias_px": 0.0}
     return OdometryResult(
         StereoRig(PinholeCamera(700.0, 700.0, 620.0, 187.0, 1241, 376), (-0.5, 0.0, 0.0)),
         Trajectory(np.arange(frames) * 10**8, T, np.ones(frames, bool), none),

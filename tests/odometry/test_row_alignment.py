@@ -33,10 +33,10 @@ def test_a_bent_right_image_is_found_and_straightened() -> None:
     left, right, _ = pair(np.eye(4))
     left8, right8 = (np.round(image).astype(np.uint8) for image in (left, right))
     truth = np.array([0.4, -0.5, 1.0])
-    bent = rows.align(right8, rows.maps(-truth, RIG))  # lies about dv lower than it should
+    bent = rows.align(right8, rows.displacements(-truth, RIG))  # lies about dv lower than it should
     found = rows.fit(rows.row_matches(left8, bent), RIG)
     np.testing.assert_allclose(found, truth, atol=0.15)
-    straight = rows.align(bent, rows.maps(found, RIG))
+    straight = rows.align(bent, rows.displacements(found, RIG))
     inner = np.s_[10:-10, 10:-10]
     error = [np.abs(image[inner].astype(float) - right8[inner]).mean() for image in (bent, straight)]
     assert error[1] < 0.7 * error[0]

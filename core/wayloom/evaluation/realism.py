@@ -76,8 +76,8 @@ def image_statistics(pairs: Iterable[Pair], rig: StereoRig, settings: OdometrySe
 def align_rows(pairs: list[Pair], rig: StereoRig) -> list[Pair]:
     """The pairs (h, w) with the right images' rows on the left ones'."""
     matches = np.concatenate([rows.row_matches(left, right) for left, right in pairs])
-    row_maps = rows.maps(rows.fit(matches, rig), rig)
-    return [(left, rows.align(right, row_maps)) for left, right in pairs]
+    corners = rows.displacements(rows.fit(matches, rig), rig)
+    return [(left, rows.align(right, corners)) for left, right in pairs]
 
 
 def spectrum_slopes(images: list[Image]) -> tuple[float, float]:

@@ -10,12 +10,12 @@ The coefficients are fitted to refined matches of a few frames before the drive 
 
 from copy import copy
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geometry.camera import StereoRig
 from wayloom.geometry.lens import IDENTITY, RightLens, at_infinity, displaced
+from wayloom.odometry.kernels.resampling import STEP, resample
 from wayloom.odometry.kernels.stereo import NO_MATCH, refine_both_axes
 from wayloom.odometry.points import selection, stereo
 
@@ -24,18 +24,16 @@ MIN_EIGENVALUE = 30.0
 RESIDUAL_SCALE_PX = 0.15
 MIN_MATCHES = 60
 RIDGE = 0.01  # matches' worth of pull to zero: an image without matches in its corners keeps a small keystone
-MAP_STEP = 8
-"""px between the points at which the maps are computed; between them they are linear."""
 KEYFRAME_MATCHES = 96
 """Matches that are refined at a keyframe, at most."""
 FOLLOW_EVERY = 3
 MEMORY = 0.9
 """Every third keyframe's matches are taken; of the older ones so much is kept each time: about 900 matches, 30 keyframes."""
 RENEWAL_PX = 0.02
-"""The maps are made anew when they are off by more anywhere."""
+"""The displacements are made anew when they are off by more anywhere."""
 Image = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
-Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
+Corners = NDArray[np.float32]
 TERMS = 5
 """Unknowns of the fit: c0, c1, c2 and two nuisance terms in disparity."""
 
@@ -124,33 +122,26 @@ def real_pixels(coefficients: FloatArray, rig: StereoRig, lens: RightLens, uv: F
     return moved if lens.is_ideal else at_infinity(lens).real_pixels(rig.camera, 0.0, moved)
 
 
-def maps(coefficients: FloatArray, rig: StereoRig, lens: RightLens = IDENTITY) -> Maps:
-    """Maps for cv2.remap that bring the right image's rows onto the left's and undo the lens."""
-    width, height = rig.camera.width, rig.camera.height
-    across, down = -(-(width - 1) // MAP_STEP) + 1, -(-(height - 1) // MAP_STEP) + 1
-    v, u = np.mgrid[0:down, 0:across].astype(np.float64) * MAP_STEP
+def displacements(coefficients: FloatArray, rig: StereoRig, lens: RightLens = IDENTITY) -> Corners:
+    """(h // STEP + 2, w // STEP + 2, 2) px: what rows and lens move the aligned right image's pixels by, at cells' corners."""
+    across, down = rig.camera.width // STEP + 2, rig.camera.height // STEP + 2
+    v, u = np.mgrid[0:down, 0:across].astype(np.float64) * STEP
     uv = np.column_stack([u.ravel(), v.ravel()])
-    coarse = (real_pixels(coefficients, rig, lens, uv) - uv).reshape(down, across, 2)
-    between = np.array([[1.0 / MAP_STEP, 0.0, 0.0], [0.0, 1.0 / MAP_STEP, 0.0]])  # linear, to 1/32 of a step
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    moved = [cv2.warpAffine(coarse[..., k].astype(np.float32), between, (width, height), flags=flags) for k in range(2)]
-    columns, rows = moved[0] + np.arange(width, dtype=np.float32), moved[1] + np.arange(height, dtype=np.float32)[:, None]
-    first, second = cv2.convertMaps(columns, rows, cv2.CV_16SC2)
-    return np.asarray(first, np.int16), np.asarray(second, np.uint16)
+    moved = real_pixels(coefficients, rig, lens, uv) - uv
+    return np.asarray(moved.reshape(down, across, 2), np.float32)
 
 
-def align(right: Image, row_maps: Maps, first_row: int = 0) -> Image:
-    """The right image (h, w) with its rows on the left's, from one row on; the outermost pixels repeat. By cubics: linear
-    interpolation blurs what lies between pixels, and disparities shrink by that."""
-    places, parts = (one[first_row:] for one in row_maps)
-    return np.asarray(cv2.remap(right, places, parts, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+def align(right: Image, corners: Corners, first_row: int = 0) -> Image:
+    """The right image (h, w) with its rows on the left's by `displacements`, from one row on; the outermost pixels repeat. By
+    cubics: linear interpolation blurs what lies between pixels, and disparities shrink by that."""
+    return np.asarray(resample(np.ascontiguousarray(right), corners, first_row), np.uint8)
 
 
 class RightRectifier:
     """The right camera of a drive as far as it is known. `align` makes its images those of `rig`, the log's rig with the lens's
     displacement; `follow` keeps the rows up to date.
 
-    coefficients : (3,) px, those of the maps
+    coefficients : (3,) px, those of the displacements
     """
 
     def __init__(self, rig: StereoRig, lens: RightLens, coefficients: FloatArray) -> None:
@@ -160,10 +151,10 @@ class RightRectifier:
         self._renew()
 
     def _renew(self) -> None:
-        """Make the maps by the coefficients."""
+        """Make the displacements by the coefficients."""
         self.coefficients = self.terms[:3].copy()
         ideal = self.lens.is_ideal and not self.coefficients.any()
-        self.maps = None if ideal else maps(self.coefficients, self.rig, self.lens)
+        self.corners = None if ideal else displacements(self.coefficients, self.rig, self.lens)
 
     def frozen(self) -> "RightRectifier":
         """What it is now, which follows no keyframe of this one's. Its arrays are replaced, never changed."""
@@ -171,7 +162,7 @@ class RightRectifier:
 
     def align(self, right: Image, first_row: int = 0) -> Image:
         """The log's right image (h, w) with rows and lens undone, from one row on."""
-        return right[first_row:] if self.maps is None else align(right, self.maps, first_row)
+        return right[first_row:] if self.corners is None else align(right, self.corners, first_row)
 
     def real_pixels(self, uv: FloatArray) -> FloatArray:
         """Pixels (n, 2) of the aligned right image to those of the log's."""
@@ -182,7 +173,7 @@ class RightRectifier:
         if self.lens.is_ideal:
             return self.coefficients.copy()
         camera = self.rig.camera
-        v, u = np.mgrid[0 : camera.height : MAP_STEP, 0 : camera.width : MAP_STEP].astype(np.float64)
+        v, u = np.mgrid[0 : camera.height : STEP, 0 : camera.width : STEP].astype(np.float64)
         uv = np.column_stack([u.ravel(), v.ravel()])
         A = design((uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy)
         return np.asarray(np.linalg.lstsq(A, (self.real_pixels(uv) - uv)[:, 1])[0])
@@ -216,7 +207,7 @@ class RightRectifier:
         return float(np.abs(shift(self.coefficients, self.rig, self._corners())[:, 1]).max())
 
     def _off_by(self) -> float:
-        """px, at the worst corner, between the coefficients of the maps and the latest."""
+        """px, at the worst corner, between the coefficients of the displacements and the latest."""
         return float(np.abs(shift(self.terms[:3] - self.coefficients, self.rig, self._corners())).max())
 
     def _corners(self) -> FloatArray:
