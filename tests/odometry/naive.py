@@ -53,7 +53,9 @@ def correlation(image, T, x, y, rho, rig, shift, colours):
 
 
 def tracking_equations(image, reference, T, gain, offset, camera, huber, cutoff):
-    """H, g, energy, count, beyond of the tracking kernel; image (h, w, 3) with gradient."""
+    """H, g, energy, count, beyond of the tracking kernel; image (h, w)."""
+    dy, dx = np.gradient(image.astype(float))
+    image = np.dstack([image, dx, dy])
     fx, fy, cx, cy = camera
     h, w = image.shape[:2]
     H, g, energy, count, beyond = np.zeros((8, 8)), np.zeros(8), 0.0, 0, 0

@@ -11,15 +11,6 @@ def noise(shape: tuple[int, int] = (41, 53)) -> np.ndarray:
     return np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)
 
 
-def test_gradients_are_central_differences() -> None:
-    image = noise().astype(np.float32)
-    out = images.with_gradient(image)
-    padded = np.pad(image, 1, mode="edge")
-    np.testing.assert_array_equal(out[..., 0], image)
-    np.testing.assert_array_equal(out[..., 1], 0.5 * (padded[1:-1, 2:] - padded[1:-1, :-2]))
-    np.testing.assert_array_equal(out[..., 2], 0.5 * (padded[2:, 1:-1] - padded[:-2, 1:-1]))
-
-
 def test_gradient_size_does_not_wrap_uint8_differences() -> None:
     image = noise()
     dy, dx = np.gradient(image.astype(float))

@@ -27,7 +27,6 @@ def made_reference(count: int = 200):
 
 def test_tracking_equations_are_those_of_the_naive_twin() -> None:
     reference, image, T = made_reference(60)
-    image = pyramid.with_gradient(image)
     T = se3.exp(np.array([0.02, 0.01, -0.03, 0.002, 0.001, -0.003])) @ T
     H, g = np.zeros((8, 8)), np.zeros(8)
     energy, count, beyond = opened(tracking.tracking_equations)(
@@ -46,9 +45,7 @@ def test_tracking_equations_are_those_of_the_naive_twin() -> None:
 def test_alignment_finds_motion_and_brightness() -> None:
     reference, image, T_true = made_reference(800)
     T, brightness, out = T_true @ se3.exp(np.array([0.05, -0.03, 0.05, 0.004, 0.004, -0.004])), np.array([1.0, 0.0]), np.zeros(3)
-    tracking.align_level(
-        pyramid.with_gradient(image * np.float32(0.9) + np.float32(6)), reference, T, brightness, LEVEL, 9.0, 20.0, 50, out
-    )
+    tracking.align_level(image * np.float32(0.9) + np.float32(6), reference, T, brightness, LEVEL, 9.0, 20.0, 50, out)
     error = se3.log(T @ se3.inverse(T_true))
     assert np.linalg.norm(error[:3]) < 0.005
     assert np.linalg.norm(error[3:]) < 0.0005
@@ -58,34 +55,51 @@ def test_alignment_finds_motion_and_brightness() -> None:
 
 def test_alignment_without_any_point_in_view_changes_nothing() -> None:
     T, brightness, out = np.eye(4), np.array([1.0, 0.0]), np.ones(3)
-    tracking.align_level(np.zeros((40, 60, 3), np.float32), np.zeros((0, 4)), T, brightness, LEVEL, 9.0, 20.0, 5, out)
+    tracking.align_level(np.zeros((40, 60), np.float32), np.zeros((0, 4)), T, brightness, LEVEL, 9.0, 20.0, 5, out)
     np.testing.assert_array_equal(T, np.eye(4))
     assert out.tolist() == [0.0, 0.0, 0.0]
 
 
-def test_splatted_depths_are_summed_and_counted_a_pixel() -> None:
-    uv, rho = np.array([[3.4, 2.6], [2.6, 3.4], [9.0, 9.0], [200.0, 5.0]]), np.array([0.1, 0.3, 0.5, 0.7])
-    total, count = tracking.splat(uv, rho, 1, 6, 8)
-    assert (total[1, 1], count[1, 1]) == (pytest.approx(0.4), 2)
-    assert (total[4, 4], count[4, 4]) == (pytest.approx(0.5), 1)
-    assert count.sum() == 3
+POOL_LEVEL = np.array([10.0, 11.0, 7.0, 5.0])
 
 
-@pytest.mark.parametrize("spread", [0, 1])
-def test_gathered_references_are_those_of_a_plain_loop(spread: int) -> None:
+def made_pool() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points at level 0, some of them in one pixel of level 1 (12, 15), some beyond it; and that level's image."""
     rng = np.random.default_rng(1)
-    count = (rng.random((12, 15)) < 0.15).astype(np.float32)
-    total, image = count * rng.random((12, 15)).astype(np.float32), rng.random((12, 15, 3)).astype(np.float32)
-    expected = []
+    uv = np.vstack([rng.uniform(0.0, (34.0, 28.0), (60, 2)), [[8.4, 8.6], [8.0, 8.2], [500.0, 9.0]]])
+    return uv, rng.uniform(0.1, 1.0, len(uv)), rng.random((12, 15)).astype(np.float32)
+
+
+def naive_pool(uv: np.ndarray, rho: np.ndarray, image: np.ndarray, spread: bool) -> np.ndarray:
+    depths: dict[tuple[int, int], list[float]] = {}
+    for (u, v), depth in zip(uv, rho, strict=True):
+        depths.setdefault((int(v + 0.5) // 2, int(u + 0.5) // 2), []).append(depth)
+    rows = []
     for y in range(2, 9):
         for x in range(2, 12):
-            cells = [(y, x)] if count[y, x] or not spread else [(y, x - 1), (y, x + 1), (y - 1, x), (y + 1, x)]
-            n = sum(count[c] for c in cells)
-            if n:
-                expected.append([(x - 7.0) / 10.0, (y - 5.0) / 11.0, sum(total[c] for c in cells) / n, image[y, x, 0]])
-    out = np.zeros((200, 4))
-    n = tracking.gather(image, total, count, spread, np.array([10.0, 11.0, 7.0, 5.0]), out)
-    np.testing.assert_allclose(out[:n], expected, rtol=1e-6)
+            around = [(y, x - 1), (y, x + 1), (y - 1, x), (y + 1, x)] if spread else []
+            found = depths.get((y, x)) or [depth for cell in around for depth in depths.get(cell, [])]
+            if found:
+                rows.append([(x - 7.0) / 10.0, (y - 5.0) / 11.0, np.mean(found), image[y, x]])
+    return np.array(rows)
+
+
+def test_points_of_one_pixel_are_one_reference_point() -> None:
+    uv, rho, image = made_pool()
+    found = tracking.pool(uv, rho, 1, image, POOL_LEVEL)
+    np.testing.assert_allclose(found, naive_pool(uv, rho, image, False), rtol=1e-6)
+    assert len(found) < len(rho) - 1
+
+
+def test_on_coarse_levels_pixels_beside_a_point_are_reference_points() -> None:
+    uv, rho, image = made_pool()
+    expected = naive_pool(uv[::4], rho[::4], image, True)
+    np.testing.assert_allclose(tracking.pool_spread(uv[::4], rho[::4], 1, image, POOL_LEVEL), expected, rtol=1e-6)
+    assert len(expected) > len(tracking.pool(uv[::4], rho[::4], 1, image, POOL_LEVEL))
+
+
+def test_no_points_are_no_reference() -> None:
+    assert tracking.pool(np.zeros((0, 2)), np.zeros(0), 0, np.zeros((12, 15), np.float32), POOL_LEVEL).shape == (0, 4)
 
 
 def test_mean_flow_is_the_root_mean_square_of_projected_motion() -> None:

@@ -10,29 +10,6 @@ f32 = np.float32
 HISTOGRAM = 100
 
 
-def with_gradient(image):  # type: ignore[no-untyped-def]
-    """(h, w) float32 to (h, w, 3) float32: intensity, d/du, d/dv by central differences, one-sided halves at the border."""
-    out = np.empty((*image.shape, 3), np.float32)
-    fill_with_gradient(image, out)
-    return out
-
-
-@kernel
-def fill_with_gradient(image, out):  # type: ignore[no-untyped-def]
-    """with_gradient into out (h, w, 3)."""
-    h, w = image.shape
-    for y in range(h):
-        above, here, below, row = image[max(y - 1, 0)], image[y], image[min(y + 1, h - 1)], out[y]
-        for x in range(1, w - 1):
-            row[x, 0] = here[x]
-            row[x, 1] = f32(0.5) * (here[x + 1] - here[x - 1])
-            row[x, 2] = f32(0.5) * (below[x] - above[x])
-        for x in (0, w - 1):
-            row[x, 0] = here[x]
-            row[x, 1] = f32(0.5) * (here[min(x + 1, w - 1)] - here[max(x - 1, 0)])
-            row[x, 2] = f32(0.5) * (below[x] - above[x])
-
-
 def gradient_size(image):  # type: ignore[no-untyped-def]
     """(h, w) uint8 to (h, w) float32: length of the central-difference gradient, 0 in the outermost pixels."""
     out = np.zeros(image.shape, np.float32)

@@ -8,20 +8,53 @@ from wayloom.odometry.kernels.compiler import kernel, part
 from wayloom.odometry.kernels.linear import cholesky_solve, fill_exp_se3, fill_product, orthonormalise
 
 f32 = np.float32
+index = np.uint64
+"""Pixels are addressed by unsigned numbers: a signed index is tested for being negative each time."""
+ONE, TWO = index(1), index(2)
 MIN_DEPTH_RATIO = 1e-3
 BORDER = 2
+MARGIN = 2
+"""Pixels of a reference's level, to the right and below one more, in which there are no reference points."""
 
 
-def splat(uv, rho, level, h, w):  # type: ignore[no-untyped-def]
-    """Sums and counts (h, w) float32 of inverse depths rho (n,) on the pixels of a level; uv (n, 2) px of level 0."""
-    total, count = np.zeros((h, w), np.float32), np.zeros((h, w), np.float32)
+def pool(uv, rho, level, image, camera):  # type: ignore[no-untyped-def]
+    """Reference points (m, 4) of a level: the points with inverse depths rho (n,) at uv (n, 2) px of level 0, those of one pixel as
+    one, row by row. image (h, w) and camera (4,) fx fy cx cy of the level; x, y of the ray, mean inverse depth 1/m, grey value."""
+    h, w = image.shape
+    x, y = (uv + 0.5).astype(np.int64).T >> level
+    inside = (x >= MARGIN) & (x < w - MARGIN - 1) & (y >= MARGIN) & (y < h - MARGIN - 1)
+    pixel, rho = (y * w + x)[inside], rho[inside]
+    order, out = np.argsort(pixel, kind="stable"), np.empty((len(rho), 4))
+    return out[: fill_pooled(pixel[order], rho[order], image, camera, out)]
+
+
+@kernel
+def fill_pooled(pixel, rho, image, camera, out):  # type: ignore[no-untyped-def]
+    """Points sorted by their pixel (n,), counted row by row, into out (capacity, 4) as pool's; returns their number."""
+    w, n, i = image.shape[1], 0, 0
+    while i < pixel.shape[0]:
+        total, number, here = f32(0), f32(0), pixel[i]
+        while i < pixel.shape[0] and pixel[i] == here:
+            total += f32(rho[i])
+            number += f32(1)
+            i += 1
+        x, y = here % w, here // w
+        out[n, 0], out[n, 1] = (x - camera[2]) / camera[0], (y - camera[3]) / camera[1]
+        out[n, 2], out[n, 3] = total / number, image[y, x]
+        n += 1
+    return n
+
+
+def pool_spread(uv, rho, level, image, camera):  # type: ignore[no-untyped-def]
+    """As pool, and also pixels beside one with a point are reference points, of the mean depth around."""
+    total, count, out = np.zeros(image.shape, np.float32), np.zeros(image.shape, np.float32), np.empty((5 * len(rho), 4))
     add_splats(uv, rho, level, total, count)
-    return total, count
+    return out[: gather(image, total, count, camera, out)]
 
 
 @kernel
 def add_splats(uv, rho, level, total, count):  # type: ignore[no-untyped-def]
-    """splat into total and count (h, w)."""
+    """Adds to sums and counts (h, w) of inverse depths on the pixels of a level."""
     h, w = total.shape
     for i in range(rho.shape[0]):
         x, y = int(uv[i, 0] + 0.5) >> level, int(uv[i, 1] + 0.5) >> level
@@ -31,23 +64,19 @@ def add_splats(uv, rho, level, total, count):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def gather(image, total, count, spread, camera, out):  # type: ignore[no-untyped-def]
-    """Reference points of a level: every pixel with an inverse depth, and with spread 1 also those with a neighbour that has one.
-
-    image (h, w, 3), camera (4,) fx fy cx cy of the level. Fills out (capacity, 4) with x, y of the ray, mean inverse depth 1/m and
-    grey value; returns their number.
-    """
+def gather(image, total, count, camera, out):  # type: ignore[no-untyped-def]
+    """Every pixel with a depth, or with a neighbour that has one, into out (capacity, 4) as pool's; returns their number."""
     h, w = count.shape
     n = 0
-    for y in range(2, h - 3):
-        for x in range(2, w - 3):
+    for y in range(MARGIN, h - MARGIN - 1):
+        for x in range(MARGIN, w - MARGIN - 1):
             number, s = count[y, x], total[y, x]
-            if number == 0 and spread:
+            if number == 0:
                 number = count[y, x - 1] + count[y, x + 1] + count[y - 1, x] + count[y + 1, x]
                 s = total[y, x - 1] + total[y, x + 1] + total[y - 1, x] + total[y + 1, x]
             if number > 0 and n < out.shape[0]:
                 out[n, 0], out[n, 1] = (x - camera[2]) / camera[0], (y - camera[3]) / camera[1]
-                out[n, 2], out[n, 3] = s / number, image[y, x, 0]
+                out[n, 2], out[n, 3] = s / number, image[y, x]
                 n += 1
     return n
 
@@ -56,11 +85,12 @@ def gather(image, total, count, spread, camera, out):  # type: ignore[no-untyped
 def tracking_equations(image, reference, T, gain, offset, camera, huber, cutoff, H, g, J):  # type: ignore[no-untyped-def]
     """Normal equations of r = I(project(T p)) - (gain I_ref + offset) with Huber weight, constant energy beyond cutoff.
 
-    image (h, w, 3) float32; reference (n, 4) x, y, rho, grey; T (4, 4) T_frame_keyframe; camera (4,) px. Fills H (8, 8) = J^T W J
-    and g (8,) = -J^T W r for (v, omega, gain, offset), J (8,) working space; returns energy, points in view, points beyond cutoff.
+    image (h, w) float32, its gradient by central differences; reference (n, 4) x, y, rho, grey; T (4, 4) T_frame_keyframe;
+    camera (4,) px. Fills H (8, 8) = J^T W J and g (8,) = -J^T W r for (v, omega, gain, offset), J (8,) working space; returns
+    energy, points in view, points beyond cutoff.
     """
     fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
-    h, w = image.shape[0], image.shape[1]
+    (h, w), half = image.shape, f32(0.5)
     energy, count, saturated = 0.0, 0, 0
     H[:] = 0.0
     g[:] = 0.0
@@ -75,17 +105,13 @@ def tracking_equations(image, reference, T, gain, offset, camera, huber, cutoff,
         u, v = fx * xn + cx, fy * yn + cy
         if not (u > BORDER and v > BORDER and u < w - BORDER - 1 and v < h - BORDER - 1):
             continue
-        ix, iy = int(u), int(v)
+        ix, iy = index(u), index(v)
         a, b = u - ix, v - iy
         w11 = a * b
         w01, w10, w00 = b - w11, a - w11, 1.0 - a - b + w11
-        r = (
-            w00 * image[iy, ix, 0]
-            + w10 * image[iy, ix + 1, 0]
-            + w01 * image[iy + 1, ix, 0]
-            + w11 * image[iy + 1, ix + 1, 0]
-            - (gain * reference[i, 3] + offset)
-        )
+        here, below = image[iy], image[iy + ONE]
+        i00, i10, i01, i11 = here[ix], here[ix + ONE], below[ix], below[ix + ONE]
+        r = w00 * i00 + w10 * i10 + w01 * i01 + w11 * i11 - (gain * reference[i, 3] + offset)
         count += 1
         size = abs(r)
         if not size <= cutoff:
@@ -94,12 +120,11 @@ def tracking_equations(image, reference, T, gain, offset, camera, huber, cutoff,
             continue
         weight = 1.0 if size < huber else huber / size
         energy += weight * r * r * (2.0 - weight)
-        gx = fx * (
-            w00 * image[iy, ix, 1] + w10 * image[iy, ix + 1, 1] + w01 * image[iy + 1, ix, 1] + w11 * image[iy + 1, ix + 1, 1]
-        )
-        gy = fy * (
-            w00 * image[iy, ix, 2] + w10 * image[iy, ix + 1, 2] + w01 * image[iy + 1, ix, 2] + w11 * image[iy + 1, ix + 1, 2]
-        )
+        up, down = image[iy - ONE], image[iy + TWO]
+        gx = w00 * (half * (i10 - here[ix - ONE])) + w10 * (half * (here[ix + TWO] - i00))
+        gx = fx * (gx + w01 * (half * (i11 - below[ix - ONE])) + w11 * (half * (below[ix + TWO] - i01)))
+        gy = w00 * (half * (i01 - up[ix])) + w10 * (half * (i11 - up[ix + ONE]))
+        gy = fy * (gy + w01 * (half * (down[ix] - i00)) + w11 * (half * (down[ix + ONE] - i10)))
         q = rho * iz
         J[0], J[1], J[2] = q * gx, q * gy, -q * (xn * gx + yn * gy)
         J[3], J[4], J[5] = -(xn * yn * gx + gy * (1.0 + yn * yn)), xn * yn * gy + gx * (1.0 + xn * xn), xn * gy - yn * gx

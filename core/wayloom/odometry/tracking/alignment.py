@@ -11,7 +11,7 @@ from wayloom.geometry import se3
 from wayloom.odometry.backend.window import Window, project_into
 from wayloom.odometry.kernels.arrays import Rig
 from wayloom.odometry.kernels.linear import exp_se3, log_se3, orthonormalise, relative
-from wayloom.odometry.kernels.tracking import align_level, gather, splat
+from wayloom.odometry.kernels.tracking import align_level, pool, pool_spread
 from wayloom.odometry.settings import OdometrySettings
 from wayloom.odometry.tracking.pyramid import Pyramid
 
@@ -55,13 +55,10 @@ def make_reference(window: Window, index: int, pyramid: Pyramid, cameras: list[F
 
 def reference_levels(uv: FloatArray, rho: FloatArray, pyramid: Pyramid, cameras: list[FloatArray]) -> list[FloatArray]:
     """`Reference.levels` of points at uv (n, 2) px of the pyramid's image with inverse depths rho (n,) 1/m."""
-    levels = []
-    for level, (image, camera) in enumerate(zip(pyramid, cameras, strict=True)):
-        total, count = splat(uv, rho, level, image.shape[0], image.shape[1])
-        spread = level >= SPREAD_FROM_LEVEL
-        out = np.empty((len(rho) * (5 if spread else 1), 4))
-        levels.append(out[: gather(image, total, count, int(spread), camera, out)])
-    return levels
+    return [
+        (pool_spread if level >= SPREAD_FROM_LEVEL else pool)(uv, rho, level, image, camera)
+        for level, (image, camera) in enumerate(zip(pyramid, cameras, strict=True))
+    ]
 
 
 def align(

@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 
 from wayloom.geometry.camera import PinholeCamera
 from wayloom.odometry.kernels.arrays import Rig
-from wayloom.odometry.kernels.images import with_gradient
 
 SMALLEST_SIDE = 16
 Image = NDArray[np.uint8]
@@ -33,11 +32,11 @@ def halve(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def build(image: Image, levels: int) -> Pyramid:
-    """(h, w) uint8 to `levels` images (h, w, 3) float32 with gradient, finest first."""
-    plain = [image.astype(np.float32)]
-    while len(plain) < levels:
-        plain.append(halve(plain[-1]))
-    return [with_gradient(level) for level in plain]
+    """(h, w) uint8 to `levels` images (h, w) float32, finest first."""
+    out = [image.astype(np.float32)]
+    while len(out) < levels:
+        out.append(halve(out[-1]))
+    return out
 
 
 def level_cameras(camera: PinholeCamera, levels: int) -> list[NDArray[np.float64]]:
