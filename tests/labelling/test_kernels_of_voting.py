@@ -184,7 +184,9 @@ def test_votes_in_the_order_of_the_hosts_come_into_that_of_the_points() -> None:
     rng = np.random.default_rng(2)
     point, kinds = rng.permutation(30), rng.integers(0, 4, 30)
     ids, sums = rng.integers(0, 19, kinds.sum()).astype(np.uint8), rng.random(kinds.sum()).astype(np.float32)
-    start, ids_out, sums_out = voting.sorted_by_point(point, kinds, ids, sums)
+    start = np.concatenate([[0], np.cumsum(kinds[np.argsort(point)])])
+    ids_out, sums_out = np.empty_like(ids), np.empty_like(sums)
+    voting.put_votes(point, start, ids, sums, ids_out, sums_out)
     came = np.concatenate([[0], np.cumsum(kinds)])
     for n, p in enumerate(point):
         assert ids_out[start[p] : start[p + 1]].tolist() == ids[came[n] : came[n + 1]].tolist()

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_drive import even_images, made_drive, random_images, still_drive, texture
 
-from wayloom.labelling.neighbours import MAX_NEIGHBOURS, OWN_WEIGHT, nearest, neighbours, smoothed
+from wayloom.labelling.neighbours import MAX_NEIGHBOURS, OWN_WEIGHT, Neighbours, NeighbourSearch, nearest, smoothed
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.labelling.tcl import label_points
 from wayloom.labelling.types import PointLabels, SparseVotes
@@ -18,6 +18,10 @@ FEW = settings(max_examples=30, deadline=None)
 ALONE = LabellingSettings(votes="hard", spread=0.0)
 TOGETHER = LabellingSettings(votes="hard", spread=0.05)
 FAR = LabellingSettings(votes="hard", spread=0.2)
+
+
+def neighbours(drive: OdometryResult, spread: float) -> Neighbours:
+    return NeighbourSearch(drive, spread).of(0, len(drive.points))
 
 
 def random_votes(rng: np.random.Generator, count: int) -> SparseVotes:
@@ -52,7 +56,7 @@ def test_smoothed_votes_are_those_of_the_naive_twin(seed: int, spread: float) ->
     drive = made_drive(seed, points=40)
     drive = replace(drive, keyframes=replace(drive.keyframes, segment=np.array([0, 0, 0, 1, 1], np.int32)))
     votes, baseline = random_votes(rng, 40), rng.integers(0, 19, 40).astype(np.uint8)
-    labels, found = smoothed(votes, neighbours(drive, spread), baseline, 0.0)
+    (_, labels), found = smoothed((votes, votes), NeighbourSearch(drive, spread), baseline, 0.0)
     for p in range(40):
         expected = naive_smoothed(drive, votes, spread, p)
         dense = np.zeros(19)
@@ -108,19 +112,20 @@ def test_points_of_another_segment_are_no_neighbours() -> None:
 def test_a_point_without_a_depth_keeps_its_own_votes() -> None:
     drive = still_drive(points=3)
     points = replace(drive.points, inverse_depth=np.array([0.1, np.nan, -0.2], np.float32))
-    near = neighbours(replace(drive, points=points), 0.05)
+    search = NeighbourSearch(replace(drive, points=points), 0.05)
+    near = search.of(0, 3)
     assert near.weights[1:].sum() == 2
     assert (near.rows[1:, 0] == [1, 2]).all()
     votes = SparseVotes(np.array([0, 1, 2, 3]), np.array([4, 5, 6], np.uint8), np.ones(3, np.float32))
-    assert smoothed(votes, near, np.zeros(3, np.uint8), 0.0)[0].tolist() == [4, 5, 6]
+    assert smoothed((votes,), search, np.zeros(3, np.uint8), 0.0)[0].tolist() == [[4, 5, 6]]
 
 
 def test_the_labels_do_not_depend_on_how_many_points_are_counted_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(1)
-    votes, near = random_votes(rng, 150), neighbours(made_drive(1, points=150), 0.1)
-    whole = smoothed(votes, near, np.zeros(150, np.uint8), 0.01)
+    votes, search = random_votes(rng, 150), NeighbourSearch(made_drive(1, points=150), 0.1)
+    whole = smoothed((votes,), search, np.zeros(150, np.uint8), 0.01)
     monkeypatch.setattr("wayloom.labelling.neighbours._BLOCK", 40)
-    parts = smoothed(votes, near, np.zeros(150, np.uint8), 0.01)
+    parts = smoothed((votes,), search, np.zeros(150, np.uint8), 0.01)
     assert np.array_equal(whole[0], parts[0])
     assert np.array_equal(whole[1].start, parts[1].start)
     assert np.array_equal(whole[1].weights, parts[1].weights)

@@ -4,6 +4,7 @@ Not in the paper. Label boundaries in an image are uncertain by a few pixels, an
 image a point at an object's edge has as much background as object around it; its neighbours in space are the object's alone.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -25,69 +26,113 @@ MAX_SIGMAS: Final = 3.0
 OWN_WEIGHT: Final = 4.0
 """Weight of a point's own votes, where a neighbour at its place has 1."""
 _BLOCK: Final = 65_536
-"""Points whose dense vote vectors are in memory at once."""
+"""Points whose neighbours and dense vote vectors are in memory at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class Neighbours:
-    """rows (P, K) int32 of each point's neighbours, itself among them; weights (P, K) float32, its own OWN_WEIGHT, 0: none."""
+    """Of B points: rows (B, K) int32 of each one's neighbours, itself among them; weights (B, K) float32, its own OWN_WEIGHT,
+    0: none."""
 
     rows: NDArray[np.int32]
     weights: NDArray[np.float32]
 
 
-def neighbours(odometry: OdometryResult, spread: float) -> Neighbours:
-    """Nearest neighbours of each point in its segment, weighted exp(-r^2 / 2 s^2), s = spread times the depth in its host.
+@dataclass(frozen=True, slots=True)
+class _Tree:
+    """k-d tree of N places (`build_kd_tree`)."""
 
-    A point without a depth has no neighbour but itself.
-    """
-    points = odometry.points
-    rows = np.repeat(np.arange(len(points), dtype=np.int32)[:, None], MAX_NEIGHBOURS + 1, axis=1)
-    weights = np.zeros((len(points), MAX_NEIGHBOURS + 1), np.float32)
-    weights[:, 0] = 1.0
-    with np.errstate(invalid="ignore"):
-        has_depth = np.isfinite(points.inverse_depth) & (points.inverse_depth > 0)
-    segment = odometry.keyframes.segment[points.host]
-    points_world = odometry.points_world()
-    for number in np.unique(segment[has_depth]):
-        members = np.flatnonzero(has_depth & (segment == number))
-        sigma = spread / points.inverse_depth[members].astype(np.float64)
-        near, r2 = nearest(points_world[members], MAX_SIGMAS * sigma, MAX_NEIGHBOURS + 1)
-        gaussian_weights(members, near, r2, sigma, OWN_WEIGHT, rows, weights)
-    return Neighbours(rows, weights)
+    sorted: FloatArray
+    order: NDArray[np.int32]
+    axes: NDArray[np.int8]
+    splits: FloatArray
+    levels: int
+
+    def nearest(self, asked: FloatArray, radius: FloatArray, count: int) -> tuple[NDArray[np.int32], FloatArray]:
+        """Rows (Q, count) of the points nearest to places (Q, 3), each within its own radius (Q,), nearest first and of equal ones
+        the lowest rows first; and their squared distances. -1 and inf where there are no more."""
+        rows, distance2 = np.empty((len(asked), count), np.int32), np.empty((len(asked), count))
+        nearest_within_radius(self.sorted, self.order, self.axes, self.splits, self.levels, asked, radius, rows, distance2)
+        return rows, distance2
 
 
-def no_neighbours(count: int) -> Neighbours:
-    """Each point with itself alone: `smoothed` leaves its votes as they are."""
-    return Neighbours(np.arange(count, dtype=np.int32)[:, None], np.ones((count, 1), np.float32))
+def _tree(places: FloatArray) -> _Tree:
+    """Of places (N, 3), which it sorts in place."""
+    levels = max(0, (len(places) // LEAF).bit_length() - 1)
+    inner, order = (1 << levels) - 1, np.arange(len(places), dtype=np.int32)
+    tree = _Tree(places, order, np.zeros(inner, np.int8), np.zeros(inner), levels)
+    build_kd_tree(tree.sorted, tree.order, tree.axes, tree.splits, levels)
+    return tree
+
+
+class NeighbourSearch:
+    """Nearest neighbours of each of a drive's points in its segment, weighted exp(-r^2 / 2 s^2), s = spread times the depth in its
+    host. A point without a depth has no neighbour but itself, and none has where spread is 0."""
+
+    def __init__(self, odometry: OdometryResult, spread: float) -> None:
+        self.odometry, self.spread, self.segments = odometry, spread, list[tuple[NDArray[np.int64], _Tree]]()
+        if not spread > 0.0:
+            return
+        points, points_world = odometry.points, odometry.points_world()
+        with np.errstate(invalid="ignore"):
+            has_depth = np.isfinite(points.inverse_depth) & (points.inverse_depth > 0)
+        segment = odometry.keyframes.segment[points.host]
+        for number in np.unique(segment[has_depth]):
+            members = np.flatnonzero(has_depth & (segment == number))
+            self.segments.append((members, _tree(points_world[members])))
+
+    def of(self, first: int, stop: int) -> Neighbours:
+        """Those of the points from `first` to before `stop`."""
+        count = MAX_NEIGHBOURS + 1 if self.segments else 1
+        rows = np.repeat(np.arange(first, stop, dtype=np.int32)[:, None], count, axis=1)
+        weights = np.zeros(rows.shape, np.float32)
+        weights[:, 0] = 1.0
+        if not self.segments:
+            return Neighbours(rows, weights)
+        block = self.odometry.points_world(slice(first, stop))
+        for members, tree in self.segments:
+            low, high = np.searchsorted(members, (first, stop)).tolist()
+            here = members[low:high]
+            sigma = self.spread / self.odometry.points.inverse_depth[here].astype(np.float64)
+            near, r2 = tree.nearest(block[here - first], MAX_SIGMAS * sigma, count)
+            gaussian_weights(members, low, near, r2, sigma, OWN_WEIGHT, first, rows, weights)
+        return Neighbours(rows, weights)
 
 
 def nearest(places: FloatArray, radius: FloatArray, count: int) -> tuple[NDArray[np.int32], FloatArray]:
-    """Rows (N, count) of the nearest of N places (N, 3), each within its own radius (N,), itself among them, nearest first and of
-    equal ones the lowest rows first; and their squared distances. -1 and inf where there are no more."""
-    levels = max(0, (len(places) // LEAF).bit_length() - 1)
-    sorted_places, order = np.array(places, np.float64, order="C"), np.arange(len(places), dtype=np.int32)
-    axes, splits = np.zeros((1 << levels) - 1, np.int8), np.zeros((1 << levels) - 1)
-    rows, distance2 = np.empty((len(places), count), np.int32), np.empty((len(places), count))
-    build_kd_tree(sorted_places, order, axes, splits, levels)
-    nearest_within_radius(sorted_places, order, axes, splits, levels, radius, rows, distance2)
-    return rows, distance2
+    """Of N places (N, 3) the nearest ones of each, itself among them: as `_Tree.nearest`, radius (N,)."""
+    return _tree(np.array(places, np.float64, order="C")).nearest(np.ascontiguousarray(places, np.float64), radius, count)
 
 
 def smoothed(
-    votes: SparseVotes, near: Neighbours, baseline: NDArray[np.uint8], min_share: float
+    forms: Sequence[SparseVotes], search: NeighbourSearch, baseline: NDArray[np.uint8], min_share: float
 ) -> tuple[NDArray[np.uint8], SparseVotes]:
-    """Labels (P,) and votes when every point's votes are the weighted mean of its neighbours'; the sum of its own votes stays.
+    """Labels (F, P) by each of F forms of votes when every point's are the weighted mean of its neighbours', while the sum of its
+    own stays; and the votes of the last form.
 
     baseline : (P,) the labels of points without votes; min_share : classes with less of a point's votes are not kept
     """
-    labels, parts = baseline.copy(), []
+    labels = np.repeat(baseline[None], len(forms), axis=0)
+    start, parts = np.zeros(len(baseline) + 1, np.int64), list[tuple[NDArray[np.uint8], NDArray[np.float32]]]()
     for first in range(0, len(baseline), _BLOCK):
         stop = min(first + _BLOCK, len(baseline))
-        block = smoothed_votes(votes.start, votes.classes, votes.weights, near.rows, near.weights, first, stop, CLASS_COUNT)
-        labels[first:stop] = argmax_classes(block, baseline[first:stop])
-        parts.append(sparse_votes(block, min_share))
-    if not parts:
-        return labels, votes
-    kinds, classes, weights = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return labels, SparseVotes(np.concatenate([[0], np.cumsum(kinds)]), classes, weights)
+        near = search.of(first, stop)
+        for votes, found in zip(forms, labels, strict=True):
+            block = smoothed_votes(votes.start, votes.classes, votes.weights, near.rows, near.weights, first, CLASS_COUNT)
+            found[first:stop] = argmax_classes(block, baseline[first:stop])
+        start[first + 1 : stop + 1], classes, weights = sparse_votes(block, min_share)
+        parts.append((classes, weights))
+    np.cumsum(start, out=start)
+    return labels, SparseVotes(start, *_joined(parts, int(start[-1])))
+
+
+def _joined(
+    parts: list[tuple[NDArray[np.uint8], NDArray[np.float32]]], count: int
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Classes and weights (count,) of all parts, which it takes out of the list: none is in memory twice."""
+    classes, weights = np.empty(count, np.uint8), np.empty(count, np.float32)
+    while parts:
+        part, stop = parts.pop(), count
+        count -= len(part[0])
+        classes[count:stop], weights[count:stop] = part
+    return classes, weights

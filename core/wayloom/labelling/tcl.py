@@ -31,19 +31,19 @@ from wayloom.geometry import se3
 from wayloom.labelling.class_prior import class_prior_correction, class_prior_factors
 from wayloom.labelling.images import LabelImages, VoterImageCache
 from wayloom.labelling.kernels.visibility import occlusion_buffer
-from wayloom.labelling.kernels.voting import argmax_classes, sorted_by_point, sparse_votes
-from wayloom.labelling.neighbours import neighbours, no_neighbours, smoothed
+from wayloom.labelling.kernels.voting import argmax_classes, put_votes, sparse_votes
+from wayloom.labelling.neighbours import NeighbourSearch, smoothed
 from wayloom.labelling.projection import CELL_PX, HostedPoints, Projections, add_votes, host_descriptors
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.labelling.types import PointLabels, SparseVotes
 from wayloom.labelling.voting_frames import right_images_vote, voting_frames
-from wayloom.odometry.types import OdometryResult
+from wayloom.odometry.types import POINTS_AT_ONCE, OdometryResult
 
 MIN_VOTE_SHARE = 0.01
 """Of soft votes, a class that got less than this share of its point's votes is not kept with the point."""
 MAX_CACHED_VOTERS = 256
 """Voters in memory at most, whatever the reach."""
-_HostVotes = tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.float32]]
+_HostVotes = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]
 """`sparse_votes` of one host's points."""
 
 
@@ -95,16 +95,15 @@ def label_points(
         both = votes.sum(axis=0)
         labels[:, rows] = baseline, argmax_classes(votes[0], baseline), argmax_classes(both, baseline)
         for part, counted in zip(by_host, (votes[0], both), strict=True):
-            part.append(sparse_votes(counted, min_share))
-    mono, stereo = (_by_point(hosted, part) for part in by_host)
+            kinds, classes, sums = sparse_votes(counted, min_share)
+            part.append((kinds.astype(np.uint8), classes, sums))
+    mono, stereo = (_by_point(hosted, bounds, part) for part in by_host)
     prior_power = 0.0 if images.is_balanced else settings.class_prior_power
     if prior_power > 0:
         factors = class_prior_factors(stereo, prior_power)
         mono, stereo = class_prior_correction(mono, factors), class_prior_correction(stereo, factors)
     if (settings.spread > 0 or prior_power > 0) and len(points):
-        near = neighbours(odometry, settings.spread) if settings.spread > 0 else no_neighbours(len(points))
-        labels[1], _ = smoothed(mono, near, labels[0], min_share)
-        labels[2], stereo = smoothed(stereo, near, labels[0], min_share)
+        labels[1:], stereo = smoothed((mono, stereo), NeighbourSearch(odometry, settings.spread), labels[0], min_share)
     progress(1.0, f"votes on the points of {count} keyframes counted")
     return PointLabels(labels[0], labels[1], labels[2], stereo.start, stereo.classes, stereo.weights)
 
@@ -121,9 +120,12 @@ def _voters(odometry: OdometryResult, settings: LabellingSettings) -> Voters:
 
 def _cache_capacity(odometry: OdometryResult, voters: Voters, settings: LabellingSettings) -> int:
     """How many voters must be in memory so that none is opened twice."""
-    points, of_keyframe = odometry.points, voters.of_keyframe
-    host = np.repeat(points.host, np.diff(points.obs_start))
-    furthest = int(np.abs(of_keyframe[points.obs_keyframe] - of_keyframe[host]).max(initial=0))
+    points, of_keyframe, furthest = odometry.points, voters.of_keyframe, 0
+    for first in range(0, len(points), POINTS_AT_ONCE):
+        start = points.obs_start[first : first + POINTS_AT_ONCE + 1]
+        host = np.repeat(of_keyframe[points.host[first : first + POINTS_AT_ONCE]], np.diff(start))
+        apart = np.abs(of_keyframe[points.obs_keyframe[start[0] : start[-1]]] - host)
+        furthest = max(furthest, int(apart.max(initial=0)))
     gap = int(np.diff(of_keyframe).max(initial=1))
     return min(MAX_CACHED_VOTERS, 2 * max(furthest, settings.reach * gap) + 2)
 
@@ -166,7 +168,7 @@ def _voters_of(
     """The voters of the points of keyframe k in these rows, in time order: row of the voter, and (N,) which points are projected
     into its left and into its right image: those that the odometry observed there, or all if it is within reach."""
     points, of_keyframe = odometry.points, voters.of_keyframe
-    start, length = points.obs_start[rows], np.diff(points.obs_start)[rows]
+    start, length = points.obs_start[rows], points.obs_start[rows + 1] - points.obs_start[rows]
     first = np.concatenate([[0], np.cumsum(length)])
     taken = np.repeat(start - first[:-1], length) + np.arange(first[-1])
     of_point = np.repeat(np.arange(len(rows)), length)
@@ -222,9 +224,15 @@ class _OcclusionBuffers:
         return self._buffers[k]
 
 
-def _by_point(hosted: NDArray[np.int64], by_host: list[_HostVotes]) -> SparseVotes:
-    """The sparse votes of all hosts' points, which come in the order `hosted`, in the order of the points."""
-    kinds = np.concatenate([np.zeros(0, np.int64), *(part[0] for part in by_host)])
-    ids = np.concatenate([np.zeros(0, np.uint8), *(part[1] for part in by_host)])
-    sums = np.concatenate([np.zeros(0, np.float32), *(part[2] for part in by_host)])
-    return SparseVotes(*sorted_by_point(hosted, kinds, ids, sums))
+def _by_point(hosted: NDArray[np.int64], bounds: NDArray[np.int64], by_host: list[_HostVotes]) -> SparseVotes:
+    """The sparse votes of all hosts' points, which come in the order `hosted`, in the order of the points. Takes them out of
+    by_host: none is in memory twice."""
+    start = np.zeros(len(hosted) + 1, np.int64)
+    for k, (kinds, _, _) in enumerate(by_host):
+        start[1 + hosted[bounds[k] : bounds[k + 1]]] = kinds
+    np.cumsum(start, out=start)
+    classes, weights = np.empty(start[-1], np.uint8), np.empty(start[-1], np.float32)
+    while by_host:
+        _, ids, sums = by_host.pop()
+        put_votes(hosted[bounds[len(by_host)] : bounds[len(by_host) + 1]], start, ids, sums, classes, weights)
+    return SparseVotes(start, classes, weights)

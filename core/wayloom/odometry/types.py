@@ -1,7 +1,7 @@
 """Result of the odometry: trajectory, keyframes and points of a drive."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,8 @@ from wayloom.geometry.camera import StereoRig
 from wayloom.geometry.lens import IDENTITY, RightLens
 
 FloatArray = NDArray[np.float64]
+POINTS_AT_ONCE: Final = 65_536
+"""Whose poses are in memory at once: a drive of an hour has five million points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,11 +112,14 @@ class OdometryResult:
     report: dict[str, Any] = field(default_factory=dict)
     lens: RightLens = IDENTITY
 
-    def points_world(self) -> FloatArray:
-        """(P, 3) m: every point in the drive's world frame."""
-        camera, p = self.rig.camera, self.points
-        rays = camera.rays(p.uv_host.astype(np.float64))
-        T = self.keyframes.T_world_cam[p.host]
-        p_host = rays / np.maximum(p.inverse_depth.astype(np.float64), 1e-9)[:, None]
-        points: FloatArray = np.einsum("nij,nj->ni", T[:, :3, :3], p_host) + T[:, :3, 3]
-        return points
+    def points_world(self, of: slice = slice(None)) -> FloatArray:
+        """(P, 3) m: every point, or those of a slice without steps, in the drive's world frame."""
+        p, (start, stop, _) = self.points, of.indices(len(self.points))
+        out = np.empty((max(stop - start, 0), 3))
+        for first in range(start, stop, POINTS_AT_ONCE):
+            rows = slice(first, min(first + POINTS_AT_ONCE, stop))
+            rays = self.rig.camera.rays(p.uv_host[rows].astype(np.float64))
+            T = self.keyframes.T_world_cam[p.host[rows]]
+            p_host = rays / np.maximum(p.inverse_depth[rows].astype(np.float64), 1e-9)[:, None]
+            out[rows.start - start : rows.stop - start] = np.einsum("nij,nj->ni", T[:, :3, :3], p_host) + T[:, :3, 3]
+        return out

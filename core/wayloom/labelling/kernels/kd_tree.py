@@ -1,4 +1,4 @@
-"""Balanced k-d tree with a k-nearest-neighbour search of every point within a radius of its own."""
+"""Balanced k-d tree with a search of the nearest points, within a radius of each place's own."""
 
 import numpy as np
 from numba import njit
@@ -60,24 +60,23 @@ def build_kd_tree(places, order, axes, splits, levels):  # type: ignore[no-untyp
 
 
 @njit(cache=True, error_model="numpy")
-def nearest_within_radius(places, order, axes, splits, levels, radius, rows, distance2):  # type: ignore[no-untyped-def]
-    """The K nearest neighbours of each point, itself among them, of equal ones those with the lowest numbers.
+def nearest_within_radius(places, order, axes, splits, levels, asked, radius, rows, distance2):  # type: ignore[no-untyped-def]
+    """The K points nearest to each place asked for, of equal ones those with the lowest numbers.
 
     places, order, axes, splits, levels : as `build_kd_tree` left them
-    radius     (N,) by a point's number
-    Fills rows (N, K) int32 with points' numbers, -1 where there are no more, and distance2 (N, K) with squared distances, inf
-    there; by the point's number, nearest first.
+    asked      (Q, 3); radius (Q,) within which neighbours are
+    Fills rows (Q, K) int32 with points' numbers, -1 where there are no more, and distance2 (Q, K) with squared distances, inf
+    there, nearest first.
     """
     count, wanted = len(places), rows.shape[1]
     leaves = (1 << levels) - 1
     nodes, stack = np.empty(_STACK, np.int64), np.empty((_STACK, 3))
-    for q in range(count):
-        point = order[q]
-        near, far = rows[point], distance2[point]
+    for q in range(len(asked)):
+        near, far = rows[q], distance2[q]
         near[:] = -1
         far[:] = np.inf
-        reach = radius[point] * radius[point]
-        x, y, z = places[q, 0], places[q, 1], places[q, 2]
+        reach = radius[q] * radius[q]
+        x, y, z = asked[q, 0], asked[q, 1], asked[q, 2]
         nodes[0], top = 0, 1
         stack[0, 0] = stack[0, 1] = stack[0, 2] = 0.0
         while top > 0:

@@ -39,53 +39,61 @@ def scaled_by_class(start, classes, weights, factors):  # type: ignore[no-untype
 
 
 @njit(cache=True, error_model="numpy")
-def gaussian_weights(members, near, distance2, sigma, own_weight, rows, gaussian):  # type: ignore[no-untyped-def]
-    """Fill rows (P, K) and gaussian (P, K) of points members (N,): exp(-r^2 / 2 s^2), for a point itself times `own_weight`; the
-    point and 0 where there are no more.
+def gaussian_weights(members, low, near, distance2, sigma, own_weight, first, rows, gaussian):  # type: ignore[no-untyped-def]
+    """Fill rows and gaussian (B, K), those of the points from `first` on, of Q of the points members (N,), from place `low` among
+    them on: exp(-r^2 / 2 s^2), for a point itself times `own_weight`; the point and 0 where there are no more.
 
-    near (N, K) places among members of each one's nearest, -1: no more, distance2 (N, K) m^2, sigma (N,) m. A point that is not
+    near (Q, K) places among members of each one's nearest, -1: no more, distance2 (Q, K) m^2, sigma (Q,) m. A point that is not
     among its nearest, as many stand at its place, takes the last one's place.
     """
-    for n in range(len(members)):
-        p, scale, is_there = members[n], -0.5 / (sigma[n] * sigma[n]), False
-        for i in range(near.shape[1]):
+    last = near.shape[1] - 1
+    for n in range(len(near)):
+        own, scale, is_there = low + n, -0.5 / (sigma[n] * sigma[n]), False
+        p = members[own]
+        for i in range(last + 1):
             q = near[n, i]
-            is_there = is_there or q == n
-            rows[p, i] = members[q] if q >= 0 else p
-            gaussian[p, i] = np.exp(scale * distance2[n, i]) * (own_weight if q == n else 1.0) if q >= 0 else 0.0
+            is_there = is_there or q == own
+            rows[p - first, i] = members[q] if q >= 0 else p
+            gaussian[p - first, i] = np.exp(scale * distance2[n, i]) * (own_weight if q == own else 1.0) if q >= 0 else 0.0
         if not is_there:
-            rows[p, near.shape[1] - 1], gaussian[p, near.shape[1] - 1] = p, own_weight
+            rows[p - first, last], gaussian[p - first, last] = p, own_weight
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _sum_of(weights, start, stop):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for m in range(_Index(start), _Index(stop)):
+        total += np.float64(weights[m])
+    return total
 
 
 @njit(cache=True, error_model="numpy")
-def smoothed_votes(start, classes, weights, neighbour, gaussian, first, stop, class_count):  # type: ignore[no-untyped-def]
-    """Votes of points first to stop: the Gaussian-weighted mean of the neighbours' (as shares of 1), times the point's own sum.
+def smoothed_votes(start, classes, weights, neighbour, gaussian, first, class_count):  # type: ignore[no-untyped-def]
+    """Votes of B points from `first` on: the Gaussian-weighted mean of the neighbours' (as shares of 1), times the point's own sum.
 
     start      (P + 1,) int64, classes (M,) uint8, weights (M,) float32 > 0: the sparse votes of all P points
-    neighbour  (P, K) rows of points, itself among them; gaussian (P, K) float32 their weights, 0: not a neighbour
-    returns    (stop - first, class_count) float64; zeros for a point without votes of its own
+    neighbour  (B, K) rows of points, itself among them; gaussian (B, K) float32 their weights, 0: not a neighbour
+    returns    (B, class_count) float64; zeros for a point without votes of its own
     """
-    votes = np.zeros((stop - first, class_count))
-    total = np.zeros(len(start) - 1)
+    votes = np.zeros((len(neighbour), class_count))
     mean = np.empty(class_count)
-    for p in range(len(total)):
-        for m in range(start[p], start[p + 1]):
-            total[p] += np.float64(weights[m])
-    for n in range(stop - first):
+    for n in range(len(neighbour)):
         p = first + n
-        if not total[p] > 0.0:
+        own = _sum_of(weights, start[p], start[p + 1])
+        if not own > 0.0:
             continue
         of_all = 0.0
         mean[:] = 0.0
         for i in range(neighbour.shape[1]):
-            q = neighbour[p, i]
-            if not (gaussian[p, i] > 0.0 and total[q] > 0.0):
+            q = neighbour[n, i]
+            if not (gaussian[n, i] > 0.0 and start[q + 1] > start[q]):
                 continue
-            of_all += np.float64(gaussian[p, i])
-            share = np.float64(gaussian[p, i]) / total[q]
+            total = _sum_of(weights, start[q], start[q + 1])
+            of_all += np.float64(gaussian[n, i])
+            share = np.float64(gaussian[n, i]) / total
             for m in range(_Index(start[q]), _Index(start[q + 1])):
                 mean[classes[m]] += share * np.float64(weights[m])
-        scale = total[p] / of_all
+        scale = own / of_all
         for c in range(class_count):
             votes[n, c] = scale * mean[c]
     return votes

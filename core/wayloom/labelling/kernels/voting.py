@@ -192,22 +192,11 @@ def sparse_votes(votes, min_share):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def sorted_by_point(point, kinds, ids, sums):  # type: ignore[no-untyped-def]
-    """Sparse votes brought into the order of the points.
-
-    point    (P,) int64: the point whose votes come n-th, each once; kinds (P,) int64 how many it has; ids (V,), sums (V,) of all
-    returns  start (P + 1,) int64, ids (V,), sums (V,) by point
-    """
-    start = np.zeros(len(point) + 1, np.int64)
-    for n in range(len(point)):
-        start[point[n] + 1] = kinds[n]
-    for p in range(len(point)):
-        start[p + 1] += start[p]
-    ids_out, sums_out = np.empty_like(ids), np.empty_like(sums)
+def put_votes(point, start, ids, sums, ids_out, sums_out):  # type: ignore[no-untyped-def]
+    """Put the sparse votes ids (V,), sums (V,) of points (N,), one point after the other, where theirs begin in the votes of all P
+    points, ids_out and sums_out (M,), by start (P + 1,)."""
     at = 0
     for n in range(len(point)):
-        to = start[point[n]]
-        for m in range(kinds[n]):
-            ids_out[to + m], sums_out[to + m] = ids[at + m], sums[at + m]
-        at += kinds[n]
-    return start, ids_out, sums_out
+        for m in range(start[point[n]], start[point[n] + 1]):
+            ids_out[m], sums_out[m] = ids[at], sums[at]
+            at += 1
