@@ -191,6 +191,14 @@ def test_without_pyarrow_the_remedy_is_told(street, tmp_path, monkeypatch):
     assert [*tmp_path.iterdir()] == []
 
 
+@pytest.mark.parametrize("write", [write_geojson, write_geopackage, write_feature_parquet])
+def test_progress_tells_of_each_collection_of_regions_once_and_by_its_name(street, tmp_path, write):
+    told = []
+    write(tmp_path / "a", street, None, (), {}, lambda share, what: told.append(what) if share == 1.0 else None)
+    count = len(street.keys)
+    assert told == [f"{name}, region {count} of {count}" for name in ("areas", "objects", "markings", "kerbs")]
+
+
 def test_an_unknown_collection_lists_the_known_ones(street, tmp_path):
     with pytest.raises(InputError, match="areas, objects, markings, kerbs"):
         write_geojson(tmp_path / "a.geojson", street, None, ("streets",), {})
