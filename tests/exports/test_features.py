@@ -15,7 +15,7 @@ import shapely
 from exports.made_sources import POLES, made_source
 from service_kit.programs import needed
 from wayloom.errors import InputError
-from wayloom.exports import geopackage, geoparquet
+from wayloom.exports import geopackage
 from wayloom.exports.drive_outputs import DriveOutputs
 from wayloom.exports.features import COLLECTIONS, read_collection, single_parts
 from wayloom.exports.geojson import write_geojson
@@ -182,13 +182,6 @@ def test_points_in_a_geoparquet_are_the_maps_voxels(tmp_path):
     assert np.array_equal(table["last_seen"].cast("int64").to_numpy(), np.concatenate([one.last_seen_ns for one in whole]))
     assert table["class"].to_pylist()[0] in {"road", "sidewalk", "building", "wall", "fence", "pole", "vegetation", "terrain",
                                              "traffic light", "traffic sign"}  # fmt: skip
-
-
-def test_without_pyarrow_the_remedy_is_told(street, tmp_path, monkeypatch):
-    monkeypatch.setattr(geoparquet, "pyarrow", None)
-    with pytest.raises(InputError, match=r"pip install 'wayloom\[parquet\]'"):
-        write_feature_parquet(tmp_path / "a.parquet", street, None, (), {})
-    assert [*tmp_path.iterdir()] == []
 
 
 @pytest.mark.parametrize("write", [write_geojson, write_geopackage, write_feature_parquet])
