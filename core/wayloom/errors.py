@@ -6,6 +6,7 @@ WayloomError                    anything that wayloom itself reports            
 │   ├── CalibrationError        a camera or rig calibration
 │   ├── ModelError              a network or its description
 │   ├── ConfigError             a setting
+│   ├── MissingExtraError       packages of an extra that is not installed
 │   └── UnknownFormatError      nothing that wayloom knows was recognised
 ├── StageError                  a stage of the pipeline cannot go on
 │   └── TooFewKeyframesError    the odometry left nothing to map
@@ -94,6 +95,13 @@ class ConfigError(InputError):
 
     code = "bad-config"
     default_reason = "config.invalid"
+
+
+class MissingExtraError(InputError):
+    """What is asked for needs packages that are not installed: those of an extra."""
+
+    code = "missing-extra"
+    default_reason = "extra.missing"
 
 
 class UnknownFormatError(InputError):

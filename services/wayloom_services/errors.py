@@ -37,6 +37,7 @@ STATUS_OF: Final[dict[type[errors.WayloomError], int]] = {
     TooManyFilesError: 413,
     QuotaError: 429,
     errors.ConfigError: 500,
+    errors.MissingExtraError: 500,
     errors.InputError: 400,
     errors.StageError: 500,
     errors.ServiceError: 502,

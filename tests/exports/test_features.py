@@ -15,7 +15,7 @@ import shapely
 from exports.made_sources import POLES, made_source
 from service_kit.programs import needed
 from wayloom.errors import InputError
-from wayloom.exports import geopackage, geoparquet
+from wayloom.exports import geopackage
 from wayloom.exports.drive_outputs import DriveOutputs
 from wayloom.exports.features import COLLECTIONS, read_collection, single_parts
 from wayloom.exports.geojson import write_geojson
@@ -184,11 +184,12 @@ def test_points_in_a_geoparquet_are_the_maps_voxels(tmp_path):
                                              "traffic light", "traffic sign"}  # fmt: skip
 
 
-def test_without_pyarrow_the_remedy_is_told(street, tmp_path, monkeypatch):
-    monkeypatch.setattr(geoparquet, "pyarrow", None)
-    with pytest.raises(InputError, match=r"pip install 'wayloom\[parquet\]'"):
-        write_feature_parquet(tmp_path / "a.parquet", street, None, (), {})
-    assert [*tmp_path.iterdir()] == []
+@pytest.mark.parametrize("write", [write_geojson, write_geopackage, write_feature_parquet])
+def test_progress_tells_of_each_collection_of_regions_once_and_by_its_name(street, tmp_path, write):
+    told = []
+    write(tmp_path / "a", street, None, (), {}, lambda share, what: told.append(what) if share == 1.0 else None)
+    count = len(street.keys)
+    assert told == [f"{name}, region {count} of {count}" for name in ("areas", "objects", "markings", "kerbs")]
 
 
 def test_an_unknown_collection_lists_the_known_ones(street, tmp_path):

@@ -3,11 +3,12 @@
 import re
 from pathlib import Path
 
-from wayloom.errors import CalibrationError, ConfigError, InputError, LogError, ModelError, UnknownFormatError
+from wayloom.errors import CalibrationError, ConfigError, InputError, LogError, MissingExtraError, ModelError, UnknownFormatError
 from wayloom.files.reasons import REASONS
 
 ROOT = Path(__file__).parents[2]
-DEFAULTS = {error.default_reason for error in (InputError, LogError, CalibrationError, ModelError, ConfigError, UnknownFormatError)}
+KINDS = (InputError, LogError, CalibrationError, ModelError, ConfigError, MissingExtraError, UnknownFormatError)
+DEFAULTS = {error.default_reason for error in KINDS}
 
 
 def used() -> set[str]:

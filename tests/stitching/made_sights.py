@@ -23,12 +23,14 @@ R_MAP_CAM = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 @dataclass(frozen=True)
 class Passing:
-    """One drive along the wall: number of its day, whether the pole stands, is labelled, and has points; a car that hides it."""
+    """One drive along the wall: number of its day, whether the pole stands, is labelled, has points and how many; a car that hides
+    it."""
 
     day: int
     pole: bool = True
     labelled: bool | None = None
     has_points: bool | None = None
+    points: int = 6
     hidden: bool = False
     sigma_m: float = 0.02
     north: tuple[float, ...] = tuple(np.arange(0.0, 20.0, 2.0).tolist())
@@ -68,8 +70,9 @@ def driven(way: Passing) -> PlacedSubmap:
     wall = np.column_stack([np.full(300, WALL_M), rng.uniform(0.0, 20.0, 300), rng.uniform(-1.0, 3.0, 300)])
     has_points = way.pole and not way.hidden if way.has_points is None else way.has_points
     pole = np.column_stack([rng.normal(POLE_M, 0.02, 6), rng.normal(POLE_NORTH, 0.02, 6), np.linspace(-1.0, 1.0, 6)])
-    xyz = np.concatenate([wall, pole[: 6 * has_points]])
-    label = np.repeat(np.array([BUILDING, POLE], np.uint8), [300, 6 * has_points])
+    pole = pole[: way.points * has_points]
+    xyz = np.concatenate([wall, pole])
+    label = np.repeat(np.array([BUILDING, POLE], np.uint8), [300, len(pole)])
     T = np.tile(np.eye(4), (len(way.north), 1, 1))
     T[:, :3, :3], T[:, 1, 3] = R_MAP_CAM, way.north
     t_ns = 10**18 + way.day * DAY_NS + np.arange(len(way.north)) * 10**9

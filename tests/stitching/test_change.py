@@ -51,6 +51,26 @@ def test_what_a_later_drive_sees_through_is_gone_with_both_sides_as_evidence():
     assert change.last_seen_ns < change.first_through_ns
 
 
+def test_what_has_a_single_point_leaves_the_map_and_is_not_listed():
+    region = mapped(Passing(0, points=1), IS_GONE)
+    assert (poles(region), poles(region, "gone")) == (0, 1)
+    assert region.changes == ()
+    region = mapped(Passing(0, pole=False), Passing(1, points=1))
+    assert (poles(region), region.changes) == (1, ())
+
+
+@pytest.mark.parametrize(
+    "stood",
+    [
+        pytest.param([Passing(0, points=2)], id="of one drive"),
+        pytest.param([Passing(0, points=1), Passing(1, points=1)], id="of two drives"),
+    ],
+)
+def test_what_has_two_points_is_listed(stood):
+    (change,) = mapped(*stood, Passing(2, pole=False)).changes
+    assert (change.kind, change.points) == ("gone", 2)
+
+
 def test_the_wall_behind_loses_nothing():
     region, before = mapped(STANDS, IS_GONE), mapped(STANDS, IS_GONE, looks=[])
     walls = [(one.layers["static"].label != POLE).sum() for one in (region, before)]

@@ -36,14 +36,14 @@ class Collection:
 
 
 def _of_regions(
-    name: str, wanted: Callable[[Feature], bool] = lambda _: True
+    name: str, wanted: Callable[[Feature], bool] = lambda _: True, told: str = ""
 ) -> Callable[[MapSource, Progress], Iterator[Feature]]:
-    """A reader of the features that the source has of its regions under a name."""
+    """A reader of the features that the source has of its regions under a name; progress tells of them as `told`, else by it."""
 
     def read(source: MapSource, progress: Progress) -> Iterator[Feature]:
         for number, key in enumerate(source.keys):
             yield from filter(wanted, source.features(name, key))
-            progress((number + 1) / len(source.keys), f"{name}, region {number + 1} of {len(source.keys)}")
+            progress((number + 1) / len(source.keys), f"{told or name}, region {number + 1} of {len(source.keys)}")
 
     return read
 
@@ -85,7 +85,7 @@ COLLECTIONS: Final = {
     "markings": Collection(
         "lines, crossings, arrows", "Geometry", _MARKING_COLUMNS, _of_regions("markings", lambda one: not _is_kerb(one))
     ),
-    "kerbs": Collection("kerbs with their heights", "LineString", _KERB_COLUMNS, _of_regions("markings", _is_kerb)),
+    "kerbs": Collection("kerbs with their heights", "LineString", _KERB_COLUMNS, _of_regions("markings", _is_kerb, "kerbs")),
     "tracks": Collection("ways of the drives", "LineString", {"kind": "text", "drive_id": "text", "length_m": "real"}, _tracks),
 }
 

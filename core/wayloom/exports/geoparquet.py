@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from wayloom.config.classes import CLASS_NAMES, VOID
+from wayloom.config.extras import missing_extra
 from wayloom.config.progress import Progress, silent
 from wayloom.errors import InputError
 from wayloom.exports.features import Kind, places_of, read_collection, wanted_collections
@@ -34,9 +35,9 @@ CLASS_NAME: Final = [*CLASS_NAMES, *[""] * (VOID - len(CLASS_NAMES)), "void"]
 
 
 def check_pyarrow(path: Path) -> None:
-    """Raises InputError where pyarrow is not installed."""
+    """Raises MissingExtraError where pyarrow is not installed."""
     if pyarrow is None:
-        raise InputError("needs pyarrow, which is not installed", file=path, remedy="pip install 'wayloom[parquet]'")
+        raise missing_extra("parquet", "GeoParquet", path)
 
 
 def write_feature_parquet(

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from wayloom.config.classes import PALETTE_WITH_VOID
-from wayloom.errors import ConfigError, InputError
+from wayloom.config.extras import from_extra
+from wayloom.errors import InputError
 from wayloom.exports.recorded_drives import RecordedDrive, map_points, recorded_drives
 from wayloom.exports.source import MapSource
 from wayloom.geodesy.antimeridian import Box
@@ -18,12 +19,10 @@ TIMELINE = "time"
 def write_rerun(path: Path, source: MapSource, box: Box | None, provenance: Mapping[str, Any]) -> int:
     """Write map points, ways, camera poses in time and label images; how many drives. Up is z, the cameras look along z.
 
-    Raises ConfigError without the extra, InputError for a map that is not made of folders of drives, OSError.
+    Raises MissingExtraError without rerun, InputError for a map that is not made of folders of drives, OSError.
     """
-    try:
+    with from_extra("rerun", "a recording for Rerun", path):
         import rerun as rr
-    except ImportError as error:
-        raise ConfigError(".rrd needs rerun", remedy="pip install 'wayloom[rerun]'") from error
     drives = recorded_drives(source, path)
     if not drives:
         raise InputError("there is no drive to play back", file=path, remedy="export folders of drives")

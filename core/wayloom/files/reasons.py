@@ -34,5 +34,6 @@ REASONS: Final[dict[str, str]] = {
     "calibration.invalid": "a calibration is missing or impossible",
     "model.invalid": "a network or its description cannot be used",
     "config.invalid": "a setting is unknown, out of range or contradicts another",
+    "extra.missing": "packages that it needs are not installed; the remedy names the extra",
     "input.invalid": "anything else",
 }

@@ -139,7 +139,7 @@ class Map:
     def geo(self, name: str) -> "geopandas.GeoDataFrame":
         """`objects`, `areas`, `markings`, `kerbs`, `tracks` or `voxels` as a GeoDataFrame in WGS84 with ellipsoidal heights.
 
-        Needs the extra `geo` (`pip install 'wayloom[geo]'`). Raises InputError that lists the known.
+        Needs the extra `geo`: raises MissingExtraError without it; InputError for another name, which lists the known.
         """
         if name == "voxels":
             return frames.of_points(self.voxels, self.lonlatheight(self.voxels.points))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import InputError
+from wayloom.exports.drive_outputs import REPORT_FILE
 from wayloom.exports.points import PointBatch, batch_of_submap, joined_batches
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame
@@ -84,7 +85,7 @@ class Drive:
     @cached_property
     def facts(self) -> dict[str, Any]:
         """report.json: what was tracked, labelled and found, and what to be wary of (`facts["warnings"]`)."""
-        return self._json("report.json")
+        return self._json(REPORT_FILE)
 
     @cached_property
     def quality(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_NAMES, VOID
-from wayloom.errors import ConfigError
+from wayloom.config.extras import from_extra
 from wayloom.exports.points import ALL_VOTES, PointBatch
 from wayloom.exports.source import Feature
 
@@ -43,8 +43,6 @@ def of_features(features: Sequence[Feature], columns: Mapping[str, Any]) -> "geo
 
 
 def _geopandas() -> Any:
-    try:
+    with from_extra("geo", "a GeoDataFrame"):
         import geopandas
-    except ImportError as error:
-        raise ConfigError("GeoDataFrames need geopandas", remedy="pip install 'wayloom[geo]'") from error
     return geopandas

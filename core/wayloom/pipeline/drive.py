@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from wayloom.config.progress import NamedProgress, Progress, silent_for_each
 from wayloom.config.side_by_side import in_order
+from wayloom.exports.drive_outputs import REPORT_FILE
 from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.geoid import GeoidGrid
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
@@ -154,7 +155,7 @@ def _checked(context: StageContext, progress: NamedProgress) -> StageContext:
 
 def _publish(gathered: Path, out_dir: Path) -> None:
     """Move each product into out_dir, report.json last, and remove those of an earlier run that this one does not have."""
-    names = sorted((path.name for path in gathered.iterdir()), key=lambda name: (name == "report.json", name))
+    names = sorted((path.name for path in gathered.iterdir()), key=lambda name: (name == REPORT_FILE, name))
     listing = gathered.parent / PRODUCTS_FILE
     earlier = json.loads(listing.read_text()) if listing.exists() else []
     write_atomically(listing, json.dumps(sorted({*earlier, *names})).encode())

@@ -34,7 +34,7 @@ from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.folders import whole_folder
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stage_files import STAGE_FILE, digest_of_folder, is_undamaged
-from wayloom.pipeline.stage_report import write_report
+from wayloom.pipeline.stage_report import REPORT_FILE, write_report
 
 CALIBRATION_FILE: Final = "calibration.npz"
 EVIDENCE_FILE: Final = "evidence.npz"
@@ -141,7 +141,7 @@ def write_result(result: OdometryResult, observations: CalibrationObservations, 
 def _with_times(folder: Path) -> OdometryResult:
     """A part's result, its report with the times, which its file leaves out."""
     result = load_odometry(folder / ODOMETRY_FILE)
-    report: dict[str, Any] = json.loads((folder / "report.json").read_text())
+    report: dict[str, Any] = json.loads((folder / REPORT_FILE).read_text())
     return replace(result, report=result.report | {"seconds": report["seconds"]})
 
 

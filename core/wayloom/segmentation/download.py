@@ -23,7 +23,8 @@ def fetch(description: ModelDescription, folder: Path, progress: Progress = sile
     """Get the network's file into `folder`, as the description's `file` names it, and return its path.
 
     Weights that are published in another form are converted. What comes is checked by its SHA-256 before it is opened.
-    Raises ModelError where the description names no place, the place does not answer, or something else comes.
+    Raises ModelError where the description names no place, the place does not answer, or something else comes;
+    MissingExtraError where the weights are to be converted and the packages for that are not installed.
     """
     if description.url is None:
         raise ModelError(

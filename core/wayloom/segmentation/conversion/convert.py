@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from wayloom.config.extras import from_extra
 from wayloom.config.toml_text import toml_text
 from wayloom.errors import ModelError
 from wayloom.files.atomic import write_atomically
@@ -28,13 +29,9 @@ class Conversion:
 
 
 def _efficientvit_b0() -> Callable[[Tensors], bytes]:
-    """Raises ModelError where the package onnx is not installed: only who converts needs it."""
-    try:
+    """Raises MissingExtraError where the package onnx is not installed: only who converts needs it."""
+    with from_extra("convert", "the conversion of a network"):
         from wayloom.segmentation.conversion.efficientvit import build_efficientvit_b0
-    except ModuleNotFoundError as error:
-        if error.name != "onnx":
-            raise
-        raise ModelError("the package onnx is not installed", remedy="pip install 'wayloom[convert]'") from None
     return build_efficientvit_b0
 
 
@@ -51,7 +48,10 @@ CONVERSIONS: Final[dict[str, Conversion]] = {
 
 
 def builder_of(name: str) -> Callable[[Tensors], bytes]:
-    """What makes an ONNX file of the weights of a network. Raises ModelError for an unknown name and without the package onnx."""
+    """What makes an ONNX file of the weights of a network.
+
+    Raises ModelError for an unknown name, MissingExtraError without the package onnx.
+    """
     if name not in CONVERSIONS:
         raise ModelError(f"cannot convert {name!r}", remedy=f"known are {', '.join(CONVERSIONS)}")
     return CONVERSIONS[name].build()
@@ -61,8 +61,8 @@ def convert(name: str, weights: Path, out: Path) -> Path:
     """Write the ONNX file `out` and its TOML beside it, and return the TOML's path. The same weights give the same bytes.
 
     The network is loaded and tried before anything is put in place.
-    Raises ModelError for an unknown name, without the package onnx, for weights that are not this network's, and where `out` is no
-    .onnx file.
+    Raises ModelError for an unknown name, for weights that are not this network's, and where `out` is no .onnx file;
+    MissingExtraError without the package onnx.
     """
     build = builder_of(name)
     if out.suffix != ".onnx":

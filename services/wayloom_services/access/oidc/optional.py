@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import structlog
 
 from wayloom.config.access import AccessSettings
+from wayloom.config.extras import remedy_of
 
 if TYPE_CHECKING:
     from wayloom_services.access.oidc.provider import Provider
@@ -18,7 +19,7 @@ def provider_of(settings: AccessSettings) -> "Provider | None":
     if settings.oidc_issuer is None:
         return None
     if find_spec("authlib") is None or find_spec("joserfc") is None:
-        log.warning("no sign-in by OpenID Connect: its packages are not installed", remedy="pip install wayloom[oidc]")
+        log.warning("no sign-in by OpenID Connect: its packages are not installed", remedy=remedy_of("oidc"))
         return None
     from wayloom_services.access.oidc.provider import Provider
 
