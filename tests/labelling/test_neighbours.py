@@ -1,5 +1,6 @@
 """Smoothing of votes over neighbours in space: against a slow, obvious twin, and its invariants."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_drive import even_images, made_drive, random_images, still_drive, texture
 
-from wayloom.labelling.neighbours import MAX_NEIGHBOURS, OWN_WEIGHT, Neighbours, NeighbourSearch, nearest, smoothed
+from wayloom.labelling.neighbours import MAX_NEIGHBOURS, OWN_WEIGHT, Neighbours, NeighbourSearch, nearest, smoothed, smoothed_labels
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.labelling.tcl import label_points
 from wayloom.labelling.types import PointLabels, SparseVotes
@@ -56,7 +57,7 @@ def test_smoothed_votes_are_those_of_the_naive_twin(seed: int, spread: float) ->
     drive = made_drive(seed, points=40)
     drive = replace(drive, keyframes=replace(drive.keyframes, segment=np.array([0, 0, 0, 1, 1], np.int32)))
     votes, baseline = random_votes(rng, 40), rng.integers(0, 19, 40).astype(np.uint8)
-    (_, labels), found = smoothed((votes, votes), NeighbourSearch(drive, spread), baseline, 0.0)
+    labels, found = smoothed(votes, NeighbourSearch(drive, spread), baseline, 0.0)
     for p in range(40):
         expected = naive_smoothed(drive, votes, spread, p)
         dense = np.zeros(19)
@@ -117,16 +118,17 @@ def test_a_point_without_a_depth_keeps_its_own_votes() -> None:
     assert near.weights[1:].sum() == 2
     assert (near.rows[1:, 0] == [1, 2]).all()
     votes = SparseVotes(np.array([0, 1, 2, 3]), np.array([4, 5, 6], np.uint8), np.ones(3, np.float32))
-    assert smoothed((votes,), search, np.zeros(3, np.uint8), 0.0)[0].tolist() == [[4, 5, 6]]
+    assert smoothed(votes, search, np.zeros(3, np.uint8), 0.0)[0].tolist() == [4, 5, 6]
 
 
 def test_the_labels_do_not_depend_on_how_many_points_are_counted_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(1)
     votes, search = random_votes(rng, 150), NeighbourSearch(made_drive(1, points=150), 0.1)
-    whole = smoothed((votes,), search, np.zeros(150, np.uint8), 0.01)
+    whole = smoothed(votes, search, np.zeros(150, np.uint8), 0.01)
     monkeypatch.setattr("wayloom.labelling.neighbours._BLOCK", 40)
-    parts = smoothed((votes,), search, np.zeros(150, np.uint8), 0.01)
+    parts = smoothed(votes, search, np.zeros(150, np.uint8), 0.01)
     assert np.array_equal(whole[0], parts[0])
+    assert np.array_equal(whole[0], smoothed_labels(votes, search, np.zeros(150, np.uint8)))
     assert np.array_equal(whole[1].start, parts[1].start)
     assert np.array_equal(whole[1].weights, parts[1].weights)
 
@@ -158,3 +160,19 @@ def test_the_nearest_are_those_of_comparing_all_with_all(count: int) -> None:
         assert found == expected
         assert np.isinf(distance2[p, len(found) :]).all()
         np.testing.assert_allclose(distance2[p, : len(found)], r2[expected])
+
+
+def test_neighbours_of_a_long_drive_take_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An hour of driving has five million points: of each, its place and its number in the tree are held, and a few more for a
+    while; its neighbours are never there for all points at once."""
+    for module in ("labelling.neighbours._BLOCK", "odometry.types.POINTS_AT_ONCE"):
+        monkeypatch.setattr(f"wayloom.{module}", 512)
+    peaks, counts = [], (4_000, 24_000)
+    for count in counts:
+        drive, votes = made_drive(3, points=count), random_votes(np.random.default_rng(0), count)
+        smoothed_labels(votes, NeighbourSearch(drive, 0.05), np.zeros(count, np.uint8))
+        tracemalloc.start()
+        smoothed_labels(votes, NeighbourSearch(drive, 0.05), np.zeros(count, np.uint8))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert (peaks[1] - peaks[0]) / (counts[1] - counts[0]) < 60

@@ -4,7 +4,7 @@ Not in the paper. Label boundaries in an image are uncertain by a few pixels, an
 image a point at an object's edge has as much background as object around it; its neighbours in space are the object's alone.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -79,7 +79,7 @@ class NeighbourSearch:
         segment = odometry.keyframes.segment[points.host]
         for number in np.unique(segment[has_depth]):
             members = np.flatnonzero(has_depth & (segment == number))
-            self.segments.append((members, _tree(points_world[members])))
+            self.segments.append((members, _tree(points_world if len(members) == len(points) else points_world[members])))
 
     def of(self, first: int, stop: int) -> Neighbours:
         """Those of the points from `first` to before `stop`."""
@@ -104,26 +104,37 @@ def nearest(places: FloatArray, radius: FloatArray, count: int) -> tuple[NDArray
     return _tree(np.array(places, np.float64, order="C")).nearest(np.ascontiguousarray(places, np.float64), radius, count)
 
 
-def smoothed(
-    forms: Sequence[SparseVotes], search: NeighbourSearch, baseline: NDArray[np.uint8], min_share: float
-) -> tuple[NDArray[np.uint8], SparseVotes]:
-    """Labels (F, P) by each of F forms of votes when every point's are the weighted mean of its neighbours', while the sum of its
-    own stays; and the votes of the last form.
+def smoothed_labels(votes: SparseVotes, search: NeighbourSearch, baseline: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Labels (P,) when every point's votes are the weighted mean of its neighbours'; baseline (P,): of points without votes."""
+    labels = baseline.copy()
+    for rows, block in _smoothed_blocks(votes, search, len(baseline)):
+        labels[rows] = argmax_classes(block, baseline[rows])
+    return labels
 
-    baseline : (P,) the labels of points without votes; min_share : classes with less of a point's votes are not kept
+
+def smoothed(
+    votes: SparseVotes, search: NeighbourSearch, baseline: NDArray[np.uint8], min_share: float
+) -> tuple[NDArray[np.uint8], SparseVotes]:
+    """`smoothed_labels`, and the votes themselves, each point's with the sum that its own had.
+
+    min_share : classes with less of a point's votes are not kept
     """
-    labels = np.repeat(baseline[None], len(forms), axis=0)
-    start, parts = np.zeros(len(baseline) + 1, np.int64), list[tuple[NDArray[np.uint8], NDArray[np.float32]]]()
-    for first in range(0, len(baseline), _BLOCK):
-        stop = min(first + _BLOCK, len(baseline))
-        near = search.of(first, stop)
-        for votes, found in zip(forms, labels, strict=True):
-            block = smoothed_votes(votes.start, votes.classes, votes.weights, near.rows, near.weights, first, CLASS_COUNT)
-            found[first:stop] = argmax_classes(block, baseline[first:stop])
-        start[first + 1 : stop + 1], classes, weights = sparse_votes(block, min_share)
+    labels, start = baseline.copy(), np.zeros(len(baseline) + 1, np.int64)
+    parts: list[tuple[NDArray[np.uint8], NDArray[np.float32]]] = []
+    for rows, block in _smoothed_blocks(votes, search, len(baseline)):
+        labels[rows] = argmax_classes(block, baseline[rows])
+        start[rows.start + 1 : rows.stop + 1], classes, weights = sparse_votes(block, min_share)
         parts.append((classes, weights))
     np.cumsum(start, out=start)
     return labels, SparseVotes(start, *_joined(parts, int(start[-1])))
+
+
+def _smoothed_blocks(votes: SparseVotes, search: NeighbourSearch, count: int) -> Iterator[tuple[slice, FloatArray]]:
+    """Of `count` points some at a time: their rows, and their votes (B, 19) as the weighted mean of their neighbours'."""
+    for first in range(0, count, _BLOCK):
+        rows = slice(first, min(first + _BLOCK, count))
+        near = search.of(rows.start, rows.stop)
+        yield rows, smoothed_votes(votes.start, votes.classes, votes.weights, near.rows, near.weights, first, CLASS_COUNT)
 
 
 def _joined(

@@ -32,7 +32,7 @@ from wayloom.labelling.class_prior import class_prior_correction, class_prior_fa
 from wayloom.labelling.images import LabelImages, VoterImageCache
 from wayloom.labelling.kernels.visibility import occlusion_buffer
 from wayloom.labelling.kernels.voting import argmax_classes, put_votes, sparse_votes
-from wayloom.labelling.neighbours import NeighbourSearch, smoothed
+from wayloom.labelling.neighbours import NeighbourSearch, smoothed, smoothed_labels
 from wayloom.labelling.projection import CELL_PX, HostedPoints, Projections, add_votes, host_descriptors
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.labelling.types import PointLabels, SparseVotes
@@ -103,7 +103,10 @@ def label_points(
         factors = class_prior_factors(stereo, prior_power)
         mono, stereo = class_prior_correction(mono, factors), class_prior_correction(stereo, factors)
     if (settings.spread > 0 or prior_power > 0) and len(points):
-        labels[1:], stereo = smoothed((mono, stereo), NeighbourSearch(odometry, settings.spread), labels[0], min_share)
+        search = NeighbourSearch(odometry, settings.spread)
+        labels[1] = smoothed_labels(mono, search, labels[0])
+        del mono  # of a long drive as much as the points themselves
+        labels[2], stereo = smoothed(stereo, search, labels[0], min_share)
     progress(1.0, f"votes on the points of {count} keyframes counted")
     return PointLabels(labels[0], labels[1], labels[2], stereo.start, stereo.classes, stereo.weights)
 
