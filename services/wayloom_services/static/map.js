@@ -13,7 +13,7 @@ import { VersionLayers } from "/static/map/version_layers.js";
 // The map of this page; about: { info } with the answer of /v1/info.
 export function mountMap(container, { info }) {
   const city = new CityMap(container, info.overlays);
-  knowClasses(info.classes.filter((one) => one.in_map));
+  knowClasses(info.classes);
   noteClasses(info.classes);
   globalThis.wayloomMap = city.map;
   return city;

@@ -1,11 +1,14 @@
 // A map without WebGL: published tiles as images, tracks as SVG, moved by drag, wheel, keys and buttons. The same interface as map.js.
 
 import { ask, send } from "/static/api.js";
+import { ClassPixels, pixelsOf } from "/static/map/class_pixels.js";
 import { element } from "/static/ui/dom.js";
+import { scheme, whenSchemeChanges } from "/static/ui/tones.js";
 
 const TILE = 256;
 const [LOWEST, HIGHEST] = [2, 22];
 const LAYERS = { ortho: "webp", semantic: "png" };
+const NOTHING = new Set();
 const SVG = "http://www.w3.org/2000/svg";
 
 // (x, y) in the unit square of Web Mercator.
@@ -19,7 +22,8 @@ const linesOf = ({ type, coordinates }) => (type === "LineString" ? [coordinates
 export const mountMap = (container, about) => new PlainMap(container, about);
 
 export class PlainMap {
-  constructor(container, { why }) {
+  constructor(container, { info, why }) {
+    this.pixels = new ClassPixels(info.classes.filter((one) => one.in_map));
     this.map = null;
     this.tracks = new Map();
     this.hidden = new Set();
@@ -41,6 +45,7 @@ export class PlainMap {
     container.append(this.view, this.#buttons(), element("p", "plain-note", `A plain map: ${why}. Everything else works as usual.`));
     this.#listen();
     new ResizeObserver(() => this.#draw()).observe(this.view);
+    whenSchemeChanges(() => this.#recolour());
   }
 
   #buttons() {
@@ -149,9 +154,23 @@ export class PlainMap {
   async #load(image, address) {
     const answer = await send(address).catch(() => null);
     if (answer?.status !== 200) return;
-    const url = URL.createObjectURL(await answer.blob());
+    const blob = await answer.blob();
+    const url = URL.createObjectURL(image.className === "semantic" ? await this.#toned(blob) : blob);
     image.addEventListener("load", () => URL.revokeObjectURL(url), { once: true });
     image.src = url;
+  }
+
+  // A picture of classes in the colours of the page's ground.
+  async #toned(blob) {
+    const pixels = await pixelsOf(blob);
+    this.pixels.draw(pixels.data, scheme(), NOTHING);
+    const canvas = new OffscreenCanvas(pixels.width, pixels.height);
+    canvas.getContext("2d").putImageData(pixels, 0, 0);
+    return canvas.convertToBlob({ type: "image/png" });
+  }
+
+  #recolour() {
+    for (const [address, image] of this.images) if (image.className === "semantic") this.#load(image, address);
   }
 
   #drawTracks([left, top], width, height) {
