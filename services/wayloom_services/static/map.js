@@ -4,6 +4,7 @@ import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
 import { ask, headers } from "/static/api.js";
 import { Coverage } from "/static/map/coverage.js";
 import { noteClasses } from "/static/map/overlay_classes.js";
+import { roomOn } from "/static/map/room.js";
 import { knowClasses } from "/static/map/shown_classes.js";
 import { BESIDE_M, wider } from "/static/map/sites.js";
 import { grid } from "/static/map/style.js";
@@ -28,6 +29,7 @@ export class CityMap {
     this.overlays = overlays;
     this.bounds = null;
     this.held = false;
+    this.isFitted = false;
     this.heard = { version: [], visible: [], chosen: [], tracks: [] };
     this.chosen = null;
     this.awaited = null;
@@ -47,6 +49,7 @@ export class CityMap {
       this.coverage.addLayers();
       this.tracks.addLayers();
     });
+    this.map.on("movestart", ({ isFit }) => (this.isFitted &&= Boolean(isFit)));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#recolour());
   }
 
@@ -129,18 +132,35 @@ export class CityMap {
 
   // Everywhere that drives have covered, with the fronts beside; the map's own bounds reach as far as the farthest thing seen.
   fit() {
+    this.#fitOnce();
+    this.map.once("idle", () => this.refit()); // the legend has grown by what is in sight now
+  }
+
+  // Once more, when panels have come meanwhile, unless the view has gone elsewhere.
+  refit() {
+    if (this.isFitted) this.#fitOnce();
+  }
+
+  #fitOnce() {
     // Across the antimeridian west is the greater.
     const isPlain = this.bounds && this.bounds[0] <= this.bounds[2];
     const [west, south, east, north] = (isPlain && this.coverage.box && wider(this.coverage.box, BESIDE_M)) || this.bounds || [];
     const corners = this.bounds ? [[west, south], [east < west ? east + 360 : east, north]] : this.tracks.features.flatMap(placesOf);
     this.fitTo(corners);
+    this.isFitted = true;
   }
 
+  // Into the room that panels leave.
   fitTo(places) {
+    this.isFitted = false;
     if (!places.length) return;
     const box = places.reduce((found, [lon, lat]) => found.extend([lon, lat]), new maplibregl.LngLatBounds());
+    const [low, high] = [box.getSouthWest(), box.getNorthEast()].map((corner) => maplibregl.MercatorCoordinate.fromLngLat(corner));
+    const container = this.map.getContainer();
+    const { left, top, right, bottom } = roomOn(container, (high.x - low.x) / (low.y - high.y) || 1);
+    const padding = { left, top, right: container.clientWidth - right, bottom: container.clientHeight - bottom };
     const duration = matchMedia("(prefers-reduced-motion: reduce)").matches ? 0 : 600;
-    this.map.fitBounds(box, { padding: 60, maxZoom: 20, duration });
+    this.map.fitBounds(box, { padding, maxZoom: 20, duration }, { isFit: true });
   }
 
   async visible(name, on) {

@@ -21,6 +21,8 @@ export async function mountTools(city, { info, ask, at }) {
   address = new Address({ city, at, legend, versions, told });
   city.held = address.isPlaced;
   globalThis.wayloomTools = { address, told, legend, versions };
+  city.map.once("idle", () => city.refit()); // now the panels are as large as they get
+  city.map.triggerRepaint();
   city.map.on("moveend", () => changed(false));
   city.hear("visible", () => changed(true));
   city.hear("chosen", () => changed(true));

@@ -2,6 +2,7 @@
 
 import { ask, send } from "/static/api.js";
 import { ClassPixels, pixelsOf } from "/static/map/class_pixels.js";
+import { roomOn } from "/static/map/room.js";
 import { element } from "/static/ui/dom.js";
 import { scheme, whenSchemeChanges } from "/static/ui/tones.js";
 
@@ -244,10 +245,11 @@ export class PlainMap {
     if (!places.length) return;
     const units = places.map(unitFrom);
     const [low, high] = [Math.min, Math.max].map((pick) => [0, 1].map((k) => units.reduce((so, one) => pick(so, one[k]), units[0][k])));
-    this.centre = low.map((one, k) => (one + high[k]) / 2);
-    const room = Math.max(1, Math.min(this.view.clientWidth, this.view.clientHeight) - 80);
-    const span = Math.max(high[0] - low[0], high[1] - low[1], 1e-9);
-    this.zoom = Math.max(LOWEST, Math.min(20, Math.floor(Math.log2(room / TILE / span))));
+    const span = low.map((one, k) => Math.max(high[k] - one, 1e-9));
+    const { left, top, right, bottom } = roomOn(this.view, span[0] / span[1]);
+    this.zoom = Math.max(LOWEST, Math.min(20, Math.floor(Math.log2(Math.min((right - left) / span[0], (bottom - top) / span[1]) / TILE))));
+    const beside = [(left + right - this.view.clientWidth) / 2, (top + bottom - this.view.clientHeight) / 2];
+    this.centre = low.map((one, k) => (one + high[k]) / 2 - beside[k] / this.#world);
     this.#draw();
   }
 
