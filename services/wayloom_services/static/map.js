@@ -3,13 +3,15 @@
 import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
 import { ask, headers } from "/static/api.js";
 import { Coverage } from "/static/map/coverage.js";
+import { Excluded } from "/static/map/excluded.js";
 import { noteClasses } from "/static/map/overlay_classes.js";
 import { roomOn } from "/static/map/room.js";
 import { knowClasses } from "/static/map/shown_classes.js";
 import { BESIDE_M, wider } from "/static/map/sites.js";
-import { grid } from "/static/map/style.js";
+import { grid, renewGrid } from "/static/map/style.js";
 import { placesOf, Tracks } from "/static/map/tracks.js";
 import { VersionLayers } from "/static/map/version_layers.js";
+import { whenSchemeChanges } from "/static/ui/tones.js";
 
 // The map of this page; about: { info } with the answer of /v1/info.
 export function mountMap(container, { info }) {
@@ -22,6 +24,9 @@ export function mountMap(container, { info }) {
 
 export const plainStyle = () => ({ version: 8, sources: { grid: grid() }, layers: [{ id: "grid", type: "raster", source: "grid" }] });
 export const withKey = (url) => ({ url, headers: url.startsWith(location.origin) ? headers() : {} });
+
+// Ids of the layers that are no version's, by what they show.
+export const OWN_LAYERS = { tracks: ["tracks-edge", "tracks"], coverage: ["coverage"], excluded: ["excluded", "excluded-edge"] };
 
 export class CityMap {
   // overlays: names of the layers that are drawn over the classes where they are asked for.
@@ -42,23 +47,23 @@ export class CityMap {
     this.map.addControl(new maplibregl.NavigationControl({ showCompass: false }), "top-right");
     this.map.addControl(new maplibregl.ScaleControl({ maxWidth: 140 }), "bottom-right");
     this.coverage = new Coverage(this.map, ask);
+    this.excluded = new Excluded(this.map);
     this.tracks = new Tracks(this.map, ask);
     this.tracks.changed = () => this.#tell("tracks");
     this.layers = new VersionLayers(this.map, overlays, "coverage", "tracks-edge");
     this.ready = new Promise((resolve) => this.map.once("style.load", resolve)).then(() => {
       this.coverage.addLayers();
+      this.excluded.addLayers();
       this.tracks.addLayers();
     });
     this.map.on("movestart", ({ isFit }) => (this.isFitted &&= Boolean(isFit)));
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#recolour());
+    whenSchemeChanges(() => this.#recolour());
   }
 
   #recolour() {
-    this.map.removeLayer("grid");
-    this.map.removeSource("grid");
-    this.map.addSource("grid", grid());
-    this.map.addLayer({ id: "grid", type: "raster", source: "grid" }, this.map.getStyle().layers[0]?.id);
+    renewGrid(this.map);
     this.coverage.recolour();
+    this.excluded.recolour();
     this.tracks.recolour();
     this.layers.recolour();
     this.other?.recolour();
@@ -81,6 +86,7 @@ export class CityMap {
     this.newest = version;
     if (!this.pinned) this.layers.show(version);
     this.#tell("version", version);
+    this.excluded.refresh(ask);
     await this.coverage.show(this.shown);
     if (first && !this.held) this.fit();
   }
@@ -165,8 +171,8 @@ export class CityMap {
 
   async visible(name, on) {
     await this.ready;
-    if (name === "tracks" || name === "coverage") {
-      for (const id of name === "tracks" ? ["tracks-edge", "tracks"] : [name]) this.map.setLayoutProperty(id, "visibility", on ? "visible" : "none");
+    if (name in OWN_LAYERS) {
+      for (const id of OWN_LAYERS[name]) this.map.setLayoutProperty(id, "visibility", on ? "visible" : "none");
     } else {
       this.layers.visible(name, on);
     }

@@ -26,6 +26,14 @@ maplibregl.addProtocol("grid", async () => {
 
 export const grid = () => ({ type: "raster", tiles: ["grid://{z}/{x}/{y}"], tileSize: 256, maxzoom: 22 });
 
+// For the page's light or dark scheme.
+export function renewGrid(map) {
+  map.removeLayer("grid");
+  map.removeSource("grid");
+  map.addSource("grid", grid());
+  map.addLayer({ id: "grid", type: "raster", source: "grid" }, map.getStyle().layers[0]?.id);
+}
+
 // Kinds of features by the class of the legend that shows and hides them.
 export const KIND_OF_CLASS = {
   road: "road", sidewalk: "sidewalk", terrain: "terrain", pole: "pole", "traffic sign": "traffic_sign", "traffic light": "traffic_light", vegetation: "trunk",
