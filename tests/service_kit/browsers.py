@@ -103,8 +103,20 @@ def shot(page: Any) -> NDArray[np.uint8]:
     return np.asarray(cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)[..., ::-1])
 
 
-def pixels_by_class(picture: NDArray[np.uint8]) -> Counter[str]:
-    """How many pixels have the colour of each class, to the 6 levels that eight bits of linear colour leave of dark ones."""
-    apart = np.abs(picture.reshape(-1, 1, 3).astype(int) - PALETTE.astype(int)).max(axis=2)
+TONES = """([colours, scheme]) => import("/static/ui/tones.js").then((tones) => colours.map((one) => tones.tone(one, scheme)))"""
+
+
+def tones(page: Any, scheme: str | None = None) -> NDArray[np.uint8]:
+    """(19, 3) RGB of the classes on the map's ground, as a page of the service computes them. scheme : else the page's own"""
+    found = page.evaluate(TONES, [[f"#{colour.tobytes().hex()}" for colour in PALETTE], *([scheme] if scheme else [])])
+    return np.array([list(bytes.fromhex(one[1:])) for one in found], np.uint8)
+
+
+def pixels_by_class(picture: NDArray[np.uint8], palette: NDArray[np.uint8] = PALETTE) -> Counter[str]:
+    """How many pixels have the colour of each class, to the 6 levels that eight bits of linear colour leave of dark ones.
+
+    palette : (19, 3) RGB
+    """
+    apart = np.abs(picture.reshape(-1, 1, 3).astype(int) - palette.astype(int)).max(axis=2)
     near = apart.argmin(axis=1)[apart.min(axis=1) <= 6]
     return Counter({CLASS_NAMES[label]: int(count) for label, count in enumerate(np.bincount(near)) if count})

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from service_kit.browsers import shot
+from service_kit.browsers import shot, tones
 from service_kit.looked_at import LookedAt
 from service_kit.running import until
+from wayloom.config.classes import CLASS_ID
 
 READY = "!!globalThis.wayloomTools && wayloomMap.loaded() && !wayloomMap.isMoving() && !wayloomTools.address.quiet"
 Open = Callable[..., Any]
@@ -33,6 +34,12 @@ def opening(browser: Any, shown: LookedAt) -> Iterator[Open]:
     for page in pages:
         page.close()
     assert said == []
+
+
+def tone(page: Any, name: str) -> tuple[int, int, int]:
+    """The colour of a class on the map."""
+    red, green, blue = tones(page)[CLASS_ID[name]].tolist()
+    return red, green, blue
 
 
 def like(page: Any, colour: tuple[int, int, int], within: int = 24) -> int:

@@ -4,13 +4,15 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
-from service_kit.browsers import chromium
+from service_kit import little_stages
+from service_kit.browsers import chromium, shot, tones
 from service_kit.filled_service import filled
 from service_kit.javascript import packages
 from service_kit.running import until
-from wayloom.config.classes import CLASS_NAMES
+from wayloom.config.classes import CLASS_NAMES, PALETTE
 
 PAGES = {
     "map": "/", "drive": "/drives/{done}", "held drive": "/drives/{held}", "failed drive": "/drives/{failed}", "fleet": "/fleet",
@@ -24,6 +26,18 @@ READY = {
 }  # fmt: skip
 RUN = """() => axe.run(document, { resultTypes: ["violations"] }).then(({ violations }) => violations.map((one) =>
   [one.id, ...one.nodes.slice(0, 5).map(({ target, any }) => `${target} ${any.map((check) => check.message)}`)].join(" | ")))"""
+
+GROUND = "getComputedStyle(document.getElementById('map')).backgroundColor"
+SWATCH = """(name) => {
+  const item = [...document.querySelectorAll("#legend li")].find((one) => one.textContent.trim() === name);
+  const pen = new OffscreenCanvas(1, 1).getContext("2d");
+  pen.fillStyle = getComputedStyle(item.querySelector("i")).backgroundColor;
+  pen.fillRect(0, 0, 1, 1);
+  return [...pen.getImageData(0, 0, 1, 1).data].slice(0, 3);
+}"""
+LMS = np.array([[0.4122, 0.5363, 0.0514], [0.2119, 0.6807, 0.1074], [0.0883, 0.2817, 0.6300]])
+LAB = np.array([[0.2105, 0.7936, -0.0041], [1.9780, -2.4286, 0.4506], [0.0259, 0.7828, -0.8087]])
+"""Linear sRGB to OKLab (Ottosson 2020)."""
 
 
 @pytest.fixture(scope="module")
@@ -102,28 +116,48 @@ def test_every_swatch_of_the_legend_has_an_edge_that_stands_out_and_its_name_bes
 
 
 @pytest.mark.browser
-def test_no_class_hides_in_the_dark(shown: tuple[Any, str, dict[str, str]]) -> None:
-    """In the dark the map lifts all colours of classes by the same share of white, in the legend as in the pictures."""
+def test_every_class_stands_off_the_map_in_light_and_dark_and_none_looks_like_another(
+    shown: tuple[Any, str, dict[str, str]],
+) -> None:
     browser, url, _ = shown
-    page = browser.new_page(color_scheme="dark")
+    page = browser.new_page()
     page.goto(url)
     page.wait_for_selector("#legend li")
-    until(lambda: page.evaluate("globalThis.wayloomMap?.getLayer('semantic') !== undefined"), 60)
-    assert page.evaluate("wayloomMap.getPaintProperty('semantic', 'raster-brightness-min')") == 0.2
-    ground, *tones = page.evaluate(
-        """[getComputedStyle(document.getElementById("map")).backgroundColor,
-            ...[...document.querySelectorAll("#legend li i")].map((one) => {
-              const pen = new OffscreenCanvas(1, 1).getContext("2d");
-              pen.fillStyle = getComputedStyle(one).backgroundColor;
-              pen.fillRect(0, 0, 1, 1);
-              return `rgb(${[...pen.getImageData(0, 0, 1, 1).data].slice(0, 3)})`;
-            })]"""
-    )
-    assert len(tones) >= 8
-    assert min(contrast(tone, ground) for tone in tones) >= 3.0
-    page.emulate_media(color_scheme="light")
-    until(lambda: page.evaluate("wayloomMap.getPaintProperty('semantic', 'raster-brightness-min')") == 0)
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        ground = page.evaluate(GROUND)
+        palette = tones(page)
+        seen = {name: contrast(f"rgb{tuple(colour)}", ground) for name, colour in zip(CLASS_NAMES, palette.tolist(), strict=True)}
+        assert min(seen.values()) >= 3.0, f"{scheme}: {min(seen, key=seen.__getitem__)} has {min(seen.values()):.2f}"
+        assert min(apart(palette)) > 0.035, f"{scheme}: two classes are as good as one"
+        np.testing.assert_array_equal(palette, tones(page, scheme))
+    light, dark = tones(page, "light"), tones(page, "dark")
+    assert not np.array_equal(light, dark)
+    stays = [name for name, same in zip(CLASS_NAMES, (dark == PALETTE).all(axis=1), strict=True) if same]
+    assert {"sidewalk", "traffic sign", "terrain", "rider"} <= {*stays}
     page.close()
+
+
+@pytest.mark.browser
+def test_pictures_have_the_legends_tones_and_follow_the_scheme(shown: tuple[Any, str, dict[str, str]]) -> None:
+    browser, url, _ = shown
+    page = browser.new_page(color_scheme="dark", viewport={"width": 1300, "height": 800})
+    page.goto(f"{url}/#at={little_stages.LON + 0.0005},{little_stages.LAT + 0.0005},17&off=tracks")
+    page.wait_for_selector("#legend li")
+    for scheme in ("dark", "light"):
+        page.emulate_media(color_scheme=scheme)
+        road = tones(page)[0]
+        assert page.evaluate(SWATCH, "road") == road.tolist()
+        until(lambda road=road: int((np.abs(shot(page).astype(int) - road).max(axis=2) <= 1).sum()) > 5000, 60)
+    page.close()
+
+
+def apart(palette: Any) -> list[float]:
+    """How far each class's colour is from the nearest other one, in OKLab."""
+    linear_rgb = np.vectorize(linear)(palette / 255.0)
+    lab = np.cbrt(linear_rgb @ LMS.T) @ LAB.T
+    far = np.linalg.norm(lab[:, None] - lab[None], axis=2) + 9.0 * np.eye(len(lab))
+    return [float(one) for one in far.min(axis=1)]
 
 
 def contrast(one: str, other: str) -> float:

@@ -2,12 +2,21 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from service_kit.browsers import chromium
+from service_kit.browsers import chromium, tones
 from service_kit.packed_drives import packed_drive
 from service_kit.running import service, until
 from wayloom.client.upload import upload
+from wayloom.config.classes import PALETTE
+
+MIDDLE = """(() => {
+  const image = [...document.querySelectorAll(".plain-tiles img.semantic")].find((one) => one.naturalWidth === 256);
+  const pen = new OffscreenCanvas(256, 256).getContext("2d");
+  if (image) pen.drawImage(image, 0, 0);
+  return [...pen.getImageData(128, 128, 1, 1).data].slice(0, 3);
+})()"""
 
 
 @pytest.mark.browser
@@ -23,6 +32,10 @@ def test_without_webgl_the_list_is_there_and_a_plain_map_is_moved_by_keys(tmp_pa
         until(lambda: seen.locator(".plain-tiles img.semantic").count() > 0)
         assert "has no WebGL 2" in seen.inner_text(".plain-note")
         until(lambda: seen.evaluate("[...document.querySelectorAll('.plain-tiles img')].some((one) => one.naturalWidth === 256)"))
+        for scheme in ("light", "dark"):  # a road of the little stages, which moves as a road does
+            seen.emulate_media(color_scheme=scheme)
+            wanted = np.array((128, 74, 128)) + tones(seen, scheme)[0] - PALETTE[0]
+            until(lambda wanted=wanted: seen.evaluate(MIDDLE) == wanted.tolist())
         assert seen.locator(".plain-map polyline").count() == 1
         assert seen.locator("#legend .plain-keys span").all_inner_texts() == ["drives"]
         where = "document.querySelector('.plain-map polyline').getAttribute('points')"

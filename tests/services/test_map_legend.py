@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from map_pages import Open, like, opening
+from map_pages import Open, like, opening, tone
 
 from service_kit.looked_at import LookedAt, looked_at
 from service_kit.running import until
 from tiles.made_maps import made_map
-from wayloom.config.classes import CLASS_NAMES, PALETTE
+from wayloom.config.classes import CLASS_NAMES
 
 AT = "at=8.39,48.98,19"
-SIDEWALK = tuple(PALETTE[CLASS_NAMES.index("sidewalk")].tolist())
 LISTED = "found => found.map((one) => one.innerText.trim())"
 
 
@@ -38,13 +37,14 @@ def test_a_class_is_listed_where_it_is_and_its_pixels_go_and_come_with_its_box(o
     page = opened(AT)
     there = {CLASS_NAMES[label] for label in np.unique(shown.city.label)}
     until(lambda: {*page.eval_on_selector_all("#legend li", LISTED)} == there)
-    before = like(page, SIDEWALK)
+    sidewalk = tone(page, "sidewalk")
+    before = like(page, sidewalk)
     assert before > 200
     page.uncheck("#legend input[value=sidewalk]")
-    until(lambda: like(page, SIDEWALK) < 0.05 * before, 60)
+    until(lambda: like(page, sidewalk) < 0.05 * before, 60)
     assert "hide=sidewalk" in page.url
     page.go_back()
-    until(lambda: like(page, SIDEWALK) > 0.9 * before, 60)
+    until(lambda: like(page, sidewalk) > 0.9 * before, 60)
     assert page.is_checked("#legend input[value=sidewalk]")
 
 

@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from map_pages import READY, Open, like, opening
+from map_pages import READY, Open, like, opening, tone
 
 from service_kit.looked_at import LookedAt, looked_at
 from service_kit.running import until
-from wayloom.config.classes import CLASS_NAMES, PALETTE
+from wayloom.config.classes import CLASS_NAMES
 
 AT = "at=8.39,48.98,19&off=tracks"
 CLASSES = ("road", "vegetation", "sidewalk")
-TONES = {name: tuple(PALETTE[CLASS_NAMES.index(name)].tolist()) for name in CLASSES}
 
 
 @pytest.fixture
@@ -43,40 +42,41 @@ def opened(browser: Any, shown: LookedAt) -> Iterator[Open]:
 @pytest.mark.browser
 def test_slider_swipe_publication_and_address_show_the_versions_that_they_name(opened: Open, shown: LookedAt) -> None:
     page = opened(AT)
-    until(lambda: like(page, TONES["vegetation"]) > 500, 60)
+    tones = {name: tone(page, name) for name in CLASSES}
+    until(lambda: like(page, tones["vegetation"]) > 500, 60)
     words = "document.getElementById('version-words').textContent"
     until(lambda: page.evaluate(words).startswith("version 3, newest"))
     page.focus("#version-slider")
     page.keyboard.press("ArrowLeft")
-    until(lambda: like(page, TONES["road"]) > 500 and like(page, TONES["vegetation"]) == 0, 60)
+    until(lambda: like(page, tones["road"]) > 500 and like(page, tones["vegetation"]) == 0, 60)
     assert "v=2" in page.url
     page.keyboard.press("ArrowRight")
-    until(lambda: like(page, TONES["vegetation"]) > 500, 60)
+    until(lambda: like(page, tones["vegetation"]) > 500, 60)
     assert "v=" not in page.url
 
     page.click("#compare")
-    until(lambda: like(page, TONES["road"]) > 200 and like(page, TONES["vegetation"]) > 200, 90)
+    until(lambda: like(page, tones["road"]) > 200 and like(page, tones["vegetation"]) > 200, 90)
     assert page.input_value("#compare-with") == "2"
-    both = like(page, TONES["vegetation"])
+    both = like(page, tones["vegetation"])
     page.focus("#swipe-line")
     assert page.get_attribute("#swipe-line", "aria-valuenow") == "50"
     page.keyboard.press("PageUp")
     page.keyboard.press("ArrowRight")
     assert page.get_attribute("#swipe-line", "aria-valuenow") == "62"
-    until(lambda: like(page, TONES["vegetation"]) > 1.1 * both)
+    until(lambda: like(page, tones["vegetation"]) > 1.1 * both)
     page.evaluate("wayloomMap.jumpTo({zoom: 18.5})")
     until(lambda: page.evaluate("Math.abs(wayloomOther.getZoom() - 18.5)") < 1e-6)
     until(lambda: "swipe=2,0.62" in page.url)
     page.reload()
     until(lambda: page.evaluate(READY), 90)
-    until(lambda: like(page, TONES["road"]) > 100 and like(page, TONES["vegetation"]) > 100, 90)
+    until(lambda: like(page, tones["road"]) > 100 and like(page, tones["vegetation"]) > 100, 90)
     assert page.get_attribute("#swipe-line", "aria-valuenow") == "62"
     assert page.evaluate("wayloomMap.getZoom()") == pytest.approx(18.5)
     page.click("#compare")
-    until(lambda: like(page, TONES["road"]) == 0)
+    until(lambda: like(page, tones["road"]) == 0)
 
     shown.publish(painted(shown, "sidewalk"))
-    until(lambda: like(page, TONES["sidewalk"]) > 200, 60)
+    until(lambda: like(page, tones["sidewalk"]) > 200, 60)
     until(lambda: page.evaluate(words).startswith("version 4, newest"))
 
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from service_kit.browsers import pixels_by_class, shot
+from service_kit.browsers import pixels_by_class, shot, tones
 from service_kit.looked_at import LookedAt, looked_at
 from service_kit.running import ApiAlone, until
 from tiles.made_maps import made_map
@@ -89,15 +89,20 @@ def test_every_voxel_is_there_from_near_and_a_coarser_level_from_afar(opened: An
 @pytest.mark.browser
 def test_colours_are_those_of_classes_and_change_with_the_mode(opened: Any) -> None:
     page = opened()
-    by_class = pixels_by_class(canvas(page))
+    palette = tones(page)
+    by_class = pixels_by_class(canvas(page), palette)
     assert min(by_class[name] for name in ("road", "sidewalk", "building", "vegetation", "terrain")) > 50
+    page.emulate_media(color_scheme="dark")
+    until(lambda: pixels_by_class(canvas(page), tones(page, "dark"))["building"] > 0.5 * by_class["building"])
+    page.emulate_media(color_scheme="light")
+    until(lambda: pixels_by_class(canvas(page), palette) == by_class)
     pictures = {"class": canvas(page)}
     for mode in ("height", "drives", "age", "confidence"):
         page.select_option("#colour", mode)
         until(lambda mode=mode: page.evaluate(SETTLED) and f"colour={mode}" in page.url)
         assert page.is_visible("#ramp")
         pictures[mode] = canvas(page)
-        assert pixels_by_class(pictures[mode])["sidewalk"] < 0.1 * by_class["sidewalk"]
+        assert pixels_by_class(pictures[mode], palette)["sidewalk"] < 0.1 * by_class["sidewalk"]
     assert "drives" in page.inner_text("#ramp-high") or page.inner_text("#ramp-high") == "100 % of votes"
     for one, other in (("height", "drives"), ("drives", "age"), ("age", "confidence"), ("height", "confidence")):
         assert (np.abs(pictures[one].astype(int) - pictures[other]).max(axis=2) > 30).sum() > 2000, (one, other)
@@ -114,18 +119,19 @@ def test_age_goes_from_the_oldest_to_the_newest_day_that_a_drive_saw(opened: Any
 @pytest.mark.browser
 def test_a_class_that_is_taken_out_is_not_drawn_and_the_page_remembers_it(opened: Any) -> None:
     page = opened()
-    before = pixels_by_class(canvas(page))
+    palette = tones(page)
+    before = pixels_by_class(canvas(page), palette)
     assert {*page.eval_on_selector_all("#classes label", "found => found.map((one) => one.innerText.trim())")} >= {"road", "pole"}
     page.uncheck("#classes input[value=vegetation]")
-    until(lambda: pixels_by_class(canvas(page))["vegetation"] < 0.02 * before["vegetation"])
+    until(lambda: pixels_by_class(canvas(page), palette)["vegetation"] < 0.02 * before["vegetation"])
     assert "hide=vegetation" in page.url
     page.reload()
     until(lambda: page.evaluate(SETTLED), 60)
     assert not page.is_checked("#classes input[value=vegetation]")
-    assert pixels_by_class(canvas(page))["vegetation"] < 0.02 * before["vegetation"]
+    assert pixels_by_class(canvas(page), palette)["vegetation"] < 0.02 * before["vegetation"]
     page.go_back()
     until(lambda: page.is_checked("#classes input[value=vegetation]"))
-    until(lambda: pixels_by_class(canvas(page))["vegetation"] > 0.5 * before["vegetation"])
+    until(lambda: pixels_by_class(canvas(page), palette)["vegetation"] > 0.5 * before["vegetation"])
 
 
 @pytest.mark.browser

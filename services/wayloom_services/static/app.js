@@ -37,7 +37,7 @@ for (const name of info.overlays) {
 await filled; // what an operator came for is there before a megabyte of map is asked for
 const city = new MapHost(at("map"), info, at, (id) => list.choose(id));
 at("fit").addEventListener("click", () => city.fit());
-const TOGGLES = ["ortho", "semantic", "areas", "markings", "objects", "tracks", "coverage", ...info.overlays];
+const TOGGLES = ["ortho", "semantic", "areas", "markings", "objects", "tracks", "coverage", "excluded", ...info.overlays];
 for (const name of TOGGLES) {
   at(`show-${name}`).addEventListener("change", (event) => city.visible(name, event.target.checked));
 }

@@ -3,17 +3,20 @@
 import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
 import { ask, headers } from "/static/api.js";
 import { Coverage } from "/static/map/coverage.js";
+import { Excluded } from "/static/map/excluded.js";
 import { noteClasses } from "/static/map/overlay_classes.js";
+import { roomOn } from "/static/map/room.js";
 import { knowClasses } from "/static/map/shown_classes.js";
 import { BESIDE_M, wider } from "/static/map/sites.js";
-import { grid } from "/static/map/style.js";
+import { grid, renewGrid } from "/static/map/style.js";
 import { placesOf, Tracks } from "/static/map/tracks.js";
 import { VersionLayers } from "/static/map/version_layers.js";
+import { whenSchemeChanges } from "/static/ui/tones.js";
 
 // The map of this page; about: { info } with the answer of /v1/info.
 export function mountMap(container, { info }) {
   const city = new CityMap(container, info.overlays);
-  knowClasses(info.classes.filter((one) => one.in_map));
+  knowClasses(info.classes);
   noteClasses(info.classes);
   globalThis.wayloomMap = city.map;
   return city;
@@ -22,12 +25,16 @@ export function mountMap(container, { info }) {
 export const plainStyle = () => ({ version: 8, sources: { grid: grid() }, layers: [{ id: "grid", type: "raster", source: "grid" }] });
 export const withKey = (url) => ({ url, headers: url.startsWith(location.origin) ? headers() : {} });
 
+// Ids of the layers that are no version's, by what they show.
+export const OWN_LAYERS = { tracks: ["tracks-edge", "tracks"], coverage: ["coverage"], excluded: ["excluded", "excluded-edge"] };
+
 export class CityMap {
   // overlays: names of the layers that are drawn over the classes where they are asked for.
   constructor(container, overlays) {
     this.overlays = overlays;
     this.bounds = null;
     this.held = false;
+    this.isFitted = false;
     this.heard = { version: [], visible: [], chosen: [], tracks: [] };
     this.chosen = null;
     this.awaited = null;
@@ -40,22 +47,23 @@ export class CityMap {
     this.map.addControl(new maplibregl.NavigationControl({ showCompass: false }), "top-right");
     this.map.addControl(new maplibregl.ScaleControl({ maxWidth: 140 }), "bottom-right");
     this.coverage = new Coverage(this.map, ask);
+    this.excluded = new Excluded(this.map);
     this.tracks = new Tracks(this.map, ask);
     this.tracks.changed = () => this.#tell("tracks");
     this.layers = new VersionLayers(this.map, overlays, "coverage", "tracks-edge");
     this.ready = new Promise((resolve) => this.map.once("style.load", resolve)).then(() => {
       this.coverage.addLayers();
+      this.excluded.addLayers();
       this.tracks.addLayers();
     });
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#recolour());
+    this.map.on("movestart", ({ isFit }) => (this.isFitted &&= Boolean(isFit)));
+    whenSchemeChanges(() => this.#recolour());
   }
 
   #recolour() {
-    this.map.removeLayer("grid");
-    this.map.removeSource("grid");
-    this.map.addSource("grid", grid());
-    this.map.addLayer({ id: "grid", type: "raster", source: "grid" }, this.map.getStyle().layers[0]?.id);
+    renewGrid(this.map);
     this.coverage.recolour();
+    this.excluded.recolour();
     this.tracks.recolour();
     this.layers.recolour();
     this.other?.recolour();
@@ -78,6 +86,7 @@ export class CityMap {
     this.newest = version;
     if (!this.pinned) this.layers.show(version);
     this.#tell("version", version);
+    this.excluded.refresh(ask);
     await this.coverage.show(this.shown);
     if (first && !this.held) this.fit();
   }
@@ -129,24 +138,41 @@ export class CityMap {
 
   // Everywhere that drives have covered, with the fronts beside; the map's own bounds reach as far as the farthest thing seen.
   fit() {
+    this.#fitOnce();
+    this.map.once("idle", () => this.refit()); // the legend has grown by what is in sight now
+  }
+
+  // Once more, when panels have come meanwhile, unless the view has gone elsewhere.
+  refit() {
+    if (this.isFitted) this.#fitOnce();
+  }
+
+  #fitOnce() {
     // Across the antimeridian west is the greater.
     const isPlain = this.bounds && this.bounds[0] <= this.bounds[2];
     const [west, south, east, north] = (isPlain && this.coverage.box && wider(this.coverage.box, BESIDE_M)) || this.bounds || [];
     const corners = this.bounds ? [[west, south], [east < west ? east + 360 : east, north]] : this.tracks.features.flatMap(placesOf);
     this.fitTo(corners);
+    this.isFitted = true;
   }
 
+  // Into the room that panels leave.
   fitTo(places) {
+    this.isFitted = false;
     if (!places.length) return;
     const box = places.reduce((found, [lon, lat]) => found.extend([lon, lat]), new maplibregl.LngLatBounds());
+    const [low, high] = [box.getSouthWest(), box.getNorthEast()].map((corner) => maplibregl.MercatorCoordinate.fromLngLat(corner));
+    const container = this.map.getContainer();
+    const { left, top, right, bottom } = roomOn(container, (high.x - low.x) / (low.y - high.y) || 1);
+    const padding = { left, top, right: container.clientWidth - right, bottom: container.clientHeight - bottom };
     const duration = matchMedia("(prefers-reduced-motion: reduce)").matches ? 0 : 600;
-    this.map.fitBounds(box, { padding: 60, maxZoom: 20, duration });
+    this.map.fitBounds(box, { padding, maxZoom: 20, duration }, { isFit: true });
   }
 
   async visible(name, on) {
     await this.ready;
-    if (name === "tracks" || name === "coverage") {
-      for (const id of name === "tracks" ? ["tracks-edge", "tracks"] : [name]) this.map.setLayoutProperty(id, "visibility", on ? "visible" : "none");
+    if (name in OWN_LAYERS) {
+      for (const id of OWN_LAYERS[name]) this.map.setLayoutProperty(id, "visibility", on ? "visible" : "none");
     } else {
       this.layers.visible(name, on);
     }

@@ -16,11 +16,16 @@ export async function mountTools(city, { info, ask, at }) {
   const versions = new Versions(city, info.map_id, ask, changed);
   new Sites(city, lists);
   const changes = new Changes(city, lists, told, ask);
+  const listExcluded = () => (at("show-excluded").parentElement.hidden = !city.excluded.areas.features.length);
+  city.excluded.changed = listExcluded;
+  listExcluded();
   follow3d(city, at("to-3d"));
   city.hear("version", () => (at("version").textContent = `${info.map_id} · version ${city.shown.version}${city.pinned ? `, newest is ${city.newest.version}` : ""}`));
   address = new Address({ city, at, legend, versions, told });
   city.held = address.isPlaced;
   globalThis.wayloomTools = { address, told, legend, versions };
+  city.map.once("idle", () => city.refit()); // now the panels are as large as they get
+  city.map.triggerRepaint();
   city.map.on("moveend", () => changed(false));
   city.hear("visible", () => changed(true));
   city.hear("chosen", () => changed(true));

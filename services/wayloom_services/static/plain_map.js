@@ -1,11 +1,15 @@
 // A map without WebGL: published tiles as images, tracks as SVG, moved by drag, wheel, keys and buttons. The same interface as map.js.
 
 import { ask, send } from "/static/api.js";
+import { ClassPixels, pixelsOf } from "/static/map/class_pixels.js";
+import { roomOn } from "/static/map/room.js";
 import { element } from "/static/ui/dom.js";
+import { scheme, whenSchemeChanges } from "/static/ui/tones.js";
 
 const TILE = 256;
 const [LOWEST, HIGHEST] = [2, 22];
 const LAYERS = { ortho: "webp", semantic: "png" };
+const NOTHING = new Set();
 const SVG = "http://www.w3.org/2000/svg";
 
 // (x, y) in the unit square of Web Mercator.
@@ -19,7 +23,8 @@ const linesOf = ({ type, coordinates }) => (type === "LineString" ? [coordinates
 export const mountMap = (container, about) => new PlainMap(container, about);
 
 export class PlainMap {
-  constructor(container, { why }) {
+  constructor(container, { info, why }) {
+    this.pixels = new ClassPixels(info.classes.filter((one) => one.in_map));
     this.map = null;
     this.tracks = new Map();
     this.hidden = new Set();
@@ -41,6 +46,7 @@ export class PlainMap {
     container.append(this.view, this.#buttons(), element("p", "plain-note", `A plain map: ${why}. Everything else works as usual.`));
     this.#listen();
     new ResizeObserver(() => this.#draw()).observe(this.view);
+    whenSchemeChanges(() => this.#recolour());
   }
 
   #buttons() {
@@ -149,9 +155,23 @@ export class PlainMap {
   async #load(image, address) {
     const answer = await send(address).catch(() => null);
     if (answer?.status !== 200) return;
-    const url = URL.createObjectURL(await answer.blob());
+    const blob = await answer.blob();
+    const url = URL.createObjectURL(image.className === "semantic" ? await this.#toned(blob) : blob);
     image.addEventListener("load", () => URL.revokeObjectURL(url), { once: true });
     image.src = url;
+  }
+
+  // A picture of classes in the colours of the page's ground.
+  async #toned(blob) {
+    const pixels = await pixelsOf(blob);
+    this.pixels.draw(pixels.data, scheme(), NOTHING);
+    const canvas = new OffscreenCanvas(pixels.width, pixels.height);
+    canvas.getContext("2d").putImageData(pixels, 0, 0);
+    return canvas.convertToBlob({ type: "image/png" });
+  }
+
+  #recolour() {
+    for (const [address, image] of this.images) if (image.className === "semantic") this.#load(image, address);
   }
 
   #drawTracks([left, top], width, height) {
@@ -225,10 +245,11 @@ export class PlainMap {
     if (!places.length) return;
     const units = places.map(unitFrom);
     const [low, high] = [Math.min, Math.max].map((pick) => [0, 1].map((k) => units.reduce((so, one) => pick(so, one[k]), units[0][k])));
-    this.centre = low.map((one, k) => (one + high[k]) / 2);
-    const room = Math.max(1, Math.min(this.view.clientWidth, this.view.clientHeight) - 80);
-    const span = Math.max(high[0] - low[0], high[1] - low[1], 1e-9);
-    this.zoom = Math.max(LOWEST, Math.min(20, Math.floor(Math.log2(room / TILE / span))));
+    const span = low.map((one, k) => Math.max(high[k] - one, 1e-9));
+    const { left, top, right, bottom } = roomOn(this.view, span[0] / span[1]);
+    this.zoom = Math.max(LOWEST, Math.min(20, Math.floor(Math.log2(Math.min((right - left) / span[0], (bottom - top) / span[1]) / TILE))));
+    const beside = [(left + right - this.view.clientWidth) / 2, (top + bottom - this.view.clientHeight) / 2];
+    this.centre = low.map((one, k) => (one + high[k]) / 2 - beside[k] / this.#world);
     this.#draw();
   }
 

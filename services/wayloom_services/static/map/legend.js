@@ -1,6 +1,7 @@
 // The legend: classes that are there, each switched on and off; what the colours of tracks, coverage, overlays and lines mean.
 
 import { element } from "/static/ui/dom.js";
+import { HATCHED } from "/static/map/excluded.js";
 import { AGE_RAMP, CHANGES, COUNT_RAMP, FEATURES } from "/static/map/style.js";
 import { onGround } from "/static/ui/tones.js";
 import { many } from "/static/ui/words.js";
@@ -53,10 +54,10 @@ export class Legend {
     if (names) this.#fill(this.classes.filter(({ name }) => names.has(name) || this.hidden.has(name)));
   }
 
-  // Of overlays, lines and changes that are in sight.
+  // Of overlays, lines, changes and excluded areas that are in sight.
   #listAlso() {
     const groups = this.overlays.map((name) => [name, this.#overlay(name)]);
-    groups.push(["lines", this.#lines()], ["changes", this.#changes()]);
+    groups.push(["lines", this.#lines()], ["changes", this.#changes()], ["privacy", this.#excluded()]);
     const shown = groups.filter(([, entries]) => entries.length);
     const key = JSON.stringify(shown);
     if (key === this.also.dataset.key) return;
@@ -83,6 +84,10 @@ export class Legend {
   #changes() {
     const kinds = new Set(this.#drawn("changes").map(({ properties }) => (properties.kind === "gone" ? "gone" : "new")));
     return [["is new", "new"], ["has gone", "gone"]].filter(([, kind]) => kinds.has(kind)).map(([words, kind]) => [words, CHANGES[kind]]);
+  }
+
+  #excluded() {
+    return this.#drawn("excluded").length ? [["excluded area", HATCHED]] : [];
   }
 
   #fill(classes) {

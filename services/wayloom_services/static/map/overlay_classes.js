@@ -1,9 +1,7 @@
 // Classes in the pictures of overlays, noted as the pictures come: no vector tiles tell of them.
 
 import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
-import { send } from "/static/api.js";
 
-const SCHEME = "noted://";
 const noted = new Map(); // names of classes by address
 let nameOf = new Map();
 
@@ -12,11 +10,7 @@ export function noteClasses(classes) {
   nameOf = new Map(classes.map(({ name, colour }) => [parseInt(colour.slice(1), 16), name]));
 }
 
-async function namesIn(blob) {
-  const picture = await createImageBitmap(blob, { premultiplyAlpha: "none", colorSpaceConversion: "none" });
-  const pen = new OffscreenCanvas(picture.width, picture.height).getContext("2d", { willReadFrequently: true });
-  pen.drawImage(picture, 0, 0);
-  const { data } = pen.getImageData(0, 0, picture.width, picture.height);
+function namesIn(data) {
   const found = new Set();
   for (let at = 0; at < data.length; at += 4) {
     if (data[at + 3] === 255) found.add(nameOf.get((data[at] << 16) | (data[at + 1] << 8) | data[at + 2]));
@@ -25,17 +19,10 @@ async function namesIn(blob) {
   return found;
 }
 
-// `noted://https://…`: the picture behind it as it is.
-maplibregl.addProtocol("noted", async ({ url }, { signal }) => {
-  const address = url.slice(SCHEME.length);
-  const answer = await send(address, { signal });
-  if (answer.status !== 200) return { data: null };
-  const blob = await answer.blob();
-  if (!noted.has(address)) noted.set(address, await namesIn(blob));
-  return { data: await blob.arrayBuffer() };
-});
-
-export const notedAddress = (address) => SCHEME + address;
+// data: RGBA bytes of the picture as it was sent.
+export function note(address, data) {
+  if (!noted.has(address)) noted.set(address, namesIn(data));
+}
 
 const unitOf = (place) => maplibregl.MercatorCoordinate.fromLngLat(place);
 

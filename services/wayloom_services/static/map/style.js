@@ -1,6 +1,7 @@
 // How the map is drawn: its grid, its vector layers, its ramps and palettes.
 
 import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
+import { tone } from "/static/ui/tones.js";
 
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
@@ -25,18 +26,25 @@ maplibregl.addProtocol("grid", async () => {
 
 export const grid = () => ({ type: "raster", tiles: ["grid://{z}/{x}/{y}"], tileSize: 256, maxzoom: 22 });
 
+// For the page's light or dark scheme.
+export function renewGrid(map) {
+  map.removeLayer("grid");
+  map.removeSource("grid");
+  map.addSource("grid", grid());
+  map.addLayer({ id: "grid", type: "raster", source: "grid" }, map.getStyle().layers[0]?.id);
+}
+
 // Kinds of features by the class of the legend that shows and hides them.
 export const KIND_OF_CLASS = {
   road: "road", sidewalk: "sidewalk", terrain: "terrain", pole: "pole", "traffic sign": "traffic_sign", "traffic light": "traffic_light", vegetation: "trunk",
 };
 
 // Vector tiles of features by their names: the layers within a tile, and how they are drawn, over the photograph and the classes.
-const byKind = (colours, otherwise) => ["match", ["get", "kind"], ...Object.entries(colours).flat(), otherwise];
 export const FEATURES = {
   areas: {
     areas: {
       type: "fill", minzoom: 15,
-      paint: { "fill-color": byKind({ road: "#804080", sidewalk: "#f423e8" }, "#98fb98"), "fill-opacity": 0.35, "fill-antialias": false },
+      paint: { "fill-opacity": 0.35, "fill-antialias": false },
     },
   },
   markings: {
@@ -50,13 +58,20 @@ export const FEATURES = {
     objects: {
       type: "circle", minzoom: 16,
       paint: {
-        "circle-color": byKind({ pole: "#999999", traffic_sign: "#dcdc00", traffic_light: "#faaa1e" }, "#6b8e23"),
         "circle-radius": ["interpolate", ["linear"], ["zoom"], 16, 2.5, 21, 7],
-        "circle-stroke-color": "#2b353c", "circle-stroke-width": 1.2, // light ones stand off light ground by it
+        "circle-stroke-color": "#2b353c", "circle-stroke-width": 1.2, // they lie on pixels of their class
       },
     },
   },
 };
+
+// What classes' colours paint of these, on the ground of the page's scheme.
+const byKind = (colours, otherwise) => ["match", ["get", "kind"], ...Object.entries(colours).flatMap(([kind, own]) => [kind, tone(own)]), tone(otherwise)];
+const CLASS_PAINT = {
+  areas: () => ({ "fill-color": byKind({ road: "#804080", sidewalk: "#f423e8" }, "#98fb98") }),
+  objects: () => ({ "circle-color": byKind({ pole: "#999999", traffic_sign: "#dcdc00", traffic_light: "#faaa1e" }, "#6b8e23") }),
+};
+export const classPaint = (id) => CLASS_PAINT[id]?.() ?? {};
 export const HIDDEN = new Set(["areas"]);
 
 // Even in lightness: from few to many, and from old to new.

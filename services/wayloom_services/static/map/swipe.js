@@ -3,12 +3,13 @@
 import * as maplibregl from "/static/vendor/maplibre-gl/maplibre-gl.mjs";
 import { ask } from "/static/api.js";
 import { element } from "/static/ui/dom.js";
-import { plainStyle, withKey } from "/static/map.js";
+import { OWN_LAYERS, plainStyle, withKey } from "/static/map.js";
 import { Coverage } from "/static/map/coverage.js";
+import { Excluded } from "/static/map/excluded.js";
+import { renewGrid } from "/static/map/style.js";
 import { Tracks } from "/static/map/tracks.js";
 import { VersionLayers } from "/static/map/version_layers.js";
-
-const OWN_LAYERS = { tracks: ["tracks-edge", "tracks"], coverage: ["coverage"] };
+import { whenSchemeChanges } from "/static/ui/tones.js";
 
 export class Swipe {
   // changed(): the line has been moved.
@@ -25,6 +26,7 @@ export class Swipe {
     this.line.addEventListener("pointerdown", (event) => this.line.setPointerCapture(event.pointerId));
     this.line.addEventListener("pointermove", (event) => this.line.hasPointerCapture(event.pointerId) && this.#to(event.clientX));
     this.line.addEventListener("keydown", (event) => this.#key(event));
+    whenSchemeChanges(() => this.#recolour());
     city.hear("version", () => this.#name());
     city.hear("visible", (name) => this.#follow(name));
     city.hear("tracks", () => this.#followTracks());
@@ -66,6 +68,9 @@ export class Swipe {
       if (this.map !== other) return;
       this.coverage = this.city.coverage.beside = new Coverage(this.map, ask, this.city.coverage);
       this.coverage.addLayers();
+      this.excluded = new Excluded(this.map);
+      this.excluded.addLayers();
+      this.excluded.take(this.city.excluded.areas);
       this.tracks = new Tracks(this.map, null);
       this.tracks.addLayers();
       this.#followTracks();
@@ -91,6 +96,14 @@ export class Swipe {
     Object.assign(this, { map: null, layers: null, tracks: null, coverage: null });
     this.city.other = this.city.coverage.beside = null;
     this.city.coverage.recolour();
+  }
+
+  // Versions and coverage are recoloured by the main map.
+  #recolour() {
+    if (!this.layers) return;
+    renewGrid(this.map);
+    this.excluded.recolour();
+    this.tracks.recolour();
   }
 
   #followTracks() {

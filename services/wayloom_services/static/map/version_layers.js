@@ -1,9 +1,8 @@
 // The layers of one version on a map: pictures and vector tiles, with classes switched off where they are.
 
-import { namesWithin, notedAddress } from "/static/map/overlay_classes.js";
-import { addressWithout } from "/static/map/shown_classes.js";
-import { FEATURES, HIDDEN, KIND_OF_CLASS } from "/static/map/style.js";
-import { lift } from "/static/ui/tones.js";
+import { namesWithin } from "/static/map/overlay_classes.js";
+import { addressWithout, overlayAddress } from "/static/map/shown_classes.js";
+import { classPaint, FEATURES, HIDDEN, KIND_OF_CLASS } from "/static/map/style.js";
 
 const PHOTO = "ortho";
 const CLASS_PICTURES = new Set(["semantic"]);
@@ -57,7 +56,7 @@ export class VersionLayers {
   #address(name) {
     const suffix = name in FEATURES || name === "features" ? "mvt" : name === PHOTO ? "webp" : "png";
     const plain = `${this.#base(name)}/{z}/{x}/{y}.${suffix}`;
-    if (this.overlays.includes(name)) return notedAddress(plain);
+    if (this.overlays.includes(name)) return overlayAddress(plain);
     return CLASS_PICTURES.has(name) ? addressWithout(plain, this.hidden) : plain;
   }
 
@@ -79,13 +78,16 @@ export class VersionLayers {
     const photo = name === PHOTO;
     this.map.addSource(name, { type: "raster", tiles: [this.#address(name)], tileSize: photo ? 512 : 256, ...this.#common(layer) });
     const layout = { visibility: this.off.has(name) ? "none" : "visible" };
-    const paint = photo ? { "raster-resampling": "linear" } : { "raster-resampling": "nearest", "raster-brightness-min": lift() };
+    const paint = { "raster-resampling": photo ? "linear" : "nearest" };
     this.map.addLayer({ id: name, type: "raster", source: name, layout, paint }, this.before);
   }
 
   // For the page's light or dark scheme.
   recolour() {
-    for (const name of ["semantic", ...this.overlays]) if (this.map.getLayer(name)) this.map.setPaintProperty(name, "raster-brightness-min", lift());
+    for (const name of ["semantic", ...this.overlays]) this.map.getSource(name)?.setTiles([this.#address(name)]);
+    for (const id of ["areas", "objects"]) {
+      if (this.map.getLayer(id)) for (const [property, value] of Object.entries(classPaint(id))) this.map.setPaintProperty(id, property, value);
+    }
   }
 
   #showFeatures(name) {
@@ -96,7 +98,7 @@ export class VersionLayers {
     for (const [id, drawn] of Object.entries(FEATURES[name])) {
       const layout = { ...drawn.layout, visibility: this.off.has(name) ? "none" : "visible" };
       const filter = ["areas", "objects"].includes(id) && this.#filter() ? { filter: this.#filter() } : {};
-      this.map.addLayer({ ...drawn, ...filter, id, source: name, "source-layer": id, layout }, this.above);
+      this.map.addLayer({ ...drawn, ...filter, paint: { ...drawn.paint, ...classPaint(id) }, id, source: name, "source-layer": id, layout }, this.above);
     }
   }
 

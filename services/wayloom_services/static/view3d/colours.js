@@ -1,7 +1,7 @@
 // How points are coloured: by class, height, drives, age or confidence, in one shader; hidden classes are not drawn.
 
 import { Color, GLSL3, RawShaderMaterial, Vector3, Vector4 } from "/static/vendor/three/three.bundle.mjs";
-import { lift } from "/static/ui/tones.js";
+import { tone } from "/static/ui/tones.js";
 import { many } from "/static/ui/words.js";
 
 export const MODES = ["class", "height", "drives", "age", "confidence"];
@@ -17,7 +17,6 @@ uniform int mode;
 uniform vec4 classes[${CLASSES}];
 uniform vec3 ramp[8];
 uniform vec2 range;
-uniform float lift;
 uniform float pointPx, edgeM, pxPerM;
 in vec3 position;
 in vec4 facts;
@@ -35,7 +34,7 @@ void main() {
   gl_Position = own.a > 0.0 ? projectionMatrix * seen : vec4(2.0, 2.0, 2.0, 1.0);
   gl_PointSize = clamp(pointPx * edgeM * pxPerM / max(-seen.z, 0.1), pointPx, 4.0 * pointPx);
   float value = mode == 1 ? place.z : mode == 2 ? log2(max(facts.y, 1.0)) : mode == 3 ? lastSeen : facts.z / 255.0;
-  tone = mode == 0 ? mix(own.rgb, vec3(1.0), lift) : along((value - range.x) / max(range.y - range.x, 1e-6));
+  tone = mode == 0 ? own.rgb : along((value - range.x) / max(range.y - range.x, 1e-6));
 }`;
 const FRAGMENT = `precision mediump float;
 in vec3 tone;
@@ -54,14 +53,23 @@ const rgb = (css) => {
 
 export function pointMaterial(classes) {
   const own = Array.from({ length: CLASSES }, () => new Vector4(0.5, 0.5, 0.5, 1));
-  for (const { id, colour } of classes) own[id].set(...rgb(colour).toArray(), 1);
-  return new RawShaderMaterial({
+  const material = new RawShaderMaterial({
     glslVersion: GLSL3, vertexShader: VERTEX, fragmentShader: FRAGMENT,
     uniforms: {
-      mode: { value: 0 }, classes: { value: own }, ramp: { value: VIRIDIS.map(rgb) }, range: { value: [0, 1] }, lift: { value: lift() },
+      mode: { value: 0 }, classes: { value: own }, ramp: { value: VIRIDIS.map(rgb) }, range: { value: [0, 1] },
       pointPx: { value: 2 }, edgeM: { value: 0.1 }, pxPerM: { value: 500 },
     },
   });
+  setTones(material, classes);
+  return material;
+}
+
+// Classes' colours on the ground of the page's scheme.
+export function setTones(material, classes) {
+  for (const { id, colour } of classes) {
+    const own = material.uniforms.classes.value[id];
+    own.set(...rgb(tone(colour)).toArray(), own.w);
+  }
 }
 
 export function setMode(material, mode, range) {

@@ -4,8 +4,8 @@ import {
   BufferAttribute, BufferGeometry, Color, Line, LineBasicMaterial, Matrix4, PerspectiveCamera, Scene, Vector3, WebGLRenderer,
 } from "/static/vendor/three/three.bundle.mjs";
 import { Orbit } from "/static/view3d/camera.js";
-import { lift, whenSchemeChanges } from "/static/ui/tones.js";
-import { pointMaterial, setMode, showClass } from "/static/view3d/colours.js";
+import { whenSchemeChanges } from "/static/ui/tones.js";
+import { pointMaterial, setMode, setTones, showClass } from "/static/view3d/colours.js";
 import { LocalFrame } from "/static/view3d/geo.js";
 import { TileTree } from "/static/view3d/tiles.js";
 
@@ -39,7 +39,7 @@ export class PointScene {
     new ResizeObserver(() => this.#resize()).observe(canvas.parentElement);
     canvas.addEventListener("webglcontextrestored", () => this.redraw());
     whenSchemeChanges(() => {
-      this.material.uniforms.lift.value = lift();
+      setTones(this.material, classes);
       this.redraw();
     });
   }
