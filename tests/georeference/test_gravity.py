@@ -7,7 +7,7 @@ from georeference.made_streets import IMU_LEAN_RAD, street_drive, with_imu, with
 from wayloom.georeference.alignment import georeference
 from wayloom.georeference.gravity.sections import sections
 from wayloom.georeference.gravity.street import CROSS_FALL_RAD, lean_by_street
-from wayloom.georeference.gravity.uprights import lean_by_uprights
+from wayloom.georeference.gravity.uprights import POLE_SIGMA, _lines, _poles, fitted, lean_by_uprights
 from wayloom.georeference.settings import GeoReferenceSettings
 
 
@@ -105,3 +105,37 @@ def test_a_witness_that_is_said_to_lean_far_counts_little():
     vague = GeoReferenceSettings(uprights_lean_deg=10.0, street_lean_deg=10.0)
     _, sigma = roll_errors(drive, georeference(drive.log, drive.odometry, settings=vague, labels=labels))
     assert np.median(sigma) > 1.0
+
+
+def made_poles(counts: list[int], seed: int = 0) -> list[np.ndarray]:
+    """Points (n, 3) of leaning poles far from each other, some of them far off their pole."""
+    rng, poles = np.random.default_rng(seed), []
+    for number, count in enumerate(counts):
+        z = rng.uniform(0.0, 4.0, count)
+        xy = 30.0 * number + z[:, None] * rng.normal(0.0, 0.03, 2) + rng.normal(0.0, 0.02, (count, 2))
+        xy[:: max(count // 3, 4)] += 0.15
+        poles.append(np.column_stack([xy, z]))
+    return poles
+
+
+def test_lines_of_all_poles_at_once_are_those_of_each_alone() -> None:
+    poles = made_poles([6, 7, 40, 13])
+    lean, sigma = _lines(np.concatenate(poles), np.array([len(p) for p in poles]))
+    for row, p in enumerate(poles):
+        A = np.column_stack([p[:, 2] - p[:, 2].mean(), np.ones(len(p))])
+        for axis in range(2):
+            x, covariance = fitted(A, p[:, axis])
+            assert lean[row, axis] == pytest.approx(x[0], rel=1e-9, abs=1e-12)
+            assert sigma[row, axis] == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-9)
+
+
+def test_what_has_few_points_or_little_height_is_no_pole() -> None:
+    few, high, low = made_poles([5, 8, 12], seed=1)
+    low[:, 2] *= 0.3
+    points = np.concatenate([few, high, low])[np.random.default_rng(2).permutation(25)]
+    rows = _poles(points)
+    assert [row[:2] for row in rows] == [[1.0, 0.0], [0.0, 1.0]]
+    lean, sigma = _lines(high, np.array([8]))
+    assert [row[2] for row in rows] == pytest.approx(lean[0].tolist(), rel=1e-6)
+    assert [row[3] for row in rows] == pytest.approx(np.hypot(sigma[0], POLE_SIGMA).tolist(), rel=1e-6)
+    assert _poles(np.concatenate([few, low])) == []

@@ -39,14 +39,16 @@ def sections(odometry: OdometryResult, label: NDArray[np.uint8], length_m: float
     d = points.inverse_depth.astype(np.float64)
     sigma_share = np.sqrt(points.variance.astype(np.float64)) / np.maximum(d, 1e-9)
     good = (d > 1.0 / MAX_DISTANCE_M) & (sigma_share < MAX_SIGMA_SHARE)
-    world = odometry.points_world()
+    good_rows = np.flatnonzero(good)
+    by_host = good_rows[np.argsort(points.host[good_rows], kind="stable")]
+    host, world = points.host[by_host], odometry.points_world()
     for segment in np.unique(keyframes.segment):
         members = np.flatnonzero(keyframes.segment == segment)
         piece = ((road[members] - road[members[0]]) // length_m).astype(np.int64)
         for number in np.unique(piece):
             rows = members[piece == number]
             middle = int(rows[np.argmin(np.abs(road[rows] - 0.5 * (road[rows[0]] + road[rows[-1]])))])
-            inside = np.flatnonzero(good & (points.host >= rows[0]) & (points.host <= rows[-1]))
+            inside = np.sort(by_host[slice(*np.searchsorted(host, (rows[0], rows[-1] + 1)).tolist())])
             T_level_world = level_world(keyframes.T_world_cam[rows])
             T_level_cam = T_level_world @ keyframes.T_world_cam[middle]
             yield Section(middle, T_level_cam, se3.transform(T_level_world, world[inside]), label[inside])

@@ -32,7 +32,7 @@ UPRIGHTENINGS = 4
 LEAST_FREE, LEAST_RATIO = 6, 1.5
 """Degrees of freedom from which a drive's own uprights tell how much they scatter; and the least ratio of sigmas: what one section
 sees shares its depths' errors, so that its planes are fewer witnesses than they are planes."""
-ITERATIONS, CAUCHY = 10, 2.385
+ITERATIONS, CAUCHY, LEAST_SCALE_M = 10, 2.385, 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +141,7 @@ def fitted(A: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
         information = (A * weight[:, None]).T @ A
         x = np.asarray(np.linalg.solve(information, A.T @ (weight * b)), np.float64)
         residual = b - A @ x
-        scale = max(1.4826 * float(np.median(np.abs(residual))), 0.01)
+        scale = max(1.4826 * float(np.median(np.abs(residual))), LEAST_SCALE_M)
         weight = 1.0 / (1.0 + (residual / (CAUCHY * scale)) ** 2)
     return x, np.asarray(scale**2 * np.linalg.inv(information))
 
@@ -154,13 +154,38 @@ def _poles(points: FloatArray) -> list[list[float]]:
     pairs = cKDTree(points[:, :2]).query_pairs(POLE_REACH_M, output_type="ndarray")
     joined = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(points), len(points)))
     cluster = connected_components(joined, directed=False)[1]
-    for number in np.unique(cluster):
-        p = points[cluster == number]
-        if len(p) < POLE_POINTS or np.ptp(p[:, 2]) < POLE_HEIGHT_M:
-            continue
-        A = np.column_stack([p[:, 2] - p[:, 2].mean(), np.ones(len(p))])
-        for axis in range(2):
-            x, covariance = fitted(A, p[:, axis])
-            sigma = float(np.hypot(np.sqrt(covariance[0, 0]), POLE_SIGMA))
-            found.append([1.0 - axis, float(axis), float(x[0]), sigma])
+    order = np.argsort(cluster, kind="stable")
+    count = np.bincount(cluster)
+    start, z = np.cumsum(count) - count, points[order, 2]
+    high = np.maximum.reduceat(z, start) - np.minimum.reduceat(z, start) >= POLE_HEIGHT_M
+    upright = (count >= POLE_POINTS) & high
+    if not upright.any():
+        return found
+    lean, sigma = _lines(points[order[np.repeat(upright, count)]], count[upright])
+    sigma = np.hypot(sigma, POLE_SIGMA)
+    for pole in range(len(lean)):
+        found += [[1.0 - axis, float(axis), float(lean[pole, axis]), float(sigma[pole, axis])] for axis in range(2)]
     return found
+
+
+def _lines(points: FloatArray, count: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
+    """Lines through groups of points, `count` (L,) of (n, 3) each, one group behind the other: by how much x and y grow with z
+    (L, 2), and the sigmas of that. As `fitted` for each group and axis, all of them at once."""
+    start, group = np.cumsum(count) - count, np.repeat(np.arange(len(count)), count)
+
+    def total(values: FloatArray) -> FloatArray:
+        return np.asarray(np.add.reduceat(values, start, axis=0))[group]
+
+    centred = points - total(points) / count[group, None]
+    z, xy, weight = centred[:, 2:], centred[:, :2], np.ones((len(points), 2))
+    middle = start + (count - 1) // 2, start + count // 2
+    for _ in range(ITERATIONS):
+        w, wz, wzz = total(weight), total(weight * z), total(weight * z * z)
+        wb, wzb, determinant = total(weight * xy), total(weight * z * xy), w * wzz - wz**2
+        slope, offset = (w * wzb - wz * wb) / determinant, (wzz * wb - wz * wzb) / determinant
+        residual = xy - slope * z - offset
+        size = np.abs(residual)
+        ranked = np.column_stack([size[np.lexsort((size[:, axis], group)), axis] for axis in range(2)])
+        scale = np.maximum(1.4826 * 0.5 * (ranked[middle[0]] + ranked[middle[1]]), LEAST_SCALE_M)[group]
+        weight = 1.0 / (1.0 + (residual / (CAUCHY * scale)) ** 2)
+    return slope[start], np.asarray(scale * np.sqrt(w / determinant))[start]
