@@ -8,6 +8,7 @@
 --seeds   of the choice of points; 0: accuracy is not measured
 --laps    lengths of which memory and time of the odometry are measured, each in a process of its own
 --joins   numbers of made parts, as large as those of a drive like clip A, whose join is measured
+--labelled  numbers of made parts, as those of --joins, whose points are labelled by made images
 --stages  lengths of which memory of every stage is measured, each in a process of its own
 --write   the tables into docs/benchmarks/long_drives.md; those that are not measured again stay as they are
 """
@@ -38,6 +39,7 @@ from wayloom.config.stages import drive_stages  # noqa: E402
 from wayloom.evaluation.trajectory import evaluate  # noqa: E402
 from wayloom.files.atomic import link_or_copy  # noqa: E402
 from wayloom.geometry.camera import PinholeCamera, StereoRig  # noqa: E402
+from wayloom.labelling.tcl import label_points  # noqa: E402
 from wayloom.logs.registry import open_log  # noqa: E402
 from wayloom.logs.types import DriveLog  # noqa: E402
 from wayloom.odometry.odometry import track  # noqa: E402
@@ -68,12 +70,17 @@ def main() -> None:
     if options.join:
         child_of_join(options.join)
         return
+    if options.label:
+        child_of_labelling(options.label)
+        return
     found: dict[str, Any] = {}
     if options.joins:
         found["joins"] = [
             json.loads(subprocess.run([sys.executable, __file__, "--join", str(count)], check=True, stdout=subprocess.PIPE).stdout)
             for count in options.joins
         ]
+    if options.labelled:
+        found["labelling"] = [labelled(count) for count in options.labelled]
     if options.data:
         found["accuracy of clip A"] = accuracy(
             open_log(options.data / "kitti_odometry" / "sequences" / "00"), CLIP_PARTS, options.seeds
@@ -101,7 +108,9 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--laps", type=int, nargs="*", default=[1, 4, 16])
     parser.add_argument("--stages", type=int, nargs="*", default=[1, 4])
     parser.add_argument("--joins", type=int, nargs="*", default=[1, 3, 12])
+    parser.add_argument("--labelled", type=int, nargs="*", default=[2, 12])
     parser.add_argument("--join", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("--label", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--child", help=argparse.SUPPRESS)
@@ -213,11 +222,60 @@ def child(text: str) -> None:
     }))  # fmt: skip
 
 
+class MadeImages:
+    """Label images of every voter alike, of as many classes as a network that is unsure gives a point."""
+
+    may_be_void, is_balanced = False, False
+
+    def __init__(self) -> None:
+        self.labels = np.random.default_rng(0).integers(0, 11, (376, 1241)).astype(np.uint8)
+
+    def left(self, keyframe: int, /) -> np.ndarray:
+        return self.labels
+
+    def right(self, keyframe: int, /) -> np.ndarray:
+        return self.labels
+
+    def scores(self, side: str, keyframe: int, /) -> None:
+        return None
+
+    def small(self, side: str, keyframe: int, /) -> np.ndarray:
+        return np.zeros((188, 620), np.uint8)
+
+
+def labelled(count: int) -> dict[str, Any]:
+    """The points of so many made parts labelled, in a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        _, parts = made_plan(count)
+        save_odometry(join_parts(parts, lambda part: made_part(OdometrySettings().part_frames)), Path(folder) / "whole.npz")
+        command = [sys.executable, __file__, "--label", f"{folder}/whole.npz"]
+        found: dict[str, Any] = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+        return found
+
+
+def child_of_labelling(file: Path) -> None:
+    """Label the points of a drive, and say what it took."""
+    drive = load_odometry(file)
+    before, start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, time.process_time()
+    labels = label_points(drive, MadeImages())
+    seconds, after = time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(json.dumps({
+        "frames": len(drive.trajectory), "points": len(labels), "classes a point": round(len(labels.vote_class) / len(labels), 1),
+        "CPU s": round(seconds, 1), "peak MB with the drive read": round(before), "peak MB": round(after),
+    }))  # fmt: skip
+
+
+def made_plan(count: int) -> tuple[int, list[Any]]:
+    """Frames of a drive of so many parts, and the parts."""
+    settings = OdometrySettings()
+    frames = settings.part_overlap + count * (settings.part_frames - settings.part_overlap)
+    return frames, list(plan_parts(frames, settings))
+
+
 def child_of_join(count: int) -> None:
     """Join so many made parts and write the result, and say what it took beyond what the modules and one part take."""
     settings = OdometrySettings()
-    frames = settings.part_overlap + count * (settings.part_frames - settings.part_overlap)
-    parts = plan_parts(frames, settings)
+    frames, parts = made_plan(count)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "part.npz"
         save_odometry(made_part(settings.part_frames), file)

@@ -35,6 +35,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy loads i
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "core"), str(ROOT / "tests" / "odometry")]
 
+import cv2  # noqa: E402
 import naive  # noqa: E402
 import numpy as np  # noqa: E402
 from made_window import NUMBERS, ROBUST, made_window  # noqa: E402
@@ -45,8 +46,10 @@ from wayloom.evaluation import odometry_peers, odometry_table  # noqa: E402
 from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, SEEDS, Summary, measured, peak_memory_mb, replaced, warm_up  # noqa: E402
 from wayloom.evaluation.odometry_recordings import Recording, clip_recordings, piece, recording_of  # noqa: E402
 from wayloom.geometry import se3  # noqa: E402
-from wayloom.odometry.kernels import adjustment, equations, linear, patch, tracking  # noqa: E402
+from wayloom.geometry.camera import PinholeCamera, StereoRig  # noqa: E402
+from wayloom.odometry.kernels import adjustment, equations, linear, patch, resampling, tracking  # noqa: E402
 from wayloom.odometry.kernels.compiler import opened  # noqa: E402
+from wayloom.odometry.rig import rows  # noqa: E402
 from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate  # noqa: E402
 
 PAGE, NUMBERS_FILE = DOCS / "benchmarks" / "odometry.md", ROOT / "benchmarks" / "odometry.json"
@@ -136,6 +139,18 @@ def best_ms(work: Callable[[], object], repeats: int) -> float:
     return min(rounds)
 
 
+def row_alignment_ms() -> tuple[float, float]:
+    """A right image's rows aligned by our kernel, and by OpenCV with maps made before."""
+    rig, image = StereoRig(PinholeCamera(718.9, 718.9, 607.2, 185.2, 1241, 376), (-0.54, 0.0, 0.0)), np.zeros((376, 1241), np.uint8)
+    corners = rows.displacements(np.array([0.9, 0.4, 0.7]), rig)
+    size = (corners.shape[1] * resampling.STEP, corners.shape[0] * resampling.STEP)
+    moved = cv2.resize(corners, size)[:376, :1241]
+    v, u = np.mgrid[0:376, 0:1241].astype(np.float32)
+    maps = cv2.convertMaps(u + moved[..., 0], v + moved[..., 1], cv2.CV_16SC2)
+    cv2.setNumThreads(1)
+    return best_ms(lambda: rows.align(image, corners), 20), best_ms(lambda: cv2.remap(image, *maps, cv2.INTER_CUBIC), 20)
+
+
 def kernel_table() -> None:
     """Kernels against the twins that the tests check them with."""
     window = made_window(4, 100)
@@ -149,7 +164,7 @@ def kernel_table() -> None:
     camera, H, g, J = np.array(NUMBERS[:4]), np.zeros((8, 8)), np.zeros(8), np.zeros(8)
     patch_residual, tracking_equations = opened(patch.patch_residual), opened(tracking.tracking_equations)
     xi = np.array([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
-    rows = [
+    table = [
         (
             "patch_residual",
             best_ms(lambda: patch_residual(*one, patch_scratch), 2000),
@@ -161,9 +176,10 @@ def kernel_table() -> None:
             best_ms(lambda: naive.tracking_equations(grey, rays, T, 1.0, 0.0, camera, 9.0, 20.0), 2),
         ),
         ("exp_se3", best_ms(lambda: linear.exp_se3(xi), 2000), best_ms(lambda: se3.exp(xi), 200)),
+        ("rows of an image of 1241 x 376 px, against OpenCV", *row_alignment_ms()),
     ]
     print("\n| kernel | ms | naive twin ms | ratio |\n| --- | --- | --- | --- |")
-    for name, fast, slow in rows:
+    for name, fast, slow in table:
         print(f"| {name} | {fast:.4f} | {slow:.3f} | {slow / fast:.0f} |")
     terms = adjustment.make_terms(len(points.rho), len(window))
     residuals = int(terms.inlier.size)

@@ -52,9 +52,11 @@ def test_a_motion_far_from_the_expected_one_is_a_failure_only_where_one_is_expec
 
 
 def test_after_a_gap_half_an_image_is_not_believed_without_features() -> None:
-    assert recovery.gap_failure(fit(saturated=0.45), 0.1, 0.1) is None
-    assert recovery.gap_failure(fit(saturated=0.2), 1.3, 0.1) is None
-    assert "after 0.2 s without a place 45 % of the points" in str(recovery.gap_failure(fit(saturated=0.45), 0.2, 0.1))
+    assert recovery.gap_failure(fit(saturated=0.45), 0.3, False) is None
+    assert recovery.gap_failure(fit(saturated=0.2), 1.3, True) is None
+    for since_s, follows_held in ((0.2, True), (10.0, False), (1.3, True)):
+        why = str(recovery.gap_failure(fit(saturated=0.45), since_s, follows_held))
+        assert f"after {since_s} s without a place 45 % of the points" in why
 
 
 def test_the_motion_after_a_blind_second_is_that_between_frames_that_were_seen(monkeypatch: pytest.MonkeyPatch) -> None:

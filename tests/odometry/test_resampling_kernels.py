@@ -3,6 +3,9 @@ import numpy as np
 import pytest
 
 from wayloom.odometry.kernels.resampling import STEP, resample
+from wayloom.odometry.rig import rows
+
+pytestmark = pytest.mark.kernels
 
 HEIGHT, WIDTH = 45, 83
 
@@ -64,9 +67,18 @@ def test_the_rows_from_one_on_are_those_of_the_whole_image() -> None:
 
 
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="numba's compiler is off, and Python refuses what machine code takes")
-def test_a_displacement_that_is_no_number_reads_nothing_outside_the_image() -> None:
-    corners = np.full((HEIGHT // STEP + 2, WIDTH // STEP + 2, 2), np.nan, np.float32)
-    assert resample(made_image(), corners, 0).shape == (HEIGHT, WIDTH)
+@pytest.mark.parametrize("far", [np.nan, np.inf, -np.inf, 1e20])
+def test_an_absurd_displacement_reads_nothing_outside_the_image(far: float) -> None:
+    around = np.full((3 * HEIGHT, WIDTH), 200, np.uint8)
+    image = around[HEIGHT : 2 * HEIGHT]
+    image[:] = 0
+    corners = np.full((HEIGHT // STEP + 2, WIDTH // STEP + 2, 2), far, np.float32)
+    np.testing.assert_array_equal(resample(image, corners, 0), 0)
+
+
+def test_an_image_that_is_larger_than_its_displacements_is_refused() -> None:
+    with pytest.raises(ValueError, match="an image of 83x45 px"):
+        rows.align(made_image(), made_corners(1.0, 0.1)[:-1])
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 5), (8, 8), (9, 16)])

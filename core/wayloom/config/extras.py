@@ -29,7 +29,8 @@ def missing_extra(extra: str, what: str, file: Path | None = None) -> MissingExt
 
 @contextmanager
 def from_extra(extra: str, what: str, file: Path | None = None) -> Iterator[None]:
-    """Import an extra's packages within. Raises MissingExtraError where one of them, or one that they need, is not installed."""
+    """Import an extra's packages within. Raises MissingExtraError where one of them, or one that they need, is not installed; what
+    is installed and broken raises its own ImportError, which says what it lacks."""
     try:
         yield
     except ModuleNotFoundError as error:

@@ -44,7 +44,7 @@ MIN_VOTE_SHARE = 0.01
 MAX_CACHED_VOTERS = 256
 """Voters in memory at most, whatever the reach."""
 _HostVotes = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]
-"""`sparse_votes` of one host's points."""
+"""`sparse_votes` of one host's points, how many classes each has in a byte."""
 
 
 @dataclass(frozen=True, slots=True)

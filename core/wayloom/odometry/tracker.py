@@ -98,6 +98,7 @@ class Tracker:
             T_tracked=self.builder.T_cam_world(self.last_tracked),
             dt_s=1e-9 * (frame.t_ns - rows[n - 1].t_ns),
             since_s=1e-9 * (frame.t_ns - rows[self.last_tracked].t_ns),
+            follows_held=self.last_tracked != n - 1,
             starting=n - self.builder.segment_starts[-1] <= 1,
             brightness=self.brightness,
             usual_rms=self.smoothed_rms,

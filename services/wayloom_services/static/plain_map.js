@@ -153,10 +153,12 @@ export class PlainMap {
 
   // By a request of ours: an image of its own accord sends no key.
   async #load(image, address) {
+    const mine = (image.asked = (image.asked ?? 0) + 1);
     const answer = await send(address).catch(() => null);
     if (answer?.status !== 200) return;
     const blob = await answer.blob();
-    const url = URL.createObjectURL(image.className === "semantic" ? await this.#toned(blob) : blob);
+    const url = URL.createObjectURL(image.className === "semantic" ? await this.#toned(blob).catch(() => blob) : blob);
+    if (mine !== image.asked) return void URL.revokeObjectURL(url); // the scheme has changed meanwhile
     image.addEventListener("load", () => URL.revokeObjectURL(url), { once: true });
     image.src = url;
   }

@@ -86,9 +86,9 @@ def smoothed_votes(start, classes, weights, neighbour, gaussian, first, class_co
         mean[:] = 0.0
         for i in range(neighbour.shape[1]):
             q = neighbour[n, i]
-            if not (gaussian[n, i] > 0.0 and start[q + 1] > start[q]):
+            total = _sum_of(weights, start[q], start[q + 1]) if gaussian[n, i] > 0.0 else 0.0
+            if not total > 0.0:
                 continue
-            total = _sum_of(weights, start[q], start[q + 1])
             of_all += np.float64(gaussian[n, i])
             share = np.float64(gaussian[n, i]) / total
             for m in range(_Index(start[q]), _Index(start[q + 1])):

@@ -20,7 +20,7 @@ def resample(image, corners, first_row):  # type: ignore[no-untyped-def]
     """The pixels (h - first_row, w) uint8 of an image (h, w) uint8 at where each one of it is displaced to, from one row on.
 
     corners (at least h // STEP + 2, at least w // STEP + 2, 2) float32 px, displacement in u and v at the multiples of STEP. Beyond
-    the border the outermost pixels repeat.
+    the border the outermost pixels repeat; a displacement that is no finite number gives any grey level.
     """
     h, w = image.shape
     out = np.empty((h - first_row, w), np.uint8)

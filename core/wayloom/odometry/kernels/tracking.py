@@ -18,8 +18,9 @@ MARGIN = 2
 
 
 def pool(uv, rho, level, image, camera):  # type: ignore[no-untyped-def]
-    """Reference points (m, 4) of a level: the points with inverse depths rho (n,) at uv (n, 2) px of level 0, those of one pixel as
-    one, row by row. image (h, w) and camera (4,) fx fy cx cy of the level; x, y of the ray, mean inverse depth 1/m, grey value."""
+    """Reference points (m, 4) of a level: the points with inverse depths rho (n,) at finite uv (n, 2) px of level 0, those of one
+    pixel as one, row by row. image (h, w) and camera (4,) fx fy cx cy of the level; columns: x, y of the ray, mean inverse depth
+    1/m, grey value."""
     h, w = image.shape
     x, y = (uv + 0.5).astype(np.int64).T >> level
     inside = (x >= MARGIN) & (x < w - MARGIN - 1) & (y >= MARGIN) & (y < h - MARGIN - 1)

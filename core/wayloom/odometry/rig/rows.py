@@ -133,7 +133,11 @@ def displacements(coefficients: FloatArray, rig: StereoRig, lens: RightLens = ID
 
 def align(right: Image, corners: Corners, first_row: int = 0) -> Image:
     """The right image (h, w) with its rows on the left's by `displacements`, from one row on; the outermost pixels repeat. By
-    cubics: linear interpolation blurs what lies between pixels, and disparities shrink by that."""
+    cubics: linear interpolation blurs what lies between pixels, and disparities shrink by that. Raises ValueError for an image that
+    is larger than that of the displacements."""
+    height, width = right.shape
+    if corners.shape[0] < height // STEP + 2 or corners.shape[1] < width // STEP + 2:
+        raise ValueError(f"an image of {width}x{height} px is larger than what the displacements are of")
     return np.asarray(resample(np.ascontiguousarray(right), corners, first_row), np.uint8)
 
 

@@ -28,8 +28,8 @@ ALWAYS_BELIEVED_M = 0.3
 MAX_SPEED_M_S = 90.0
 WORSE_THAN_USUAL = 1.5
 SATURATED, GRAVELY_SATURATED, LONG_GAP_S = 0.15, 0.3, 0.45
-"""Shares of the points in view beyond the cut-off, from which an alignment is doubtful and from which features are asked, who must
-know the place where the frame before was held; seconds without a tracked frame, after which both happen whatever the fit."""
+"""Shares of the points in view beyond the cut-off, from which other motions are tried and from which features are looked for; and
+seconds without a tracked frame, after which both happen whatever the fit."""
 GRID_TURNS_RAD = (-0.32, -0.22, -0.14, -0.08, 0.08, 0.14, 0.22, 0.32)
 GRID_WAYS = (0.0, 1.0, 2.0)
 GRID_KEPT = 4
@@ -48,6 +48,7 @@ class TrackingRequest:
     frame        its images and predicted pose
     T_last, T_tracked  (4, 4) T_cam_world of the frame before it, and of the last one that was tracked
     dt_s         seconds since the frame before, since_s since the last tracked one
+    follows_held  whether frames were held in between
     starting     whether no motion is known yet
     brightness   (2,) gain, offset against the newest keyframe, as last estimated
     usual_rms    grey levels, of alignments so far; infinite before the first
@@ -58,6 +59,7 @@ class TrackingRequest:
     T_tracked: FloatArray
     dt_s: float
     since_s: float
+    follows_held: bool
     starting: bool
     brightness: FloatArray
     usual_rms: float
@@ -152,10 +154,10 @@ def gain_failure(fit: Alignment, image: Image, keyframe: Image) -> str | None:
     return f"the image is {gain:.2g} times as bright as the keyframe, its contrast {contrast:.2g} times"
 
 
-def gap_failure(fit: Alignment, since_s: float, dt_s: float) -> str | None:
-    """Why an alignment that no features vouch for is not believed since_s seconds after the last place, the frame before dt_s ago,
-    or None: where frames were held in between, the vehicle may be anywhere, and what does not fit need not be a bus that passes."""
-    if since_s <= 1.5 * dt_s or fit.saturated <= GRAVELY_SATURATED:
+def gap_failure(fit: Alignment, since_s: float, follows_held: bool) -> str | None:
+    """Why an alignment that no features vouch for is not believed since_s seconds after the last place, or None: after frames that
+    were held, or a long gap, the vehicle may be anywhere, and what does not fit need not be a bus that passes."""
+    if not (follows_held or since_s > LONG_GAP_S) or fit.saturated <= GRAVELY_SATURATED:
         return None
     return f"after {since_s:.1f} s without a place {100 * fit.saturated:.0f} % of the points do not fit, and no features do"
 
@@ -203,12 +205,12 @@ class Recovery:
             result = self._by_features(index, seen, request, references, window)
             if result is not None and (failure is not None or result.fit.rms < fit.rms):
                 return TrackingResult(result.fit, result.keyframe, None, tried + 1, result.features)
-        failure = failure or gap_failure(fit, request.since_s, request.dt_s)
+        failure = failure or gap_failure(fit, request.since_s, request.follows_held)
         if failure is None:
             return best
         grid = self._best_of_grid(request, newest, T_world_newest)
         fit = best_alignment(request.frame.images, newest, grid, request.brightness, fit, T_world_newest, self.cameras, s)
-        failure = self._failure(fit, newest.keyframe, request, window) or gap_failure(fit, request.since_s, request.dt_s)
+        failure = self._failure(fit, newest.keyframe, request, window) or gap_failure(fit, request.since_s, request.follows_held)
         return TrackingResult(fit, newest.keyframe, failure, tried + len(GRID_TURNS_RAD) * len(GRID_WAYS))
 
     def _aligned(

@@ -21,7 +21,7 @@ function hatch() {
 
 export class Excluded {
   constructor(map) {
-    Object.assign(this, { map, areas: EMPTY, asked: 0, changed: () => {} });
+    Object.assign(this, { map, areas: EMPTY, asked: 0, beside: null, changed: () => {} });
   }
 
   addLayers() {
@@ -31,7 +31,7 @@ export class Excluded {
     this.map.addLayer({ id: "excluded-edge", type: "line", source: "excluded", paint: { "line-color": colour("--quiet"), "line-width": STROKE } });
   }
 
-  // An area that is new or has gone brings a version, and with it this is asked for anew.
+  // Asked for with each version, which a new area brings; one that has gone stays until the next one.
   async refresh(ask) {
     const mine = ++this.asked;
     const areas = await ask("/v1/excluded-areas").catch(() => null);
@@ -41,6 +41,7 @@ export class Excluded {
   take(areas) {
     this.areas = areas;
     this.map.getSource("excluded")?.setData(areas);
+    this.beside?.take(areas);
     this.changed();
   }
 

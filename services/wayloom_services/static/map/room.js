@@ -18,7 +18,7 @@ export function roomBeside(free, panels, shape) {
 // The room in pixels from the map's own corner: { left, top, right, bottom }. container: the map's element. shape: of what shall be shown there.
 export function roomOn(container, shape) {
   const map = container.getBoundingClientRect();
-  const whole = { left: EDGE, top: EDGE, right: map.width - EDGE, bottom: map.height - EDGE };
+  const whole = { left: EDGE, top: EDGE, right: Math.max(map.width - EDGE, EDGE + 1), bottom: Math.max(map.height - EDGE, EDGE + 1) };
   const boxes = [...document.querySelectorAll(OVER)].map((panel) => panel.getBoundingClientRect()).filter((box) => box.width && box.height);
   const panels = boxes.map(({ left, top, right, bottom }) => ({
     left: left - map.left - EDGE, top: top - map.top - EDGE, right: right - map.left + EDGE, bottom: bottom - map.top + EDGE,

@@ -68,7 +68,7 @@ export class Swipe {
       if (this.map !== other) return;
       this.coverage = this.city.coverage.beside = new Coverage(this.map, ask, this.city.coverage);
       this.coverage.addLayers();
-      this.excluded = new Excluded(this.map);
+      this.excluded = this.city.excluded.beside = new Excluded(this.map);
       this.excluded.addLayers();
       this.excluded.take(this.city.excluded.areas);
       this.tracks = new Tracks(this.map, null);
@@ -93,8 +93,8 @@ export class Swipe {
     this.city.map.off("move", this.keep);
     this.map.remove();
     if (this.coverage) this.coverage.version = null; // what it still waits for comes too late
-    Object.assign(this, { map: null, layers: null, tracks: null, coverage: null });
-    this.city.other = this.city.coverage.beside = null;
+    Object.assign(this, { map: null, layers: null, tracks: null, coverage: null, excluded: null });
+    this.city.other = this.city.coverage.beside = this.city.excluded.beside = null;
     this.city.coverage.recolour();
   }
 
