@@ -7,8 +7,9 @@ import pytest
 
 from mapping.test_drive_graph import NOISE, exact_fixes, straight
 from wayloom.geometry import se3
+from wayloom.mapping import linear_beliefs
 from wayloom.mapping.belief_doubts import FOUND, HINTED, examine, second_moments, spread_doubts
-from wayloom.mapping.bias_courses import bias_courses
+from wayloom.mapping.bias_courses import _near_in_time, bias_courses
 from wayloom.mapping.evidence import Evidence
 from wayloom.mapping.fix_witnesses import witnesses_of
 from wayloom.mapping.linear_beliefs import LinearBeliefs
@@ -93,3 +94,27 @@ def test_the_examined_drive_lies_within_its_covariance_of_the_truth():
     doubt = second_moments(doubts, doubts)
     assert doubt.shape == (COUNT, 6, 6)
     assert (np.linalg.eigvalsh(doubt) > -1e-9).all()
+
+
+def test_what_is_held_of_the_witnesses_does_not_grow_with_their_number(monkeypatch):
+    graph = graph_of(ramp_and_back(1.0))
+    choice = all_believed(graph)
+    linear = LinearBeliefs(graph, np.ones(len(graph.fixes), bool), np.zeros(0, bool), choice.state)
+    whole, everyone = bias_courses(graph, linear), np.arange(len(graph.fixes))
+    S = linear.between(everyone)
+    np.testing.assert_allclose(S, S.T, atol=1e-9 * np.abs(S).max())
+    monkeypatch.setattr(linear_beliefs, "HELD_BYTES", 0)
+    monkeypatch.setattr(linear_beliefs, "MOST_TURNED", 5)
+    sparing = LinearBeliefs(graph, np.ones(len(graph.fixes), bool), np.zeros(0, bool), choice.state)
+    courses = bias_courses(graph, sparing)
+    assert len(sparing._columns) == 5 < len(graph.fixes)
+    assert [(one.chi2, one.beta_m.tolist()) for one in courses] == [(one.chi2, one.beta_m.tolist()) for one in whole]
+    np.testing.assert_array_equal(sparing.between(everyone[4:14]), S[12:42, 12:42])
+
+
+def test_pairs_near_in_time_are_those_of_comparing_all_with_all():
+    t_s = np.random.default_rng(3).uniform(0.0, 20.0, 60)
+    i, j = _near_in_time(t_s, 1.5)
+    expected = {(a, b) for a in range(60) for b in range(60) if a != b and abs(t_s[a] - t_s[b]) < 1.5}
+    assert sorted(zip(i.tolist(), j.tolist(), strict=True)) == sorted(expected)
+    assert _near_in_time(t_s[:0], 1.5)[0].shape == (0,)

@@ -49,26 +49,25 @@ class BiasCourse:
 
 def bias_courses(graph: WitnessGraph, linear: LinearBeliefs) -> list[BiasCourse]:
     """All courses that are tested, at the minimum of a choice."""
-    t_s, rows = graph.fixes.t_s, np.flatnonzero(linear.believed)
-    R_inverse = np.linalg.inv(linear.covariance[rows])
-    g = np.einsum("nij,nj->ni", R_inverse, linear.error[rows])
-    Q, C = _control(linear, R_inverse, rows), _correlations(graph, rows)
-    found = []
-    for share in _shares(t_s):
-        of_rows = share[rows]
-        if np.ptp(of_rows) < LEAST_CHANGE:
-            continue
+    rows = np.flatnonzero(linear.believed)
+    R_inverse, t_s = np.linalg.inv(linear.covariance[rows]), graph.fixes.t_s[rows]
+    g, C = np.einsum("nij,nj->ni", R_inverse, linear.error[rows]), _correlations(graph, rows)
+    found: dict[int, BiasCourse] = {}
+    for window in sorted(_windows(graph.fixes.t_s), key=lambda window: window.begin_s):  # so that S is asked for once, in passing
+        of_rows = window.share(t_s)
         inside = np.flatnonzero(of_rows)
+        if not len(inside) or np.ptp(of_rows) < LEAST_CHANGE:
+            continue
         s = of_rows[inside]
-        of_all = np.einsum("aibj,b->aij", Q[:, :, inside], s)
+        of_all = _controlled(linear, R_inverse, rows, inside, s)
         M_s = np.einsum("a,aij->ij", s, of_all[inside])
         alone = np.einsum("a,aij->ij", s**2, R_inverse[inside])
-        if len(inside) and np.linalg.eigvalsh(M_s)[0] > LEAST_CONTROL * np.trace(alone):
+        if np.linalg.eigvalsh(M_s)[0] > LEAST_CONTROL * np.trace(alone):
             score, flat = np.einsum("a,ai->i", s, g[inside]), of_all.reshape(-1, 3)
             N_s = M_s + np.einsum("ni,nj->ij", flat, C @ flat)
             chi2, beta = float(score @ np.linalg.solve(N_s, score)), -np.linalg.solve(M_s, score)
-            found.append(BiasCourse(chi2, rows[inside], s, beta))
-    return found
+            found[window.number] = BiasCourse(chi2, rows[inside], s, beta)
+    return [found[number] for number in sorted(found)]
 
 
 def moved_by(linear: LinearBeliefs, course: BiasCourse) -> FloatArray:
@@ -78,33 +77,58 @@ def moved_by(linear: LinearBeliefs, course: BiasCourse) -> FloatArray:
     return linear.moved(course.witnesses, pull.ravel())
 
 
-def _shares(t_s: FloatArray) -> list[FloatArray]:
-    """(W,) each: trapezoids over time, half of the first and last windows beyond the drive's ends."""
-    found = []
+@dataclass(frozen=True, slots=True)
+class _Window:
+    """A trapezoid over time: it grows and goes within a share `ramp` of its length."""
+
+    number: int
+    begin_s: float
+    length_s: float
+    ramp: float
+
+    def share(self, t_s: FloatArray) -> FloatArray:
+        """Its height (n,) at times (n,)."""
+        from_ends = np.minimum(t_s - self.begin_s, self.begin_s + self.length_s - t_s)
+        return np.asarray(np.clip(from_ends / (self.ramp * self.length_s), 0.0, 1.0))
+
+
+def _windows(t_s: FloatArray) -> list[_Window]:
+    """Of all lengths, half of the first and last ones beyond the ends of a drive with witnesses at t_s (W,)."""
+    found: list[_Window] = []
     for length in LENGTHS_S:
         for begin in np.arange(t_s[0] - 0.5 * length, t_s[-1] - 0.5 * length, STEP * length).tolist():
-            from_ends = np.minimum(t_s - begin, begin + length - t_s)
-            found += [np.clip(from_ends / (ramp * length), 0.0, 1.0) for ramp in RAMPS]
+            found += [_Window(len(found) + k, begin, length, ramp) for k, ramp in enumerate(RAMPS)]
     return found
 
 
-def _control(linear: LinearBeliefs, R_inverse: FloatArray, rows: IntArray) -> FloatArray:
-    """(w, 3, w, 3) Q of the believed witnesses, rows (w,)."""
-    count = len(linear.covariance)
-    S = linear.S.reshape(count, 3, count, 3)[rows][:, :, rows]
-    Q = -np.einsum("aij,ajbk->aibk", R_inverse, np.einsum("ajbk,bkl->ajbl", S, R_inverse))
-    each = np.arange(len(rows))
-    Q[each, :, each, :] += R_inverse
-    return np.asarray(Q)
+def _controlled(linear: LinearBeliefs, R_inverse: FloatArray, rows: IntArray, inside: IntArray, share: FloatArray) -> FloatArray:
+    """(w, 3, 3) Q B of the believed witnesses, rows (w,), for the course in which those `inside` (n,) have these shares (n,)."""
+    moved = np.zeros((3 * len(linear.covariance), 3))
+    for a, s in zip(inside.tolist(), share.tolist(), strict=True):
+        moved += linear.columns(int(rows[a])) @ (s * R_inverse[a])
+    out = -R_inverse @ moved.reshape(-1, 3, 3)[rows]
+    out[inside] += share[:, None, None] * R_inverse[inside]
+    return np.asarray(out)
 
 
 def _correlations(graph: WitnessGraph, rows: IntArray) -> csr_array:
     """(3w, 3w) m^2 C: what the fixes' slow noise has in common at different witnesses, over some correlation times."""
     fixes, noise = graph.fixes.take(rows), graph.noise
-    apart_s = np.abs(fixes.t_s[:, None] - fixes.t_s)
-    i, j = np.nonzero((apart_s < FORGOTTEN * noise.correlation_s) & ~np.eye(len(rows), dtype=bool))
+    i, j = _near_in_time(fixes.t_s, FORGOTTEN * noise.correlation_s)
     variance = np.maximum(np.diagonal(fixes.covariance, axis1=1, axis2=2) - noise.gate_floor_m**2, 0.0)
     sigma = np.sqrt((1.0 - fixes.white_share[:, None] ** 2) * variance)
-    values = sigma[i] * sigma[j] * np.exp(-apart_s[i, j] / noise.correlation_s)[:, None]
+    values = sigma[i] * sigma[j] * np.exp(-np.abs(fixes.t_s[i] - fixes.t_s[j]) / noise.correlation_s)[:, None]
     where = (3 * i[:, None] + AXES).ravel(), (3 * j[:, None] + AXES).ravel()
     return csr_array((values.ravel(), where), shape=(3 * len(rows), 3 * len(rows)))
+
+
+def _near_in_time(t_s: FloatArray, reach_s: float) -> tuple[IntArray, IntArray]:
+    """Pairs (p,), (p,) of different ones of the times (w,), both ways round, that are less than reach_s apart."""
+    order = np.argsort(t_s, kind="stable")
+    sorted_s = t_s[order]
+    first, behind = (np.searchsorted(sorted_s, sorted_s + side * reach_s, "right" if side < 0 else "left") for side in (-1, 1))
+    count = behind - first
+    i = np.repeat(np.arange(len(t_s)), count)
+    j = np.arange(len(i)) - np.repeat(np.cumsum(count) - count - first, count)
+    others = i != j
+    return order[i[others]], order[j[others]]

@@ -5,6 +5,8 @@ and S = J H^-1 J^T. Witnesses E are turned over, D = R^-1 of those that come in 
 cost changes by 1/2 e_E^T (D^-1 + S_EE)^-1 e_E and the unknowns by -H^-1 J_E^T (D^-1 + S_EE)^-1 e_E.
 """
 
+from collections import OrderedDict
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
@@ -20,10 +22,10 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 OMEGA_FIRST = [3, 4, 5, 0, 1, 2]
-COLUMNS = 4
-"""Right sides that are solved at once: so few that no BLAS splits the work among threads, which changes the last bits."""
 MOST_TURNED = 66
-"""Witnesses that may be turned over at once, for the same reason."""
+"""Witnesses that may be turned over at once: so few that no BLAS splits the work among threads, which changes the last bits."""
+HELD_BYTES = 64 * 2**20
+"""Of S, at most, beside what MOST_TURNED witnesses need."""
 
 
 class LinearBeliefs:
@@ -39,8 +41,25 @@ class LinearBeliefs:
         self.first_pose = A.shape[1] - 6 * len(at.T_enu_node)  # gtsam orders receiver, scales, leans, poses
         self._J = self._jacobian(graph, A.shape[1])
         self._factor = splu(csc_array(A.T @ A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-        rows = range(0, self._J.shape[0], COLUMNS)
-        self.S = np.hstack([self._J @ self._factor.solve(self._J[k : k + COLUMNS].T.toarray()) for k in rows])
+        self._columns = OrderedDict[int, FloatArray]()
+        self._most_held = max(MOST_TURNED, HELD_BYTES // (8 * 9 * max(len(self.covariance), 1)))
+
+    def columns(self, witness: int) -> FloatArray:
+        """(3W, 3) columns of S of a witness. Those that were asked for last are held; all together would be the square of a drive's
+        length."""
+        if witness in self._columns:
+            self._columns.move_to_end(witness)
+            return self._columns[witness]
+        found = np.asarray(self._J @ self._factor.solve(self._J[3 * witness : 3 * witness + 3].T.toarray()))
+        self._columns[witness] = found
+        if len(self._columns) > self._most_held:
+            self._columns.popitem(last=False)
+        return found
+
+    def between(self, witnesses: IntArray) -> FloatArray:
+        """(3w, 3w) S of witnesses (w,) among each other."""
+        rows = _rows(witnesses)
+        return np.hstack([np.zeros((len(rows), 0)), *(self.columns(one)[rows] for one in witnesses.tolist())])
 
     def _jacobian(self, graph: WitnessGraph, unknowns: int) -> csc_array:
         """(3W, n) of the errors by all unknowns in the order of the columns."""
@@ -56,33 +75,31 @@ class LinearBeliefs:
 
     def turned(self, witnesses: IntArray) -> tuple[float, FloatArray]:
         """Change of the cost where these witnesses (w,) are turned over, and the pull (3w,) that does it."""
-        rows = _rows(witnesses)
-        middle = self.S[np.ix_(rows, rows)].reshape(len(witnesses), 3, len(witnesses), 3)
+        middle = self.between(witnesses).reshape(len(witnesses), 3, len(witnesses), 3)
         sign = np.where(self.believed[witnesses], -1.0, 1.0)
         each = np.arange(len(witnesses))
         middle[each, :, each, :] += sign[:, None, None] * self.covariance[witnesses]
         error = self.error[witnesses].ravel()
-        pull = np.linalg.solve(middle.reshape(len(rows), len(rows)), error)
-        return 0.5 * float(error @ pull), pull
+        pull = np.linalg.solve(middle.reshape(len(error), len(error)), error)
+        return 0.5 * float(error @ pull), np.asarray(pull)
 
     def with_errors(self, error_m: FloatArray) -> float:
         """Change of the cost where the fixes of believed witnesses have errors (W, 3) m that are taken out."""
         witnesses = np.flatnonzero(self.believed & error_m.any(axis=1))
         if not len(witnesses):
             return 0.0
-        rows, c = _rows(witnesses), error_m[witnesses]
+        c = error_m[witnesses]
         weighted = np.linalg.solve(self.covariance[witnesses], c[:, :, None])[:, :, 0]
         pull = weighted.ravel()
         gain = float(np.einsum("ni,ni->", weighted, self.error[witnesses] + 0.5 * c))
-        return gain - 0.5 * float(pull @ (self.S[np.ix_(rows, rows)] @ pull))
+        return gain - 0.5 * float(pull @ (self.between(witnesses) @ pull))
 
     def whitened(self, witnesses: IntArray, column: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(3w,) errors of witnesses (w,) that are not believed, and a column (3w,), over the root of the errors' covariance."""
-        rows = _rows(witnesses)
-        covariance = self.S[np.ix_(rows, rows)].reshape(len(witnesses), 3, len(witnesses), 3)
+        covariance = self.between(witnesses).reshape(len(witnesses), 3, len(witnesses), 3)
         each = np.arange(len(witnesses))
         covariance[each, :, each, :] += self.covariance[witnesses]
-        root = np.linalg.cholesky(covariance.reshape(len(rows), len(rows)))
+        root = np.linalg.cholesky(covariance.reshape(3 * len(witnesses), 3 * len(witnesses)))
         both = np.linalg.solve(root, np.column_stack([self.error[witnesses].ravel(), column]))
         return both[:, 0], both[:, 1]
 
