@@ -29,6 +29,14 @@ def test_labels_come_back_as_they_were(labels: PointLabels, tmp_path: Path) -> N
         assert np.array_equal(one, other)
 
 
+def test_without_votes_the_labels_stay(labels: PointLabels) -> None:
+    alone = labels.without_votes()
+    assert len(alone) == len(labels)
+    assert all(np.array_equal(getattr(alone, form), getattr(labels, form)) for form in ("baseline", "mono", "stereo"))
+    assert len(alone.vote_start) == len(labels) + 1
+    assert alone.vote_start[-1] == len(alone.vote_class) == len(alone.vote_weight) == 0
+
+
 def test_the_same_labels_are_the_same_bytes(labels: PointLabels, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     save_labels(labels, tmp_path / "one.npz")
     monkeypatch.setattr("time.localtime", lambda *_: (2031, 5, 4, 3, 2, 1, 0, 1, 0))

@@ -35,3 +35,8 @@ class PointLabels:
 
     def __len__(self) -> int:
         return len(self.baseline)
+
+    def without_votes(self) -> "PointLabels":
+        """The labels alone: of a long drive the votes are most of it."""
+        none = np.zeros(len(self) + 1, np.int64), np.zeros(0, np.uint8), np.zeros(0, np.float32)
+        return PointLabels(self.baseline, self.mono, self.stereo, *none)

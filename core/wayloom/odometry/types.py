@@ -112,14 +112,15 @@ class OdometryResult:
     report: dict[str, Any] = field(default_factory=dict)
     lens: RightLens = IDENTITY
 
-    def points_world(self, of: slice = slice(None)) -> FloatArray:
-        """(P, 3) m: every point, or those of a slice without steps, in the drive's world frame."""
-        p, (start, stop, _) = self.points, of.indices(len(self.points))
-        out = np.empty((max(stop - start, 0), 3))
-        for first in range(start, stop, POINTS_AT_ONCE):
-            rows = slice(first, min(first + POINTS_AT_ONCE, stop))
-            rays = self.rig.camera.rays(p.uv_host[rows].astype(np.float64))
-            T = self.keyframes.T_world_cam[p.host[rows]]
-            p_host = rays / np.maximum(p.inverse_depth[rows].astype(np.float64), 1e-9)[:, None]
-            out[rows.start - start : rows.stop - start] = np.einsum("nij,nj->ni", T[:, :3, :3], p_host) + T[:, :3, 3]
+    def points_world(self, of: slice | NDArray[np.int64] = slice(None)) -> FloatArray:
+        """(P, 3) m: every point, or those of a slice or in these rows, in the drive's world frame."""
+        p = self.points
+        rows = of if isinstance(of, np.ndarray) else np.arange(*of.indices(len(p)))
+        out = np.empty((len(rows), 3))
+        for first in range(0, len(rows), POINTS_AT_ONCE):
+            some = rows[first : first + POINTS_AT_ONCE]
+            rays = self.rig.camera.rays(p.uv_host[some].astype(np.float64))
+            T = self.keyframes.T_world_cam[p.host[some]]
+            p_host = rays / np.maximum(p.inverse_depth[some].astype(np.float64), 1e-9)[:, None]
+            out[first : first + POINTS_AT_ONCE] = np.einsum("nij,nj->ni", T[:, :3, :3], p_host) + T[:, :3, 3]
         return out

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from wayloom.geometry import se3
 from wayloom.georeference.first_guess import level_world
 from wayloom.georeference.nodes import travelled
-from wayloom.odometry.types import OdometryResult
+from wayloom.odometry.types import POINTS_AT_ONCE, OdometryResult, Points
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -36,12 +36,9 @@ def sections(odometry: OdometryResult, label: NDArray[np.uint8], length_m: float
     """Each segment of the track in pieces of about length_m; label (P,) of the odometry's points."""
     keyframes, points = odometry.keyframes, odometry.points
     road = travelled(odometry.trajectory)[keyframes.frame]
-    d = points.inverse_depth.astype(np.float64)
-    sigma_share = np.sqrt(points.variance.astype(np.float64)) / np.maximum(d, 1e-9)
-    good = (d > 1.0 / MAX_DISTANCE_M) & (sigma_share < MAX_SIGMA_SHARE)
-    good_rows = np.flatnonzero(good)
-    by_host = good_rows[np.argsort(points.host[good_rows], kind="stable")]
-    host, world = points.host[by_host], odometry.points_world()
+    good = np.concatenate([np.zeros(0, np.int64), *_good_rows(points)])
+    by_host = good[np.argsort(points.host[good], kind="stable")]
+    host = points.host[by_host]
     for segment in np.unique(keyframes.segment):
         members = np.flatnonzero(keyframes.segment == segment)
         piece = ((road[members] - road[members[0]]) // length_m).astype(np.int64)
@@ -51,4 +48,13 @@ def sections(odometry: OdometryResult, label: NDArray[np.uint8], length_m: float
             inside = np.sort(by_host[slice(*np.searchsorted(host, (rows[0], rows[-1] + 1)).tolist())])
             T_level_world = level_world(keyframes.T_world_cam[rows])
             T_level_cam = T_level_world @ keyframes.T_world_cam[middle]
-            yield Section(middle, T_level_cam, se3.transform(T_level_world, world[inside]), label[inside])
+            yield Section(middle, T_level_cam, se3.transform(T_level_world, odometry.points_world(inside)), label[inside])
+
+
+def _good_rows(points: Points) -> Iterator[IntArray]:
+    """Rows of the points that say something of walls, some at a time."""
+    for first in range(0, len(points), POINTS_AT_ONCE):
+        some = slice(first, first + POINTS_AT_ONCE)
+        d = points.inverse_depth[some].astype(np.float64)
+        sigma_share = np.sqrt(points.variance[some].astype(np.float64)) / np.maximum(d, 1e-9)
+        yield first + np.flatnonzero((d > 1.0 / MAX_DISTANCE_M) & (sigma_share < MAX_SIGMA_SHARE))

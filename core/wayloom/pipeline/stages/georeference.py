@@ -27,7 +27,7 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises StageError where no place fits the fixes."""
     settings = context.settings
     odometry = tracked_drive(context)
-    labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE)
+    labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE).without_votes()
     closures = load_loops(context.inputs_dir / "loops" / LOOPS_FILE)
     wanted = Wanted(settings.map_frame(), anchor_frames(odometry, split_road(odometry, settings.submaps)))
     geo = georeference(context.log, odometry, wanted, settings.georeference, progress, closures, labels, rig_receiver(context))
