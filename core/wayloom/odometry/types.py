@@ -90,6 +90,11 @@ class Points:
     def __len__(self) -> int:
         return len(self.host)
 
+    def without_observations(self) -> "Points":
+        """The points alone: of a long drive their observations are half of it."""
+        none = np.zeros(len(self) + 1, np.int64), np.zeros(0, np.int32), np.zeros(0, bool)
+        return Points(self.host, self.uv_host, self.inverse_depth, self.variance, self.grey, *none, self.host_right)
+
 
 @dataclass(frozen=True, slots=True)
 class OdometryResult:

@@ -1,5 +1,6 @@
 """Tracked drive as the stages behind the odometry read it."""
 
+from dataclasses import replace
 from typing import Final
 
 from wayloom.errors import TooFewKeyframesError
@@ -8,6 +9,11 @@ from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.stage_context import StageContext
 
 LEAST_KEYFRAMES: Final = 2
+
+
+def without_observations(drive: OdometryResult) -> OdometryResult:
+    """The drive for a stage that asks for none of its points' observations, so that they need not stay in memory."""
+    return replace(drive, points=drive.points.without_observations())
 
 
 def tracked_drive(context: StageContext) -> OdometryResult:
