@@ -1,15 +1,17 @@
 """Change in the map measured on simulated drives with truth; tables as docs/benchmarks/change.md has them.
 
     python benchmarks/change.py changed OUT LOG OUT LOG [--seed N] [--poses true] [--write NAME]
+    python benchmarks/change.py least OUT LOG OUT LOG [--seed N] [--poses true] [--write NAME]
     python benchmarks/change.py rates OUT LOG OUT LOG [--seed N] [--write NAME]
     python benchmarks/change.py still OUT LOG [OUT LOG ...] [--poses true] [--write NAME]
     python benchmarks/change.py looks OUT LOG [OUT LOG ...] [--write NAME]
 
 OUT is what `wayloom process LOG --gnss LOG/gnss.csv` left of a drive, LOG the drive as simulated with truth. `changed` takes one
 drive of the city before its changes and one after them, first as they are, then with their days exchanged: what has gone one way is
-new the other way. `rates` counts the words of the looks of each of two such drives on things that the other has, those that stand
-and those that went. `still` takes drives of one unchanged city, each on its own day. `--poses true` places the drives by their true
-poses with 2 cm of sigma, so that poses excuse nothing. The looks are made from the images; `looks` says what that costs.
+new the other way. `least` says of two such drives what would be listed if a change needed more points, both ways together. `rates`
+counts the words of the looks of each of two such drives on things that the other has, those that stand and those that went. `still`
+takes drives of one unchanged city, each on its own day. `--poses true` places the drives by their true poses with 2 cm of sigma, so
+that poses excuse nothing. The looks are made from the images; `looks` says what that costs.
 """
 
 import argparse
@@ -43,7 +45,7 @@ from wayloom.stitching.placed_looks import PlacedLooks, canonical_looks, place_l
 from wayloom.stitching.points import Box, canonical, map_points
 from wayloom.stitching.region_grid import RegionMap
 from wayloom.stitching.regions import fuse_region, fused_points, regions_of
-from wayloom.stitching.settings import MergeSettings
+from wayloom.stitching.settings import ChangeSettings, MergeSettings
 from wayloom.stitching.sightings import Sightings, sightings_of
 from wayloom.stitching.things import Things, find_things, kinds_of
 from wayloom.submaps.files import load_submaps
@@ -85,15 +87,16 @@ class TrueThing:
 def main() -> None:
     """Measure, print, write where asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("changed", "rates", "still", "looks"))
+    parser.add_argument("what", choices=("changed", "least", "rates", "still", "looks"))
     parser.add_argument("paths", nargs="+", type=Path)
     parser.add_argument("--seed", type=int)
     parser.add_argument("--poses", choices=("own", "true"), default="own")
     parser.add_argument("--write", metavar="NAME")
     options = parser.parse_args()
     drives = [loaded(out, log, f"drive-{i}", options.poses) for i, (out, log) in enumerate(pairs(options.paths))]
-    if options.what in ("changed", "rates"):
-        rows = (changed if options.what == "changed" else rates)(drives, options.seed)
+    of_two = {"changed": changed, "least": least, "rates": rates}
+    if options.what in of_two:
+        rows = of_two[options.what](drives, options.seed)
     else:
         rows = still(drives) if options.what == "still" else costs(drives)
     head = list(rows[0])
@@ -155,25 +158,43 @@ def on_day(drive: Drive, day: int) -> tuple[list[PlacedSubmap], list[PlacedLooks
     return submaps, [place_looks(item, drive.all_looks) for item in submaps]
 
 
-def mapped(drives: Sequence[Drive], days: Sequence[int], with_looks: bool = True) -> list[RegionMap]:
+def mapped(
+    drives: Sequence[Drive], days: Sequence[int], with_looks: bool = True, settings: MergeSettings = MergeSettings()
+) -> list[RegionMap]:
     """The regions of a map of these drives."""
     placed = [on_day(drive, day) for drive, day in zip(drives, days, strict=True)]
     submaps, looks = [item for own, _ in placed for item in own], [item for _, own in placed for item in own]
     keys = sorted(set().union(*(regions_of(item) for item in submaps)))
-    return [fuse_region(key, submaps, looks=looks if with_looks else ()) for key in keys]
+    return [fuse_region(key, submaps, settings, looks=looks if with_looks else ()) for key in keys]
 
 
 # Changed cities
 
 
-def changed(drives: Sequence[Drive], seed: int | None) -> list[dict[str, Any]]:
+def least(drives: Sequence[Drive], seed: int | None) -> list[dict[str, Any]]:
+    """A row for each number of points that a change might need."""
+    return [_with_least(drives, seed, points) for points in (1, 2, 3, 4)]
+
+
+def _with_least(drives: Sequence[Drive], seed: int | None, points: int) -> dict[str, Any]:
+    settings = MergeSettings(change=ChangeSettings(listed_points=points))
+    rows = changed(drives, seed, settings)
+    listed = sum(len(one.changes) for days in ((0, 1), (1, 0)) for one in mapped(drives, days, settings=settings))
+    out = {"points, at least": points, "listed": listed, "wrong": sum(row["called so falsely"] for row in rows)}
+    for name in NAMES.values():
+        own = [row for row in rows if row["things"].endswith(name)]
+        out[f"{name} found"] = f"{sum(row['found'] for row in own)} of {sum(row['with points in the map'] for row in own)}"
+    return out
+
+
+def changed(drives: Sequence[Drive], seed: int | None, settings: MergeSettings = MergeSettings()) -> list[dict[str, Any]]:
     """A row for each direction of time and kind of thing."""
     before, after = (mapped([drive], [0], with_looks=False) for drive in drives)
     removed, added = (true_things(drives, seed, what) for what in ("removed", "added"))
     all_removed, all_added = (true_things(drives, seed, what, np.inf) for what in ("removed", "added"))
     rows = []
     for forward in (True, False):
-        regions = mapped(drives, (0, 1) if forward else (1, 0))
+        regions = mapped(drives, (0, 1) if forward else (1, 0), settings=settings)
         found = [change for region in regions for change in region.changes]
         # What was removed is gone one way and new the other way; so is what was added.
         truth = {"gone": removed if forward else added, "new": added if forward else removed}

@@ -9,6 +9,7 @@
 --laps    lengths of which memory and time of the odometry are measured, each in a process of its own
 --joins   numbers of made parts, as large as those of a drive like clip A, whose join is measured
 --labelled  numbers of made parts, as those of --joins, whose points are labelled by made images
+--placed  laps of --long that are geo-referenced: its truth with an odometry's noise, and points as clip A would give
 --stages  lengths of which memory of every stage is measured, each in a process of its own
 --write   the tables into docs/benchmarks/long_drives.md; those that are not measured again stay as they are
 """
@@ -22,6 +23,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -38,14 +40,19 @@ from wayloom.calibration.self_calibration import calibrate_drive  # noqa: E402
 from wayloom.config.stages import drive_stages  # noqa: E402
 from wayloom.evaluation.trajectory import evaluate  # noqa: E402
 from wayloom.files.atomic import link_or_copy  # noqa: E402
+from wayloom.geometry import se3  # noqa: E402
 from wayloom.geometry.camera import PinholeCamera, StereoRig  # noqa: E402
+from wayloom.labelling.files import LABELS_FILE, save_labels  # noqa: E402
 from wayloom.labelling.tcl import label_points  # noqa: E402
+from wayloom.labelling.types import PointLabels  # noqa: E402
 from wayloom.logs.registry import open_log  # noqa: E402
 from wayloom.logs.types import DriveLog  # noqa: E402
+from wayloom.loops.files import LOOPS_FILE, save_loops  # noqa: E402
+from wayloom.loops.types import no_loops  # noqa: E402
 from wayloom.odometry.odometry import track  # noqa: E402
 from wayloom.odometry.parts.join import join_parts  # noqa: E402
 from wayloom.odometry.parts.log_view import log_view  # noqa: E402
-from wayloom.odometry.parts.plan import plan_parts  # noqa: E402
+from wayloom.odometry.parts.plan import DrivePart, plan_parts  # noqa: E402
 from wayloom.odometry.result.odometry_file import load_odometry, save_odometry  # noqa: E402
 from wayloom.odometry.settings import OdometrySettings  # noqa: E402
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory  # noqa: E402
@@ -54,7 +61,7 @@ from wayloom.pipeline.running import run_stage  # noqa: E402
 from wayloom.pipeline.settings import ProcessSettings  # noqa: E402
 from wayloom.pipeline.stage_context import StageContext  # noqa: E402
 from wayloom.pipeline.stage_files import STAGE_FILE, digest_of_folder  # noqa: E402
-from wayloom.pipeline.stages import odometry  # noqa: E402
+from wayloom.pipeline.stages import georeference, odometry  # noqa: E402
 
 PAGE, LAP = DOCS / "benchmarks" / "long_drives.md", 484
 CLIP_PARTS, LONG_PARTS = OdometrySettings(part_frames=94, part_overlap=40), OdometrySettings(part_frames=700, part_overlap=80)
@@ -73,12 +80,17 @@ def main() -> None:
     if options.label:
         child_of_labelling(options.label)
         return
+    if options.place:
+        child_of_placing(options.place)
+        return
     found: dict[str, Any] = {}
     if options.joins:
         found["joins"] = [
             json.loads(subprocess.run([sys.executable, __file__, "--join", str(count)], check=True, stdout=subprocess.PIPE).stdout)
             for count in options.joins
         ]
+    if options.long and options.placed:
+        found["geo-referencing"] = [placed(options.long, laps) for laps in options.placed]
     if options.labelled:
         found["labelling"] = [labelled(count) for count in options.labelled]
     if options.data:
@@ -110,7 +122,9 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--joins", type=int, nargs="*", default=[1, 3, 12])
     parser.add_argument("--labelled", type=int, nargs="*", default=[2, 12])
     parser.add_argument("--join", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("--placed", type=int, nargs="*", default=[8])
     parser.add_argument("--label", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--place", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--child", help=argparse.SUPPRESS)
@@ -265,11 +279,54 @@ def child_of_labelling(file: Path) -> None:
     }))  # fmt: skip
 
 
-def made_plan(count: int) -> tuple[int, list[Any]]:
+def placed(path: Path, laps: int) -> dict[str, Any]:
+    """The first laps of a drive geo-referenced in a process of its own, without loops."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as temporary:
+        folder = Path(temporary)
+        log = open_log(first_frames(path, folder / "log", laps * LAP))
+        drive = noisy_truth(log)
+        rng, count = np.random.default_rng(1), len(drive.points)
+        votes = 3 * np.arange(count + 1), np.tile(np.array([0, 2, 8], np.uint8), count), np.ones(3 * count, np.float32)
+        labels = PointLabels(*rng.integers(0, 11, (3, count)).astype(np.uint8), *votes)
+        (folder / "odometry").mkdir(), (folder / "labelling").mkdir(), (folder / "loops").mkdir()
+        save_odometry(drive, folder / "odometry" / "odometry.npz")
+        save_labels(labels, folder / "labelling" / LABELS_FILE)
+        save_loops(no_loops(), folder / "loops" / LOOPS_FILE)
+        command = [sys.executable, __file__, "--place", temporary]
+        found: dict[str, Any] = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+        return {"frames": len(log), "keyframes": len(drive.keyframes), "points": count, **found}
+
+
+def noisy_truth(log: DriveLog) -> OdometryResult:
+    """The drive's truth with small errors of every step, and the points of `made_part`."""
+    assert log.truth is not None
+    rng, made, truth = np.random.default_rng(0), made_part(len(log)), np.asarray(log.truth)
+    errors = rng.normal(size=(len(log) - 1, 6)) * [5e-4, 5e-4, 1e-3, 1e-5, 2e-5, 1e-5]
+    T = [np.eye(4)]
+    for before, after, error in zip(truth, truth[1:], errors, strict=False):
+        T.append(T[-1] @ se3.inverse(before) @ after @ se3.exp(error))
+    T_world_cam = np.array(T)
+    trajectory = Trajectory(np.asarray(log.t_ns), T_world_cam, made.trajectory.tracked, made.trajectory.segment)
+    keyframes = replace(made.keyframes, T_world_cam=T_world_cam[made.keyframes.frame])
+    return replace(made, rig=log.rig, trajectory=trajectory, keyframes=keyframes)
+
+
+def child_of_placing(folder: Path) -> None:
+    """Run the stage, and say what it took."""
+    context = StageContext(LogSource(folder / "log"), folder, ProcessSettings())
+    out = folder / "georeference"
+    out.mkdir()
+    start = time.process_time()
+    georeference.run(context, out, lambda share, what: None)
+    seconds = time.process_time() - start
+    print(json.dumps({"CPU s": round(seconds), "peak MB": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)}))
+
+
+def made_plan(count: int) -> tuple[int, Sequence[DrivePart]]:
     """Frames of a drive of so many parts, and the parts."""
     settings = OdometrySettings()
     frames = settings.part_overlap + count * (settings.part_frames - settings.part_overlap)
-    return frames, list(plan_parts(frames, settings))
+    return frames, plan_parts(frames, settings)
 
 
 def child_of_join(count: int) -> None:

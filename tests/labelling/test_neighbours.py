@@ -125,7 +125,7 @@ def test_the_labels_do_not_depend_on_how_many_points_are_counted_at_once(monkeyp
     rng = np.random.default_rng(1)
     votes, search = random_votes(rng, 150), NeighbourSearch(made_drive(1, points=150), 0.1)
     whole = smoothed(votes, search, np.zeros(150, np.uint8), 0.01)
-    monkeypatch.setattr("wayloom.labelling.neighbours._BLOCK", 40)
+    monkeypatch.setattr("wayloom.labelling.neighbours.POINTS_AT_ONCE", 40)
     parts = smoothed(votes, search, np.zeros(150, np.uint8), 0.01)
     assert np.array_equal(whole[0], parts[0])
     assert np.array_equal(whole[0], smoothed_labels(votes, search, np.zeros(150, np.uint8)))
@@ -165,8 +165,8 @@ def test_the_nearest_are_those_of_comparing_all_with_all(count: int) -> None:
 def test_neighbours_of_a_long_drive_take_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """An hour of driving has five million points: of each, its place and its number in the tree are held, and a few more for a
     while; its neighbours are never there for all points at once."""
-    for module in ("labelling.neighbours._BLOCK", "odometry.types.POINTS_AT_ONCE"):
-        monkeypatch.setattr(f"wayloom.{module}", 512)
+    for name in ("labelling.neighbours.POINTS_AT_ONCE", "odometry.types.POINTS_AT_ONCE"):
+        monkeypatch.setattr(f"wayloom.{name}", 512)
     peaks, counts = [], (4_000, 24_000)
     for count in counts:
         drive, votes = made_drive(3, points=count), random_votes(np.random.default_rng(0), count)

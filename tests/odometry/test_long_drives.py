@@ -53,7 +53,7 @@ def test_the_prior_of_a_long_drive_stays_well_conditioned_and_its_errors_do_not_
     third, condition = len(low) // 3, high / np.maximum(low, 1e-12)
     # Their quarter: with other choices of points it differs by 2.8 at most from one third of the drive to the next, their median by
     # 12, as a keyframe that little ties to the rest is worse by a hundred times.
-    assert np.quantile(condition[-third:], 0.25) < 10.0 * np.quantile(condition[third : 2 * third], 0.25)
+    assert np.quantile(condition[-third:], 0.25) < 5.0 * np.quantile(condition[third : 2 * third], 0.25)
     assert abs(np.median(biases[-third:]) - 0.2) < 0.06
     assert np.ptp(biases[-third:]) < 0.03
     errors = np.linalg.norm(result.trajectory.T_world_cam[:, :3, 3] - log.truth[:, :3, 3], axis=1)

@@ -10,6 +10,7 @@ from wayloom.errors import InputError
 from wayloom.odometry.odometry import track
 from wayloom.odometry.result.odometry_file import load_odometry, save_odometry
 from wayloom.odometry.types import OdometryResult
+from wayloom.pipeline.tracked_drive import without_observations
 
 
 @pytest.fixture(scope="module")
@@ -75,3 +76,20 @@ def test_another_version_is_refused(tmp_path: Path) -> None:
         archive.writestr("meta.json", '{"format": "wayloom-odometry", "version": 99}')
     with pytest.raises(InputError, match="version 99"):
         load_odometry(tmp_path / "old.npz")
+
+
+def test_points_of_some_rows_lie_where_they_do_among_all(result: OdometryResult, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, rows = result.points_world(), np.arange(len(result.points))[::-3]
+    assert len(rows) > 100
+    monkeypatch.setattr("wayloom.odometry.types.POINTS_AT_ONCE", 64)
+    np.testing.assert_array_equal(result.points_world(), whole)
+    np.testing.assert_array_equal(result.points_world(rows), whole[rows])
+    assert result.points_world(rows[:0]).shape == (0, 3)
+
+
+def test_without_observations_the_points_stay(result: OdometryResult) -> None:
+    alone = without_observations(result)
+    np.testing.assert_array_equal(alone.points_world(), result.points_world())
+    assert alone.points.obs_start.tolist() == [0] * (len(result.points) + 1)
+    assert len(alone.points.obs_keyframe) == len(alone.points.obs_right) == 0
+    assert len(result.points.obs_keyframe) > 0

@@ -1,7 +1,7 @@
-import numba
 import numpy as np
 import pytest
 
+from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.odometry.kernels.resampling import STEP, resample
 from wayloom.odometry.rig import rows
 
@@ -66,14 +66,20 @@ def test_the_rows_from_one_on_are_those_of_the_whole_image() -> None:
     np.testing.assert_array_equal(resample(image, corners, 13), resample(image, corners, 0)[13:])
 
 
-@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="numba's compiler is off, and Python refuses what machine code takes")
-@pytest.mark.parametrize("far", [np.nan, np.inf, -np.inf, 1e20])
-def test_an_absurd_displacement_reads_nothing_outside_the_image(far: float) -> None:
+@pytest.mark.parametrize("far_px", [-(2.0**20), -500.0, 500.0, 2.0**20])
+def test_a_displacement_far_outside_the_image_reads_its_border(far_px: float) -> None:
     around = np.full((3 * HEIGHT, WIDTH), 200, np.uint8)
     image = around[HEIGHT : 2 * HEIGHT]
     image[:] = 0
-    corners = np.full((HEIGHT // STEP + 2, WIDTH // STEP + 2, 2), far, np.float32)
+    corners = np.full((HEIGHT // STEP + 2, WIDTH // STEP + 2, 2), far_px, np.float32)
     np.testing.assert_array_equal(resample(image, corners, 0), 0)
+
+
+@pytest.mark.parametrize("coefficient", [np.nan, np.inf, -np.inf, 1e20])
+def test_rows_that_are_off_by_no_number_of_pixels_are_refused(coefficient: float) -> None:
+    rig = StereoRig(PinholeCamera(80.0, 80.0, 41.0, 22.0, WIDTH, HEIGHT), (-0.5, 0.0, 0.0))
+    with np.errstate(invalid="ignore"), pytest.raises(ValueError, match=r"rows and lens move pixels by (nan|inf|[0-9.]+e\+20)"):
+        rows.displacements(np.array([coefficient, 0.0, 0.0]), rig)
 
 
 def test_an_image_that_is_larger_than_its_displacements_is_refused() -> None:

@@ -117,8 +117,9 @@ def test_a_drive_with_a_known_lens_is_as_good_as_one_of_a_perfect_rig() -> None:
     with_bias = length_error(LensLog(truth, lens=LENS), LENS)
     assert abs(known[0] - perfect[0]) < min(1e-3, 0.2 * abs(unknown[0] - perfect[0]))  # 0.016 px of these disparities of 16 px
     assert known[1] < 0.001 * 40 * 0.6
-    # 24 m tell a bias to 0.02 px or so: with other choices of points 1.9e-3 to 2.9e-3, 0.2 to 0.33 of what the lens itself costs
-    assert abs(with_bias[0] - perfect[0]) < min(3.5e-3, 0.5 * abs(unknown[0] - perfect[0]))
+    assert abs(with_bias[0] - perfect[0]) < 3e-3  # a bias that 24 m tell to 0.02 px or so
+    # with four other choices of points 0.2 to 0.33 of what the lens costs, with OpenCV's alignment of the rows as with ours
+    assert abs(with_bias[0] - perfect[0]) < 0.4 * abs(unknown[0] - perfect[0])
 
 
 def test_the_lens_moves_no_pose_of_the_left_camera() -> None:

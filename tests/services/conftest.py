@@ -6,8 +6,10 @@ from typing import Any
 
 import httpx2
 import pytest
+from map_pages import Open, opening
 
 from service_kit.browsers import chromium
+from service_kit.looked_at import LookedAt
 from service_kit.running import ApiAlone
 
 
@@ -22,6 +24,13 @@ def api_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ApiAlone]:
 def browser() -> Iterator[Any]:
     with chromium() as launched:
         yield launched
+
+
+@pytest.fixture
+def opened(browser: Any, shown: LookedAt) -> Iterator[Open]:
+    """Opens the map of the module's `shown` with what is behind `#`; at the end no page may have complained."""
+    with opening(browser, shown) as open_:
+        yield open_
 
 
 @pytest.fixture

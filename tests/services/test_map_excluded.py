@@ -3,11 +3,10 @@
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import httpx2
 import pytest
-from map_pages import Open, like, opening
+from map_pages import Open, like
 
 from service_kit.looked_at import LookedAt, looked_at
 from service_kit.running import until
@@ -24,12 +23,6 @@ def shown(tmp_path: Path) -> Iterator[LookedAt]:
     served = looked_at(tmp_path / "data", voxels=1000)
     with closing(served.api):
         yield served
-
-
-@pytest.fixture
-def opened(browser: Any, shown: LookedAt) -> Iterator[Open]:
-    with opening(browser, shown) as open_:
-        yield open_
 
 
 @pytest.mark.browser

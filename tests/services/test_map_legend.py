@@ -26,12 +26,6 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LookedAt]:
         yield served
 
 
-@pytest.fixture
-def opened(browser: Any, shown: LookedAt) -> Iterator[Open]:
-    with opening(browser, shown) as open_:
-        yield open_
-
-
 @pytest.mark.browser
 def test_a_class_is_listed_where_it_is_and_its_pixels_go_and_come_with_its_box(opened: Open, shown: LookedAt) -> None:
     page = opened(AT)

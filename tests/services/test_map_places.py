@@ -2,10 +2,9 @@
 
 from collections.abc import Iterator
 from contextlib import closing
-from typing import Any
 
 import pytest
-from map_pages import Open, opening
+from map_pages import Open
 
 from service_kit.looked_at import LookedAt, looked_at
 from service_kit.running import until
@@ -17,12 +16,6 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LookedAt]:
     served = looked_at(tmp_path_factory.mktemp("places") / "data", away_m=3600.0, changes=True)
     with closing(served.api):
         yield served
-
-
-@pytest.fixture
-def opened(browser: Any, shown: LookedAt) -> Iterator[Open]:
-    with opening(browser, shown) as open_:
-        yield open_
 
 
 def place_of_a_voxel(shown: LookedAt) -> tuple[float, float]:

@@ -33,12 +33,6 @@ def painted(served: LookedAt, name: str) -> Any:
     return replace(served.city, label=label)
 
 
-@pytest.fixture
-def opened(browser: Any, shown: LookedAt) -> Iterator[Open]:
-    with opening(browser, shown) as open_:
-        yield open_
-
-
 @pytest.mark.browser
 def test_slider_swipe_publication_and_address_show_the_versions_that_they_name(opened: Open, shown: LookedAt) -> None:
     page = opened(AT)

@@ -16,7 +16,7 @@ from wayloom.labelling.kernels.kd_tree import LEAF, build_kd_tree, nearest_withi
 from wayloom.labelling.kernels.neighbours import gaussian_weights, smoothed_votes
 from wayloom.labelling.kernels.voting import argmax_classes, sparse_votes
 from wayloom.labelling.types import SparseVotes
-from wayloom.odometry.types import OdometryResult
+from wayloom.odometry.types import POINTS_AT_ONCE, OdometryResult
 
 FloatArray = NDArray[np.float64]
 MAX_NEIGHBOURS: Final = 8
@@ -25,8 +25,6 @@ MAX_SIGMAS: Final = 3.0
 """Radius of the search, in sigmas of the Gaussian."""
 OWN_WEIGHT: Final = 4.0
 """Weight of a point's own votes, where a neighbour at its place has 1."""
-_BLOCK: Final = 65_536
-"""Points whose neighbours and dense vote vectors are in memory at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +77,8 @@ class NeighbourSearch:
         segment = odometry.keyframes.segment[points.host]
         for number in np.unique(segment[has_depth]):
             members = np.flatnonzero(has_depth & (segment == number))
-            self.segments.append((members, _tree(points_world if len(members) == len(points) else points_world[members])))
+            places = points_world if len(members) == len(points) else points_world[members]  # sorted in place: no copy of all
+            self.segments.append((members, _tree(places)))
 
     def of(self, first: int, stop: int) -> Neighbours:
         """Those of the points from `first` to before `stop`."""
@@ -89,12 +88,11 @@ class NeighbourSearch:
         weights[:, 0] = 1.0
         if not self.segments:
             return Neighbours(rows, weights)
-        block = self.odometry.points_world(slice(first, stop))
         for members, tree in self.segments:
             low, high = np.searchsorted(members, (first, stop)).tolist()
             here = members[low:high]
             sigma = self.spread / self.odometry.points.inverse_depth[here].astype(np.float64)
-            near, r2 = tree.nearest(block[here - first], MAX_SIGMAS * sigma, count)
+            near, r2 = tree.nearest(self.odometry.points_world(here), MAX_SIGMAS * sigma, count)
             gaussian_weights(members, low, near, r2, sigma, OWN_WEIGHT, first, rows, weights)
         return Neighbours(rows, weights)
 
@@ -131,8 +129,8 @@ def smoothed(
 
 def _smoothed_blocks(votes: SparseVotes, search: NeighbourSearch, count: int) -> Iterator[tuple[slice, FloatArray]]:
     """Of `count` points some at a time: their rows, and their votes (B, 19) as the weighted mean of their neighbours'."""
-    for first in range(0, count, _BLOCK):
-        rows = slice(first, min(first + _BLOCK, count))
+    for first in range(0, count, POINTS_AT_ONCE):
+        rows = slice(first, min(first + POINTS_AT_ONCE, count))
         near = search.of(rows.start, rows.stop)
         yield rows, smoothed_votes(votes.start, votes.classes, votes.weights, near.rows, near.weights, first, CLASS_COUNT)
 

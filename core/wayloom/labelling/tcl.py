@@ -104,8 +104,10 @@ def label_points(
         mono, stereo = class_prior_correction(mono, factors), class_prior_correction(stereo, factors)
     if (settings.spread > 0 or prior_power > 0) and len(points):
         search = NeighbourSearch(odometry, settings.spread)
+        # Each form asks for the neighbours anew: held for all points, or with the votes of both forms, they are what an hour's
+        # drive has no room for.
         labels[1] = smoothed_labels(mono, search, labels[0])
-        del mono  # of a long drive as much as the points themselves
+        del mono
         labels[2], stereo = smoothed(stereo, search, labels[0], min_share)
     progress(1.0, f"votes on the points of {count} keyframes counted")
     return PointLabels(labels[0], labels[1], labels[2], stereo.start, stereo.classes, stereo.weights)

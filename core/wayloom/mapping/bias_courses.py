@@ -53,7 +53,8 @@ def bias_courses(graph: WitnessGraph, linear: LinearBeliefs) -> list[BiasCourse]
     R_inverse, t_s = np.linalg.inv(linear.covariance[rows]), graph.fixes.t_s[rows]
     g, C = np.einsum("nij,nj->ni", R_inverse, linear.error[rows]), _correlations(graph, rows)
     found: dict[int, BiasCourse] = {}
-    for window in sorted(_windows(graph.fixes.t_s), key=lambda window: window.begin_s):  # so that S is asked for once, in passing
+    in_passing = sorted(enumerate(_windows(graph.fixes.t_s)), key=lambda numbered: numbered[1].begin_s)  # S is solved for once
+    for number, window in in_passing:
         of_rows = window.share(t_s)
         inside = np.flatnonzero(of_rows)
         if not len(inside) or np.ptp(of_rows) < LEAST_CHANGE:
@@ -66,7 +67,7 @@ def bias_courses(graph: WitnessGraph, linear: LinearBeliefs) -> list[BiasCourse]
             score, flat = np.einsum("a,ai->i", s, g[inside]), of_all.reshape(-1, 3)
             N_s = M_s + np.einsum("ni,nj->ij", flat, C @ flat)
             chi2, beta = float(score @ np.linalg.solve(N_s, score)), -np.linalg.solve(M_s, score)
-            found[window.number] = BiasCourse(chi2, rows[inside], s, beta)
+            found[number] = BiasCourse(chi2, rows[inside], s, beta)
     return [found[number] for number in sorted(found)]
 
 
@@ -81,7 +82,6 @@ def moved_by(linear: LinearBeliefs, course: BiasCourse) -> FloatArray:
 class _Window:
     """A trapezoid over time: it grows and goes within a share `ramp` of its length."""
 
-    number: int
     begin_s: float
     length_s: float
     ramp: float
@@ -97,7 +97,7 @@ def _windows(t_s: FloatArray) -> list[_Window]:
     found: list[_Window] = []
     for length in LENGTHS_S:
         for begin in np.arange(t_s[0] - 0.5 * length, t_s[-1] - 0.5 * length, STEP * length).tolist():
-            found += [_Window(len(found) + k, begin, length, ramp) for k, ramp in enumerate(RAMPS)]
+            found += [_Window(begin, length, ramp) for ramp in RAMPS]
     return found
 
 

@@ -11,7 +11,7 @@ from wayloom.geometry.lens import IDENTITY, RightLens
 
 FloatArray = NDArray[np.float64]
 POINTS_AT_ONCE: Final = 65_536
-"""Whose poses are in memory at once: a drive of an hour has five million points."""
+"""Of which more than a few bytes each are in memory: a drive of an hour has five million points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,10 +117,10 @@ class OdometryResult:
     report: dict[str, Any] = field(default_factory=dict)
     lens: RightLens = IDENTITY
 
-    def points_world(self, of: slice | NDArray[np.int64] = slice(None)) -> FloatArray:
-        """(P, 3) m: every point, or those of a slice or in these rows, in the drive's world frame."""
+    def points_world(self, rows: NDArray[np.int64] | None = None) -> FloatArray:
+        """(P, 3) m: every point, or those in some rows, in the drive's world frame."""
         p = self.points
-        rows = of if isinstance(of, np.ndarray) else np.arange(*of.indices(len(p)))
+        rows = np.arange(len(p)) if rows is None else rows
         out = np.empty((len(rows), 3))
         for first in range(0, len(rows), POINTS_AT_ONCE):
             some = rows[first : first + POINTS_AT_ONCE]

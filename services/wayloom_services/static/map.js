@@ -153,7 +153,7 @@ export class CityMap {
     const [west, south, east, north] = (isPlain && this.coverage.box && wider(this.coverage.box, BESIDE_M)) || this.bounds || [];
     const corners = this.bounds ? [[west, south], [east < west ? east + 360 : east, north]] : this.tracks.features.flatMap(placesOf);
     this.fitTo(corners);
-    this.isFitted = true;
+    this.isFitted = corners.length > 0;
   }
 
   // Into the room that panels leave.

@@ -19,8 +19,8 @@ A = -0.75
 def resample(image, corners, first_row):  # type: ignore[no-untyped-def]
     """The pixels (h - first_row, w) uint8 of an image (h, w) uint8 at where each one of it is displaced to, from one row on.
 
-    corners (at least h // STEP + 2, at least w // STEP + 2, 2) float32 px, displacement in u and v at the multiples of STEP. Beyond
-    the border the outermost pixels repeat; a displacement that is no finite number gives any grey level.
+    corners (at least h // STEP + 2, at least w // STEP + 2, 2) float32 px, finite: displacement in u and v at the multiples of
+    STEP. Beyond the border the outermost pixels repeat.
     """
     h, w = image.shape
     out = np.empty((h - first_row, w), np.uint8)
@@ -39,14 +39,16 @@ def fill_resampled(image, corners, first_row, moved, out):  # type: ignore[no-un
             spread(corners[y // STEP], corners[y // STEP + 1], moved)
         x = 0
         while x < w:
-            du, dv = np.floor(at(moved, 0, x, share)), np.floor(at(moved, 2, x, share))
+            du, dv = np.floor(displacement(moved, 0, x, share)), np.floor(displacement(moved, 2, x, share))
             end = end_of_run(moved, share, x, w, du, dv)
             right, top = int(du), y + int(dv) - 1
             low, high = max(x, 1 - right), min(end, w - 2 - right)
             if low >= high or top < 0 or top + 3 >= h:
                 low = high = end
             for k in range(x, low):
-                out[row, k] = one_pixel(image, k + right, top + 1, at(moved, 0, k, share) - du, at(moved, 2, k, share) - dv)
+                out[row, k] = one_pixel(
+                    image, k + right, top + 1, displacement(moved, 0, k, share) - du, displacement(moved, 2, k, share) - dv
+                )
             if low < high:
                 first, last = low + right - 1, high + right + 2
                 fill_run(
@@ -55,12 +57,14 @@ def fill_resampled(image, corners, first_row, moved, out):  # type: ignore[no-un
                     out[row, low:high],
                 )  # fmt: skip
             for k in range(high, end):
-                out[row, k] = one_pixel(image, k + right, top + 1, at(moved, 0, k, share) - du, at(moved, 2, k, share) - dv)
+                out[row, k] = one_pixel(
+                    image, k + right, top + 1, displacement(moved, 0, k, share) - du, displacement(moved, 2, k, share) - dv
+                )
             x = end
 
 
 @inlined
-def at(moved, axis, x, share):  # type: ignore[no-untyped-def]
+def displacement(moved, axis, x, share):  # type: ignore[no-untyped-def]
     """Displacement of a pixel along an axis (0 or 2), `share` of a cell below the cell's upper edge."""
     return moved[axis, x] + share * moved[axis + 1, x]
 
@@ -84,9 +88,14 @@ def end_of_run(moved, share, x, w, du, dv):  # type: ignore[no-untyped-def]
     """The first pixel behind x that is displaced by other whole pixels than du, dv. A cell whose ends are alike is all alike."""
     x += 1
     while x < w:
-        if x % STEP == 0 and x + STEP <= w and is_like(moved, share, x, du, dv) and is_like(moved, share, x + STEP - 1, du, dv):
+        if (
+            x % STEP == 0
+            and x + STEP <= w
+            and is_displaced_by(moved, share, x, du, dv)
+            and is_displaced_by(moved, share, x + STEP - 1, du, dv)
+        ):
             x += STEP
-        elif is_like(moved, share, x, du, dv):
+        elif is_displaced_by(moved, share, x, du, dv):
             x += 1
         else:
             break
@@ -94,9 +103,9 @@ def end_of_run(moved, share, x, w, du, dv):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def is_like(moved, share, x, du, dv):  # type: ignore[no-untyped-def]
+def is_displaced_by(moved, share, x, du, dv):  # type: ignore[no-untyped-def]
     """Whether a pixel is displaced by the whole pixels du, dv."""
-    return np.floor(at(moved, 0, x, share)) == du and np.floor(at(moved, 2, x, share)) == dv
+    return np.floor(displacement(moved, 0, x, share)) == du and np.floor(displacement(moved, 2, x, share)) == dv
 
 
 @inlined

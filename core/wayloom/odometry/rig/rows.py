@@ -24,6 +24,7 @@ MIN_EIGENVALUE = 30.0
 RESIDUAL_SCALE_PX = 0.15
 MIN_MATCHES = 60
 RIDGE = 0.01  # matches' worth of pull to zero: an image without matches in its corners keeps a small keystone
+FARTHEST_PX = float(2**20)
 KEYFRAME_MATCHES = 96
 """Matches that are refined at a keyframe, at most."""
 FOLLOW_EVERY = 3
@@ -123,11 +124,14 @@ def real_pixels(coefficients: FloatArray, rig: StereoRig, lens: RightLens, uv: F
 
 
 def displacements(coefficients: FloatArray, rig: StereoRig, lens: RightLens = IDENTITY) -> Corners:
-    """(h // STEP + 2, w // STEP + 2, 2) px: what rows and lens move the aligned right image's pixels by, at cells' corners."""
+    """(h // STEP + 2, w // STEP + 2, 2) px: what rows and lens move the aligned right image's pixels by, at cells' corners. Raises
+    ValueError where that is no number, or more than any image has pixels."""
     across, down = rig.camera.width // STEP + 2, rig.camera.height // STEP + 2
     v, u = np.mgrid[0:down, 0:across].astype(np.float64) * STEP
     uv = np.column_stack([u.ravel(), v.ravel()])
     moved = real_pixels(coefficients, rig, lens, uv) - uv
+    if not (np.abs(moved) < FARTHEST_PX).all():
+        raise ValueError(f"rows and lens move pixels by {np.abs(moved).max():g} px")
     return np.asarray(moved.reshape(down, across, 2), np.float32)
 
 
