@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from submaps.made_submaps import FRAME
-from wayloom.dense.types import BUILT, DEPTHS_M, MOVING, THIN, Looks
+from wayloom.dense.types import BUILT, DEPTHS_M, KINDS_OF_CLASS, MOVING, Looks
 from wayloom.geometry.camera import PinholeCamera
 from wayloom.stitching.placed_looks import PlacedLooks, place_looks
 from wayloom.submaps.submap import PlacedSubmap, Submap
@@ -23,14 +23,15 @@ R_MAP_CAM = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 @dataclass(frozen=True)
 class Passing:
-    """One drive along the wall: number of its day, whether the pole stands, is labelled, has points and how many; a car that hides
-    it."""
+    """One drive along the wall: number of its day, whether the pole stands, is labelled, has points and how many, of which class;
+    a car that hides it."""
 
     day: int
     pole: bool = True
     labelled: bool | None = None
     has_points: bool | None = None
     points: int = 6
+    label: int = POLE
     hidden: bool = False
     sigma_m: float = 0.02
     north: tuple[float, ...] = tuple(np.arange(0.0, 20.0, 2.0).tolist())
@@ -57,7 +58,7 @@ def drawn(way: Passing) -> Looks:
         if way.pole:
             depth[row][:, is_pole] = POLE_M
         if labelled:
-            kinds[row][:, is_pole] = THIN
+            kinds[row][:, is_pole] = KINDS_OF_CLASS[way.label]
         if way.hidden:
             depth[row], kinds[row] = CAR_M, MOVING
     near, far = codes(depth)
@@ -72,7 +73,7 @@ def driven(way: Passing) -> PlacedSubmap:
     pole = np.column_stack([rng.normal(POLE_M, 0.02, 6), rng.normal(POLE_NORTH, 0.02, 6), np.linspace(-1.0, 1.0, 6)])
     pole = pole[: way.points * has_points]
     xyz = np.concatenate([wall, pole])
-    label = np.repeat(np.array([BUILDING, POLE], np.uint8), [300, len(pole)])
+    label = np.repeat(np.array([BUILDING, way.label], np.uint8), [300, len(pole)])
     T = np.tile(np.eye(4), (len(way.north), 1, 1))
     T[:, :3, :3], T[:, 1, 3] = R_MAP_CAM, way.north
     t_ns = 10**18 + way.day * DAY_NS + np.arange(len(way.north)) * 10**9

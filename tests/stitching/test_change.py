@@ -24,7 +24,7 @@ from wayloom.stitching.things import find_things
 
 OPTIONS = MergeSettings()
 WHOLE = 1e6
-CAR = CLASS_ID["car"]
+CAR, LEAVES = CLASS_ID["car"], CLASS_ID["vegetation"]
 STANDS, IS_GONE = Passing(0), Passing(1, pole=False)
 
 
@@ -52,23 +52,29 @@ def test_what_a_later_drive_sees_through_is_gone_with_both_sides_as_evidence():
 
 
 def test_what_has_a_single_point_leaves_the_map_and_is_not_listed():
-    region = mapped(Passing(0, points=1), IS_GONE)
-    assert (poles(region), poles(region, "gone")) == (0, 1)
+    region = mapped(Passing(0, points=1, label=LEAVES), IS_GONE)
+    assert [int((region.layers[layer].label == LEAVES).sum()) for layer in ("static", "gone")] == [0, 1]
     assert region.changes == ()
-    region = mapped(Passing(0, pole=False), Passing(1, points=1))
-    assert (poles(region), region.changes) == (1, ())
+    region = mapped(Passing(0, pole=False), Passing(1, points=1, label=LEAVES))
+    assert (int((region.layers["static"].label == LEAVES).sum()), region.changes) == (1, ())
 
 
 @pytest.mark.parametrize(
     "stood",
     [
-        pytest.param([Passing(0, points=2)], id="of one drive"),
-        pytest.param([Passing(0, points=1), Passing(1, points=1)], id="of two drives"),
+        pytest.param([Passing(0, points=2, label=LEAVES)], id="of one drive"),
+        pytest.param([Passing(0, points=1, label=LEAVES), Passing(1, points=1, label=LEAVES)], id="of two drives"),
     ],
 )
 def test_what_has_two_points_is_listed(stood):
     (change,) = mapped(*stood, Passing(2, pole=False)).changes
-    assert (change.kind, change.points) == ("gone", 2)
+    assert (change.kind, change.label, change.points) == ("gone", LEAVES, 2)
+
+
+def test_a_post_of_a_single_point_is_listed_gone_and_new():
+    (gone,) = mapped(Passing(0, points=1), IS_GONE).changes
+    (new,) = mapped(Passing(0, pole=False), Passing(1, points=1)).changes
+    assert [(one.kind, one.label, one.points) for one in (gone, new)] == [("gone", POLE, 1), ("new", POLE, 1)]
 
 
 def test_the_wall_behind_loses_nothing():

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.dense.types import MOVING
+from wayloom.dense.types import MOVING, THIN
 from wayloom.stitching.change_types import KINDS, Change
 from wayloom.stitching.evidence import log_odds
 from wayloom.stitching.fusion import FusedPoints
@@ -80,7 +80,8 @@ def judge_change(
 ) -> tuple[NDArray[np.int8], list[Change]]:
     """The layers (P,) after the change, and the changes whose middle lies in the core of the box, by place.
 
-    Changes are those of things of `listed_points` and more; a smaller one that is gone leaves the layers all the same.
+    Changes are those of things of `listed_points` and more, and of posts and signs, of which a small image may give no more than
+    one; a smaller thing that is gone leaves the layers all the same.
 
     layer : (P,) before; looks : canonical, all whose cameras lie within `see_m` of the box
     """
@@ -94,7 +95,8 @@ def judge_change(
     of_point, published = things.thing, np.isin(layer[things.rows], (STATIC, PARKED))
     out[things.rows[published & gone[of_point]]] = GONE
     out[things.rows[published & unsure[of_point]]] = UNCONFIRMED
-    is_listed = (np.bincount(of_point[published], minlength=len(things)) > 0) & (np.diff(things.start) >= settings.listed_points)
+    is_listed = np.bincount(of_point[published], minlength=len(things)) > 0
+    is_listed &= (np.diff(things.start) >= settings.listed_points) | (things.kind == THIN)
     found = [
         _change(kind, int(thing), things, fused, drives)
         for kind, marked in zip(KINDS, (gone, new), strict=True)

@@ -37,7 +37,7 @@ class ChangeSettings(Settings):
     looks: int = Field(4, ge=1, description="looks of the drives that have a thing before it can be missed")
     agreeing: float = Field(0.25, ge=0.0, description="looks of these that see through it, for each that sees it, at most")
     confirming: int = Field(5, ge=1, description="looks of one drive that confirm a new thing; two drives do with fewer")
-    listed_points: int = Field(2, ge=1, description="points of a thing whose change is listed; one with fewer goes without a word")
+    listed_points: int = Field(2, ge=1, description="points of a thing, but of a post or sign, whose change is listed")
 
 
 class MergeSettings(Settings):
