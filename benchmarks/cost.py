@@ -6,7 +6,7 @@ python benchmarks/cost.py --shares 8
 
 Each run is a process of its own (`drive_cost.py`) with its cores pinned; a first run, which is not counted, compiles the kernels.
 CPU is that of the process and of those that it starts; of several rounds the least counts. Peak memory is each stage's own.
-`--against` runs a committed revision in turn with this tree, for ratios in one run. `city` is simulated first, at full size.
+`--against` runs a committed revision in turn with this tree, for ratios of CPU in one run. `city` is simulated first, at full size.
 `--shares` writes cost.json, by which a test tells that a stage's share of CPU has grown: of so many pairs of runs over the first
 frames of clip A the median share of the better run, and as noise the largest less the smallest.
 """
@@ -144,11 +144,13 @@ def ratio_table(before: Measured, after: Measured, name: str) -> str:
 
 
 def measured_case(trees: list[Tree], case: Case, cores: list[int], rounds: int) -> dict[str, dict[int, Measured]]:
-    """Of each tree and number of cores the best of the rounds; trees take turns."""
-    runs: dict[str, dict[int, list[Measured]]] = {tree.name: {count: [] for count in cores} for tree in trees}
+    """Of each tree and number of cores the best of the rounds; trees take turns. All but the first run on the fewest cores only."""
+    runs: dict[str, dict[int, list[Measured]]] = {
+        tree.name: {count: [] for count in (cores if tree is trees[0] else [min(cores)])} for tree in trees
+    }
     for _ in range(rounds):
         for count in cores:
-            for tree in trees:
+            for tree in (tree for tree in trees if count in runs[tree.name]):
                 runs[tree.name][count].append(measure(tree, case, count))
                 print(f"{case.drive}, {case.network}, {count} cores, {tree.name}: done", file=sys.stderr)
     return {name: {count: best(found) for count, found in by_cores.items()} for name, by_cores in runs.items()}

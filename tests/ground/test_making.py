@@ -5,6 +5,7 @@ import pytest
 
 from made_ground import KERB_AT_M, KERB_M, PERSON_GREY, MadeStreet, grey_at
 from wayloom.config.classes import CLASS_ID
+from wayloom.errors import StageError
 from wayloom.geometry import se3
 from wayloom.ground.making import make_sheets
 from wayloom.ground.sheet import CELL_M, PIXEL_M
@@ -112,8 +113,25 @@ def test_two_submaps_give_two_sheets_in_the_order_of_the_road(street):
     submaps = street.submaps(2)
     found = list(make_sheets(street, street.odometry(), street, submaps))
     assert [one.submap for one in found] == [item.submap.digest for item in submaps]
-    side_by_side = list(make_sheets(street, street.odometry(), street, submaps, threads=4))
-    assert [one.encoded for one in side_by_side] == [one.encoded for one in found]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_several_threads_make_the_same_sheets_to_the_bit(street, count):
+    submaps = street.submaps(count)
+    alone, side_by_side = (list(make_sheets(street, street.odometry(), street, submaps, threads=threads)) for threads in (1, 4))
+    assert [one.encoded for one in side_by_side] == [one.encoded for one in alone]
+
+
+def test_an_image_that_cannot_be_read_is_told_whatever_the_threads(street):
+    class Broken:
+        def left(self, keyframe):
+            if keyframe == 1:
+                raise StageError("no labels")
+            return street.left(keyframe)
+
+    for threads in (1, 4):
+        with pytest.raises(StageError, match="no labels"):
+            list(make_sheets(street, street.odometry(), Broken(), street.submaps(), threads=threads))
 
 
 def test_a_drive_that_sees_no_ground_has_no_sheet(street):

@@ -1,7 +1,8 @@
 """Ground sheets of a drive, one submap after the other: views of its keyframes → height surface → orthophoto and votes."""
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Final
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,18 @@ from wayloom.places.stereo_pair import LeftLabels, right_rectifier
 from wayloom.submaps.submap import PlacedSubmap, Submap
 
 FloatArray = NDArray[np.float64]
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 SMALLEST_M2: Final = 1.0
 """Ground that is joined to less than this is left out: what far fences and house fronts leave."""
 MOST_AT_ONCE: Final = 2
 """Sheets that are made at a time, whatever the threads: each holds the views of its submap."""
+
+
+class Each(Protocol):
+    """What `work` makes of each item, in the items' order, as `map` does it or by several threads."""
+
+    def __call__(self, work: Callable[[Item], Result], items: Sequence[Item], /) -> Iterable[Result]: ...
 
 
 def make_sheets(
@@ -41,23 +50,30 @@ def make_sheets(
     progress: Progress = silent,
     threads: int = 1,
 ) -> Iterator[GroundSheet]:
-    """The sheet of each submap that saw ground, in the order of the road; with more threads than one two are made at a time.
+    """The sheet of each submap that saw ground, in the order of the road; with more threads than one two are made at a time, and
+    the views of both by so many threads.
 
     Raises StageError where an image's labels are missing, LogError where an image cannot be read.
     """
     exposure, chosen = drive_exposure(log, odometry, labels, threads), chosen_keyframes(odometry, settings)
 
-    def sheet(number: int) -> GroundSheet | None:
-        def tell(share: float) -> None:
-            if threads <= 1:  # progress may stop the work, which is for the caller's thread to hear
-                progress((number + 0.9 * share) / len(submaps), f"ground of submap {number + 1} of {len(submaps)}")
-
+    def sheet(number: int, each: Each) -> GroundSheet | None:
         placed = submaps[number]
-        views = [view for _, view in views_of(log, odometry, labels, placed, chosen, exposure, settings, tell)]
-        return sheet_of(placed.submap, level_frame(placed), views, odometry, exposure, settings)
+        views = [view for _, view in views_of(log, odometry, labels, placed, chosen, exposure, settings, each)]
+        return sheet_of(placed.submap, level_frame(placed), views, odometry, exposure, settings, each)
 
-    with one_opencv_thread():
-        for number, made in enumerate(in_order(sheet, range(len(submaps)), min(threads, MOST_AT_ONCE)), 1):
+    def alone(number: int) -> GroundSheet | None:
+        def told(work: Callable[[Item], Result], items: Sequence[Item], /) -> Iterator[Result]:
+            for count, item in enumerate(items):  # progress may stop the work, which is for the caller's thread to hear
+                yield work(item)
+                progress((number + 0.9 * count / len(items)) / len(submaps), f"ground of submap {number + 1} of {len(submaps)}")
+
+        return sheet(number, told)
+
+    with one_opencv_thread(), ThreadPoolExecutor(threads) as pool:
+        at_once = min(threads, MOST_AT_ONCE)
+        make = alone if threads <= 1 else lambda number: sheet(number, pool.map)
+        for number, made in enumerate(in_order(make, range(len(submaps)), at_once), 1):
             progress(number / len(submaps), f"ground of {number} of {len(submaps)} submaps")
             if made is not None:
                 yield made
@@ -76,21 +92,22 @@ def views_of(
     chosen: NDArray[np.bool_],
     exposure: DriveExposure,
     settings: GroundSettings,
-    tell: Callable[[float], None] = lambda share: None,
+    each: Each = map,
 ) -> list[tuple[int, GroundView]]:
-    """Frame and view of the chosen (K,) keyframes of a submap that see ground; `tell` is told the share that is done."""
+    """Frame and view of the chosen (K,) keyframes of a submap that see ground."""
     rectifier, T_sheet_submap = right_rectifier(odometry), se3.inverse(level_frame(placed))
     rows = np.searchsorted(odometry.keyframes.frame, placed.submap.keyframe_frame)
-    views: list[tuple[int, GroundView]] = []
+    seen = [(int(row), T) for row, T in zip(rows, placed.submap.T_submap_cam, strict=True) if chosen[row]]
+
+    def see(keyframe: tuple[int, FloatArray]) -> GroundView | None:
+        row, T_submap_cam = keyframe
+        balance = (float(exposure.gain[row]), float(exposure.offset[row]), exposure.fall_off)
+        frame = int(odometry.keyframes.frame[row])
+        return see_ground(log, frame, labels.left(row), rectifier, T_sheet_submap @ T_submap_cam, balance, settings)
+
     with one_opencv_thread():
-        for count, (row, T_submap_cam) in enumerate(zip(rows.tolist(), placed.submap.T_submap_cam, strict=True)):
-            if chosen[row]:
-                frame = int(odometry.keyframes.frame[row])
-                balance = (float(exposure.gain[row]), float(exposure.offset[row]), exposure.fall_off)
-                view = see_ground(log, frame, labels.left(row), rectifier, T_sheet_submap @ T_submap_cam, balance, settings)
-                views += [] if view is None else [(frame, view)]
-            tell(count / len(rows))
-    return views
+        views = zip((int(odometry.keyframes.frame[row]) for row, _ in seen), each(see, seen), strict=True)
+        return [(frame, view) for frame, view in views if view is not None]
 
 
 def level_frame(placed: PlacedSubmap) -> FloatArray:
@@ -106,14 +123,19 @@ def sheet_of(
     odometry: OdometryResult,
     exposure: DriveExposure,
     settings: GroundSettings,
+    each: Each = map,
 ) -> GroundSheet | None:
     """The sheet that the views make; None where no ground was seen. The list's views are replaced by those without what stands."""
     if not views:
         return None
     raster = raster_around(views, settings.reach_m)
     surface = surface_of(views, raster, odometry.rig, odometry.disparity_bias_px, settings)
-    for number, view in enumerate(views):
-        views[number] = without_standing(view, raster, surface.height, odometry.rig, odometry.disparity_bias_px, settings)
+
+    def shown(number: int) -> GroundView:
+        return without_standing(views[number], raster, surface.height, odometry.rig, odometry.disparity_bias_px, settings)
+
+    for number, view in enumerate(each(shown, range(len(views)))):
+        views[number] = view
     picture = picture_of(views, raster, surface.height, odometry.rig, odometry.disparity_bias_px, settings)
     give_to_sides(picture.votes, surface.side)
     return cropped(submap, T_submap_sheet, raster, surface, picture, exposure)
