@@ -9,7 +9,8 @@
 --laps    lengths of which memory and time of the odometry are measured, each in a process of its own
 --joins   numbers of made parts, as large as those of a drive like clip A, whose join is measured
 --labelled  numbers of made parts, as those of --joins, whose points are labelled by made images
---placed  laps of --long that are geo-referenced: its truth with an odometry's noise, and points as clip A would give
+--placed  laps of --long that are geo-referenced, cut into submaps and exported: its truth with an odometry's noise, and points as
+          clip A would give
 --stages  lengths of which memory of every stage is measured, each in a process of its own
 --write   the tables into docs/benchmarks/long_drives.md; those that are not measured again stay as they are
 """
@@ -42,6 +43,7 @@ from wayloom.evaluation.trajectory import evaluate  # noqa: E402
 from wayloom.files.atomic import link_or_copy  # noqa: E402
 from wayloom.geometry import se3  # noqa: E402
 from wayloom.geometry.camera import PinholeCamera, StereoRig  # noqa: E402
+from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference  # noqa: E402
 from wayloom.labelling.files import LABELS_FILE, save_labels  # noqa: E402
 from wayloom.labelling.tcl import label_points  # noqa: E402
 from wayloom.labelling.types import PointLabels  # noqa: E402
@@ -56,12 +58,14 @@ from wayloom.odometry.parts.plan import DrivePart, plan_parts  # noqa: E402
 from wayloom.odometry.result.odometry_file import load_odometry, save_odometry  # noqa: E402
 from wayloom.odometry.settings import OdometrySettings  # noqa: E402
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory  # noqa: E402
+from wayloom.pipeline.exports import write_exports  # noqa: E402
 from wayloom.pipeline.log_source import LogSource  # noqa: E402
 from wayloom.pipeline.running import run_stage  # noqa: E402
 from wayloom.pipeline.settings import ProcessSettings  # noqa: E402
 from wayloom.pipeline.stage_context import StageContext  # noqa: E402
 from wayloom.pipeline.stage_files import STAGE_FILE, digest_of_folder  # noqa: E402
-from wayloom.pipeline.stages import georeference, odometry  # noqa: E402
+from wayloom.pipeline.stages import georeference, odometry, submaps  # noqa: E402
+from wayloom.submaps.files import load_submaps  # noqa: E402
 
 PAGE, LAP = DOCS / "benchmarks" / "long_drives.md", 484
 CLIP_PARTS, LONG_PARTS = OdometrySettings(part_frames=94, part_overlap=40), OdometrySettings(part_frames=700, part_overlap=80)
@@ -81,7 +85,7 @@ def main() -> None:
         child_of_labelling(options.label)
         return
     if options.place:
-        child_of_placing(options.place)
+        child_of_placing(Path(options.place[0]), options.place[1])
         return
     found: dict[str, Any] = {}
     if options.joins:
@@ -124,7 +128,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--join", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--placed", type=int, nargs="*", default=[8])
     parser.add_argument("--label", type=Path, help=argparse.SUPPRESS)
-    parser.add_argument("--place", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--place", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--child", help=argparse.SUPPRESS)
@@ -241,8 +245,8 @@ class MadeImages:
 
     may_be_void, is_balanced = False, False
 
-    def __init__(self) -> None:
-        self.labels = np.random.default_rng(0).integers(0, 11, (376, 1241)).astype(np.uint8)
+    def __init__(self, shape: tuple[int, int] = (376, 1241)) -> None:
+        self.labels = np.random.default_rng(0).integers(0, 11, shape).astype(np.uint8)
 
     def left(self, keyframe: int, /) -> np.ndarray:
         return self.labels
@@ -252,6 +256,9 @@ class MadeImages:
 
     def scores(self, side: str, keyframe: int, /) -> None:
         return None
+
+    def sides(self, keyframe: int, /) -> tuple[str, ...]:
+        return ("left",)
 
     def small(self, side: str, keyframe: int, /) -> np.ndarray:
         return np.zeros((188, 620), np.uint8)
@@ -280,7 +287,7 @@ def child_of_labelling(file: Path) -> None:
 
 
 def placed(path: Path, laps: int) -> dict[str, Any]:
-    """The first laps of a drive geo-referenced in a process of its own, without loops."""
+    """The first laps of a drive geo-referenced without loops, cut into submaps and exported, each in a process of its own."""
     with tempfile.TemporaryDirectory(dir=path.parent) as temporary:
         folder = Path(temporary)
         log = open_log(first_frames(path, folder / "log", laps * LAP))
@@ -292,9 +299,12 @@ def placed(path: Path, laps: int) -> dict[str, Any]:
         save_odometry(drive, folder / "odometry" / "odometry.npz")
         save_labels(labels, folder / "labelling" / LABELS_FILE)
         save_loops(no_loops(), folder / "loops" / LOOPS_FILE)
-        command = [sys.executable, __file__, "--place", temporary]
-        found: dict[str, Any] = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
-        return {"frames": len(log), "keyframes": len(drive.keyframes), "points": count, **found}
+        found = {"frames": len(log), "keyframes": len(drive.keyframes), "points": count}
+        del drive, labels, votes
+        for stage in ("georeference", "submaps", "exports"):
+            command = [sys.executable, __file__, "--place", temporary, stage]
+            found |= json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+        return found
 
 
 def noisy_truth(log: DriveLog) -> OdometryResult:
@@ -311,15 +321,22 @@ def noisy_truth(log: DriveLog) -> OdometryResult:
     return replace(made, rig=log.rig, trajectory=trajectory, keyframes=keyframes)
 
 
-def child_of_placing(folder: Path) -> None:
-    """Run the stage, and say what it took."""
-    context = StageContext(LogSource(folder / "log"), folder, ProcessSettings())
-    out = folder / "georeference"
+def child_of_placing(folder: Path, stage: str) -> None:
+    """Run a stage, or the exports of all points, and say what it took."""
+    context, out = StageContext(LogSource(folder / "log"), folder, ProcessSettings()), folder / stage
     out.mkdir()
     start = time.process_time()
-    georeference.run(context, out, lambda share, what: None)
-    seconds = time.process_time() - start
-    print(json.dumps({"CPU s": round(seconds), "peak MB": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)}))
+    if stage == "exports":
+        drive, geo = (
+            load_odometry(folder / "odometry" / "odometry.npz"),
+            load_georeference(folder / "georeference" / GEOREFERENCE_FILE),
+        )
+        images: Any = MadeImages((drive.rig.camera.height, drive.rig.camera.width))
+        write_exports(context.log, drive, images, geo, load_submaps(folder / "submaps"), out)
+    else:
+        {"georeference": georeference, "submaps": submaps}[stage].run(context, out, lambda share, what: None)
+    seconds, peak = time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(json.dumps({f"{stage}: CPU s": round(seconds), f"{stage}: peak MB": round(peak)}))
 
 
 def made_plan(count: int) -> tuple[int, Sequence[DrivePart]]:

@@ -13,7 +13,7 @@ import pytest
 
 from submaps.made_submaps import NamedLog, made_geo, made_labels, made_odometry
 from wayloom.config.classes import CLASS_ID, PALETTE, PERSONS
-from wayloom.pipeline.drive_map import cloud, drive_map
+from wayloom.pipeline.drive_map import drive_map
 from wayloom.pipeline.exports import _write_clouds
 from wayloom.pipeline.settings import WayloomSettings
 from wayloom.segmentation.overlay import overlay, without_persons
@@ -115,7 +115,7 @@ def test_products_of_one_drive_show_no_person_unless_they_are_asked_for(tmp_path
         assert np.isin(classes, PERSONS).any() == keep
         vertices = (folder / "cloud.ply").read_bytes()
         assert (b"\xdc\x14\x3c" in vertices) == keep
-        picture = drive_map(made_geo(seen[0]), *cloud(items))  # type: ignore[arg-type]
+        picture = drive_map(made_geo(seen[0]), items)  # type: ignore[arg-type]
         assert any((picture == PALETTE[c]).all(axis=2).any() for c in PERSONS) == keep
 
 

@@ -35,7 +35,7 @@ from wayloom.georeference.uncertainty import position_covariance
 from wayloom.ground.files import SHEETS
 from wayloom.objects.files import SIGHTINGS
 from wayloom.pipeline.digests import sha256_of_json
-from wayloom.pipeline.drive_map import cloud, drive_map, write_image
+from wayloom.pipeline.drive_map import drive_map, write_image
 from wayloom.pipeline.stages.submaps import PREVIEW_FILE
 from wayloom.places.files import PLACES_FILE, load_places, save_places
 from wayloom.store import excluded, gate, jobs, maps, runs
@@ -170,7 +170,7 @@ def _of_submaps(stages: Mapping[str, Path], items: Sequence[_Clipped]) -> bytes 
     if "georeference" not in stages:
         return None
     new = folder / f"new-{PREVIEW_FILE}"
-    write_image(new, drive_map(load_georeference(stages["georeference"] / GEOREFERENCE_FILE), *cloud(placed)))
+    write_image(new, drive_map(load_georeference(stages["georeference"] / GEOREFERENCE_FILE), placed))
     os.replace(new, folder / PREVIEW_FILE)
     return (folder / PREVIEW_FILE).read_bytes()
 

@@ -1,5 +1,6 @@
 """Picture of a drive from above, the labelled cloud that it shows, and image files."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -17,17 +18,22 @@ from wayloom.tiles.preview import top_down
 JPEG_QUALITY: Final = 90
 
 
-def drive_map(geo: GeoReference, points: NDArray[np.float64], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(h, w, 3) RGB: the drive from above, with its track. points (N, 3) m and labels (N,) are those of `cloud`."""
+def drive_map(geo: GeoReference, submaps: Sequence[PlacedSubmap]) -> NDArray[np.uint8]:
+    """(h, w, 3) RGB: the points of the drive's submaps from above, with its track."""
     T = T_plane_enu(geo)
+    points, labels = cloud(submaps, T)
     track = se3.transform(T, geo.T_enu_cam[:, :3, 3])
-    return top_down(se3.transform(T, points), labels, tracks_enu=(track,), north_up=geo.frame is not None)
+    return top_down(points, labels, tracks_enu=(track,), north_up=geo.frame is not None)
 
 
-def cloud(submaps: list[PlacedSubmap]) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """points (N, 3) m in the map's frame, or the drive's own, and labels (N,) of all submaps."""
-    points = np.concatenate([np.empty((0, 3)), *(placed.points_enu() for placed in submaps)])
-    labels = np.concatenate([np.empty(0, np.uint8), *(placed.submap.label for placed in submaps)])
+def cloud(submaps: Sequence[PlacedSubmap], T: NDArray[np.float64] | None = None) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """points (N, 3) m in the map's frame, or the drive's own, moved by T (4, 4) where it is given, and labels (N,) of all
+    submaps."""
+    ends = np.cumsum([0, *(len(placed.submap.xyz) for placed in submaps)])
+    points, labels = np.empty((ends[-1], 3)), np.empty(ends[-1], np.uint8)
+    for placed, start, end in zip(submaps, ends, ends[1:], strict=False):
+        points[start:end] = placed.points_enu() if T is None else se3.transform(T, placed.points_enu())
+        labels[start:end] = placed.submap.label
     return points, labels
 
 

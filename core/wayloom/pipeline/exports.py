@@ -28,7 +28,7 @@ from wayloom.logs.types import DriveLog
 from wayloom.objects.exports import OBJECTS_FILE, export_objects
 from wayloom.objects.types import MapObject
 from wayloom.odometry.types import OdometryResult
-from wayloom.pipeline.drive_map import cloud, drive_map, write_image
+from wayloom.pipeline.drive_map import drive_map, write_image
 from wayloom.places.stereo_pair import LeftLabels
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.segmentation.overlay import overlay, without_persons
@@ -80,9 +80,8 @@ def write_exports(
     write_kitti(folder / "trajectory.kitti", trajectory.T_world_cam)
     if geo.frame is not None:
         export_geojson_track(folder / "trajectory.geojson", geo.T_enu_cam, geo.frame, log.name)
-    points, labels = cloud(submaps)
     _write_clouds(submaps, folder, geo.frame, geoid, {} if stages_dir is None else drive_origin(stages_dir, log.name))
-    write_image(folder / MAP_FILE, drive_map(geo, points, labels))
+    write_image(folder / MAP_FILE, drive_map(geo, submaps))
     write_overlays(log, odometry, images, folder / OVERLAYS_DIR)
 
 

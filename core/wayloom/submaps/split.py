@@ -38,9 +38,9 @@ def make_submaps(
     """
     if len(labels) != len(odometry.points):
         raise StageError(f"{len(labels)} labels for {len(odometry.points)} points: labelling and odometry are of different runs")
-    kept = _judge_points(odometry, labels, settings)
+    verdict, hosted = _judge_points(odometry, labels, settings), HostedPoints.of(odometry)
     stretches = split_road(odometry, settings)
-    submaps = [_submap(odometry, labels, kept, stretch, settings) for stretch in stretches]
+    submaps = [_submap(odometry, labels, verdict, hosted.rows(stretch), stretch, settings) for stretch in stretches]
     anchors = anchor_frames(odometry, stretches)
     steps = (None, *_steps(geo.anchors, anchors))
     return [
@@ -51,11 +51,30 @@ def make_submaps(
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Section of road of one submap: keyframes (K,) rows, in order; anchor the row in the middle of the road; length_m of road."""
+    """Section of road of one submap: keyframes (K,) rows, each the one before plus one; anchor the row in the middle of the road;
+    length_m of road."""
 
     keyframes: IntArray
     anchor: int
     length_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class HostedPoints:
+    """Points by their hosts: order (P,) rows of the points, start (K + 1,) where in it those of each keyframe begin."""
+
+    order: IntArray
+    start: IntArray
+
+    @classmethod
+    def of(cls, odometry: OdometryResult) -> "HostedPoints":
+        """Those of a drive."""
+        order = np.argsort(odometry.points.host, kind="stable")
+        return cls(order, np.searchsorted(odometry.points.host[order], np.arange(len(odometry.keyframes) + 1)))
+
+    def rows(self, stretch: Stretch) -> IntArray:
+        """(n,) rows of the points that a section's keyframes host."""
+        return self.order[self.start[stretch.keyframes[0]] : self.start[stretch.keyframes[-1] + 1]]
 
 
 def split_road(odometry: OdometryResult, settings: SubmapSettings) -> list[Stretch]:
@@ -118,22 +137,25 @@ def _judge_points(odometry: OdometryResult, labels: PointLabels, settings: Subma
 
 
 def _submap(
-    odometry: OdometryResult, labels: PointLabels, verdict: NDArray[np.int8], stretch: Stretch, settings: SubmapSettings
+    odometry: OdometryResult,
+    labels: PointLabels,
+    verdict: NDArray[np.int8],
+    hosted: IntArray,
+    stretch: Stretch,
+    settings: SubmapSettings,
 ) -> Submap:
+    """The submap of a section, of the points `hosted` (n,) by its keyframes."""
     keyframes, points = odometry.keyframes, odometry.points
-    local_row = np.full(len(keyframes), -1, np.int64)
-    local_row[stretch.keyframes] = np.arange(len(stretch.keyframes))
-    here = local_row[points.host] >= 0
-    rows = np.flatnonzero(here & (verdict == KEPT))
-    rows = rows[np.lexsort((rows, points.uv_host[rows, 0], points.uv_host[rows, 1], local_row[points.host[rows]]))]
+    rows = hosted[verdict[hosted] == KEPT]
+    rows = rows[np.lexsort((rows, points.uv_host[rows, 0], points.uv_host[rows, 1], points.host[rows]))]
     T_submap_cam = se3.inverse(keyframes.T_world_cam[stretch.anchor]) @ keyframes.T_world_cam[stretch.keyframes]
-    host = local_row[points.host[rows]]
+    host = points.host[rows] - stretch.keyframes[0]
     xyz, variance = _positions(odometry, rows, T_submap_cam[host], settings)
     start, taken = _take_ragged(labels.vote_start, rows)
     if not settings.keep_persons:
         start, taken = _without(start, taken, np.isin(labels.vote_class[taken], PERSONS))
     t_ns = odometry.trajectory.t_ns[keyframes.frame[stretch.keyframes]]
-    counts = Counter(verdict[here].tolist())
+    counts = Counter(verdict[hosted].tolist())
     return Submap(
         xyz=xyz,
         label=labels.stereo[rows],

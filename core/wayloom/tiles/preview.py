@@ -12,6 +12,8 @@ PAPER, INK = (250, 250, 248), (40, 40, 40)
 TRACK = (220, 30, 30)
 MARGIN_PX = 40
 FONT = cv2.FONT_HERSHEY_SIMPLEX
+POINTS_AT_ONCE = 1 << 18
+"""Of an hour's drive: what is made of them for a moment would take more memory than they do."""
 
 
 def top_down(
@@ -32,37 +34,31 @@ def top_down(
     north_up : whether the frame is geographic: then an arrow says so; the scale bar stands always
     """
     finite = np.isfinite(points_enu).all(axis=1)
-    points, labels = points_enu[finite], labels[finite]
-    everything = np.vstack([points, *tracks_enu]) if len(points) or tracks_enu else np.zeros((1, 3))
-    low, high = everything[:, :2].min(axis=0), everything[:, :2].max(axis=0)
+    points, labels = (points_enu, labels) if finite.all() else (points_enu[finite], labels[finite])
+    everything = [some[:, :2] for some in (points, *tracks_enu) if len(some)] or [np.zeros((1, 2))]
+    low, high = np.min([some.min(axis=0) for some in everything], axis=0), np.max([some.max(axis=0) for some in everything], axis=0)
     room = max_size_px - 2 * MARGIN_PX
     finest = float((high - low).max()) / room
     resolution = max(resolution_m or max(finest, 0.02), finest)
     size = np.ceil((high - low) / resolution).astype(int) + 1 + 2 * MARGIN_PX
     picture = np.full((int(size[1]), max(int(size[0]), 260), 3), PAPER, np.uint8)
 
-    def pixel(enu: FloatArray) -> NDArray[np.int64]:
-        xy = np.rint((enu[:, :2] - low) / resolution).astype(np.int64) + MARGIN_PX
-        return np.column_stack([xy[:, 0], size[1] - 1 - xy[:, 1]])
+    def pixel(enu: FloatArray) -> NDArray[np.int32]:
+        xy = np.rint((enu[:, :2] - low) / resolution).astype(np.int32) + MARGIN_PX
+        return np.column_stack([xy[:, 0], size[1] - 1 - xy[:, 1]]).astype(np.int32)
 
-    _draw_points(picture, pixel(points), points[:, 2], PALETTE_WITH_VOID[labels], dot_px)
+    upwards = np.argsort(points[:, 2], kind="stable")  # a later dot wins, so lower points are drawn first
+    for dy, dx in np.ndindex(dot_px, dot_px):
+        for start in range(0, len(upwards), POINTS_AT_ONCE):
+            some = upwards[start : start + POINTS_AT_ONCE]
+            column, row = np.clip(pixel(points[some]) + np.array([dx, dy]), 0, (picture.shape[1] - 1, picture.shape[0] - 1)).T
+            picture[row, column] = PALETTE_WITH_VOID[labels[some]]
     for track in tracks_enu:
-        cv2.polylines(picture, [pixel(track).astype(np.int32)], False, TRACK, 2, cv2.LINE_AA)
+        cv2.polylines(picture, [pixel(track)], False, TRACK, 2, cv2.LINE_AA)
     _draw_scale(picture, resolution)
     if north_up:
         _draw_north(picture)
     return picture
-
-
-def _draw_points(picture: Picture, pixel: NDArray[np.int64], height: FloatArray, colour: Picture, dot_px: int) -> None:
-    """Dots of dot_px x dot_px; a later write wins, so lower points are written first."""
-    order = np.argsort(height, kind="stable")
-    pixel, colour = pixel[order], colour[order]
-    for dy in range(dot_px):
-        for dx in range(dot_px):
-            rows = np.clip(pixel[:, 1] + dy, 0, picture.shape[0] - 1)
-            columns = np.clip(pixel[:, 0] + dx, 0, picture.shape[1] - 1)
-            picture[rows, columns] = colour
 
 
 def _draw_scale(picture: Picture, resolution_m: float) -> None:

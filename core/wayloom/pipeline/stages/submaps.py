@@ -6,7 +6,7 @@ from typing import Final
 from wayloom.config.progress import Progress
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.labelling.files import LABELS_FILE, load_labels
-from wayloom.pipeline.drive_map import cloud, drive_map, write_image
+from wayloom.pipeline.drive_map import drive_map, write_image
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.tracked_drive import tracked_drive
 from wayloom.submaps.files import save_submaps
@@ -23,4 +23,4 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     placed = make_submaps(context.log, tracked_drive(context), labels, geo, context.settings.submaps, context.drive_id)
     progress(0.8, f"writing {len(placed)} submaps")
     save_submaps(placed, out_dir)
-    write_image(out_dir / PREVIEW_FILE, drive_map(geo, *cloud(placed)))
+    write_image(out_dir / PREVIEW_FILE, drive_map(geo, placed))
