@@ -122,6 +122,14 @@ def test_several_threads_make_the_same_sheets_to_the_bit(street, count):
     assert [one.encoded for one in side_by_side] == [one.encoded for one in alone]
 
 
+@pytest.mark.parametrize("threads", [1, 4])
+def test_progress_rises_to_its_end(street, threads):
+    told, submaps = [], street.submaps(2)
+    list(make_sheets(street, street.odometry(), street, submaps, progress=lambda share, _: told.append(share), threads=threads))
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+
+
 def test_an_image_that_cannot_be_read_is_told_whatever_the_threads(street):
     class Broken:
         def left(self, keyframe):

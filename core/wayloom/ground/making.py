@@ -57,10 +57,10 @@ def make_sheets(
     """
     exposure, chosen = drive_exposure(log, odometry, labels, threads), chosen_keyframes(odometry, settings)
 
-    def sheet(number: int, each: Each) -> GroundSheet | None:
+    def sheet(number: int, see: Each, show: Each) -> GroundSheet | None:
         placed = submaps[number]
-        views = [view for _, view in views_of(log, odometry, labels, placed, chosen, exposure, settings, each)]
-        return sheet_of(placed.submap, level_frame(placed), views, odometry, exposure, settings, each)
+        views = [view for _, view in views_of(log, odometry, labels, placed, chosen, exposure, settings, see)]
+        return sheet_of(placed.submap, level_frame(placed), views, odometry, exposure, settings, show)
 
     def alone(number: int) -> GroundSheet | None:
         def told(work: Callable[[Item], Result], items: Sequence[Item], /) -> Iterator[Result]:
@@ -68,11 +68,11 @@ def make_sheets(
                 yield work(item)
                 progress((number + 0.9 * count / len(items)) / len(submaps), f"ground of submap {number + 1} of {len(submaps)}")
 
-        return sheet(number, told)
+        return sheet(number, told, map)
 
     with one_opencv_thread(), ThreadPoolExecutor(threads) as pool:
         at_once = min(threads, MOST_AT_ONCE)
-        make = alone if threads <= 1 else lambda number: sheet(number, pool.map)
+        make = alone if threads <= 1 else lambda number: sheet(number, pool.map, pool.map)
         for number, made in enumerate(in_order(make, range(len(submaps)), at_once), 1):
             progress(number / len(submaps), f"ground of {number} of {len(submaps)} submaps")
             if made is not None:
