@@ -5,22 +5,30 @@ from typing import Final
 
 from wayloom.config.progress import Progress
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
+from wayloom.georeference.types import GeoReference
 from wayloom.labelling.files import LABELS_FILE, load_labels
 from wayloom.pipeline.drive_map import drive_map, write_image
 from wayloom.pipeline.stage_context import StageContext
-from wayloom.pipeline.tracked_drive import tracked_drive
+from wayloom.pipeline.tracked_drive import tracked_drive, without_observations
 from wayloom.submaps.files import save_submaps
 from wayloom.submaps.split import make_submaps
+from wayloom.submaps.submap import PlacedSubmap
 
 PREVIEW_FILE: Final = "preview.png"
 
 
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises StageError where labels and points do not belong together."""
-    labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE)
     geo = load_georeference(context.inputs_dir / "georeference" / GEOREFERENCE_FILE)
     progress(0.0, "cutting the drive into submaps")
-    placed = make_submaps(context.log, tracked_drive(context), labels, geo, context.settings.submaps, context.drive_id)
+    placed = _made(context, geo)
     progress(0.8, f"writing {len(placed)} submaps")
     save_submaps(placed, out_dir)
     write_image(out_dir / PREVIEW_FILE, drive_map(geo, placed))
+
+
+def _made(context: StageContext, geo: GeoReference) -> list[PlacedSubmap]:
+    """The submaps alone, without what they are made of: of an hour's drive one of the two fits into a worker's memory with ease."""
+    odometry = without_observations(tracked_drive(context))
+    labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE)
+    return make_submaps(context.log, odometry, labels, geo, context.settings.submaps, context.drive_id)
