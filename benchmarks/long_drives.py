@@ -327,10 +327,8 @@ def child_of_placing(folder: Path, stage: str) -> None:
     out.mkdir()
     start = time.process_time()
     if stage == "exports":
-        drive, geo = (
-            load_odometry(folder / "odometry" / "odometry.npz"),
-            load_georeference(folder / "georeference" / GEOREFERENCE_FILE),
-        )
+        drive = load_odometry(folder / "odometry" / "odometry.npz")
+        geo = load_georeference(folder / "georeference" / GEOREFERENCE_FILE)
         images: Any = MadeImages((drive.rig.camera.height, drive.rig.camera.width))
         write_exports(context.log, drive, images, geo, load_submaps(folder / "submaps"), out)
     else:

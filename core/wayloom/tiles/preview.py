@@ -48,11 +48,13 @@ def top_down(
         return np.column_stack([xy[:, 0], size[1] - 1 - xy[:, 1]]).astype(np.int32)
 
     upwards = np.argsort(points[:, 2], kind="stable")  # a later dot wins, so lower points are drawn first
+    blocks = np.split(upwards, range(POINTS_AT_ONCE, len(upwards), POINTS_AT_ONCE))
+    corners = [pixel(points[block]) for block in blocks]
+    last = np.array([picture.shape[1] - 1, picture.shape[0] - 1])
     for dy, dx in np.ndindex(dot_px, dot_px):
-        for start in range(0, len(upwards), POINTS_AT_ONCE):
-            some = upwards[start : start + POINTS_AT_ONCE]
-            column, row = np.clip(pixel(points[some]) + np.array([dx, dy]), 0, (picture.shape[1] - 1, picture.shape[0] - 1)).T
-            picture[row, column] = PALETTE_WITH_VOID[labels[some]]
+        for block, corner in zip(blocks, corners, strict=True):
+            column, row = np.clip(corner + np.array([dx, dy]), 0, last).T
+            picture[row, column] = PALETTE_WITH_VOID[labels[block]]
     for track in tracks_enu:
         cv2.polylines(picture, [pixel(track)], False, TRACK, 2, cv2.LINE_AA)
     _draw_scale(picture, resolution)

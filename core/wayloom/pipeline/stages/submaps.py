@@ -28,7 +28,7 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
 
 
 def _made(context: StageContext, geo: GeoReference) -> list[PlacedSubmap]:
-    """The submaps alone, without what they are made of: of an hour's drive one of the two fits into a worker's memory with ease."""
+    """The submaps; the drive and its labels are let go of, which of an hour take as much memory again."""
     odometry = without_observations(tracked_drive(context))
     labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE)
     return make_submaps(context.log, odometry, labels, geo, context.settings.submaps, context.drive_id)
