@@ -15,6 +15,9 @@ from wayloom.errors import ServiceError
 CUTS: Final = 5
 FIRST_PAUSE_S: Final = 0.05
 """Between the last byte and the cut: bytes that a service has not taken yet are lost with the link. Twice as long each time."""
+QUIET_S, LAST_QUIET_S = 0.1, 1.0
+"""How long an offset stays as it is that has settled; before the rest is sent, longer: a busy service may come late to what a link
+brought before it broke."""
 PATIENCE_S: Final = 10.0
 """For a service that still receives from a link of which it has not heard that it broke."""
 
@@ -30,6 +33,8 @@ def cut_links(subject: Subject) -> None:
         sent = max(sent, ends)
         before, stored = stored, _settled_offset(subject, address)
         expect(before <= stored <= sent, f"after {sent} bytes were sent {stored} are stored, {before} were before")
+    before, stored = stored, _settled_offset(subject, address, LAST_QUIET_S)
+    expect(before <= stored <= sent, f"after {sent} bytes were sent {stored} are stored, {before} were before")
     expect(stored > 0, f"of {CUTS} chunks that were cut no byte was kept")
     answer = subject.patch(address, stored, content[stored:])
     expect(answer.status_code == 204, f"the rest after {CUTS} cuts was answered {answer.status_code}")
@@ -107,14 +112,14 @@ def _sent_and_cut(subject: Subject, address: str, offset: int, content: bytes, s
         raise ServiceError(f"{subject.url} does not answer: {error}") from error
 
 
-def _settled_offset(subject: Subject, address: str) -> int:
-    """The offset when nothing is received any more."""
+def _settled_offset(subject: Subject, address: str, quiet_s: float = QUIET_S) -> int:
+    """The offset when nothing has been received for so long."""
     ends = time.monotonic() + PATIENCE_S
     while subject.head(address).status_code == 423 and time.monotonic() < ends:
         time.sleep(0.1)
     stored = subject.offset(address)
     while time.monotonic() < ends:
-        time.sleep(0.1)
+        time.sleep(quiet_s)
         before, stored = stored, subject.offset(address)
         if stored == before:
             break
