@@ -47,7 +47,7 @@ from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, SEEDS, Summary, meas
 from wayloom.evaluation.odometry_recordings import Recording, clip_recordings, piece, recording_of  # noqa: E402
 from wayloom.geometry import se3  # noqa: E402
 from wayloom.geometry.camera import PinholeCamera, StereoRig  # noqa: E402
-from wayloom.odometry.kernels import adjustment, equations, linear, patch, resampling, tracking  # noqa: E402
+from wayloom.odometry.kernels import adjustment, equations, linear, patch, resampling, tracking_equations  # noqa: E402
 from wayloom.odometry.kernels.compiler import opened  # noqa: E402
 from wayloom.odometry.rig import rows  # noqa: E402
 from wayloom.simulation.recording.simulate import OutputSettings, PresetVariant, simulate  # noqa: E402
@@ -161,8 +161,8 @@ def kernel_table() -> None:
     patch_scratch = patch.make_scratch()
     grey = image.astype(np.float32)
     rays = np.column_stack([(points.uv - (NUMBERS.cx, NUMBERS.cy)) / (NUMBERS.fx, NUMBERS.fy), points.rho, points.colour[:, 4]])
-    camera, H, g, J = np.array(NUMBERS[:4]), np.zeros((8, 8)), np.zeros(8), np.zeros(8)
-    patch_residual, tracking_equations = opened(patch.patch_residual), opened(tracking.tracking_equations)
+    camera, space = np.array(NUMBERS[:4]), (np.zeros((8, 8)), np.zeros(8), *tracking_equations.working_space())
+    patch_residual, tracked = opened(patch.patch_residual), opened(tracking_equations.tracking_equations)
     xi = np.array([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
     table = [
         (
@@ -172,7 +172,7 @@ def kernel_table() -> None:
         ),
         (
             "tracking_equations, 400 points",
-            best_ms(lambda: tracking_equations(grey, rays, T, 1.0, 0.0, camera, 9.0, 20.0, H, g, J), 200),
+            best_ms(lambda: tracked(grey, rays, T, 1.0, 0.0, camera, 9.0, 20.0, *space), 200),
             best_ms(lambda: naive.tracking_equations(grey, rays, T, 1.0, 0.0, camera, 9.0, 20.0), 2),
         ),
         ("exp_se3", best_ms(lambda: linear.exp_se3(xi), 2000), best_ms(lambda: se3.exp(xi), 200)),

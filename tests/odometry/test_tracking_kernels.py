@@ -6,7 +6,7 @@ from made_street import CAMERA, RIG, curve, render
 
 from odometry import naive
 from wayloom.geometry import se3
-from wayloom.odometry.kernels import tracking
+from wayloom.odometry.kernels import tracking, tracking_equations
 from wayloom.odometry.kernels.compiler import opened
 from wayloom.odometry.tracking import pyramid
 
@@ -29,8 +29,8 @@ def test_tracking_equations_are_those_of_the_naive_twin() -> None:
     reference, image, T = made_reference(60)
     T = se3.exp(np.array([0.02, 0.01, -0.03, 0.002, 0.001, -0.003])) @ T
     H, g = np.zeros((8, 8)), np.zeros(8)
-    energy, count, beyond = opened(tracking.tracking_equations)(
-        image, reference, T, 1.02, -1.0, LEVEL, 9.0, 20.0, H, g, np.zeros(8)
+    energy, count, beyond = opened(tracking_equations.tracking_equations)(
+        image, reference, T, 1.02, -1.0, LEVEL, 9.0, 20.0, H, g, *tracking_equations.working_space()
     )
     H_slow, g_slow, energy_slow, count_slow, beyond_slow = naive.tracking_equations(
         image, reference, T, 1.02, -1.0, LEVEL, 9.0, 20.0
@@ -45,7 +45,7 @@ def test_tracking_equations_are_those_of_the_naive_twin() -> None:
 def test_alignment_finds_motion_and_brightness() -> None:
     reference, image, T_true = made_reference(800)
     T, brightness, out = T_true @ se3.exp(np.array([0.05, -0.03, 0.05, 0.004, 0.004, -0.004])), np.array([1.0, 0.0]), np.zeros(3)
-    tracking.align_level(image * np.float32(0.9) + np.float32(6), reference, T, brightness, LEVEL, 9.0, 20.0, 50, out)
+    tracking.align_level(image * np.float32(0.9) + np.float32(6), reference, T, brightness, LEVEL, 9.0, 20.0, 50, 0.01, out)
     error = se3.log(T @ se3.inverse(T_true))
     assert np.linalg.norm(error[:3]) < 0.005
     assert np.linalg.norm(error[3:]) < 0.0005
@@ -55,7 +55,7 @@ def test_alignment_finds_motion_and_brightness() -> None:
 
 def test_alignment_without_any_point_in_view_changes_nothing() -> None:
     T, brightness, out = np.eye(4), np.array([1.0, 0.0]), np.ones(3)
-    tracking.align_level(np.zeros((40, 60), np.float32), np.zeros((0, 4)), T, brightness, LEVEL, 9.0, 20.0, 5, out)
+    tracking.align_level(np.zeros((40, 60), np.float32), np.zeros((0, 4)), T, brightness, LEVEL, 9.0, 20.0, 5, 0.01, out)
     np.testing.assert_array_equal(T, np.eye(4))
     assert out.tolist() == [0.0, 0.0, 0.0]
 

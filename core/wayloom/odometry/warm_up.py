@@ -23,7 +23,7 @@ ALIGNMENT: Final = (
     ("linear.cholesky_solve", "f8:2 f8:1 f8:1 f8:1 f8:2"),
     ("linear.fill_exp_se3", "f8:1 f8:2"),
     ("linear.orthonormalise", "f8:2"),
-    ("tracking.minimise_level", "f4:2 f8:2 f8:2 f8:1 f8:1 f8 f8 i8 f8:3 f8:2 f8:3 f8:1"),
+    ("tracking.minimise_level", "f4:2 f8:2 f8:2 f8:1 f8:1 f8 f8 i8 f8 f8:3 f8:2 f8:3 f8:1 f4:1 f8:1"),
     ("adjustment.step_frames", "f8:3 f8:2 f8:1 f8:2 f8:2"),
     ("tracking.add_splats", "f8:2 f8:1 i8 f4:2 f4:2"),
     ("tracking.fill_pooled", "i8:1 f8:1 f4:2 f8:1 f8:2"),

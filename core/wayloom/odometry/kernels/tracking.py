@@ -4,17 +4,16 @@ import math
 
 import numpy as np
 
-from wayloom.odometry.kernels.compiler import kernel, part
+from wayloom.odometry.kernels.compiler import kernel
 from wayloom.odometry.kernels.linear import cholesky_solve, fill_exp_se3, fill_product, orthonormalise
+from wayloom.odometry.kernels.tracking_equations import MIN_DEPTH_RATIO, tracking_equations, working_space
 
 f32 = np.float32
-index = np.uint64
-"""Pixels are addressed by unsigned numbers: a signed index is tested for being negative each time."""
-ONE, TWO = index(1), index(2)
-MIN_DEPTH_RATIO = 1e-3
-BORDER = 2
 MARGIN = 2
 """Pixels of a reference's level, to the right and below one more, in which there are no reference points."""
+HOPELESS = 1.0
+"""As `enough` of minimise_level, of a step that makes things worse: the gradients of an interpolated image are not those of the
+energy, so that near the minimum no damping helps."""
 
 
 def pool(uv, rho, level, image, camera):  # type: ignore[no-untyped-def]
@@ -82,100 +81,51 @@ def gather(image, total, count, camera, out):  # type: ignore[no-untyped-def]
     return n
 
 
-@part
-def tracking_equations(image, reference, T, gain, offset, camera, huber, cutoff, H, g, J):  # type: ignore[no-untyped-def]
-    """Normal equations of r = I(project(T p)) - (gain I_ref + offset) with Huber weight, constant energy beyond cutoff.
-
-    image (h, w) float32, its gradient by central differences; reference (n, 4) x, y, rho, grey; T (4, 4) T_frame_keyframe;
-    camera (4,) px. Fills H (8, 8) = J^T W J and g (8,) = -J^T W r for (v, omega, gain, offset), J (8,) working space; returns
-    energy, points in view, points beyond cutoff.
-    """
-    fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
-    (h, w), half = image.shape, f32(0.5)
-    energy, count, saturated = 0.0, 0, 0
-    H[:] = 0.0
-    g[:] = 0.0
-    for i in range(reference.shape[0]):
-        x, y, rho = reference[i, 0], reference[i, 1], reference[i, 2]
-        Z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] * rho
-        if not Z > MIN_DEPTH_RATIO:
-            continue
-        iz = 1.0 / Z
-        xn = (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * rho) * iz
-        yn = (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * rho) * iz
-        u, v = fx * xn + cx, fy * yn + cy
-        if not (u > BORDER and v > BORDER and u < w - BORDER - 1 and v < h - BORDER - 1):
-            continue
-        ix, iy = index(u), index(v)
-        a, b = u - ix, v - iy
-        w11 = a * b
-        w01, w10, w00 = b - w11, a - w11, 1.0 - a - b + w11
-        here, below = image[iy], image[iy + ONE]
-        i00, i10, i01, i11 = here[ix], here[ix + ONE], below[ix], below[ix + ONE]
-        r = w00 * i00 + w10 * i10 + w01 * i01 + w11 * i11 - (gain * reference[i, 3] + offset)
-        count += 1
-        size = abs(r)
-        if not size <= cutoff:
-            energy += huber * (2.0 * cutoff - huber)
-            saturated += 1
-            continue
-        weight = 1.0 if size < huber else huber / size
-        energy += weight * r * r * (2.0 - weight)
-        up, down = image[iy - ONE], image[iy + TWO]
-        gx = w00 * (half * (i10 - here[ix - ONE])) + w10 * (half * (here[ix + TWO] - i00))
-        gx = fx * (gx + w01 * (half * (i11 - below[ix - ONE])) + w11 * (half * (below[ix + TWO] - i01)))
-        gy = w00 * (half * (i01 - up[ix])) + w10 * (half * (i11 - up[ix + ONE]))
-        gy = fy * (gy + w01 * (half * (down[ix] - i00)) + w11 * (half * (down[ix + ONE] - i10)))
-        q = rho * iz
-        J[0], J[1], J[2] = q * gx, q * gy, -q * (xn * gx + yn * gy)
-        J[3], J[4], J[5] = -(xn * yn * gx + gy * (1.0 + yn * yn)), xn * yn * gy + gx * (1.0 + xn * xn), xn * gy - yn * gx
-        J[6], J[7] = -reference[i, 3], -1.0
-        for k in range(8):
-            c = weight * J[k]
-            g[k] -= c * r
-            for m in range(k + 1):
-                H[k, m] += c * J[m]
-    for k in range(8):
-        for m in range(k):
-            H[m, k] = H[k, m]
-    return energy, count, saturated
-
-
-def align_level(image, reference, T, brightness, camera, huber, cutoff, iterations, out):  # type: ignore[no-untyped-def]
+def align_level(image, reference, T, brightness, camera, huber, cutoff, iterations, enough, out):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt on one level; updates T (4, 4) T_frame_keyframe and brightness (2,) gain, offset in place.
 
-    The cutoff is doubled while over 60 % of the points are beyond it. Fills out (3,) with energy, points in view, points beyond.
+    The cutoff is doubled while over 60 % of the points are beyond it. It ends before a step that is expected to lower the energy by
+    less than `enough` times a point's mean energy, which is the square of the step in its standard deviations. Fills out (3,) with
+    energy, points in view, points beyond.
     """
-    working_space = np.empty((3, 8, 8)), np.empty((5, 8)), np.empty((2, 4, 4))
-    minimise_level(image, reference, T, brightness, camera, huber, cutoff, iterations, *working_space, out)
+    space = np.empty((3, 8, 8)), np.empty((4, 8)), np.empty((2, 4, 4)), *working_space()
+    minimise_level(image, reference, T, brightness, camera, huber, cutoff, iterations, enough, *space, out)
 
 
 @kernel
 def minimise_level(  # type: ignore[no-untyped-def]
-    image, reference, T, brightness, camera, huber, cutoff, iterations, matrices, vectors, poses, out
+    image, reference, T, brightness, camera, huber, cutoff, iterations, enough, matrices, vectors, poses, places, columns, out
 ):
-    """align_level with working space matrices (3, 8, 8), vectors (5, 8), poses (2, 4, 4)."""
+    """align_level with working space matrices (3, 8, 8), vectors (4, 8), poses (2, 4, 4), and places and columns of
+    tracking_equations."""
     H, H_new, L = matrices[0], matrices[1], matrices[2]
-    g, g_new, x, J, step, T_new, damping = vectors[0], vectors[1], vectors[2], vectors[3], poses[0], poses[1], 0.01
-    energy, count, beyond = tracking_equations(image, reference, T, brightness[0], brightness[1], camera, huber, cutoff, H, g, J)
+    g, g_new, x, step, T_new, damping = vectors[0], vectors[1], vectors[2], poses[0], poses[1], 0.01
+    gain, offset = brightness[0], brightness[1]
+    energy, count, beyond = tracking_equations(image, reference, T, gain, offset, camera, huber, cutoff, H, g, places, columns)
     for _ in range(5):
         if beyond <= 0.6 * count:
             break
         cutoff *= 2.0
-        energy, count, beyond = tracking_equations(
-            image, reference, T, brightness[0], brightness[1], camera, huber, cutoff, H, g, J
-        )
+        energy, count, beyond = tracking_equations(image, reference, T, gain, offset, camera, huber, cutoff, H, g, places, columns)
     for _ in range(iterations):
         for k in range(8):
             for m in range(8):
                 H_new[k, m] = H[k, m]
             H_new[k, k] *= 1.0 + damping
-        if not cholesky_solve(H_new, g, x, vectors[4], L):
+        if not cholesky_solve(H_new, g, x, vectors[3], L):
+            break
+        decrease, step2 = 0.0, 0.0
+        for k in range(8):
+            decrease += x[k] * (g[k] + damping * H[k, k] * x[k])
+        for k in range(6):
+            step2 += x[k] * x[k]
+        decrease *= count / energy
+        if decrease < enough:
             break
         fill_exp_se3(x, step)
         fill_product(step, T, T_new)
         gain, offset = brightness[0] + x[6], brightness[1] + x[7]
-        e, c, s = tracking_equations(image, reference, T_new, gain, offset, camera, huber, cutoff, H_new, g_new, J)
+        e, c, s = tracking_equations(image, reference, T_new, gain, offset, camera, huber, cutoff, H_new, g_new, places, columns)
         if c > 0.5 * count and e / c < energy / count:
             for k in range(4):
                 for m in range(4):
@@ -183,11 +133,10 @@ def minimise_level(  # type: ignore[no-untyped-def]
             H, H_new = H_new, H
             g, g_new = g_new, g
             brightness[0], brightness[1], energy, count, beyond, damping = gain, offset, e, c, s, damping * 0.3
+        elif decrease < HOPELESS:
+            break
         else:
             damping = max(damping * 6.0, 1e-3)
-        step2 = 0.0
-        for k in range(6):
-            step2 += x[k] * x[k]
         if damping > 1e3 or step2 < 1e-9:
             break
     orthonormalise(T)

@@ -18,6 +18,8 @@ from wayloom.odometry.tracking.pyramid import Pyramid
 FloatArray = NDArray[np.float64]
 SPREAD_FROM_LEVEL = 2
 """Pyramid level from which on pixels beside one with a depth are reference points too: coarse levels have few of their own."""
+ENOUGH, ENOUGH_FOR_THE_NEXT = 0.01, 0.3
+"""Squares of the last step of the finest level and of those above it, in its standard deviations."""
 START_SPEEDS_M_S = (4.0, 8.0, 12.0, 16.0, 20.0, 26.0, 32.0)
 TURNS_RAD = (-0.03, -0.015, 0.015, 0.03)
 PITCH_PERTURBATIONS_RAD = (-0.015, 0.015)
@@ -70,8 +72,9 @@ def align(
     for level in range(coarsest, finest - 1, -1):
         iterations = settings.track_iterations[min(level, len(settings.track_iterations) - 1)]
         align_level(
-            pyramid[level], reference.levels[level], T, brightness, cameras[level], settings.huber, settings.cutoff, iterations, out
-        )
+            pyramid[level], reference.levels[level], T, brightness, cameras[level], settings.huber, settings.cutoff, iterations,
+            ENOUGH if level == finest else ENOUGH_FOR_THE_NEXT, out,
+        )  # fmt: skip
     energy, count, beyond = out
     return Alignment(
         T, brightness, math.sqrt(energy / max(count, 1)), count / max(1, len(reference.levels[finest])), beyond / max(count, 1)
