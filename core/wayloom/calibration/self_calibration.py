@@ -26,6 +26,7 @@ from wayloom.config.side_by_side import in_order
 from wayloom.geometry.lens import IDENTITY, RightLens, lens_from_values
 from wayloom.logs.types import DriveLog
 from wayloom.odometry import frame_source, warm_up
+from wayloom.odometry.held_images import held_images, release
 from wayloom.odometry.observers import Observer
 from wayloom.odometry.odometry import track
 from wayloom.odometry.rig import rows
@@ -121,7 +122,9 @@ def track_calibrated(
 ) -> OdometryResult:  # fmt: skip
     """As `wayloom.odometry.odometry.track`; without a rig's file or a lens the drive's own is learnt first, and told in the
     report. matches : of the first pairs, as of `frame_source.first_matches`, where the caller has them."""
+    log = held_images(log)
     known = calibrate_drive(log, settings, progress, lens, matches, rig, threads)
+    release(log)
     result = track(log, known.settings(settings), progress, threads, known.lens, observers, known.matches, known.baseline_ratio)
     return known.complete(result)
 

@@ -22,6 +22,7 @@ from wayloom.config.progress import Progress
 from wayloom.errors import StageError
 from wayloom.files.atomic import replacing
 from wayloom.geometry.lens import lens_from_values
+from wayloom.logs.types import DriveLog
 from wayloom.odometry.odometry import track
 from wayloom.odometry.parts.join import join_parts
 from wayloom.odometry.parts.log_view import log_view
@@ -60,11 +61,11 @@ def missing_parts(context: StageContext, parts_dir: Path) -> list[DrivePart]:
     return [part for part in parts_of(context) if not is_undamaged(part_folder(parts_dir, part))]
 
 
-def calibrate(context: StageContext, progress: Progress) -> DriveCalibration:
-    """What the drive is tracked with: what is known of its rig, or its own lens. Raises LogError, CalibrationError."""
-    rig = rig_for_log(context.settings.rig, context.log)[0]
+def calibrate(context: StageContext, log: DriveLog, progress: Progress) -> DriveCalibration:
+    """What the drive of that log is tracked with: what is known of its rig, or its own lens. Raises LogError, CalibrationError."""
+    rig = rig_for_log(context.settings.rig, log)[0]
     settings, matches = context.settings, context.first_matches
-    found = calibrate_drive(context.log, settings.odometry, progress, matches=matches, rig=rig, threads=settings.threads)
+    found = calibrate_drive(log, settings.odometry, progress, matches=matches, rig=rig, threads=settings.threads)
     return replace(found, report=found.report | {"rig": None if rig is None else rig_version(rig)})
 
 
@@ -78,7 +79,7 @@ def prepare_parts(context: StageContext, parts_dir: Path, progress: Progress) ->
     """Calibrate the drive for all its parts, unless that is done. Raises LogError, CalibrationError."""
     file = parts_dir / CALIBRATION_FILE
     if not file.exists():
-        found = calibrate(context, progress)
+        found = calibrate(context, context.log, progress)
         matches = np.zeros((0, 4)) if found.matches is None else found.matches
         covariance = np.zeros((0, 0)) if found.covariance is None else found.covariance
         numbers = {name: getattr(found, name) for name in ("bias_prior", "baseline_ratio", "bias_sigma_px")}

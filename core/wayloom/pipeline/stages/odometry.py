@@ -11,6 +11,7 @@ from typing import Any
 
 from wayloom.calibration.rig_file import rig_for_log
 from wayloom.config.progress import Progress
+from wayloom.odometry.held_images import held_images, release
 from wayloom.odometry.observers import KeyframeCaller, Observer
 from wayloom.odometry.odometry import track
 from wayloom.odometry.rig.calibration_observations import ObservationCollector
@@ -57,7 +58,9 @@ def part_name(number: int) -> str:
 
 
 def _track_whole(context: StageContext, out_dir: Path, progress: Progress) -> None:
-    log, known = context.log, odometry_parts.calibrate(context, progress)
+    log = held_images(context.log)
+    known = odometry_parts.calibrate(context, log, progress)
+    release(log)
     settings, collector = known.settings(context.settings.odometry), ObservationCollector(log.rig)
     threads, ratio = context.settings.threads, known.baseline_ratio
     observers: list[Observer] = [CollectingAlongside(collector) if threads > 1 else collector]
