@@ -12,7 +12,7 @@ from wayloom.odometry.kernels.matches import HALF, SEARCH_HALF, match_patches
 
 pytestmark = pytest.mark.kernels
 
-bilinear, cubic, stays_inside = opened(matches.bilinear), opened(matches.cubic), opened(matches.stays_inside)
+bilinear, stays_inside = opened(matches.bilinear), opened(matches.stays_inside)
 right_side, search = opened(matches.right_side), opened(matches.search)
 template_equations = opened(matches.template_equations)
 SIZE = (90, 140)
@@ -47,25 +47,28 @@ def found(target: np.ndarray, start: np.ndarray, **more: np.ndarray) -> np.ndarr
     return out
 
 
+def keys(t: float) -> float:
+    """The cubic of Keys 1981, a = -1/2."""
+    t = abs(t)
+    if t < 1:
+        return 1.5 * t**3 - 2.5 * t**2 + 1
+    return -0.5 * t**3 + 2.5 * t**2 - 4 * t + 2 if t < 2 else 0.0
+
+
+def cubic(image: np.ndarray, x: float, y: float) -> float:
+    """The image at (x, y) px by cubics."""
+    columns, rows = range(int(x) - 1, int(x) + 3), range(int(y) - 1, int(y) + 3)
+    return sum(keys(x - i) * keys(y - j) * float(image[j, i]) for j in rows for i in columns)
+
+
 @pytest.mark.parametrize("at", [(20.0, 30.0), (20.25, 30.5), (41.9, 17.3)])
-def test_interpolations_are_those_of_their_formulas(at: tuple[float, float]) -> None:
+def test_bilinear_interpolation_is_that_of_its_formula(at: tuple[float, float]) -> None:
     x, y = at
     ix, iy = int(x), int(y)
     a, b = x - ix, y - iy
     naive = (1 - b) * ((1 - a) * HOST[iy, ix] + a * HOST[iy, ix + 1])
     naive += b * ((1 - a) * HOST[iy + 1, ix] + a * HOST[iy + 1, ix + 1])
     assert bilinear(HOST, x, y) == pytest.approx(naive, rel=1e-6)
-
-    def keys(t: float) -> float:
-        t = abs(t)
-        if t < 1:
-            return 1.5 * t**3 - 2.5 * t**2 + 1
-        return -0.5 * t**3 + 2.5 * t**2 - 4 * t + 2 if t < 2 else 0.0
-
-    naive = sum(
-        keys(x - i) * keys(y - j) * HOST[j, i] for j in range(iy - 1, iy + 3) for i in range(ix - 1, ix + 3)
-    )  # fmt: skip
-    assert cubic(HOST, x, y) == pytest.approx(naive, rel=1e-6)
 
 
 def naive_rows(u: int, v: int) -> np.ndarray:
@@ -79,18 +82,19 @@ def naive_rows(u: int, v: int) -> np.ndarray:
     return np.array(rows)
 
 
-def test_the_normal_equations_are_those_of_the_patchs_rows() -> None:
+@pytest.mark.parametrize(("sharp", "sampled"), [(True, cubic), (False, bilinear)])
+def test_the_normal_equations_are_those_of_the_patchs_rows(sharp: bool, sampled: Callable[..., float]) -> None:
     A, e, W = np.empty((7, 7)), np.empty(7), np.array([[1.1, 0.05], [-0.02, 0.95]])
-    template = np.empty(((2 * HALF + 1) ** 2, 3))
-    least = template_equations(HOST, 50, 40, template, A, np.zeros(7))
+    columns = matches.patch_columns()
+    least = template_equations(HOST, 50, 40, columns, A)
     J = naive_rows(50, 40)
     np.testing.assert_allclose(A, J.T @ J, rtol=1e-5)
     centred = J[:, :2] - J[:, :2].mean(axis=0)
     assert least == pytest.approx(np.linalg.eigvalsh(centred.T @ centred)[0] / len(J), rel=1e-4)
     target = image(lambda u, v: (u + 0.3, v))
-    variance = right_side(template, target, 49.6, 40.2, W, True, e)
+    variance = right_side(columns, target, 49.6, 40.2, W, sharp, e)
     r = [
-        cubic(target, 49.6 + W[0] @ (dx, dy), 40.2 + W[1] @ (dx, dy)) - HOST[40 + dy, 50 + dx]
+        sampled(target, 49.6 + W[0] @ (dx, dy), 40.2 + W[1] @ (dx, dy)) - HOST[40 + dy, 50 + dx]
         for dy in range(-HALF, HALF + 1)
         for dx in range(-HALF, HALF + 1)
     ]

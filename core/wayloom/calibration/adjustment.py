@@ -22,12 +22,13 @@ from wayloom.calibration.residuals import (
     Drive,
     DriveState,
     first_state,
-    jacobians,
+    lens_of_drive,
     residuals,
 )
 from wayloom.calibration.settings import CalibrationSettings
 from wayloom.geometry import se3
-from wayloom.geometry.lens import RightLens, lens_from_values
+from wayloom.geometry.lens import R_real_ideal, RightLens, lens_from_values, rotation_derivatives
+from wayloom.odometry.kernels.match_equations import fill_group_equations
 from wayloom.odometry.rig.calibration_observations import TARGETS
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +38,7 @@ LEAVE = list(range(LENS, LENS + DRIVE))
 KINDS = (slice(0, 1), slice(1, 1 + TARGETS), slice(1 + TARGETS, MATCHES))
 """Matches that share one noise: right of the host, left of the targets, right of the targets."""
 FIRST_NOISE_PX = 0.5
-POSE_PRIOR = np.diag([1e2] * 3 + [1e4] * 3)
+POSES_PRIOR = np.diag(([1e2] * 3 + [1e4] * 3) * TARGETS)
 """1/m^2 and 1/rad^2, of each step: 10 cm, 0.6 degrees; it matters for targets without matches only."""
 RHO_PRIOR = 1.0
 """m^2, of each step: keeps a point without temporal matches where it is."""
@@ -177,38 +178,31 @@ def _lens_step(fit: Adjustment, settings: CalibrationSettings, prior_H: FloatArr
 def _linearise(fit: Adjustment, drives: list[Drive], settings: CalibrationSettings) -> None:
     """Renew equations and weights."""
     fit.equations, fit.weights = [], []
+    noise = _noise_of_match(fit.noise_px)
     for drive, state in zip(drives, fit.states, strict=True):
-        r = residuals(drive, fit.lens, state)
-        J, J_rho = jacobians(drive, fit.lens, state)
-        noise = _noise_of_match(fit.noise_px)
-        weight = 1.0 / (1.0 + (r**2).sum(axis=2) / (settings.robust_scale * noise) ** 2)
-        known = np.isfinite(r).all(axis=2) & np.isfinite(J).all(axis=(2, 3)) & np.isfinite(J_rho).all(axis=2)
-        weight = np.where(known, weight, 0.0)
-        root = np.sqrt(weight / noise**2)[:, :, None]
-        zero = np.asarray(~known)[:, :, None]
-        r, J_rho = np.where(zero, 0.0, r * root), np.where(zero, 0.0, J_rho * root)
-        J = np.where(zero[..., None], 0.0, J * root[..., None])
-        starts = np.searchsorted(drive.observations.group, np.arange(drive.observations.groups + 1))
+        own, rig, groups = lens_of_drive(fit.lens, state.offsets), drive.observations.rig, drive.observations.groups
+        camera, P = rig.camera, len(state.rho)
+        starts = np.searchsorted(drive.observations.group, np.arange(groups + 1))
+        numbers = np.array(
+            [camera.fx, camera.fy, camera.cx, camera.cy, own.focal_ratio, own.cx_shift_px, own.k1, own.p1, own.p2, rig.baseline_m,
+             own.ty, own.tz, *rig.t_right_left]
+        )  # fmt: skip
+        weights, rho_step, rho_gain = np.zeros((P, MATCHES)), np.zeros(P), np.zeros((P, UNKNOWNS))
+        H, g = np.zeros((groups, UNKNOWNS, UNKNOWNS)), np.zeros((groups, UNKNOWNS))
+        fill_group_equations(
+            drive.rays, drive.measured, state.rho, starts, state.T_target_host, R_real_ideal(own).copy(),
+            np.array(rotation_derivatives(own)), numbers, noise, settings.robust_scale, RHO_PRIOR, np.empty((12, UNKNOWNS + 1)),
+            weights, H, g, rho_step, rho_gain,
+        )  # fmt: skip
         slices = [slice(a, b) for a, b in pairwise(starts)]
-        fit.equations.append([_group_equations(r[s], J[s], J_rho[s]) for s in slices])
-        fit.weights.append(weight)
+        fit.equations.append([_group_equations(H[k], g[k], rho_step[s], rho_gain[s]) for k, s in enumerate(slices)])
+        fit.weights.append(weights)
 
 
-def _group_equations(r: FloatArray, J: FloatArray, J_rho: FloatArray) -> GroupEquations:
-    """Eliminate points and poses of a group from weighted residuals r (n, 5, 2) and J (n, 5, 2, 26), J_rho (n, 5, 2)."""
-    n = len(r)
-    r, J, J_rho = r.reshape(n, -1), J.reshape(n, -1, UNKNOWNS), J_rho.reshape(n, -1)
-    flat = J.reshape(-1, UNKNOWNS)
-    H, g = flat.T @ flat, -flat.T @ r.ravel()
-    own = (J_rho**2).sum(axis=1) + RHO_PRIOR
-    coupling = np.einsum("nk,nkj->nj", J_rho, J)
-    rho_gain: FloatArray = coupling / own[:, None]
-    rho_step: FloatArray = -(J_rho * r).sum(axis=1) / own
-    H -= coupling.T @ rho_gain
-    g -= coupling.T @ rho_step
+def _group_equations(H: FloatArray, g: FloatArray, rho_step: FloatArray, rho_gain: FloatArray) -> GroupEquations:
+    """Eliminate the poses of a group from H (26, 26) and g (26,); rho_step (n,) and rho_gain (n, 26) as they are."""
     P = slice(KEPT, UNKNOWNS)
-    H[P, P] += np.kron(np.eye(TARGETS), POSE_PRIOR)
-    solved = np.asarray(np.linalg.solve(H[P, P], np.column_stack([g[P], H[P, :KEPT]])), np.float64)
+    solved = np.asarray(np.linalg.solve(H[P, P] + POSES_PRIOR, np.column_stack([g[P], H[P, :KEPT]])), np.float64)
     pose_step, pose_gain = solved[:, 0], solved[:, 1:]
     own_H, own_g = H[:KEPT, :KEPT] - H[:KEPT, P] @ pose_gain, g[:KEPT] - H[:KEPT, P] @ pose_step
     return GroupEquations(own_H, own_g, pose_step, pose_gain, rho_step, rho_gain)

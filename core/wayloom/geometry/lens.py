@@ -125,7 +125,7 @@ def projection_jacobians(
     t = baseline_m * np.array([0.0, lens.ty, lens.tz])
     by_parameters = np.empty((len(p), 2, len(PARAMETERS)))
     moved = q_right + rho[:, None] * t
-    for i, dR in enumerate(_rotation_derivatives(lens)):
+    for i, dR in enumerate(rotation_derivatives(lens)):
         by_parameters[:, :, i] = np.einsum("nij,nj->ni", by_real, moved @ dR.T)
     by_parameters[:, :, 3:5] = by_q[:, :, 1:] * (baseline_m * rho)[:, None, None]
     by_parameters[:, :, 5] = distort(xy, lens._distortion) * np.array([camera.fx, camera.fy])
@@ -184,7 +184,7 @@ def _axis_rotations(lens: RightLens) -> tuple[Array, Array, Array]:
     return Rx, Ry, Rz
 
 
-def _rotation_derivatives(lens: RightLens) -> tuple[Array, Array, Array]:
+def rotation_derivatives(lens: RightLens) -> tuple[Array, Array, Array]:
     """dR_real_ideal / d pitch, yaw, roll, each (3, 3): an axis's derivative is its generator times its rotation."""
     Rx, Ry, Rz = _axis_rotations(lens)
     Gx = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])

@@ -19,7 +19,11 @@ WINDOW: Final = (
     ("tracing.trace_rows", "images f8:4 rig frames points i8:1 i8 f8:1 f8:1 f8 f8 robust scratch f4:1 i8:1"),
 )
 ALIGNMENT: Final = (
-    ("matches.match_each", "f4:2 f4:2 i8:2 f8:2 f8:1 f8:2 f8:1 f8 f8:2 f8:3 f8:2 f8:2 f8:2"),
+    ("matches.match_each", "f4:2 f4:2 i8:2 f8:2 f8:1 f8:2 f8:1 f8 f4:1 f8:3 f8:2 f8:2 f8:2"),
+    (
+        "match_equations.fill_group_equations",
+        "f8:2 f8:3 f8:1 i8:1 f8:4 f8:2 f8:3 f8:1 f8:1 f8 f8 f8:2 f8:2 f8:3 f8:2 f8:1 f8:2",
+    ),
     ("linear.cholesky_solve", "f8:2 f8:1 f8:1 f8:1 f8:2"),
     ("linear.fill_exp_se3", "f8:1 f8:2"),
     ("linear.orthonormalise", "f8:2"),
