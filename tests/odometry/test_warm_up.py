@@ -12,8 +12,7 @@ from wayloom.odometry import warm_up
 
 MODULES = (
     "adjustment", "equations", "images", "inertial", "linear", "match_equations", "matches", "preintegration", "resampling",
-    "selection", "stereo",
-    "tracing", "tracking",
+    "selection", "stereo", "tracing", "tracking",
 )  # fmt: skip
 LISTED = (*warm_up.WINDOW, *warm_up.ALIGNMENT, *warm_up.STEREO, *warm_up.STATE, *warm_up.INERTIAL)
 
@@ -36,7 +35,7 @@ def compiled() -> set[tuple[str, str]]:
 @pytest.mark.skipif("not kernels()", reason="numba's compiler is off")
 def test_a_drive_with_an_imu_uses_what_is_listed_and_nothing_else() -> None:
     listed, before = {(name, str(types_of(words, warm_up._named_tuples()))) for name, words in LISTED}, compiled()
-    result = track_calibrated(drive(60))
+    result = track_calibrated(drive(100))
     assert result.report["imu"]["started_s"]
     assert compiled() - before <= listed
     assert listed <= compiled()

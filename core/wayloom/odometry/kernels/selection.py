@@ -9,41 +9,34 @@ TAKEN_CELL = 8
 
 
 @inlined
-def scan_cell(size, bits, peak, peak_bits, thresholds, blocks, block, x0, x1, y0, y1, best):  # type: ignore[no-untyped-def]
-    """Strongest pixels of a cell: best (3, 3) has rows x, y, gradient of those above 1, 3/4 and 1/2 of the threshold, updated.
+def fill_peaks(size, first, last, peaks, rows):  # type: ignore[no-untyped-def]
+    """The largest gradient of each column from row first to last - 1, and the first row that has it, into (w,) peaks and rows."""
+    w = size.shape[1]
+    for x in range(w):
+        peaks[x], rows[x] = size[first, x], first
+    for y in range(first + 1, last):
+        row, here = size[y], np.int32(y)
+        for x in range(w):
+            g, peak, place = row[x], peaks[x], rows[x]
+            peaks[x], rows[x] = (g if g > peak else peak), (here if g > peak else place)
 
-    A run of pixels that holds nothing new is passed over by its largest gradient. That is found by the numbers' bits, which are in
-    order as the numbers are: a maximum of integers runs on vectors. bits (h, w) int32 are those of size, peak and peak_bits one
-    number as both; blocks (n,) the block of each row or column.
-    """
+
+@inlined
+def scan_cell(peaks, rows, thresholds, blocks, x0, x1, best):  # type: ignore[no-untyped-def]
+    """Strongest pixels of a cell's columns within one row of blocks, of thresholds (w/block,): best (3, 3) has rows x, y, gradient
+    of those above 1, 3/4 and 1/2 of the threshold, updated; of equal ones the first in the order of rows stays."""
     first, second, third = best[0, 2], best[1, 2], best[2, 2]
-    for y in range(y0, y1):
-        start = x0
-        while start < x1:  # one block's columns at a time: they share a threshold
-            column = blocks[start]
-            end = min(x1, (column + 1) * block)
-            threshold = np.float64(thresholds[blocks[y], column])
-            most = np.int32(0)
-            for x in range(start, end):
-                most = max(most, bits[y, x])
-            peak_bits[0] = most
-            highest = np.float64(peak[0])
-            if (
-                highest <= max(third, 0.5 * threshold)
-                and highest <= max(second, 0.75 * threshold)
-                and highest <= max(first, threshold)
-            ):
-                start = end
-                continue
-            for x in range(start, end):
-                g = np.float64(size[y, x])
-                if g > third and g > 0.5 * threshold:
-                    best[2, 0], best[2, 1], third = x, y, g
-                if g > second and g > 0.75 * threshold:
-                    best[1, 0], best[1, 1], second = x, y, g
-                if g > first and g > threshold:
-                    best[0, 0], best[0, 1], first = x, y, g
-            start = end
+    new1, new2, new3 = False, False, False
+    for x in range(x0, x1):
+        g, y, threshold = np.float64(peaks[x]), rows[x], np.float64(thresholds[blocks[x]])
+        if not g > 0.5 * threshold:
+            continue
+        if g > third or (new3 and g == third and y < best[2, 1]):
+            best[2, 0], best[2, 1], third, new3 = x, y, g, True
+        if g > 0.75 * threshold and (g > second or (new2 and g == second and y < best[1, 1])):
+            best[1, 0], best[1, 1], second, new2 = x, y, g, True
+        if g > threshold and (g > first or (new1 and g == first and y < best[0, 1])):
+            best[0, 0], best[0, 1], first, new1 = x, y, g, True
     best[0, 2], best[1, 2], best[2, 2] = first, second, third
 
 
@@ -63,28 +56,34 @@ def select_pixels(size, thresholds, block, cell, border, taken, points):  # type
     size (h, w) float32 gradient; thresholds (h/block, w/block); taken (h/8 + 1, w/8 + 1) bool; fills points (capacity, 2) int64
     with (u, v) and returns their number.
     """
-    blocks, peak = np.arange(max(size.shape)) // block, np.zeros(1, np.float32)
-    best, bits, peak_bits = np.zeros((3, 3)), size.view(np.int32), peak.view(np.int32)
-    return scan_cells(size, bits, peak, peak_bits, thresholds, blocks, block, cell, border, taken, best, points)
+    blocks, strips = np.arange(size.shape[1]) // block, cell // block + 2
+    peaks, rows = np.empty((4, strips, size.shape[1]), np.float32), np.empty((4, strips, size.shape[1]), np.int32)
+    return scan_cells(size, thresholds, blocks, block, cell, border, taken, peaks, rows, np.zeros((3, 3)), points)
 
 
 @kernel
-def scan_cells(  # type: ignore[no-untyped-def]
-    size, bits, peak, peak_bits, thresholds, blocks, block, cell, border, taken, best, points
-):
-    """select_pixels with what scan_cell asks for."""
+def scan_cells(size, thresholds, blocks, block, cell, border, taken, peaks, rows, best, points):  # type: ignore[no-untyped-def]
+    """select_pixels; peaks and rows (4, strips, w) are working space for four rows of cells, each in strips within one row of
+    blocks, best (3, 3) that of scan_cell. A column's peak is found once, by vectors over the image's width."""
     h, w, n = size.shape[0] - border, size.shape[1] - border, 0
     for y4 in range(border, h, 4 * cell):
+        for r in range(4):
+            top, low = y4 + r * cell, min(y4 + (r + 1) * cell, h)
+            for first in range(top - top % block, low, block):
+                strip = (first - top + top % block) // block
+                fill_peaks(size, max(first, top), min(first + block, low), peaks[r, strip], rows[r, strip])
         for x4 in range(border, w, 4 * cell):
             best[2, 2], found4 = 0.0, False
             for y2 in range(y4, min(y4 + 4 * cell, h), 2 * cell):
                 for x2 in range(x4, min(x4 + 4 * cell, w), 2 * cell):
                     best[1, 2], found2 = 0.0, False
                     for y1 in range(y2, min(y2 + 2 * cell, h), cell):
+                        r, low = (y1 - y4) // cell, min(y1 + cell, h)
                         for x1 in range(x2, min(x2 + 2 * cell, w), cell):
                             best[0, 2] = 0.0
-                            right, low = min(x1 + cell, w), min(y1 + cell, h)
-                            scan_cell(size, bits, peak, peak_bits, thresholds, blocks, block, x1, right, y1, low, best)
+                            for strip in range((low - 1) // block - y1 // block + 1):
+                                thresholds_here = thresholds[y1 // block + strip]
+                                scan_cell(peaks[r, strip], rows[r, strip], thresholds_here, blocks, x1, min(x1 + cell, w), best)
                             if best[0, 2] > 0.0:
                                 found2 = found4 = True
                                 n = append(int(best[0, 0]), int(best[0, 1]), taken, points, n)
