@@ -40,7 +40,7 @@ def cloud(submaps: Sequence[PlacedSubmap], T: NDArray[np.float64] | None = None)
 def write_image(file: Path, image: NDArray[np.uint8]) -> None:
     """An RGB image (h, w, 3) as PNG or JPEG, by the file's suffix."""
     options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if file.suffix == ".jpg" else []
-    written, data = cv2.imencode(file.suffix, np.ascontiguousarray(image[:, :, ::-1]), options)
+    written, data = cv2.imencode(file.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
     if not written:
         raise StageError(f"{file}: an image of {image.shape} could not be encoded")
     file.write_bytes(data.tobytes())
@@ -51,4 +51,4 @@ def read_image(file: Path) -> NDArray[np.uint8]:
     image = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_COLOR)
     if image is None:
         raise StageError(f"{file}: no readable image; run the drive again")
-    return np.asarray(image[:, :, ::-1], dtype=np.uint8)
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)

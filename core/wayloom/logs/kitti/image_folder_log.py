@@ -13,7 +13,7 @@ from wayloom.config.side_by_side import in_order
 from wayloom.errors import LogError
 from wayloom.files.text_files import read_bytes, utf8_text
 from wayloom.geometry.camera import StereoRig
-from wayloom.logs.images.image_files import COPY_AGAIN, ImageHeader, ImagePairs, read_header, read_image
+from wayloom.logs.images.image_files import COPY_AGAIN, ImageHeader, ImagePairs, check_image, read_header, read_image
 from wayloom.logs.kitti.positioning import Positioning
 from wayloom.logs.sidecars.exposure_csv import EXPOSURE_NAME, read_exposure_csv
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, Sidecar
@@ -114,9 +114,7 @@ class ImageFolderLog:
             found = []
             for files, size in self._sides():
                 try:
-                    check_size(read_header(files[i]), size, files[i])
-                    if decode:
-                        self._read(files[i], size, self.colour)
+                    check_size(check_image(files[i]) if decode else read_header(files[i]), size, files[i])
                 except LogError as problem:
                     found.append(Damage(i, problem))
             return found
