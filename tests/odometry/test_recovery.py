@@ -84,12 +84,13 @@ def test_a_gain_without_a_change_of_contrast_is_a_failure() -> None:
     assert recovery.gain_failure(fit(gain=1.3), image // 5, image) is None
 
 
-def test_a_keyframe_is_found_again_by_its_features_from_elsewhere() -> None:
+@pytest.mark.parametrize("size", [1, 2])
+def test_a_keyframe_is_found_again_by_its_features_from_elsewhere(size: int) -> None:
     T_world_there = se3.exp(np.array([0.4, 0.0, 2.0, 0.0, 0.25, 0.02]))
     left, right, _ = (image.round().astype(np.uint8) if i < 2 else image for i, image in enumerate(pair(np.eye(4))))
     there = (0.5 * pair(T_world_there)[0] + 20.0).round().astype(np.uint8)
-    known = relocalisation.landmarks(left, right, RIG, 0.0, SETTINGS)
-    found = relocalisation.sight(known, relocalisation.find_features(there), CAMERA.K)
+    known = relocalisation.landmarks(left, right, RIG, 0.0, SETTINGS, size)
+    found = relocalisation.sight(known, relocalisation.find_features(there, size), CAMERA.K)
     assert found is not None
     assert found.decisive
     difference = se3.log(found.T_frame_keyframe @ T_world_there)
@@ -97,9 +98,14 @@ def test_a_keyframe_is_found_again_by_its_features_from_elsewhere() -> None:
     assert np.abs(difference[3:]).max() < 0.01
     assert found.brightness[0] == pytest.approx(0.5, abs=0.1)
     assert found.brightness[1] == pytest.approx(20.0, abs=12.0)
-    again = relocalisation.sight(known, relocalisation.find_features(there), CAMERA.K)
+    again = relocalisation.sight(known, relocalisation.find_features(there, size), CAMERA.K)
     assert again is not None
     np.testing.assert_array_equal(again.T_frame_keyframe, found.T_frame_keyframe)
+
+
+def test_large_images_are_tried_at_half_their_size_first() -> None:
+    assert relocalisation.sizes(np.zeros((376, 1241), np.uint8)) == (2, 1)
+    assert relocalisation.sizes(np.zeros((200, 320), np.uint8)) == (1,)
 
 
 def test_an_image_of_another_place_is_not_taken_for_the_keyframe() -> None:

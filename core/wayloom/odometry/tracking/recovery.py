@@ -174,7 +174,7 @@ class Recovery:
 
     def __init__(self, settings: OdometrySettings, stereo_rig: StereoRig, rig: Rig, cameras: list[FloatArray]) -> None:
         self.settings, self.stereo_rig, self.rig, self.cameras = settings, stereo_rig, rig, cameras
-        self.landmarks: dict[int, relocalisation.Landmarks] = {}
+        self.landmarks: dict[tuple[int, int], relocalisation.Landmarks] = {}
 
     def align(self, request: TrackingRequest, references: list[Reference], window: Window) -> TrackingResult:
         """The frame's alignment with the newest keyframe by constant motion, where that fits; else the best that can be found.
@@ -200,11 +200,12 @@ class Recovery:
         uncertain = request.since_s > LONG_GAP_S or fit.saturated > (SATURATED if request.starting else GRAVELY_SATURATED)
         if failure is None and not uncertain and not self._surprises(fit, newest.keyframe, request, window):
             return best
-        seen = relocalisation.find_features(request.frame.left)
-        for index in self._candidates(window)[: 1 if failure is None else None]:
-            result = self._by_features(index, seen, request, references, window)
-            if result is not None and (failure is not None or result.fit.rms < fit.rms):
-                return TrackingResult(result.fit, result.keyframe, None, tried + 1, result.features)
+        for size in relocalisation.sizes(request.frame.left):
+            seen = relocalisation.find_features(request.frame.left, size)
+            for index in self._candidates(window)[: 1 if failure is None else None]:
+                result = self._by_features(index, seen, size, request, references, window)
+                if result is not None and (failure is not None or result.fit.rms < fit.rms):
+                    return TrackingResult(result.fit, result.keyframe, None, tried + 1, result.features)
         failure = failure or gap_failure(fit, request.since_s, request.follows_held)
         if failure is None:
             return best
@@ -251,20 +252,22 @@ class Recovery:
 
     def _candidates(self, window: Window) -> range:
         """Places in the window of the keyframes to be looked for, newest first; features of others are forgotten."""
-        self.landmarks = {row: known for row, known in self.landmarks.items() if row in window.keyframe}
+        self.landmarks = {key: known for key, known in self.landmarks.items() if key[0] in window.keyframe}
         return range(len(window) - 1, max(-1, len(window) - 2 - OLDER_KEYFRAMES), -1)
 
     def _by_features(
-        self, index: int, seen: relocalisation.Features, request: TrackingRequest, references: list[Reference], window: Window
-    ) -> TrackingResult | None:
-        """The alignment with keyframe `index` of the window to which features lead; None where it fails or leads elsewhere."""
+        self, index: int, seen: relocalisation.Features, size: int, request: TrackingRequest, references: list[Reference],
+        window: Window,
+    ) -> TrackingResult | None:  # fmt: skip
+        """The alignment with keyframe `index` of the window to which features of images made so many times smaller lead; None where
+        it fails or leads elsewhere."""
         row, slot = int(window.keyframe[index]), window.frames.slot[index]
-        if row not in self.landmarks:
+        if (row, size) not in self.landmarks:
             left, right = window.images.left[slot], window.images.right[slot]
-            self.landmarks[row] = relocalisation.landmarks(
-                left, right, self.stereo_rig, float(window.disparity_bias[0]), self.settings
+            self.landmarks[row, size] = relocalisation.landmarks(
+                left, right, self.stereo_rig, float(window.disparity_bias[0]), self.settings, size
             )
-        sighting = relocalisation.sight(self.landmarks[row], seen, self.stereo_rig.camera.K)
+        sighting = relocalisation.sight(self.landmarks[row, size], seen, self.stereo_rig.camera.K)
         if sighting is None or not sighting.decisive:
             return None
         reference = next((r for r in references if r.keyframe == row), None) or self._reference(window, index)
