@@ -4,8 +4,8 @@ With the host's ray (x, y, 1) and inverse depth rho the point, times rho, is P =
 P + t_right_left rho in its right one. So a right image is a target with another translation, whose columns are shifted by the
 disparity bias delta: u_right = fx X/Z + cx - delta. The host's own right image is the case R = I, t = 0.
 
-A patch goes through three short loops over its pixels (warp and gather, interpolate and weigh, sum) with columns of 8 between them,
-so that the arithmetic runs on vectors; float32 holds grey levels and offsets within a patch, float64 everything else.
+A patch goes through short loops over its pixels (warp, gather, interpolate and weigh, sum) with columns of 8 between them, so that
+the arithmetic runs on vectors; float32 holds grey levels and offsets within a patch, float64 everything else.
 """
 
 import math
@@ -21,11 +21,12 @@ index = np.uint64
 ONE, TWO, THREE = index(1), index(2), index(3)
 MIN_DEPTH_RATIO = 1e-3
 BORDER = 2
+ACROSS, DOWN = PATTERN[:, 0].astype(np.float32), PATTERN[:, 1].astype(np.float32)
 
 
 def make_scratch() -> Scratch:
     """Working space for patch_residual and projection_jacobian."""
-    return Scratch(np.zeros((4, 4)), np.zeros(4), np.zeros((2, 8)), np.zeros(32, np.int32), np.zeros(72, np.float32))
+    return Scratch(np.zeros((4, 4)), np.zeros(4), np.zeros((2, 8)), np.zeros(48, np.int32), np.zeros(128, np.float32))
 
 
 @inlined
@@ -79,12 +80,14 @@ def gather(image, T, x, y, rho, rig, shift, words, columns):  # type: ignore[no-
         return False
     left, top = int(u - reach_u), int(v - reach_v)
     a, b, au, av, bu, bv = f32(u - left), f32(v - top), f32(uu), f32(uv), f32(vu), f32(vv)
-    for k in range(PATCH):
-        dx, dy = f32(PATTERN[k, 0]), f32(PATTERN[k, 1])
+    for k in range(columns.shape[0] // 16):  # not a constant: the compiler would unroll the loop instead of using vectors
+        dx, dy = ACROSS[k], DOWN[k]
         p, q = a + au * dx + av * dy, b + bu * dx + bv * dy
         ip, iq = int32(p), int32(q)
         columns[k], columns[8 + k] = p - f32(ip), q - f32(iq)
-        x0, y0 = index(left + ip), index(top + iq)
+        words[32 + k], words[40 + k] = ip, iq
+    for k in range(PATCH):
+        x0, y0 = index(left + words[32 + k]), index(top + words[40 + k])
         words[k], words[8 + k] = four(image, x0 - ONE, y0 - ONE), four(image, x0 - ONE, y0)
         words[16 + k], words[24 + k] = four(image, x0 - ONE, y0 + ONE), four(image, x0 - ONE, y0 + ONE + ONE)
     return True
@@ -95,7 +98,7 @@ def weigh(gain, offset, huber, colours, weights, words, columns):  # type: ignor
     """Residuals and gradients of the gathered pixels: columns become energy, r, dI/du, dI/dv, prediction, the last three times
     their weight, and the weight. Returns the energy."""
     half, one, two = f32(0.5), f32(1), f32(2)
-    for k in range(weights.shape[0]):  # not a constant: the compiler would unroll the loop instead of using vectors
+    for k in range(weights.shape[0]):  # not a constant
         a, b = columns[k], columns[8 + k]
         w11 = a * b
         w01, w10, w00 = b - w11, a - w11, one - a - b + w11
@@ -139,18 +142,35 @@ def looks_alike(columns, least):  # type: ignore[no-untyped-def]
 @inlined
 def add_up(columns, M, e):  # type: ignore[no-untyped-def]
     """Fill M (4, 4, upper) and e (4,) of patch_residual from weigh's columns."""
-    zero = f32(0)
-    m00, m01, m02, m03, m11, m12, m13, m22, m23, m33 = zero, zero, zero, zero, zero, zero, zero, zero, zero, zero
-    e0, e1, e2, e3 = zero, zero, zero, zero
-    for k in range(PATCH):
-        r, gx, gy, predicted = columns[8 + k], columns[16 + k], columns[24 + k], columns[32 + k]
-        wx, wy, wp, weight = columns[40 + k], columns[48 + k], columns[56 + k], columns[64 + k]
-        m00, m01, m02, m03 = m00 + wx * gx, m01 + wx * gy, m02 - wx * predicted, m03 - wx
-        m11, m12, m13 = m11 + wy * gy, m12 - wy * predicted, m13 - wy
-        m22, m23, m33 = m22 + wp * predicted, m23 + wp, m33 + weight
-        e0, e1, e2, e3 = e0 + wx * r, e1 + wy * r, e2 - wp * r, e3 - weight * r
-    M[0, 0], M[0, 1], M[0, 2], M[0, 3], M[1, 1], M[1, 2], M[1, 3] = m00, m01, m02, m03, m11, m12, m13
-    M[2, 2], M[2, 3], M[3, 3], e[0], e[1], e[2], e[3] = m22, m23, m33, e0, e1, e2, e3
+    for k in range(columns.shape[0] // 32):  # pairs of pixels, then sums of four
+        columns[72 + k] = columns[40 + k] * columns[16 + k] + columns[44 + k] * columns[20 + k]
+        columns[76 + k] = columns[40 + k] * columns[24 + k] + columns[44 + k] * columns[28 + k]
+        columns[80 + k] = columns[40 + k] * columns[32 + k] + columns[44 + k] * columns[36 + k]
+        columns[84 + k] = columns[40 + k] + columns[44 + k]
+        columns[88 + k] = columns[48 + k] * columns[24 + k] + columns[52 + k] * columns[28 + k]
+        columns[92 + k] = columns[48 + k] * columns[32 + k] + columns[52 + k] * columns[36 + k]
+        columns[96 + k] = columns[48 + k] + columns[52 + k]
+        columns[100 + k] = columns[56 + k] * columns[32 + k] + columns[60 + k] * columns[36 + k]
+        columns[104 + k] = columns[56 + k] + columns[60 + k]
+        columns[108 + k] = columns[64 + k] + columns[68 + k]
+        columns[112 + k] = columns[40 + k] * columns[8 + k] + columns[44 + k] * columns[12 + k]
+        columns[116 + k] = columns[48 + k] * columns[8 + k] + columns[52 + k] * columns[12 + k]
+        columns[120 + k] = columns[56 + k] * columns[8 + k] + columns[60 + k] * columns[12 + k]
+        columns[124 + k] = columns[64 + k] * columns[8 + k] + columns[68 + k] * columns[12 + k]
+    M[0, 0] = (columns[72] + columns[74]) + (columns[73] + columns[75])
+    M[0, 1] = (columns[76] + columns[78]) + (columns[77] + columns[79])
+    M[0, 2] = -((columns[80] + columns[82]) + (columns[81] + columns[83]))
+    M[0, 3] = -((columns[84] + columns[86]) + (columns[85] + columns[87]))
+    M[1, 1] = (columns[88] + columns[90]) + (columns[89] + columns[91])
+    M[1, 2] = -((columns[92] + columns[94]) + (columns[93] + columns[95]))
+    M[1, 3] = -((columns[96] + columns[98]) + (columns[97] + columns[99]))
+    M[2, 2] = (columns[100] + columns[102]) + (columns[101] + columns[103])
+    M[2, 3] = (columns[104] + columns[106]) + (columns[105] + columns[107])
+    M[3, 3] = (columns[108] + columns[110]) + (columns[109] + columns[111])
+    e[0] = (columns[112] + columns[114]) + (columns[113] + columns[115])
+    e[1] = (columns[116] + columns[118]) + (columns[117] + columns[119])
+    e[2] = -((columns[120] + columns[122]) + (columns[121] + columns[123]))
+    e[3] = -((columns[124] + columns[126]) + (columns[125] + columns[127]))
 
 
 @inlined

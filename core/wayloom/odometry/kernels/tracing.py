@@ -82,15 +82,19 @@ def search_line(image, T, x, y, u0, v0, u1, v1, rig, colours, gain, offset, uniq
     h, w = image.shape
     length = math.sqrt((u1 - u0) ** 2 + (v1 - v0) ** 2)
     steps = min(int(length) + 2, distances.shape[0])
-    along_u, aspect = abs(u1 - u0) > abs(v1 - v0), rig.fx / rig.fy
+    along_u, aspect, ifx, ify = abs(u1 - u0) > abs(v1 - v0), rig.fx / rig.fy, 1.0 / rig.fx, 1.0 / rig.fy
+    a, t, Z = T[1, 0] * x + T[1, 1] * y + T[1, 2], T[1, 3], T[2, 0] * x + T[2, 1] * y + T[2, 2]
+    if along_u:
+        a, t = T[0, 0] * x + T[0, 1] * y + T[0, 2], T[0, 3]
+    slope = T[2, 3] / (T[2, 3] * a - Z * t)  # of 1 / (Z + T_z rho), with depth_at's rho
+    start = -t / (T[2, 3] * a - Z * t)
     best, at = f32(1e12), -1
     for k in range(steps):
         distances[k] = f32(1e12)
         s = k / (steps - 1)
         u, v = u0 + s * (u1 - u0), v0 + s * (v1 - v0)
-        rho = depth_at(T, x, y, u, v, along_u, rig)
-        iz = 1.0 / (T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] * rho)
-        xn, yn = (u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy
+        xn, yn = (u - rig.cx) * ifx, (v - rig.cy) * ify
+        iz = start + slope * (xn if along_u else yn)
         uu, uv = (T[0, 0] - xn * T[2, 0]) * iz, (T[0, 1] - xn * T[2, 1]) * iz * aspect
         vu, vv = (T[1, 0] - yn * T[2, 0]) * iz / aspect, (T[1, 1] - yn * T[2, 1]) * iz
         du, dv = BORDER + 2.0 * max(abs(uu), abs(uv)), BORDER + 2.0 * max(abs(vu), abs(vv))
