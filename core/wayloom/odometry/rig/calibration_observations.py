@@ -31,6 +31,7 @@ MOST_GROUPS = 48
 MOST_POINTS = 240
 LEAST_POINTS = 20
 SMOOTHING_PX = 1.0
+SMOOTHING = cv2.getGaussianKernel(9, SMOOTHING_PX, cv2.CV_32F)
 MIN_EIGENVALUE = 10.0
 """grey^2/px^2 of the smoothed patch's structure tensor, a pixel: corners and textures, no edges."""
 DEPTH_DOUBT_PX = 2.0
@@ -248,7 +249,7 @@ class ObservationCollector:
 
 def smoothed(image: Image) -> NDArray[np.float32]:
     """(h, w) uint8 to float32, smoothed so that interpolation errs by under a hundredth of a pixel."""
-    return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTHING_PX), np.float32)
+    return np.asarray(cv2.sepFilter2D(image, cv2.CV_32F, SMOOTHING, SMOOTHING), np.float32)
 
 
 def matched(
