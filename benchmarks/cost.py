@@ -54,7 +54,9 @@ class Tree:
 
     def call(self, *words: str | Path) -> str:
         paths = os.pathsep.join(str(self.folder / room) for room in ("core", "services", "workers"))
-        environment = {**os.environ, "PYTHONPATH": paths, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        bytecode = str(self.scratch / "bytecode")  # as an installed package has it, whatever the shell says of writing it
+        environment = {**os.environ, "PYTHONPATH": paths, "PYTHONPYCACHEPREFIX": bytecode, "PYTHONDONTWRITEBYTECODE": ""}
+        environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         run = subprocess.run([sys.executable, *map(str, words)], env=environment, capture_output=True, text=True, check=False)
         if run.returncode:
             raise SystemExit(f"{self.name}: {' '.join(map(str, words))} failed:\n{run.stderr[-2000:]}")

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from wayloom.config.side_by_side import in_order
+from wayloom.config.side_by_side import in_order, runs
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
@@ -52,3 +52,12 @@ def test_an_error_is_raised_where_its_result_is_due(threads: int) -> None:
     with pytest.raises(ValueError, match="the sixth"):
         next(results)
     assert len(begun) <= 6 + 2 * threads
+
+
+@pytest.mark.parametrize(("count", "parts"), [(10, 4), (3, 4), (1, 4), (0, 4), (8, 1)])
+def test_runs_hold_each_item_once_and_are_about_as_long(count: int, parts: int) -> None:
+    cut = runs(count, parts)
+    assert [i for run in cut for i in range(count)[run]] == list(range(count))
+    lengths = [run.stop - run.start for run in cut]
+    assert max(lengths) - min(lengths) <= 1
+    assert len(cut) == max(min(count, parts), 1)

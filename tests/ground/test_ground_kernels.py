@@ -123,7 +123,7 @@ def smooth(height, information, group, radius, step, broad=None, size=4, bend2=1
     blocks = (2, -(-height.shape[0] // size), -(-height.shape[1] // size))
     broad_height, broad_variance = (np.zeros(blocks), np.zeros(blocks)) if broad is None else broad
     smooth_surface(
-        height, information, group, broad_height, broad_variance, size, bend2, radius, step, out, variance, filled
+        height, information, group, broad_height, broad_variance, size, bend2, radius, step, 0, len(height), out, variance, filled
     )  # fmt: skip
     return out, variance, filled
 

@@ -1,12 +1,24 @@
-"""Work on one item after the other by several threads, results in the items' order."""
+"""Work on items by several threads, results in the items' order."""
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
+
+class Each(Protocol):
+    """What `work` makes of each item, in the items' order, as `map` does it or by several threads."""
+
+    def __call__(self, work: Callable[[Item], Result], items: Sequence[Item], /) -> Iterable[Result]: ...
+
+
+def runs(count: int, parts: int) -> list[slice]:
+    """So many items cut into runs that are about as long as one another, `parts` of them or one for each item."""
+    parts = max(min(parts, count), 1)
+    return [slice(count * k // parts, count * (k + 1) // parts) for k in range(parts)]
 
 
 def in_order(work: Callable[[Item], Result], items: Iterable[Item], threads: int) -> Generator[Result, None, None]:

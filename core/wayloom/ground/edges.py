@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.config.side_by_side import Each, runs
 from wayloom.geometry import se3
 from wayloom.geometry.camera import StereoRig
 from wayloom.ground.borders import borders_of
@@ -52,6 +53,8 @@ LINE_STATIONS, LEAST_ON_LINE = 6, 4
 """Of the line through the steps: stations to either side, and how many of them have to lie on it."""
 LINE_SCALE_M, ON_LINE_M = 0.05, 0.12
 LINE_ROUNDS: Final = 4
+STATION_RUNS: Final = 4
+"""Of stations one after the other, that several threads look at."""
 Seen = Sequence[tuple[GroundView, NDArray[np.float32]]]
 """Views, and of each its two images (2, h', w) without the means around their pixels."""
 
@@ -77,7 +80,9 @@ class Steps:
         return np.column_stack([self.xy, self.normals, self.at])
 
 
-def find_steps(views: Sequence[GroundView], raster: Raster, cells: Cells, rig: StereoRig, bias_px: float) -> Steps:
+def find_steps(
+    views: Sequence[GroundView], raster: Raster, cells: Cells, rig: StereoRig, bias_px: float, each: Each = map
+) -> Steps:  # fmt: skip
     """The steps that the views see along the borders of what the cells call road."""
     borders = list(borders_of(cells.group == ROAD, cells.group == BESIDE))
     places, normals = (
@@ -87,10 +92,9 @@ def find_steps(views: Sequence[GroundView], raster: Raster, cells: Cells, rig: S
     nothing = np.full(len(places), np.nan)
     steps = Steps(raster.low + (places + 0.5) * CELL_M, normals, start, np.zeros(len(places)), nothing, nothing)
     if len(places):
-        pairs = [np.stack([_without_mean(grey(view.image.squeeze())), _without_mean(view.right)]) for view in views]
-        seen = list(zip(views, pairs, strict=True))
-        steps = _tried(steps, COARSE_M, seen, raster, cells, rig, bias_px)
-        steps = _tried(_on_line(steps), FINE_M, seen, raster, cells, rig, bias_px)
+        seen = list(zip(views, each(_without_means, views), strict=True))
+        steps = _tried(steps, COARSE_M, seen, raster, cells, rig, bias_px, each)
+        steps = _tried(_on_line(steps), FINE_M, seen, raster, cells, rig, bias_px, each)
     return steps
 
 
@@ -117,19 +121,30 @@ def windowed(values: NDArray[Any], start: NDArray[np.int64], around: int) -> NDA
     return out
 
 
-def _tried(steps: Steps, shifts: FloatArray, seen: Seen, raster: Raster, cells: Cells, rig: StereoRig, bias_px: float) -> Steps:
+def _tried(
+    steps: Steps, shifts: FloatArray, seen: Seen, raster: Raster, cells: Cells, rig: StereoRig, bias_px: float, each: Each
+) -> Steps:  # fmt: skip
     """The best step at each station, among those at its place `at` plus the shifts."""
     road = beside_steps(steps, cells, ROAD, ROAD_SIDE, raster)
     places = np.column_stack([steps.xy + steps.at[:, None] * steps.normals, steps.normals, road])
     costs, pixels = np.zeros((len(places), len(shifts), len(RISES_M))), np.zeros(len(places))
     camera = numbers(rig.camera)
-    for view, pair in seen:
-        add_step_costs(
-            places, ALONG_M, ACROSS_M, RISES_M, shifts, pair, view.first_row, view.group > 0, camera, rig.bf, bias_px,
-            se3.inverse(view.T_sheet_cam), view.T_sheet_cam[:3, 3].copy(), REACH_M, MOST_GREY, costs, pixels,
-        )  # fmt: skip
+
+    def add(some: slice) -> None:
+        for view, pair in seen:
+            add_step_costs(
+                places[some], ALONG_M, ACROSS_M, RISES_M, shifts, pair, view.first_row, view.group > 0, camera, rig.bf, bias_px,
+                se3.inverse(view.T_sheet_cam), view.T_sheet_cam[:3, 3].copy(), REACH_M, MOST_GREY, costs[some], pixels[some],
+            )  # fmt: skip
+
+    list(each(add, runs(len(places), STATION_RUNS)))
     found = best_steps(windowed(costs, steps.start, STATIONS_AROUND), windowed(pixels, steps.start, STATIONS_AROUND), shifts)
     return Steps(steps.xy, steps.normals, steps.start, steps.at + found[:, 0], found[:, 1], found[:, 2])
+
+
+def _without_means(view: GroundView) -> NDArray[np.float32]:
+    """(2, h', w): a view's two images without the means around their pixels."""
+    return np.stack([_without_mean(grey(view.image.squeeze())), _without_mean(view.right)])
 
 
 def _without_mean(image: Image) -> NDArray[np.float32]:

@@ -1,14 +1,14 @@
 """Ground sheets of a drive, one submap after the other: views of its keyframes → height surface → orthophoto and votes."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Final, Protocol, TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
-from wayloom.config.side_by_side import in_order
+from wayloom.config.side_by_side import Each, in_order
 from wayloom.geometry import se3
 from wayloom.ground.exposure import DriveExposure, drive_exposure
 from wayloom.ground.picture import OTHER, Picture, picture_of
@@ -33,12 +33,6 @@ SMALLEST_M2: Final = 1.0
 """Ground that is joined to less than this is left out: what far fences and house fronts leave."""
 MOST_AT_ONCE: Final = 2
 """Sheets that are made at a time, whatever the threads: each holds the views of its submap."""
-
-
-class Each(Protocol):
-    """What `work` makes of each item, in the items' order, as `map` does it or by several threads."""
-
-    def __call__(self, work: Callable[[Item], Result], items: Sequence[Item], /) -> Iterable[Result]: ...
 
 
 def make_sheets(
@@ -129,14 +123,14 @@ def sheet_of(
     if not views:
         return None
     raster = raster_around(views, settings.reach_m)
-    surface = surface_of(views, raster, odometry.rig, odometry.disparity_bias_px, settings)
+    surface = surface_of(views, raster, odometry.rig, odometry.disparity_bias_px, settings, each)
 
     def shown(number: int) -> GroundView:
         return without_standing(views[number], raster, surface.height, odometry.rig, odometry.disparity_bias_px, settings)
 
     for number, view in enumerate(each(shown, range(len(views)))):
         views[number] = view
-    picture = picture_of(views, raster, surface.height, odometry.rig, odometry.disparity_bias_px, settings)
+    picture = picture_of(views, raster, surface.height, odometry.rig, odometry.disparity_bias_px, settings, each)
     give_to_sides(picture.votes, surface.side)
     return cropped(submap, T_submap_sheet, raster, surface, picture, exposure)
 

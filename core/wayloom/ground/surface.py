@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.config.side_by_side import Each, runs
 from wayloom.geometry.camera import StereoRig
 from wayloom.ground.edges import find_steps
 from wayloom.ground.kernels.samples import gather_heights
@@ -43,6 +44,12 @@ MOST_ABOVE: Final = (0.35, 0.06)
 """m, and share of the depth: what is further over or under a view's plane is no ground."""
 
 
+VIEWS_AT_ONCE: Final = 16
+"""Whose samples are gathered in one piece of memory."""
+STRIPS: Final = 4
+"""Of a sheet's rows, that several threads smooth."""
+
+
 @dataclass(frozen=True, slots=True)
 class Surface:
     """height (H, W) m, NaN without surface; sigma (H, W) m; side (H, W) uint8: ROAD or BESIDE around kerbs, else 0."""
@@ -61,16 +68,33 @@ class Samples:
     variance: FloatArray
 
 
-def surface_of(views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: float, settings: GroundSettings) -> Surface:
-    """The surface that the views tell of. bias_px : of the disparities."""
-    samples = gather(views, raster, rig, bias_px, settings.reach_m)
+def surface_of(
+    views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: float, settings: GroundSettings, each: Each = map
+) -> Surface:
+    """The surface that the views tell of. bias_px : of the disparities; each : of the views, of stations, and of strips of rows."""
+    samples = gather(views, raster, rig, bias_px, settings.reach_m, each)
     cells = fuse(samples, raster.shape)
-    cells, side = laid(find_steps(views, raster, cells, rig, bias_px), cells, raster)
-    return smooth(cells, side, round(settings.smoothing_m / CELL_M))
+    cells, side = laid(find_steps(views, raster, cells, rig, bias_px, each), cells, raster)
+    return smooth(cells, side, round(settings.smoothing_m / CELL_M), each)
 
 
-def gather(views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: float, reach_m: float) -> Samples:
+def gather(
+    views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: float, reach_m: float, each: Each = map
+) -> Samples:  # fmt: skip
     """One sample for each view, cell and group."""
+
+    def of_views(some: slice) -> Samples:
+        return _joined(_gather(views[some], raster, rig, bias_px, reach_m))
+
+    return _joined(list(each(of_views, runs(len(views), -(-len(views) // VIEWS_AT_ONCE)))))
+
+
+def _joined(parts: list[Samples]) -> Samples:
+    return Samples(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("key", "height", "variance")))
+
+
+def _gather(views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: float, reach_m: float) -> list[Samples]:
+    """Of each view."""
     cells = 2 * raster.shape[0] * raster.shape[1]
     sums, counts = np.zeros((cells, 2)), np.zeros(cells, np.int32)
     parts: list[Samples] = []
@@ -84,7 +108,7 @@ def gather(views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: flo
             counts, key, height, variance,
         )  # fmt: skip
         parts.append(Samples(key[:found].copy(), height[:found].copy(), SIGMA_PX**2 * variance[:found]))
-    return Samples(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("key", "height", "variance")))
+    return parts
 
 
 def fuse(samples: Samples, shape: tuple[int, int]) -> Cells:
@@ -97,12 +121,17 @@ def fuse(samples: Samples, shape: tuple[int, int]) -> Cells:
     return Cells(height, information, group)
 
 
-def smooth(cells: Cells, side: NDArray[np.uint8], radius: int) -> Surface:
+def smooth(cells: Cells, side: NDArray[np.uint8], radius: int, each: Each = map) -> Surface:
     """The surface of cells (H, W), whose side (H, W) is told of with it; radius in cells."""
     height, information, group = cells.height, cells.information, cells.group
     smoothed, variance, filled = np.zeros(height.shape), np.zeros(height.shape), np.zeros(height.shape, bool)
     broad, bend2 = broad_surface(height, information, group), BEND_M**2 / CORRELATED
-    smooth_surface(height, information, group, *broad, BLOCK_CELLS, bend2, radius, STEP_M, smoothed, variance, filled)
+
+    def smooth_rows(rows: slice) -> None:
+        about = (height, information, group, *broad, BLOCK_CELLS, bend2, radius, STEP_M, rows.start, rows.stop)
+        smooth_surface(*about, smoothed, variance, filled)
+
+    list(each(smooth_rows, runs(len(height), STRIPS)))
     sigma = np.sqrt(CORRELATED * variance + FLOOR_M**2 + np.where(filled, FILLED_M**2, 0.0) + _border_variance(group, side))
     return Surface(np.where(variance > 0.0, smoothed, np.nan), sigma, side)
 

@@ -183,10 +183,11 @@ def _among_blocks(height, variance, size, r, c):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def smooth_surface(  # type: ignore[no-untyped-def]
-    height, information, group, broad_height, broad_variance, size, bend2, radius, step, height_out, variance_out, filled
-):
+    height, information, group, broad_height, broad_variance, size, bend2, radius, step, first, last, height_out, variance_out,
+    filled,
+):  # fmt: skip
     """A plane over each cell's neighbours of its group within `radius` cells, by weights of Cauchy with the scale `step` m, held to
-    the broad surface of the group.
+    the broad surface of the group; of the rows from `first` to `last` - 1.
 
     height, information, group (rows, columns), information 0 where there is none.
     broad_height, broad_variance (2, block rows, block columns) of `smooth_blocks`, blocks of `size` cells; bend2 m^2: of what the
@@ -194,10 +195,10 @@ def smooth_surface(  # type: ignore[no-untyped-def]
     Fills height_out m and variance_out m^2 (0: no surface); filled is where a cell without height of its own got one: it must have
     neighbours in all four quadrants, and belongs to the group that weighs more around it.
     """
-    rows, columns = height.shape
+    columns = height.shape[1]
     taper, counts = _taper(radius), _counts(information)
     near = np.empty((4, taper.size))
-    for r in range(rows):
+    for r in range(first, last):
         for c in range(columns):
             own = information[r, c]
             of, level = int(group[r, c]), height[r, c]
