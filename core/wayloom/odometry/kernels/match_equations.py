@@ -1,5 +1,6 @@
-"""Normal equations of calibration's match groups: each point's ten residuals linearised, weighed and added, its depth eliminated.
+"""Normal equations of calibration's match groups, the points' depths eliminated.
 
+Each point's ten residuals are linearised, weighed and added.
 `calibration.residuals` has the residuals in words and as arrays. Unknowns of a group: lens (10), the drive's offsets (3), kappa,
 and the twists of two targets (6 each); their columns are those of the arrays there.
 """
