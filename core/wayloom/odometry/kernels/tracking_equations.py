@@ -22,7 +22,7 @@ PLACES, COLUMNS, SUMS = 5 * LANES, 64 * LANES, 18
 
 def working_space():  # type: ignore[no-untyped-def]
     """places, float64, and columns, float32, of tracking_equations."""
-    return np.empty(PLACES), np.empty(COLUMNS, np.float32)
+    return np.empty(PLACES), np.zeros(COLUMNS, np.float32)
 
 
 @part
