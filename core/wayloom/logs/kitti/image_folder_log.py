@@ -114,7 +114,9 @@ class ImageFolderLog:
             found = []
             for files, size in self._sides():
                 try:
-                    check_size(check_image(files[i]) if decode else read_header(files[i]), size, files[i])
+                    check_size(read_header(files[i]), size, files[i])
+                    if decode:
+                        check_size(check_image(files[i]), size, files[i])
                 except LogError as problem:
                     found.append(Damage(i, problem))
             return found
