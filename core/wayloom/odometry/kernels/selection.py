@@ -69,6 +69,8 @@ def scan_cells(size, thresholds, blocks, block, cell, border, taken, peaks, rows
     for y4 in range(border, h, 4 * cell):
         for r in range(4):
             top, low = y4 + r * cell, min(y4 + (r + 1) * cell, h)
+            if top >= low:
+                break
             for first in range(top - top % block, low, block):
                 strip = (first - top + top % block) // block
                 fill_peaks(size, max(first, top), min(first + block, low), peaks[r, strip], rows[r, strip])
