@@ -28,8 +28,8 @@ def black(left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def jumping_drive() -> MadeLog:
-    """The first ten frames of a curve, then another street: the same one turned by half a turn."""
-    turned = dict.fromkeys(range(JUMP, 22), lambda left, right: (right[::-1, ::-1].copy(), left[::-1, ::-1].copy()))
+    """The first ten frames of a curve, then another street: the same one looked at upside down."""
+    turned = dict.fromkeys(range(JUMP, 22), lambda left, right: (left[::-1].copy(), right[::-1].copy()))
     return MadeLog(curve(22), changes={BLANK: black, **turned})
 
 
