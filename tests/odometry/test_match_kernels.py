@@ -14,7 +14,9 @@ pytestmark = pytest.mark.kernels
 
 bilinear, stays_inside = opened(matches.bilinear), opened(matches.stays_inside)
 right_side, search = opened(matches.right_side), opened(matches.search)
-template_equations = opened(matches.template_equations)
+template_equations, fetch_sixteen, add_cubics = (
+    opened(kernel) for kernel in (matches.template_equations, matches.fetch_sixteen, matches.add_cubics)
+)
 SIZE = (90, 140)
 
 
@@ -62,13 +64,17 @@ def cubic(image: np.ndarray, x: float, y: float) -> float:
 
 
 @pytest.mark.parametrize("at", [(20.0, 30.0), (20.25, 30.5), (41.9, 17.3)])
-def test_bilinear_interpolation_is_that_of_its_formula(at: tuple[float, float]) -> None:
+def test_interpolations_are_those_of_their_formulas(at: tuple[float, float]) -> None:
     x, y = at
     ix, iy = int(x), int(y)
     a, b = x - ix, y - iy
     naive = (1 - b) * ((1 - a) * HOST[iy, ix] + a * HOST[iy, ix + 1])
     naive += b * ((1 - a) * HOST[iy + 1, ix] + a * HOST[iy + 1, ix + 1])
     assert bilinear(HOST, x, y) == pytest.approx(naive, rel=1e-6)
+    columns = matches.patch_columns()
+    fetch_sixteen(HOST, x, y, columns, 5)
+    add_cubics(columns, 0, 16)
+    assert columns[1024 + 5] == pytest.approx(cubic(HOST, x, y), rel=1e-6)
 
 
 def naive_rows(u: int, v: int) -> np.ndarray:

@@ -15,6 +15,10 @@ HOPELESS = 1.0
 """As `enough` of minimise_level, of a step that makes things worse: the gradients of an interpolated image are not those of the
 energy, so that near the minimum no damping helps."""
 
+STRANGE = 0.3
+"""Share of the points beyond the cutoff from which on an image may show something else, and its energy's deviations mean nothing:
+then an alignment goes on until its steps are nothing, and shows by where it ends whether it was one."""
+
 
 def pool(uv, rho, level, image, camera):  # type: ignore[no-untyped-def]
     """Reference points (m, 4) of a level: the points with inverse depths rho (n,) at finite uv (n, 2) px of level 0, those of one
@@ -120,7 +124,8 @@ def minimise_level(  # type: ignore[no-untyped-def]
         for k in range(6):
             step2 += x[k] * x[k]
         decrease *= count / energy
-        if decrease < enough:
+        fits = beyond <= STRANGE * count
+        if fits and decrease < enough:
             break
         fill_exp_se3(x, step)
         fill_product(step, T, T_new)
@@ -133,7 +138,7 @@ def minimise_level(  # type: ignore[no-untyped-def]
             H, H_new = H_new, H
             g, g_new = g_new, g
             brightness[0], brightness[1], energy, count, beyond, damping = gain, offset, e, c, s, damping * 0.3
-        elif decrease < HOPELESS:
+        elif fits and decrease < HOPELESS:
             break
         else:
             damping = max(damping * 6.0, 1e-3)
