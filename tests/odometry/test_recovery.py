@@ -84,13 +84,13 @@ def test_a_gain_without_a_change_of_contrast_is_a_failure() -> None:
     assert recovery.gain_failure(fit(gain=1.3), image // 5, image) is None
 
 
-@pytest.mark.parametrize("size", [1, 2])
-def test_a_keyframe_is_found_again_by_its_features_from_elsewhere(size: int) -> None:
+@pytest.mark.parametrize("shrink", [1, 2])
+def test_a_keyframe_is_found_again_by_its_features_from_elsewhere(shrink: int) -> None:
     T_world_there = se3.exp(np.array([0.4, 0.0, 2.0, 0.0, 0.25, 0.02]))
     left, right, _ = (image.round().astype(np.uint8) if i < 2 else image for i, image in enumerate(pair(np.eye(4))))
     there = (0.5 * pair(T_world_there)[0] + 20.0).round().astype(np.uint8)
-    known = relocalisation.landmarks(left, right, RIG, 0.0, SETTINGS, size)
-    found = relocalisation.sight(known, relocalisation.find_features(there, size), CAMERA.K)
+    known = relocalisation.landmarks(left, right, RIG, 0.0, SETTINGS, shrink)
+    found = relocalisation.sight(known, relocalisation.find_features(there, shrink), CAMERA.K)
     assert found is not None
     assert found.decisive
     difference = se3.log(found.T_frame_keyframe @ T_world_there)
@@ -98,14 +98,26 @@ def test_a_keyframe_is_found_again_by_its_features_from_elsewhere(size: int) -> 
     assert np.abs(difference[3:]).max() < 0.01
     assert found.brightness[0] == pytest.approx(0.5, abs=0.1)
     assert found.brightness[1] == pytest.approx(20.0, abs=12.0)
-    again = relocalisation.sight(known, relocalisation.find_features(there, size), CAMERA.K)
+    again = relocalisation.sight(known, relocalisation.find_features(there, shrink), CAMERA.K)
     assert again is not None
     np.testing.assert_array_equal(again.T_frame_keyframe, found.T_frame_keyframe)
 
 
+@pytest.mark.parametrize("shrink", [1, 2])
+def test_features_of_images_with_odd_sides_lie_alike_everywhere(shrink: int) -> None:
+    spots, grid = np.full((201, 403), 90.0), np.mgrid[0:201, 0:403]
+    places = np.array([[40.0, 30.0], [201.0, 100.0], [370.0, 170.0], [385.0, 40.0]])
+    for u, v in places:
+        spots += 120.0 * np.exp(-((grid[1] - u) ** 2 + (grid[0] - v) ** 2) / (2 * 4.0**2))
+    found = relocalisation.find_features(spots.round().astype(np.uint8), shrink).uv
+    off = np.array([found[np.linalg.norm(found - place, axis=1).argmin()] - place for place in places])
+    assert np.abs(off).max() < 0.3 * shrink  # OpenCV's doubling of an image moves all by a quarter of a pixel
+    assert np.ptp(off, axis=0).max() < 0.1
+
+
 def test_large_images_are_tried_at_half_their_size_first() -> None:
-    assert relocalisation.sizes(np.zeros((376, 1241), np.uint8)) == (2, 1)
-    assert relocalisation.sizes(np.zeros((200, 320), np.uint8)) == (1,)
+    assert relocalisation.shrinks(np.zeros((376, 1241), np.uint8)) == (2, 1)
+    assert relocalisation.shrinks(np.zeros((200, 320), np.uint8)) == (1,)
 
 
 def test_an_image_of_another_place_is_not_taken_for_the_keyframe() -> None:

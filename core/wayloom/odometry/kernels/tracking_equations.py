@@ -16,8 +16,8 @@ ONE, TWO = index(1), index(2)
 MIN_DEPTH_RATIO = 1e-3
 BORDER = 2
 LANES = 16
-PLACES, COLUMNS, SUMS = 5 * LANES, 64 * LANES, 18
-"""Sizes of working space, and the first column of the sums: 36 of H's lower triangle row by row, 8 of g, energy, points beyond."""
+PLACES, COLUMNS, SUMS = 5 * LANES, 64 * LANES, 18 * LANES
+"""Sizes of working space, and where the sums begin: 36 of H's lower triangle row by row, 8 of g, energy, points beyond."""
 
 
 def working_space():  # type: ignore[no-untyped-def]
@@ -38,7 +38,7 @@ def tracking_equations(  # type: ignore[no-untyped-def]
     h, w = image.shape
     fx, fy = f32(camera[0]), f32(camera[1])
     seen, filled, lanes = 0, 0, columns.shape[0] // 64  # not a constant: the compiler would unroll instead of using vectors
-    for k in range(16 * 18, columns.shape[0]):
+    for k in range(SUMS, columns.shape[0]):
         columns[k] = 0
     for first in range(0, reference.shape[0], LANES):
         points = reference[first : first + LANES]
@@ -183,5 +183,5 @@ def total(columns, row):  # type: ignore[no-untyped-def]
     """One of the sums, over its sixteen."""
     s = 0.0
     for k in range(LANES):
-        s += columns[16 * (18 + row) + k]
+        s += columns[SUMS + 16 * row + k]
     return s

@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 SPREAD_FROM_LEVEL = 2
 """Pyramid level from which on pixels beside one with a depth are reference points too: coarse levels have few of their own."""
 ENOUGH, ENOUGH_FOR_THE_NEXT = 0.01, 0.3
-"""Squares of the last step of the finest level and of those above it, in its standard deviations."""
+"""`enough` of `align_level` on the finest level and on those above it: squares of a step in its standard deviations."""
 START_SPEEDS_M_S = (4.0, 8.0, 12.0, 16.0, 20.0, 26.0, 32.0)
 TURNS_RAD = (-0.03, -0.015, 0.015, 0.03)
 PITCH_PERTURBATIONS_RAD = (-0.015, 0.015)

@@ -200,10 +200,10 @@ class Recovery:
         uncertain = request.since_s > LONG_GAP_S or fit.saturated > (SATURATED if request.starting else GRAVELY_SATURATED)
         if failure is None and not uncertain and not self._surprises(fit, newest.keyframe, request, window):
             return best
-        for size in relocalisation.sizes(request.frame.left):
-            seen = relocalisation.find_features(request.frame.left, size)
+        for shrink in relocalisation.shrinks(request.frame.left):
+            seen = relocalisation.find_features(request.frame.left, shrink)
             for index in self._candidates(window)[: 1 if failure is None else None]:
-                result = self._by_features(index, seen, size, request, references, window)
+                result = self._by_features(index, seen, shrink, request, references, window)
                 if result is not None and (failure is not None or result.fit.rms < fit.rms):
                     return TrackingResult(result.fit, result.keyframe, None, tried + 1, result.features)
         failure = failure or gap_failure(fit, request.since_s, request.follows_held)
@@ -256,18 +256,18 @@ class Recovery:
         return range(len(window) - 1, max(-1, len(window) - 2 - OLDER_KEYFRAMES), -1)
 
     def _by_features(
-        self, index: int, seen: relocalisation.Features, size: int, request: TrackingRequest, references: list[Reference],
+        self, index: int, seen: relocalisation.Features, shrink: int, request: TrackingRequest, references: list[Reference],
         window: Window,
     ) -> TrackingResult | None:  # fmt: skip
-        """The alignment with keyframe `index` of the window to which features of images made so many times smaller lead; None where
-        it fails or leads elsewhere."""
+        """The alignment with keyframe `index` of the window to which features lead, of images made `shrink` times smaller; None
+        where it fails or leads elsewhere."""
         row, slot = int(window.keyframe[index]), window.frames.slot[index]
-        if (row, size) not in self.landmarks:
+        if (row, shrink) not in self.landmarks:
             left, right = window.images.left[slot], window.images.right[slot]
-            self.landmarks[row, size] = relocalisation.landmarks(
-                left, right, self.stereo_rig, float(window.disparity_bias[0]), self.settings, size
+            self.landmarks[row, shrink] = relocalisation.landmarks(
+                left, right, self.stereo_rig, float(window.disparity_bias[0]), self.settings, shrink
             )
-        sighting = relocalisation.sight(self.landmarks[row, size], seen, self.stereo_rig.camera.K)
+        sighting = relocalisation.sight(self.landmarks[row, shrink], seen, self.stereo_rig.camera.K)
         if sighting is None or not sighting.decisive:
             return None
         reference = next((r for r in references if r.keyframe == row), None) or self._reference(window, index)

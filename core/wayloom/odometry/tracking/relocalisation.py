@@ -22,6 +22,7 @@ FARTHEST_M = 80.0
 REPROJECTION_PX, DRAWS, CONFIDENCE = 2.0, 1000, 0.9999
 MIN_MATCHES, MIN_INLIERS, MIN_SHARE = 12, 20, 0.3
 LARGE_PX = 300_000
+"""Of a whole image."""
 SMOOTHING_PX = 2.0
 LEAST_SPREAD = 2.0
 
@@ -61,31 +62,32 @@ class Sighting:
         return self.inliers >= MIN_INLIERS and self.inliers >= MIN_SHARE * self.matches
 
 
-def sizes(image: Image) -> tuple[int, ...]:
+def shrinks(image: Image) -> tuple[int, ...]:
     """By what an image (h, w) is made smaller for its features, one after the other while they do not decide: half the size takes a
     quarter of the time, and finds what was seen a second ago; the whole one finds more of it from farther away."""
     return (2, 1) if image.size > LARGE_PX else (1,)
 
 
-def find_features(image: Image, size: int = 1) -> Features:
-    """The strongest features of an image (h, w), made so many times smaller, in an order that the image alone decides."""
+def find_features(image: Image, shrink: int = 1) -> Features:
+    """The strongest features of an image (h, w) made `shrink` times smaller, in an order that the image alone decides."""
     height, width = image.shape
-    seen = image if size == 1 else cv2.resize(image, (width // size, height // size), interpolation=cv2.INTER_AREA)
+    seen = image if shrink == 1 else cv2.resize(image, (width // shrink, height // shrink), interpolation=cv2.INTER_AREA)
     keypoints, descriptors = cv2.SIFT.create(FEATURES).detectAndCompute(seen, None)
     if descriptors is None:
         return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros(0))
-    uv = size * np.array([keypoint.pt for keypoint in keypoints], np.float64).reshape(-1, 2) + (size - 1) / 2
+    uv = np.array([keypoint.pt for keypoint in keypoints], np.float64).reshape(-1, 2)
+    uv = (uv + 0.5) * (width / seen.shape[1], height / seen.shape[0]) - 0.5  # odd sizes lose a pixel
     column, row = np.clip(np.rint(uv).astype(int), 0, (image.shape[1] - 1, image.shape[0] - 1)).T
     grey = cv2.GaussianBlur(image, (0, 0), SMOOTHING_PX)[row, column].astype(np.float64)
     return Features(uv, np.asarray(descriptors, np.float32), grey)
 
 
 def landmarks(
-    left: Image, right: Image, rig: StereoRig, bias_px: float, settings: OdometrySettings, size: int = 1
+    left: Image, right: Image, rig: StereoRig, bias_px: float, settings: OdometrySettings, shrink: int = 1
 ) -> Landmarks:  # fmt: skip
-    """The features of a keyframe that its own pair, images (h, w) with aligned rows, gives a depth of up to 80 m; size as of
-    `find_features`."""
-    features, s = find_features(left, size), settings
+    """The features of a keyframe that its own pair, images (h, w) with aligned rows, gives a depth of up to 80 m; shrink as
+    of `find_features`."""
+    features, s = find_features(left, shrink), settings
     pixels = np.clip(np.rint(features.uv).astype(np.int64), s.border, np.array(left.shape[::-1]) - 1 - s.border)
     found = stereo.match(left, right, pixels, s.max_disparity, s.uniqueness, s.max_cost, s.slope_cap)
     disparity = found[:, 0] - bias_px
