@@ -108,7 +108,7 @@ def test_features_of_images_with_odd_sides_lie_alike_everywhere(shrink: int) -> 
     spots, grid = np.full((201, 403), 90.0), np.mgrid[0:201, 0:403]
     places = np.array([[40.0, 30.0], [201.0, 100.0], [370.0, 170.0], [385.0, 40.0]])
     for u, v in places:
-        spots += 120.0 * np.exp(-((grid[1] - u) ** 2 + (grid[0] - v) ** 2) / (2 * 4.0**2))
+        spots += 120.0 * np.exp(-((grid[1] - u) ** 2 + (grid[0] - v) ** 2) / (2 * 6.0**2))
     found = relocalisation.find_features(spots.round().astype(np.uint8), shrink).uv
     off = np.array([found[np.linalg.norm(found - place, axis=1).argmin()] - place for place in places])
     assert np.abs(off).max() < 0.3 * shrink  # OpenCV's doubling of an image moves all by a quarter of a pixel
