@@ -200,12 +200,16 @@ class Recovery:
         uncertain = request.since_s > LONG_GAP_S or fit.saturated > (SATURATED if request.starting else GRAVELY_SATURATED)
         if failure is None and not uncertain and not self._surprises(fit, newest.keyframe, request, window):
             return best
+        decided = False
         for shrink in relocalisation.shrinks(request.frame.left):
             seen = relocalisation.find_features(request.frame.left, shrink)
             for index in self._candidates(window)[: 1 if failure is None else None]:
                 result = self._by_features(index, seen, shrink, request, references, window)
                 if result is not None and (failure is not None or result.fit.rms < fit.rms):
                     return TrackingResult(result.fit, result.keyframe, None, tried + 1, result.features)
+                decided = decided or result is not None
+            if decided:  # features of larger images would lead there, too
+                break
         failure = failure or gap_failure(fit, request.since_s, request.follows_held)
         if failure is None:
             return best
