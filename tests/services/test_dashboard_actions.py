@@ -115,3 +115,23 @@ def test_the_page_of_a_drive_that_is_deleted_says_so_and_leads_back(browser: Any
         assert not page.is_visible("#history")
         page.click("#none a")
         page.wait_for_url(f"{up.url}/")
+
+
+@pytest.mark.browser
+def test_a_page_asks_nothing_more_about_a_drive_that_it_deletes(browser: Any, up: Up, tmp_path: Path) -> None:
+    """A drive may be gone before the answer, and a browser complains of a 404."""
+    drive = upload(up.api(), packed_drive(tmp_path / "f", "short street"))["id"]
+    wait_for_drive(up.api(), drive)
+    address = f"{up.url}/v1/drives/{drive}"
+
+    def when_it_is_gone(route: Any) -> None:
+        if route.request.method == "GET":
+            until(lambda: httpx2.get(address).status_code == 404)
+        route.continue_()
+
+    with watched(browser, up.url, f"/drives/{drive}") as page:
+        page.click("#delete")
+        page.fill("dialog input", "short street")
+        page.route(address, when_it_is_gone)
+        page.click("dialog .danger")
+        page.locator("h1", has_text="This drive was removed").wait_for()

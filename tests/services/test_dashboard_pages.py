@@ -412,3 +412,20 @@ def test_a_picture_of_a_keyframe_that_comes_late_is_not_shown(page: Any, shown: 
     late[0].continue_()
     page.wait_for_timeout(700)
     assert words in page.get_attribute("#picture img", "alt")
+
+
+@pytest.mark.browser
+def test_a_picture_of_a_drive_that_is_deleted_is_not_waited_for(page: Any, shown: tuple[ApiAlone, dict[str, str]]) -> None:
+    alone, ids = shown
+    answering(alone.url)
+    held: list[Any] = []
+    with page.expect_request("**/keyframes/*/points.webp"):
+        page.route("**/keyframes/*/points.webp", lambda route: held.append(route))
+        page.goto(f"{alone.url}/drives/{ids['done']}")
+    page.click("#delete")
+    page.fill("dialog input", "street done")
+    with page.expect_event("requestfailed") as given_up:
+        page.click("dialog .danger")
+    assert given_up.value.url == held[0].request.url
+    until(lambda: page.inner_text("#state") == "being removed")
+    assert not page.is_visible("#problem")

@@ -17,7 +17,7 @@ const why = ({ images, retention }, may) => {
 export class Scrubber {
   // id: the drive's; operates: whether the caller sees images; here(t_s): called with the seconds from the first keyframe.
   constructor(id, operates, here) {
-    Object.assign(this, { id, operates, here, list: [], timer: null, shown: null, asked: 0 });
+    Object.assign(this, { id, operates, here, list: [], timer: null, shown: null, asked: 0, leaving: new AbortController() });
     this.slider = at("keyframe");
     this.slider.addEventListener("input", () => this.#soon());
     at("labels").addEventListener("input", () => this.#soon());
@@ -27,7 +27,9 @@ export class Scrubber {
 
   async load() {
     const mine = ++this.asked;
-    const found = await ask(`/v1/drives/${this.id}/keyframes`);
+    const found = await ask(`/v1/drives/${this.id}/keyframes`, { signal: this.leaving.signal }).catch((error) => {
+      if (mine === this.asked) throw error;
+    });
     if (mine !== this.asked) return;
     this.list = found.keyframes;
     at("keyframes").hidden = !this.list.length;
@@ -39,6 +41,14 @@ export class Scrubber {
     this.slider.max = String(this.list.length - 1);
     this.slider.value = String(Math.floor(this.list.length / 2));
     await this.#show();
+  }
+
+  // Gives up what is asked for: the drive is about to go.
+  leave() {
+    this.asked++;
+    clearTimeout(this.timer);
+    this.leaving.abort();
+    this.leaving = new AbortController();
   }
 
   #step(by) {
@@ -69,7 +79,7 @@ export class Scrubber {
     const number = Number(this.slider.value);
     const kind = at("what").value;
     const address = kind === "points" ? "points.webp" : `image.webp?labels=${at("labels").value}`;
-    const answer = await send(`/v1/drives/${this.id}/keyframes/${number}/${address}`).catch(() => null);
+    const answer = await send(`/v1/drives/${this.id}/keyframes/${number}/${address}`, { signal: this.leaving.signal }).catch(() => null);
     if (mine !== this.asked) return;
     if (!answer) return say(at("no-image"), "The service does not answer.");
     if (!answer.ok) {

@@ -21,10 +21,11 @@ const RUNS = { running: "Being processed anew", publishing: "Processed anew, joi
 
 const [info, caller] = await Promise.all([ask("/v1/info"), frame()]);
 const mayOperate = caller.rights.includes("operate");
-const about = { caller, models: info.models };
+const about = { caller, models: info.models, leave };
 let shown = null;
 let quality = null;
 let plots = {};
+let isLeaving = false; // nothing more is asked about the drive: it is about to be deleted
 let isRemoved = false;
 const scrubber = new Scrubber(id, mayOperate, (seconds) => markAt(seconds));
 
@@ -89,9 +90,15 @@ function showActions(drive) {
 
 const act = (work) =>
   telling("act", async () => {
+    isLeaving = false;
     await work();
-    await refresh();
+    if (!isLeaving) await refresh();
   });
+
+function leave() {
+  isLeaving = true;
+  scrubber.leave();
+}
 
 function showDownloads(drive) {
   const axes = drive.placed === false ? "Right, ahead, up of the drive's start: it has no place on Earth" : "East, north, up in the map's frame";
@@ -205,8 +212,9 @@ function markAt(seconds) {
 
 async function refresh() {
   const found = await ask(`/v1/drives/${id}`).catch((error) => {
-    if (shown || !MISSING.includes(error.status)) throw error;
+    if (!MISSING.includes(error.status)) throw error;
   });
+  if (!found && shown) return removed();
   missing(!found);
   if (found) show(found);
 }
@@ -215,6 +223,13 @@ function missing(isMissing) {
   at("none").hidden = !isMissing;
   at("main").classList.toggle("is-missing", isMissing);
   if (isMissing) document.title = "No such drive · wayloom";
+}
+
+function removed() {
+  isRemoved = true;
+  at("none").querySelector("h1").textContent = "This drive was removed";
+  at("none").querySelector("p").textContent = "Its files are gone; its part of the map goes with the next version.";
+  missing(true);
 }
 
 at("ask-release").addEventListener("submit", (event) => {
@@ -229,12 +244,7 @@ function hear(event, data) {
     missing(false);
     show(data);
   }
-  if (event === "removed" && data.id === id) {
-    isRemoved = true;
-    at("none").querySelector("h1").textContent = "This drive was removed";
-    at("none").querySelector("p").textContent = "Its files are gone; its part of the map goes with the next version.";
-    missing(true);
-  }
+  if (event === "removed" && data.id === id) removed();
 }
 
 const renew = () => telling("drive", refresh);

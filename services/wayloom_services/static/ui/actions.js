@@ -62,13 +62,16 @@ function releaseDialog(drive, { caller }) {
   });
 }
 
-function deleteDialog(drive) {
+function deleteDialog(drive, { leave }) {
   return dialog({
     title: `Delete ${drive.name}`, action: "Delete for good", danger: true,
     text: "Its files go at once, its part of the map with the next version. This cannot be undone.",
     fields: [{ name: "name", label: `Type the drive's name, ${drive.name}, to confirm` }],
     check: ({ name }) => (name === drive.name ? "" : "another name"),
-    work: () => ask(`/v1/drives/${drive.id}`, { method: "DELETE" }),
+    work: () => {
+      leave?.();
+      return ask(`/v1/drives/${drive.id}`, { method: "DELETE" });
+    },
   });
 }
 
@@ -76,7 +79,8 @@ const isFailed = (drive) => drive.state === "failed" || drive.reprocess?.state =
 const isAnew = ({ reprocess }) => ["running", "publishing"].includes(reprocess?.state);
 const isRunning = (drive) => IN_WORK.includes(drive.state) || drive.reprocess?.state === "running";
 
-// The actions that a drive has now, in their order: { id, label, danger, run() }. about: { caller, models }.
+// The actions that a drive has now, in their order: { id, label, danger, run() }. about: { caller, models, leave() }; leave, if given, is
+// called before the drive is deleted.
 export function actionsFor(drive, about) {
   if (!about.caller.rights.includes("operate") || drive.state === "removing") return [];
   const kept = drive.images.state === "kept";
@@ -88,7 +92,7 @@ export function actionsFor(drive, about) {
     ["release", "Release…", quality && !quality.release && quality.gate !== "merge" && drive.placed !== false, () => releaseDialog(drive, about)],
     ["revoke", "Take the release back", Boolean(quality?.release), () => ask(`/v1/drives/${drive.id}/release`, { method: "DELETE" })],
     ["reprocess", "Process anew…", OVER.includes(drive.state) && !isAnew(drive) && kept, () => reprocessDialog(drive, about)],
-    ["delete", "Delete…", true, () => deleteDialog(drive)],
+    ["delete", "Delete…", true, () => deleteDialog(drive, about)],
   ];
   return possible.filter(([, , may]) => may).map(([id, label, , run]) => ({ id, label, danger: id === "delete", run }));
 }
