@@ -24,6 +24,14 @@ class Damaged(MadeLog):
         return frame
 
 
+class Watched(MadeLog):
+    """Notes which frames are looked at."""
+
+    def frame(self, index: int) -> StereoFrame:
+        self.seen = {*getattr(self, "seen", ()), index}
+        return super().frame(index)
+
+
 def sampled(log: MadeLog, wanted: int = 4) -> CalibrationObservations:
     right_rectifier = RightRectifier(log.rig, IDENTITY, frame_source.fit_rows(log, (0,)))
     collector = ObservationCollector(log.rig)
@@ -58,3 +66,17 @@ def test_a_match_group_does_not_reach_over_what_was_not_seen() -> None:
 
 def test_a_car_that_stands_gives_nothing() -> None:
     assert sampled(MadeLog(curve(12, 0.0))).groups == 0
+
+
+def test_of_a_car_that_stands_or_creeps_few_frames_are_looked_at_and_what_they_show_is_right() -> None:
+    way = curve(16, 0.8, 0.01)
+    stands, creeps = Watched(np.concatenate([np.repeat(way[:1], 40, axis=0), way])), Watched(curve(80, 0.1, 0.003))
+    for log, most in ((stands, 10 + 16), (creeps, 2 + 80 // 4)):
+        found = sampled(log, 2)
+        assert found.groups == 2
+        assert len(log.seen) <= most
+        for host, targets, T_found in zip(found.host_frame, found.target_frame, found.T_target_host, strict=True):
+            for target, T in zip(targets[targets >= 0], T_found, strict=False):
+                error = se3.log(T @ se3.inverse(se3.inverse(log.truth[target]) @ log.truth[host]))
+                assert np.linalg.norm(error[:3]) < 0.05
+                assert np.linalg.norm(error[3:]) < 0.01

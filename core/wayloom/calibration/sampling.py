@@ -6,6 +6,7 @@ calibration, and need a first guess only.
 """
 
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ FloatArray = NDArray[np.float64]
 REFERENCE_POINTS = 250
 FINEST_LEVEL = 1
 """Of the pyramid: what is left of the motion is less than matches are searched for."""
+REACH_M, REACH_RAD, PASSED_OVER = 0.5, 0.03, 3
+"""So far the car goes in one step; frames between are passed over, so many at most: one that creeps shows little new in each."""
 
 
 class Sampler:
@@ -33,6 +36,7 @@ class Sampler:
 
     reference, T_host_world  the open match group's host, None where the way was lost
     poses                    (t_ns, T_cam_world) of the last two frames
+    pass_over                so many frames lie between the last two, or the last and the next
     """
 
     def __init__(
@@ -47,7 +51,7 @@ class Sampler:
     def go_on(self, frames: Iterator[int], wanted: int) -> None:
         """The next of these frames, each after the last one, until the collector has `wanted` match groups."""
         while len(self.collector.finished) < wanted:
-            index = next(frames, None)
+            index = next(islice(frames, self.pass_over, None), None)
             if index is None:
                 return
             self._frame(frame_source.grey_pair(self.log, index))
@@ -58,23 +62,32 @@ class Sampler:
         self.reference: tracking.Reference | None = None
         self.T_host_world, self.brightness = np.eye(4), np.array([1.0, 0.0])
         self.poses: list[tuple[int, FloatArray]] = []
+        self.pass_over = 0
 
     def _frame(self, pair: GreyPair) -> None:
         if recovery.is_blank(pair.left, self.settings.min_contrast):
             self._forget()
             return
-        images, T = pyramid.build(pair.left, self.levels), np.eye(4)
+        images, T, pass_over = pyramid.build(pair.left, self.levels), np.eye(4), 0
         if self.reference is not None:
             fit = self._aligned(self.reference, images, pair.t_ns)
             if recovery.fit_failure(fit, self.settings) is None:
                 self.brightness, T = fit.brightness, fit.T_frame_keyframe @ self.T_host_world
                 if self.collector.is_target(T):
                     self.collector.extend(self._posed(pair, T))
+                pass_over = self._to_pass_over(T)
             else:
                 self._forget()
         self.poses = [*self.poses[-1:], (pair.t_ns, T)]
+        self.pass_over = pass_over
         if self.collector.open is None:
             self._begin(pair, images, T)
+
+    def _to_pass_over(self, T_cam_world: FloatArray) -> int:
+        """How many frames to pass over after one at T_cam_world (4, 4), by its way from the last one."""
+        way = se3.log(T_cam_world @ se3.inverse(self.poses[-1][1]))
+        reaches = max(float(np.linalg.norm(way[:3])) / REACH_M, float(np.linalg.norm(way[3:])) / REACH_RAD) / (self.pass_over + 1)
+        return max(0, int(1.0 / max(reaches, 1.0 / (PASSED_OVER + 1))) - 1)
 
     def _begin(self, pair: GreyPair, images: pyramid.Pyramid, T_cam_world: FloatArray) -> None:
         """Make the frame a host, what its points are matched with the reference; where there are too few the way is lost."""

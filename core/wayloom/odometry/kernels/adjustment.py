@@ -25,6 +25,8 @@ from wayloom.odometry.kernels.patch import gain_between, looks_alike, make_scrat
 
 GAUGE = 1e12
 FIRST_DAMPING = 1e-2
+SMALL_WAY_M, SMALL_TURN, SMALL_GAIN = 2e-4, 2e-5, 1e-4
+"""Where a minimisation ends: at steps of no keyframe farther than that (radians of turn), or by that share of the energy less."""
 UNLINKED = 1e-4
 """Information that holds each step of a velocity, bias or gravity that nothing speaks of, in their own units."""
 
@@ -216,9 +218,9 @@ def adjust_window(  # type: ignore[no-untyped-def]
         energy = linearise(images, rig, frames, points, delta[0], robust, new) + energy_of_links(frames, inertial)
         energy += prior_energy(z, prior_H, prior_g, frames.affine, affine_prior)
         way, turn = largest_step(x, F)
-        small = way < 2e-4 and turn < 2e-5
+        small = way < SMALL_WAY_M and turn < SMALL_TURN
         if energy < best:
-            small = small or best - energy < 1e-4 * abs(best)
+            small = small or best - energy < SMALL_GAIN * abs(best)
             best, damping = energy, damping * 0.25
             current, new = new, current
         else:
