@@ -9,8 +9,8 @@ from wayloom.logs.types import DriveLog
 from wayloom.odometry.parts.log_view import GreyLogView
 
 Image = NDArray[np.uint8]
-MOST_BYTES: Final = 32_000_000
-"""That are held: seventy images of 1241 x 376 px."""
+MOST_BYTES: Final = 64_000_000
+"""That are held: a hundred and forty images of 1241 x 376 px."""
 
 
 class HeldImages(GreyLogView):
