@@ -17,7 +17,7 @@ const why = ({ images, retention }, may) => {
 export class Scrubber {
   // id: the drive's; operates: whether the caller sees images; here(t_s): called with the seconds from the first keyframe.
   constructor(id, operates, here) {
-    Object.assign(this, { id, operates, here, list: [], timer: null, shown: null, asked: 0, leaving: new AbortController() });
+    Object.assign(this, { id, operates, here, list: [], timer: null, shown: null, asked: 0 });
     this.slider = at("keyframe");
     this.slider.addEventListener("input", () => this.#soon());
     at("labels").addEventListener("input", () => this.#soon());
@@ -27,9 +27,7 @@ export class Scrubber {
 
   async load() {
     const mine = ++this.asked;
-    const found = await ask(`/v1/drives/${this.id}/keyframes`, { signal: this.leaving.signal }).catch((error) => {
-      if (mine === this.asked) throw error;
-    });
+    const found = await ask(`/v1/drives/${this.id}/keyframes`);
     if (mine !== this.asked) return;
     this.list = found.keyframes;
     at("keyframes").hidden = !this.list.length;
@@ -43,12 +41,10 @@ export class Scrubber {
     await this.#show();
   }
 
-  // Gives up what is asked for: the drive is about to go.
-  leave() {
+  // Shows nothing more of what was asked for.
+  stop() {
     this.asked++;
     clearTimeout(this.timer);
-    this.leaving.abort();
-    this.leaving = new AbortController();
   }
 
   #step(by) {
@@ -79,17 +75,21 @@ export class Scrubber {
     const number = Number(this.slider.value);
     const kind = at("what").value;
     const address = kind === "points" ? "points.webp" : `image.webp?labels=${at("labels").value}`;
-    const answer = await send(`/v1/drives/${this.id}/keyframes/${number}/${address}`, { signal: this.leaving.signal }).catch(() => null);
+    const answer = await send(`/v1/drives/${this.id}/keyframes/${number}/${address}`).catch(() => null);
     if (mine !== this.asked) return;
     if (!answer) return say(at("no-image"), "The service does not answer.");
     if (!answer.ok) {
       const { detail } = await answer.json().catch(() => ({}));
+      if (mine !== this.asked) return;
       say(at("no-image"), detail ?? answer.statusText);
       if (kind === "points") return;
       at("what").value = "points";
       return this.#show();
     }
-    const url = URL.createObjectURL(await answer.blob());
+    const body = await answer.blob().catch(() => null);
+    if (mine !== this.asked) return;
+    if (!body) return say(at("no-image"), "The service does not answer.");
+    const url = URL.createObjectURL(body);
     const image = element("img");
     image.src = url;
     image.alt = `${kind === "points" ? "Labelled points" : "Left image with labels and tracked points"} of ${words}`;

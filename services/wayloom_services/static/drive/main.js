@@ -1,6 +1,6 @@
 // The page of one drive: its grade with reasons and warnings, what an operator does with it, its plots, keyframes, log and downloads.
 
-import { ask, blobOf, headers } from "/static/api.js";
+import { ask, blobOf, giveUp, headers } from "/static/api.js";
 import { Scrubber } from "/static/drive/keyframes.js";
 import { showHistory, showStages } from "/static/drive/log.js";
 import { numbers } from "/static/drive/numbers.js";
@@ -8,24 +8,25 @@ import { plotsOf } from "/static/drive/plots.js";
 import { verdict } from "/static/drive/verdict.js";
 import { waysOut } from "/static/drive/ways_out.js";
 import { gradeBadge } from "/static/list/card.js";
-import { actionsFor } from "/static/ui/actions.js";
+import { actionsFor, removal } from "/static/ui/actions.js";
 import { at, button, element, link, say, table } from "/static/ui/dom.js";
 import { announce, follow, frame, telling } from "/static/ui/frame.js";
 import { driveWords, duration, errorOf, moment, OVER, STATES } from "/static/ui/words.js";
 
 const id = location.pathname.split("/").pop();
 const RENEW_MS = 10_000;
+const RENEW_REMOVED_MS = 60_000; // seldom: a browser complains of what is gone
 const SAVING_MS = 60_000;
 const MISSING = [404, 422]; // of an id that nobody has, and of what is no id
 const RUNS = { running: "Being processed anew", publishing: "Processed anew, joining the map", failed: "Processing anew failed" };
 
 const [info, caller] = await Promise.all([ask("/v1/info"), frame()]);
 const mayOperate = caller.rights.includes("operate");
-const about = { caller, models: info.models, leave };
+const about = { caller, models: info.models, remove };
 let shown = null;
 let quality = null;
 let plots = {};
-let isLeaving = false; // nothing more is asked about the drive: it is about to be deleted
+let isLeaving = false; // the drive is about to go: a change is not followed by asking for it
 let isRemoved = false;
 const scrubber = new Scrubber(id, mayOperate, (seconds) => markAt(seconds));
 
@@ -95,9 +96,20 @@ const act = (work) =>
     if (!isLeaving) await refresh();
   });
 
-function leave() {
+// Deletes the drive. What is asked about it is given up before: it may be gone by the time of the answer.
+async function remove(drive) {
   isLeaving = true;
-  scrubber.leave();
+  scrubber.stop();
+  giveUp();
+  try {
+    const going = await removal(drive);
+    if (!isRemoved) show(going);
+  } catch (error) {
+    isLeaving = false;
+    shown = null; // all that was given up is asked for again
+    renew();
+    throw error;
+  }
 }
 
 function showDownloads(drive) {
@@ -214,6 +226,7 @@ async function refresh() {
   const found = await ask(`/v1/drives/${id}`).catch((error) => {
     if (!MISSING.includes(error.status)) throw error;
   });
+  if (isRemoved) return;
   if (!found && shown) return removed();
   missing(!found);
   if (found) show(found);
@@ -241,6 +254,7 @@ at("by").value = caller.name === "this machine" ? "" : caller.name.replace(/^use
 
 function hear(event, data) {
   if (event === "drive" && data.id === id) {
+    isRemoved = false;
     missing(false);
     show(data);
   }
@@ -248,9 +262,11 @@ function hear(event, data) {
 }
 
 const renew = () => telling("drive", refresh);
-const isAtWork = () => shown && (!OVER.includes(shown.state) || shown.reprocess);
+const isGoing = () => shown?.state === "removing" && !isRemoved;
+const isAtWork = () => shown && !isRemoved && shown.state !== "removing" && (!OVER.includes(shown.state) || shown.reprocess);
 
 await renew();
 // The stream tells of the newest drives alone.
-setInterval(() => isAtWork() && !isRemoved && renew(), RENEW_MS);
+setInterval(() => isAtWork() && renew(), RENEW_MS);
+setInterval(() => isGoing() && renew(), RENEW_REMOVED_MS);
 follow(hear, renew);

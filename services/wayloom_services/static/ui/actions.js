@@ -22,6 +22,9 @@ export function tableOf(text) {
   return found;
 }
 
+// Deletes a drive. Returns it as it is now, about to go.
+export const removal = (drive) => ask(`/v1/drives/${drive.id}`, { method: "DELETE" });
+
 const post = (drive, what, body) => ask(`/v1/drives/${drive.id}/${what}`, { method: "POST", ...(body ? { body: JSON.stringify(body) } : {}) });
 
 function stageDialog(drive) {
@@ -62,16 +65,13 @@ function releaseDialog(drive, { caller }) {
   });
 }
 
-function deleteDialog(drive, { leave }) {
+function deleteDialog(drive, { remove = removal }) {
   return dialog({
     title: `Delete ${drive.name}`, action: "Delete for good", danger: true,
     text: "Its files go at once, its part of the map with the next version. This cannot be undone.",
     fields: [{ name: "name", label: `Type the drive's name, ${drive.name}, to confirm` }],
     check: ({ name }) => (name === drive.name ? "" : "another name"),
-    work: () => {
-      leave?.();
-      return ask(`/v1/drives/${drive.id}`, { method: "DELETE" });
-    },
+    work: () => remove(drive),
   });
 }
 
@@ -79,8 +79,8 @@ const isFailed = (drive) => drive.state === "failed" || drive.reprocess?.state =
 const isAnew = ({ reprocess }) => ["running", "publishing"].includes(reprocess?.state);
 const isRunning = (drive) => IN_WORK.includes(drive.state) || drive.reprocess?.state === "running";
 
-// The actions that a drive has now, in their order: { id, label, danger, run() }. about: { caller, models, leave() }; leave, if given, is
-// called before the drive is deleted.
+// The actions that a drive has now, in their order: { id, label, danger, run() }. about: { caller, models, remove(drive) }; remove, if
+// given, in place of removal.
 export function actionsFor(drive, about) {
   if (!about.caller.rights.includes("operate") || drive.state === "removing") return [];
   const kept = drive.images.state === "kept";

@@ -48,6 +48,7 @@ export async function telling(what, work) {
     await work();
     problems.delete(what);
   } catch (error) {
+    if (error.name === "AbortError") return; // given up by the page itself
     problems.set(what, error.message);
   }
   say(at("problem"), [...new Set(problems.values())].join(" "));
