@@ -164,7 +164,15 @@ def test_a_fast_turn_at_ten_hertz_is_followed() -> None:
     assert errors(result, log).max() < 0.1
 
 
-def test_a_second_of_blindness_in_a_curve_ends_where_the_car_is() -> None:
+@pytest.mark.parametrize(("large_px", "sizes"), [(relocalisation.LARGE_PX, {1}), (10_000, {2, 1})])
+def test_a_second_of_blindness_in_a_curve_ends_where_the_car_is(
+    large_px: int, sizes: set[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By features, of large images at half their size first, and where these lead nowhere of the whole ones."""
+    looked_at: list[int] = []
+    find = relocalisation.find_features
+    monkeypatch.setattr(relocalisation, "LARGE_PX", large_px)
+    monkeypatch.setattr(relocalisation, "find_features", lambda image, shrink=1: (looked_at.append(shrink), find(image, shrink))[1])
     truth = curve(34, step_m=0.3, yaw_step=0.02)
 
     def black(left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -176,6 +184,7 @@ def test_a_second_of_blindness_in_a_curve_ends_where_the_car_is() -> None:
     assert [loss["frame"] for loss in result.report["losses"]] == list(range(14, 24))
     assert len(result.report["segments"]) == 1
     assert errors(result, log)[24:].max() < 0.1
+    assert set(looked_at) == sizes
 
 
 def test_a_black_right_camera_costs_no_frame() -> None:

@@ -27,16 +27,16 @@ FloatArray = NDArray[np.float64]
 REFERENCE_POINTS = 250
 FINEST_LEVEL = 1
 """Of the pyramid: what is left of the motion is less than matches are searched for."""
-REACH_M, REACH_RAD, PASSED_OVER = 0.5, 0.03, 3
-"""So far the car goes in one step; frames between are passed over, so many at most: one that creeps shows little new in each."""
+REACH_M, REACH_RAD, REACH_S, PASSED_OVER = 0.5, 0.03, 0.5, 3
+"""So far and so long the car goes in one step; frames between are passed over, so many at most: what creeps shows little new."""
 
 
 class Sampler:
     """Feeds a collector with hosts and targets from a stretch of a log.
 
     reference, T_host_world  the open match group's host, None where the way was lost
-    poses                    (t_ns, T_cam_world) of the last two frames
-    pass_over                so many frames lie between the last two, or the last and the next
+    poses                    (t_ns, T_cam_world) of the last two frames that were looked at
+    pass_over                frames between the last two, and once the last was looked at between it and the next
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Sampler:
         self._forget()
 
     def go_on(self, frames: Iterator[int], wanted: int) -> None:
-        """The next of these frames, each after the last one, until the collector has `wanted` match groups."""
+        """Those of these frames that are not passed over, each after the last one, until the collector has `wanted` groups."""
         while len(self.collector.finished) < wanted:
             index = next(islice(frames, self.pass_over, None), None)
             if index is None:
@@ -75,7 +75,7 @@ class Sampler:
                 self.brightness, T = fit.brightness, fit.T_frame_keyframe @ self.T_host_world
                 if self.collector.is_target(T):
                     self.collector.extend(self._posed(pair, T))
-                pass_over = self._to_pass_over(T)
+                pass_over = self._to_pass_over(pair.t_ns, T)
             else:
                 self._forget()
         self.poses = [*self.poses[-1:], (pair.t_ns, T)]
@@ -83,11 +83,14 @@ class Sampler:
         if self.collector.open is None:
             self._begin(pair, images, T)
 
-    def _to_pass_over(self, T_cam_world: FloatArray) -> int:
-        """How many frames to pass over after one at T_cam_world (4, 4), by its way from the last one."""
-        way = se3.log(T_cam_world @ se3.inverse(self.poses[-1][1]))
-        reaches = max(float(np.linalg.norm(way[:3])) / REACH_M, float(np.linalg.norm(way[3:])) / REACH_RAD) / (self.pass_over + 1)
-        return max(0, int(1.0 / max(reaches, 1.0 / (PASSED_OVER + 1))) - 1)
+    def _to_pass_over(self, t_ns: int, T_cam_world: FloatArray) -> int:
+        """How many frames to pass over after one at T_cam_world (4, 4), by its way and time from the last one."""
+        t_last, T_last = self.poses[-1]
+        way = se3.log(T_cam_world @ se3.inverse(T_last))
+        metres, radians = float(np.linalg.norm(way[:3])), float(np.linalg.norm(way[3:]))
+        reaches = max(metres / REACH_M, radians / REACH_RAD, 1e-9 * (t_ns - t_last) / REACH_S)
+        of_a_frame = reaches / (self.pass_over + 1)
+        return max(0, int(1.0 / max(of_a_frame, 1.0 / (PASSED_OVER + 1))) - 1)
 
     def _begin(self, pair: GreyPair, images: pyramid.Pyramid, T_cam_world: FloatArray) -> None:
         """Make the frame a host, what its points are matched with the reference; where there are too few the way is lost."""

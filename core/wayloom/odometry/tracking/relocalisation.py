@@ -22,7 +22,7 @@ FARTHEST_M = 80.0
 REPROJECTION_PX, DRAWS, CONFIDENCE = 2.0, 1000, 0.9999
 MIN_MATCHES, MIN_INLIERS, MIN_SHARE = 12, 20, 0.3
 LARGE_PX = 300_000
-"""Of a whole image."""
+"""Of an image from which on features are looked for at half its size first."""
 SMOOTHING_PX = 2.0
 LEAST_SPREAD = 2.0
 
