@@ -1,5 +1,6 @@
 """A street made of textured planes with exact poses and depths, and a drive log that shows it."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -142,3 +143,15 @@ class MadeLog:
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[StereoFrame]:
         for index in range(start, len(self) if stop is None else stop):
             yield self.frame(index)
+
+
+@dataclass
+class CountingLog(MadeLog):
+    """Counts how often each image is decoded."""
+
+    decoded: Counter[tuple[int, bool]] = field(default_factory=Counter)
+
+    def grey_side(self, index: int, right: bool) -> NDArray[np.uint8]:
+        self.decoded[index, right] += 1
+        frame = self.frame(index)
+        return frame.right if right else frame.left

@@ -1,29 +1,14 @@
 """Images that are looked at twice are decoded once, as far as there is room; nothing else of a log changes."""
 
-from collections import Counter
-from dataclasses import dataclass, field
-
 import numpy as np
 import pytest
-from made_street import MadeLog, curve
+from made_street import CountingLog, MadeLog, curve
 
 from wayloom.calibration.self_calibration import track_calibrated
 from wayloom.odometry import held_images
 from wayloom.odometry.settings import OdometrySettings
 
 FRAMES = 60
-
-
-@dataclass
-class CountingLog(MadeLog):
-    """Counts how often each image is decoded."""
-
-    decoded: Counter[tuple[int, bool]] = field(default_factory=Counter)
-
-    def grey_side(self, index: int, right: bool) -> np.ndarray:
-        self.decoded[index, right] += 1
-        frame = self.frame(index)
-        return frame.right if right else frame.left
 
 
 @pytest.mark.parametrize("threads", [1, 2])

@@ -14,9 +14,8 @@ pytestmark = pytest.mark.kernels
 
 bilinear, stays_inside = opened(matches.bilinear), opened(matches.stays_inside)
 right_side, search = opened(matches.right_side), opened(matches.search)
-template_equations, fetch_sixteen, add_cubics = (
-    opened(kernel) for kernel in (matches.template_equations, matches.fetch_sixteen, matches.add_cubics)
-)
+fetch_sixteen, add_cubics = opened(matches.fetch_sixteen), opened(matches.add_cubics)
+template_equations = opened(matches.template_equations)
 SIZE = (90, 140)
 
 

@@ -22,6 +22,8 @@ ARGUMENTS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync",
 )  # fmt: skip
+RENEWED_S = 20.0
+"""Pages ask again after 10 s."""
 
 
 @contextmanager
@@ -54,6 +56,11 @@ class Watched:
 def answering(url: str) -> None:
     """Wait for a server that has only just been started, so that a page's patience is for the page."""
     httpx2.get(f"{url}/healthz", timeout=60.0, trust_env=False)
+
+
+def without_stream(page: Any) -> None:
+    """Events never come: what changes, the page has to ask for."""
+    page.route("**/v1/events*", lambda route: None)
 
 
 @contextmanager

@@ -2,7 +2,9 @@
 
 import hashlib
 import json
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import httpx2
 import numpy as np
@@ -20,6 +22,8 @@ from wayloom.tiles.png import png_bytes
 from wayloom_workers.submap_rows import submap_row
 from workers.test_stitching import placed
 
+Filled = tuple[ApiAlone, dict[str, str]]
+"""The service, and its drives by their states."""
 STATES = ("uploading", "queued", "running", "stitching", "done", "held", "quarantined", "failed")
 CAMERA = {"width": 640, "height": 320, "fx": 300.0, "fy": 300.0, "cx": 320.0, "cy": 160.0, "baseline_m": 0.5}
 LOG = {
@@ -115,7 +119,16 @@ def _publish(session: Session, blobs: BlobStore) -> None:
     publish(session, "city", NewVersion(base, (8.5, 49.5, 0.0), (), 1, bounds, tiles), kept=5)
 
 
-def filled(folder: Path) -> tuple[ApiAlone, dict[str, str]]:
-    """Such a service in a folder, and its drives by their states."""
+def filled(folder: Path) -> Filled:
+    """Such a service in a folder."""
     alone = ApiAlone(folder)
     return alone, fill(alone)
+
+
+def change(alone: ApiAlone, drive_id: str, **values: Any) -> None:
+    """A drive's row, as a worker would change it."""
+    database = Database(f"sqlite:///{alone.data / 'wayloom.db'}")
+    with closing(database), database.write() as session:
+        row = drives.get(session, drive_id)
+        for name, value in values.items():
+            setattr(row, name, value)

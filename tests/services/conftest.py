@@ -1,6 +1,7 @@
 """One API process for the tests that leave it as it is, and one browser a module."""
 
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,8 @@ import httpx2
 import pytest
 from map_pages import Open, opening
 
-from service_kit.browsers import chromium
+from service_kit import filled_service
+from service_kit.browsers import answering, chromium
 from service_kit.looked_at import LookedAt
 from service_kit.running import ApiAlone
 
@@ -39,6 +41,15 @@ def page(browser: Any) -> Iterator[Any]:
     opened = browser.new_page()
     yield opened
     opened.close()
+
+
+@pytest.fixture
+def filled(tmp_path: Path) -> Iterator[filled_service.Filled]:
+    """A service of the test's own with something on every page."""
+    alone, ids = filled_service.filled(tmp_path / "data")
+    with closing(alone):
+        answering(alone.url)
+        yield alone, ids
 
 
 @pytest.fixture

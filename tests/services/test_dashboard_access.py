@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from service_kit.browsers import answering
-from service_kit.guarded import PASSWORD, Guarded, bearer
+from service_kit.filled_service import change
+from service_kit.guarded import API_KEY, PASSWORD, Guarded, bearer
 from service_kit.running import until
 from wayloom.config.roles import Role
 
@@ -147,3 +148,15 @@ def test_a_key_of_a_vehicle_sends_drives_of_that_vehicle_alone(browser: Any, gua
         assert any("van-9" in one for one in keys_of(page))
     assert guarded.announce(key, vehicle_id="van-9").status_code == 201
     assert guarded.announce(key, vehicle_id="van-8").status_code == 403
+
+
+@pytest.mark.browser
+def test_a_viewer_is_told_who_may_do_something_about_a_held_drive(browser: Any, guarded: Guarded) -> None:
+    drive = guarded.drive(API_KEY)
+    change(guarded.api, drive, state="held", grade="D", gate="hold", reasons=["sigma 2.00 m"], placed=True)
+    with closing(page_of(browser, guarded, "vera", f"/drives/{drive}")) as page:
+        page.wait_for_selector("#ways-out li")
+        assert page.inner_text("#ways-out") == (
+            "An operator may release it into the map, process it anew with other settings or delete it. You may look at it."
+        )
+        assert not page.is_visible("#ask-release")

@@ -68,18 +68,17 @@ class Sampler:
         if recovery.is_blank(pair.left, self.settings.min_contrast):
             self._forget()
             return
-        images, T, pass_over = pyramid.build(pair.left, self.levels), np.eye(4), 0
+        images, T = pyramid.build(pair.left, self.levels), np.eye(4)
         if self.reference is not None:
             fit = self._aligned(self.reference, images, pair.t_ns)
             if recovery.fit_failure(fit, self.settings) is None:
                 self.brightness, T = fit.brightness, fit.T_frame_keyframe @ self.T_host_world
                 if self.collector.is_target(T):
                     self.collector.extend(self._posed(pair, T))
-                pass_over = self._to_pass_over(pair.t_ns, T)
+                self.pass_over = self._to_pass_over(pair.t_ns, T)
             else:
                 self._forget()
         self.poses = [*self.poses[-1:], (pair.t_ns, T)]
-        self.pass_over = pass_over
         if self.collector.open is None:
             self._begin(pair, images, T)
 

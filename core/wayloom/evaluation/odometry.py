@@ -50,6 +50,8 @@ ABLATIONS: dict[str, dict[str, Any]] = {
     "no epipolar search, fewer waiting points": {"traced_share": 0.0, "sought_points": 0, "matched_points": 0},
     "no gradient weight": {"gradient_scale": 1e6},
     "no affine brightness in the window": {"affine_prior": (1e9, 1e9)},
+    "one step a window": {"adjust_iterations": 1},
+    "three steps a window": {"adjust_iterations": 3},
     EVERY_SECOND_FRAME: {},
 }
 """Name of a column to the settings that differ from the default's."""

@@ -45,7 +45,7 @@ class OdometrySettings(Settings):
     candidates: int = Field(1600, ge=50, le=20000, description="pixels tried by stereo at the first keyframe; sets the cell size")
     levels: int = Field(5, ge=1, le=8, description="pyramid levels; fewer in small images")
     track_iterations: tuple[int, ...] = Field((50, 50, 50, 20, 10, 10, 10, 10), description="at most, finest level first")
-    adjust_iterations: int = Field(2, ge=1, le=50)
+    adjust_iterations: int = Field(2, ge=1, le=50, description="steps of Levenberg-Marquardt at a keyframe, at most")
     huber: float = Field(9.0, gt=0, description="grey levels")
     cutoff: float = Field(20.0, gt=0, description="grey levels, in tracking")
     gradient_scale: float = Field(50.0, gt=0, description="c, grey levels: a pixel weighs c^2 / (c^2 + |gradient|^2)")

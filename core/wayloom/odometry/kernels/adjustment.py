@@ -26,7 +26,7 @@ from wayloom.odometry.kernels.patch import gain_between, looks_alike, make_scrat
 GAUGE = 1e12
 FIRST_DAMPING = 1e-2
 SMALL_WAY_M, SMALL_TURN, SMALL_GAIN = 2e-4, 2e-5, 1e-4
-"""Where a minimisation ends: at steps of no keyframe farther than that (radians of turn), or by that share of the energy less."""
+"""A minimisation ends with a step that moves no keyframe by more (m, rad) or lowers the energy by a smaller share of it."""
 UNLINKED = 1e-4
 """Information that holds each step of a velocity, bias or gravity that nothing speaks of, in their own units."""
 

@@ -88,9 +88,10 @@ def gather(image, total, count, camera, out):  # type: ignore[no-untyped-def]
 def align_level(image, reference, T, brightness, camera, huber, cutoff, iterations, enough, out):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt on one level; updates T (4, 4) T_frame_keyframe and brightness (2,) gain, offset in place.
 
-    The cutoff is doubled while over 60 % of the points are beyond it. It ends before a step that is expected to lower the energy by
-    less than `enough` times a point's mean energy, which is the square of the step in its standard deviations; not while a
-    share STRANGE of the points is beyond it. Fills out (3,) with energy, points in view, points beyond.
+    The cutoff is doubled while over 60 % of the points are beyond it. The alignment ends before a step that is expected to lower
+    the energy by less than `enough` times a point's mean energy, which is the square of the step in its standard deviations; but
+    not while more than a share STRANGE of the points is beyond the cutoff. Fills out (3,) with energy, points in view, points
+    beyond.
     """
     space = np.empty((3, 8, 8)), np.empty((4, 8)), np.empty((2, 4, 4)), *working_space()
     minimise_level(image, reference, T, brightness, camera, huber, cutoff, iterations, enough, *space, out)

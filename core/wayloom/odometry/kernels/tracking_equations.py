@@ -183,5 +183,5 @@ def total(columns, row):  # type: ignore[no-untyped-def]
     """One of the sums, over its sixteen."""
     s = 0.0
     for k in range(LANES):
-        s += columns[SUMS + 16 * row + k]
+        s += columns[SUMS + LANES * row + k]
     return s

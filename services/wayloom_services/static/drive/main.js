@@ -8,14 +8,14 @@ import { plotsOf } from "/static/drive/plots.js";
 import { verdict } from "/static/drive/verdict.js";
 import { waysOut } from "/static/drive/ways_out.js";
 import { gradeBadge } from "/static/list/card.js";
-import { actionsFor, removal } from "/static/ui/actions.js";
+import { actionsFor, deleteDrive } from "/static/ui/actions.js";
 import { at, button, element, link, say, table } from "/static/ui/dom.js";
 import { announce, follow, frame, telling } from "/static/ui/frame.js";
 import { driveWords, duration, errorOf, moment, OVER, STATES } from "/static/ui/words.js";
 
 const id = location.pathname.split("/").pop();
 const RENEW_MS = 10_000;
-const RENEW_REMOVED_MS = 60_000; // seldom: a browser complains of what is gone
+const RENEW_GOING_MS = 60_000; // seldom: a browser complains of what is gone
 const SAVING_MS = 60_000;
 const MISSING = [404, 422]; // of an id that nobody has, and of what is no id
 const RUNS = { running: "Being processed anew", publishing: "Processed anew, joining the map", failed: "Processing anew failed" };
@@ -26,7 +26,6 @@ const about = { caller, models: info.models, remove };
 let shown = null;
 let quality = null;
 let plots = {};
-let isLeaving = false; // the drive is about to go: a change is not followed by asking for it
 let isRemoved = false;
 const scrubber = new Scrubber(id, mayOperate, (seconds) => markAt(seconds));
 
@@ -91,21 +90,18 @@ function showActions(drive) {
 
 const act = (work) =>
   telling("act", async () => {
-    isLeaving = false;
     await work();
-    if (!isLeaving) await refresh();
+    if (!isRemoved && !isGoing()) await refresh();
   });
 
 // Deletes the drive. What is asked about it is given up before: it may be gone by the time of the answer.
 async function remove(drive) {
-  isLeaving = true;
   scrubber.stop();
   giveUp();
   try {
-    const going = await removal(drive);
+    const going = await deleteDrive(drive);
     if (!isRemoved) show(going);
   } catch (error) {
-    isLeaving = false;
     shown = null; // all that was given up is asked for again
     renew();
     throw error;
@@ -262,11 +258,11 @@ function hear(event, data) {
 }
 
 const renew = () => telling("drive", refresh);
-const isGoing = () => shown?.state === "removing" && !isRemoved;
-const isAtWork = () => shown && !isRemoved && shown.state !== "removing" && (!OVER.includes(shown.state) || shown.reprocess);
+const isGoing = () => shown?.state === "removing";
+const isAtWork = () => shown && !isGoing() && (!OVER.includes(shown.state) || shown.reprocess);
 
 await renew();
 // The stream tells of the newest drives alone.
-setInterval(() => isAtWork() && renew(), RENEW_MS);
-setInterval(() => isGoing() && renew(), RENEW_REMOVED_MS);
+setInterval(() => isAtWork() && !isRemoved && renew(), RENEW_MS);
+setInterval(() => isGoing() && !isRemoved && renew(), RENEW_GOING_MS);
 follow(hear, renew);

@@ -23,7 +23,7 @@ export function tableOf(text) {
 }
 
 // Deletes a drive. Returns it as it is now, about to go.
-export const removal = (drive) => ask(`/v1/drives/${drive.id}`, { method: "DELETE" });
+export const deleteDrive = (drive) => ask(`/v1/drives/${drive.id}`, { method: "DELETE" });
 
 const post = (drive, what, body) => ask(`/v1/drives/${drive.id}/${what}`, { method: "POST", ...(body ? { body: JSON.stringify(body) } : {}) });
 
@@ -65,7 +65,7 @@ function releaseDialog(drive, { caller }) {
   });
 }
 
-function deleteDialog(drive, { remove = removal }) {
+function deleteDialog(drive, { remove = deleteDrive }) {
   return dialog({
     title: `Delete ${drive.name}`, action: "Delete for good", danger: true,
     text: "Its files go at once, its part of the map with the next version. This cannot be undone.",
@@ -80,7 +80,7 @@ const isAnew = ({ reprocess }) => ["running", "publishing"].includes(reprocess?.
 const isRunning = (drive) => IN_WORK.includes(drive.state) || drive.reprocess?.state === "running";
 
 // The actions that a drive has now, in their order: { id, label, danger, run() }. about: { caller, models, remove(drive) }; remove, if
-// given, in place of removal.
+// given, in place of deleteDrive.
 export function actionsFor(drive, about) {
   if (!about.caller.rights.includes("operate") || drive.state === "removing") return [];
   const kept = drive.images.state === "kept";
