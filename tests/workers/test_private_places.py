@@ -1,6 +1,7 @@
 """A drive's places outlive its images, are handed to nobody, and go with their drive."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -13,8 +14,15 @@ from wayloom.places.views import view_at
 
 
 def holds_places(folder: Path) -> list[Path]:
-    """Files below the folder that hold places, whatever they are called."""
-    return [path for path in folder.rglob("*") if path.is_file() and MAGIC in path.read_bytes()[: 1 << 20]]
+    """Files below the folder that hold places, whatever they are called; workers may be tidying up while it is walked."""
+    return [path for at, _, names in os.walk(folder) for name in names if _has_places(path := Path(at, name))]
+
+
+def _has_places(path: Path) -> bool:
+    try:
+        return path.is_file() and MAGIC in path.read_bytes()[: 1 << 20]
+    except FileNotFoundError:
+        return False
 
 
 def test_places_stay_without_images_and_go_with_their_drive(tmp_path: Path) -> None:

@@ -23,17 +23,18 @@ export function toSignIn() {
   location.replace(`${SIGN_IN}?next=${encodeURIComponent(location.pathname + location.search + location.hash)}`);
 }
 
-let given = new AbortController();
+let asked = new AbortController();
+const KEPT = { signal: null };
 
-// Gives up what is asked for now, the stream of events excepted. What waits for it fails with an AbortError.
+// Gives up what is asked for now, all but the changes of `listen`. What waits for it fails with an AbortError.
 export function giveUp() {
-  given.abort();
-  given = new AbortController();
+  asked.abort();
+  asked = new AbortController();
 }
 
 // The answer to a request, whatever its status; but where the session is over the page goes to the sign-in, and there is none.
 export async function send(path, options = {}) {
-  const answer = await fetch(path, { signal: given.signal, ...options, headers: { ...headers(), ...options.headers } });
+  const answer = await fetch(path, { signal: asked.signal, ...options, headers: { ...headers(), ...options.headers } });
   if (answer.status !== 401 || location.pathname === SIGN_IN) return answer;
   toSignIn();
   return new Promise(() => {});
@@ -57,7 +58,7 @@ export const blobOf = async (path) => (await accepted(await send(path))).blob();
 export async function listen(hear, live) {
   for (let pause = 1000; ; pause = Math.min(2 * pause, 15000)) {
     try {
-      const answer = await send("/v1/events", { signal: null });
+      const answer = await send("/v1/events", KEPT);
       if (!answer.ok || !answer.body) throw new Refused(answer.status, answer.statusText);
       live("live");
       pause = 1000;
@@ -89,7 +90,7 @@ async function readEvents(reader, hear) {
 
 async function poll(hear, live) {
   try {
-    const [{ drives }, { maps }] = await Promise.all([ask("/v1/drives?limit=200"), ask("/v1/maps")]);
+    const [{ drives }, { maps }] = await Promise.all([ask("/v1/drives?limit=200", KEPT), ask("/v1/maps", KEPT)]);
     drives.reverse().forEach((drive) => hear("drive", drive));
     maps.forEach((map) => hear("map", map));
     live("polling");
