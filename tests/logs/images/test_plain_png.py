@@ -94,13 +94,26 @@ def test_an_image_comes_as_it_is_asked_for(tmp_path: Path) -> None:
         assert shapes == [(12, 9), (12, 9, 3), (12, 9) if channels == 1 else (12, 9, 3)]
 
 
-def test_mixed_filters_and_one_pixel_are_decoded(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("channels", "colour_type"), [(1, 0), (3, 2)])
+def test_mixed_filters_and_one_pixel_are_decoded(channels: int, colour_type: int, tmp_path: Path) -> None:
     """Rows of any filter after rows of any other, and the smallest picture."""
     for height, width in ((200, 51), (1, 1)):
-        file = written(tmp_path, png(packed(filtered(RNG.integers(0, 5, height), width)), (height, width)))
-        found = plain_png.decode(check_png(file.read_bytes(), file))
-        assert found is not None
-        assert np.array_equal(found, cv2.imread(str(file), cv2.IMREAD_GRAYSCALE))
+        rows = filtered(RNG.integers(0, 5, height), width * channels)
+        data = png(packed(rows), (height, width), colour_type=colour_type)
+        for colour in (False, True)[:channels]:
+            found = plain_png.decode(check_png(data, tmp_path), colour=colour)
+            assert found is not None
+            assert np.array_equal(found, by_opencv(data, colour))
+
+
+@pytest.mark.parametrize("row", [0, 5, 11])
+def test_an_unknown_filter_is_left_to_opencv(row: int, tmp_path: Path) -> None:
+    """Of grey images and of those in colour, in whichever row it stands."""
+    for channels, colour_type in ((1, 0), (3, 2)):
+        kinds = np.ones(12, np.int64)
+        kinds[row] = 5
+        chunks = check_png(png(packed(filtered(kinds, 9 * channels)), (12, 9), colour_type=colour_type), tmp_path)
+        assert [plain_png.decode(chunks, colour=colour) for colour in (False, None)] == [None, None]
 
 
 def test_what_is_not_plain_is_left_to_opencv(tmp_path: Path) -> None:

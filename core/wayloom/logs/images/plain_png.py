@@ -9,7 +9,7 @@ import numpy as np
 from isal import isal_zlib
 from numpy.typing import NDArray
 
-from wayloom.logs.kernels.png_rows import grey_levels, unfilter
+from wayloom.logs.kernels.png_rows import unfilter, unfilter_to_grey
 
 Image = NDArray[np.uint8]
 CHANNELS: Final = {b"\x08\x00\x00\x00\x00": 1, b"\x08\x02\x00\x00\x00": 3}
@@ -37,18 +37,14 @@ def decode(chunks: list[tuple[bytes, memoryview]], *, colour: bool | None = None
     rows = unpacked(stream, size)
     if rows is None:
         return None
+    filtered = np.frombuffer(rows, np.uint8).reshape(height, -1)
+    if channels == 3 and colour is False:
+        image = np.empty((height, width), np.uint8)
+        return image if unfilter_to_grey(filtered, np.empty((2, 3 * width), np.uint8), image) else None
     image = np.empty((height, channels * width), np.uint8)
-    if not unfilter(np.frombuffer(rows, np.uint8).reshape(height, -1), channels, image):
+    if not unfilter(filtered, channels, image):
         return None
-    return image if channels == 1 else _of_colours(image.reshape(height, width, 3), colour)
-
-
-def _of_colours(rgb: Image, colour: bool | None) -> Image:
-    if colour is not False:
-        return rgb
-    grey = np.empty(rgb.shape[:2], np.uint8)
-    grey_levels(rgb, grey)
-    return grey
+    return image if channels == 1 else image.reshape(height, width, 3)
 
 
 def unpacked(stream: bytes, size: int) -> bytes | None:
