@@ -96,7 +96,7 @@ def _with_zlib(chunks: list[tuple[bytes, memoryview]]) -> NDArray[np.uint8]:
     stream = b"".join(content for kind, content in chunks if kind == b"IDAT")
     rows = zlib.decompressobj().decompress(stream, (width + 1) * height + 1)
     image = np.empty((height, width), np.uint8)
-    unfilter(np.frombuffer(rows, np.uint8).reshape(height, width + 1), image)
+    unfilter(np.frombuffer(rows, np.uint8).reshape(height, width + 1), 1, image)
     return image
 
 
