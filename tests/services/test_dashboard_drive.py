@@ -175,11 +175,33 @@ def test_a_page_knows_without_the_stream_that_its_drive_goes_and_that_it_is_gone
     ask_for_deletion(page, f"{alone.url}/drives/{ids['done']}")
     page.click("dialog .danger")
     until(lambda: page.inner_text("#state") == "being removed")
-    page.route(f"**/v1/drives/{ids['done']}", lambda route: route.fulfill(status=404, json={"detail": "no such drive"}))
+    asked: list[Any] = []
+    page.route(f"**/v1/drives/{ids['done']}", lambda route: asked.append(route))
     page.clock.fast_forward("00:30")
-    assert not page.is_visible("#none")
+    page.evaluate("async () => (await fetch('/healthz')).text()")  # what the page asked before is told by then
+    assert asked == []
     page.clock.fast_forward("00:31")
+    until(lambda: page.evaluate("true") and asked)
+    asked[0].fulfill(status=404, json={"detail": "no such drive"})
     page.locator("h1", has_text="This drive was removed").wait_for()
+
+
+@pytest.mark.browser
+def test_what_tells_of_changes_is_not_given_up_with_the_rest(page: Any, filled: Filled) -> None:
+    """Where there is no stream the lists are asked for, and a page that deletes its drive is not offline for that."""
+    alone, ids = filled
+    lists: list[Any] = []
+    given_up: list[str] = []
+    page.route("**/v1/events*", lambda route: route.fulfill(status=503, json={"detail": "busy"}))
+    page.route("**/v1/drives?limit=200", lambda route: lists.append(route))
+    page.on("requestfailed", lambda request: given_up.append(request.url))
+    ask_for_deletion(page, f"{alone.url}/drives/{ids['done']}")
+    until(lambda: page.evaluate("true") and lists)
+    page.click("dialog .danger")
+    until(lambda: page.inner_text("#state") == "being removed" and given_up)
+    assert all("/keyframes/" in url for url in given_up)
+    lists[0].continue_()
+    until(lambda: page.inner_text("#live") == "polling")
 
 
 @pytest.mark.browser

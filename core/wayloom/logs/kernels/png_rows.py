@@ -15,8 +15,9 @@ RED, GREEN, BLUE = np.int32(9797), np.int32(19234), np.int32(3737)
 @bare
 def unfilter(raw, channels, out):  # type: ignore[no-untyped-def]
     """raw (h, 1 + w channels) uint8, each row's filter before it, to out (h, w channels) uint8. False where a filter is unknown."""
-    for y in range(out.shape[0]):  # noqa: SIM110  # numba compiles no generator
-        if not undo(raw[y], channels, out[max(y - 1, 0)], y == 0, out[y]):
+    for y in range(out.shape[0]):
+        is_known = undo_row(raw[y], channels, out[max(y - 1, 0)], y == 0, out[y])
+        if not is_known:
             return False
     return True
 
@@ -29,12 +30,12 @@ def unfilter_to_grey(raw, lines, out):  # type: ignore[no-untyped-def]
     """
     height = out.shape[0]
     for y in range(height):
-        colours_are_asked_for = y + 1 < height and raw[y + 1, 0] > 1
-        if raw[y, 0] == 1 and not colours_are_asked_for:
+        is_above_one_that_reads_it = y + 1 < height and raw[y + 1, 0] > 1
+        if raw[y, 0] == 1 and not is_above_one_that_reads_it:
             grey_of_differences(raw[y, 1:], out[y])
             continue
         line = lines[y & 1]
-        if not undo(raw[y], 3, lines[1 - (y & 1)], y == 0, line):
+        if not undo_row(raw[y], 3, lines[1 - (y & 1)], y == 0, line):
             return False
         for x in range(out.shape[1]):
             out[y, x] = grey_level(line[3 * x], line[3 * x + 1], line[3 * x + 2])
@@ -42,8 +43,11 @@ def unfilter_to_grey(raw, lines, out):  # type: ignore[no-untyped-def]
 
 
 @bare
-def undo(filtered, channels, up, first, row):  # type: ignore[no-untyped-def]
-    """One row, its filter before it; up : the row above, not read of the first one. False where the filter is unknown."""
+def undo_row(filtered, channels, up, first, row):  # type: ignore[no-untyped-def]
+    """A row filtered (1 + w channels), its filter before it, to row (w channels). False where the filter is unknown.
+
+    up : the row above (w channels), which is not read where this is the first
+    """
     kind, source = filtered[0], filtered[1:]
     if kind == 0 or (kind == 2 and first):
         for x in range(row.shape[0]):
@@ -95,5 +99,5 @@ def grey_of_differences(source, out):  # type: ignore[no-untyped-def]
 
 @bare
 def grey_level(red, green, blue):  # type: ignore[no-untyped-def]
-    """0.299 R + 0.587 G + 0.114 B."""
+    """Of one pixel, 0.299 R + 0.587 G + 0.114 B, rounded down."""
     return u8((RED * np.int32(red) + GREEN * np.int32(green) + BLUE * np.int32(blue)) >> 15)
