@@ -39,7 +39,15 @@ def test_the_street_tells_the_true_way_over_that_of_the_window(share: float) -> 
     assert span.way_m == pytest.approx(share * 5 * 0.8, rel=0.01)
     assert span.log_scale == pytest.approx(-np.log(share), abs=0.01)
     assert span.sigma < 0.01
-    assert span.is_off == (share != 1.0)
+    assert span.is_off() == (share != 1.0)
+
+
+def test_all_points_are_asked_only_where_a_third_of_them_find_something_amiss() -> None:
+    points = made_window(6, 60, disturbed=False)
+    right, wrong = (scale_of(with_way(made_window(6, 60, disturbed=False), share), points) for share in (1.0, 0.92))
+    assert right is not None
+    assert wrong is not None
+    assert 2.5 * right.votes < wrong.votes
 
 
 def test_a_span_of_less_than_two_metres_tells_nothing() -> None:

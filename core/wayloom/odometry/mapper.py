@@ -160,7 +160,7 @@ class Mapper:
         if is_inertial(self.window.inertial):
             return
         span = self.stereo_scale.measure(self.window, self.rig, self.robust)
-        if span is not None and span.is_off:
+        if span is not None and span.is_off():
             self.builder.doubt_steps(span.first, span.last, span.step_variance)
 
     def _marginalise_one(self) -> None:

@@ -9,7 +9,8 @@ With T_target_host = (R, t) of the window and (R, (1 + s) t) of the street, a po
 seen in the target where the window expects one of
     rho' = (1 + s) rho.
 So log(rho' / rho) is log(1 + s) at every point of the street, and 0 at those that move as the window says. It is searched along the
-epipolar lines, and the points vote. docs/decisions/0079 has what that finds.
+epipolar lines, and the points vote. A third of them is asked first, and the others only where those find something amiss.
+docs/decisions/0079 has what that finds.
 """
 
 import math
@@ -20,7 +21,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.odometry.backend.window import Window, joined
+from wayloom.odometry.backend.window import Window, chosen, joined
 from wayloom.odometry.kernels.arrays import PointColumns, Rig, Robust
 from wayloom.odometry.kernels.tracing import TRACED, trace_points
 
@@ -41,6 +42,8 @@ FEWEST_BACK, MOST_BACK = 2, 6
 """Keyframes between which a host lies before the newest: what is near has then left its view, and the street not yet."""
 SIGMAS, LEAST_SIGMA = 4.0, 0.012
 """The scale is off from so many sigmas on, of the votes and of what all of a span err in common."""
+SAMPLED, AMISS_SIGMAS = 3, 1.5
+"""Every so many-th point is asked first; all are where the scale is off by so many sigmas of those."""
 HUBER, OUTLIER, ROUNDS = 2.0, 6.0, 10
 
 
@@ -60,10 +63,9 @@ class SpanScale:
     sigma: float
     votes: int
 
-    @property
-    def is_off(self) -> bool:
+    def is_off(self, sigmas: float = SIGMAS) -> bool:
         """Whether the street denies the window's motion."""
-        return abs(self.log_scale) > SIGMAS * math.hypot(self.sigma, LEAST_SIGMA)
+        return abs(self.log_scale) > sigmas * math.hypot(self.sigma, LEAST_SIGMA)
 
     @property
     def step_variance(self) -> float:
@@ -90,33 +92,36 @@ class StereoScale:
         hosts = [f for f in np.flatnonzero(near).tolist() if int(window.keyframe[f]) in self.points]
         if not hosts:
             return None
-        votes, sigma = self._votes(window, hosts, rig, robust)
-        if len(votes) < LEAST_VOTES:
-            return None
-        log_scale, sigma_scale = strongest_vote(votes, sigma)
-        way_m = float(np.linalg.norm(np.diff(centres[hosts[0] :], axis=0), axis=1).sum())
-        return SpanScale(int(window.keyframe[hosts[0]]), int(window.keyframe[-1]), way_m, log_scale, sigma_scale, len(votes))
-
-    def _votes(self, window: Window, hosts: list[int], rig: Rig, robust: Robust) -> tuple[FloatArray, FloatArray]:
-        """(n,) log(rho' / rho) of the hosts' points that are found in the newest keyframe, and (n,) their sigmas."""
         points = reduce(joined, (self._hosted(int(window.keyframe[f]), f) for f in hosts))
-        rho = points.rho
-        points = points._replace(rho=rho.copy())
-        low, high, state = rho / SEARCHED, rho * SEARCHED, np.zeros(len(rho), np.int64)
-        trace_points(
-            window.images, rig, window.frames, points, np.arange(len(rho)), len(window) - 1, low, high, UNIQUENESS,
-            MAX_LENGTH_PX, robust, state,
-        )  # fmt: skip
-        found = np.flatnonzero(state == TRACED)
-        seen = points.rho[found]
-        matched = 0.5 * (high[found] - low[found]) / seen
-        stereo = DISPARITY_SIGMA_PX / (-rig.fx * rig.tx * rho[found])
-        return np.log(seen / rho[found]), np.hypot(matched, stereo)
+        way_m = float(np.linalg.norm(np.diff(centres[hosts[0] :], axis=0), axis=1).sum())
+        first, last, span = int(window.keyframe[hosts[0]]), int(window.keyframe[-1]), None
+        for some in (np.arange(0, len(points.rho), SAMPLED), np.arange(len(points.rho))):
+            votes, sigma = _votes(window, chosen(points, some), rig, robust)
+            span = SpanScale(first, last, way_m, *strongest_vote(votes, sigma), len(votes)) if len(votes) >= LEAST_VOTES else None
+            if span is not None and not span.is_off(AMISS_SIGMAS):
+                break
+        return span
 
     def _hosted(self, keyframe: int, f: int) -> PointColumns:
         """The points of a keyframe that is frame f of the window now."""
         points = self.points[keyframe]
         return points._replace(host=np.full(len(points.rho), f, np.int64))
+
+
+def _votes(window: Window, points: PointColumns, rig: Rig, robust: Robust) -> tuple[FloatArray, FloatArray]:
+    """(n,) log(rho' / rho) of the points that are found in the newest keyframe, and (n,) their sigmas."""
+    rho = points.rho
+    points = points._replace(rho=rho.copy())
+    low, high, state = rho / SEARCHED, rho * SEARCHED, np.zeros(len(rho), np.int64)
+    trace_points(
+        window.images, rig, window.frames, points, np.arange(len(rho)), len(window) - 1, low, high, UNIQUENESS,
+        MAX_LENGTH_PX, robust, state,
+    )  # fmt: skip
+    found = np.flatnonzero(state == TRACED)
+    seen = points.rho[found]
+    matched = 0.5 * (high[found] - low[found]) / seen
+    stereo = DISPARITY_SIGMA_PX / (-rig.fx * rig.tx * rho[found])
+    return np.log(seen / rho[found]), np.hypot(matched, stereo)
 
 
 def strongest_vote(votes: FloatArray, sigma: FloatArray) -> tuple[float, float]:
