@@ -4,6 +4,7 @@ import numpy as np
 
 from wayloom.odometry.kernels.compiler import inlined, kernel
 
+f32 = np.float32
 TAKEN_CELL = 8
 """px, of the mask of places that already hold a point."""
 
@@ -22,21 +23,41 @@ def fill_peaks(size, first, last, peaks, rows):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def scan_cell(peaks, rows, thresholds, blocks, x0, x1, best):  # type: ignore[no-untyped-def]
+def strongest(peaks, x0, x1):  # type: ignore[no-untyped-def]
+    """The largest of peaks[x0:x1], without a branch."""
+    peak = f32(0)
+    for x in range(x0, x1):
+        peak = max(peak, peaks[x])
+    return peak
+
+
+@inlined
+def scan_cell(peaks, rows, thresholds, block, x0, x1, best):  # type: ignore[no-untyped-def]
     """Strongest pixels of a cell's columns within one row of blocks, of thresholds (w/block,): best (3, 3) has rows x, y, gradient
-    of those above 1, 3/4 and 1/2 of the threshold, updated; of equal ones the first in the order of rows stays."""
+    of those above 1, 3/4 and 1/2 of the threshold, updated; of equal ones the first in the order of rows stays. Of the columns
+    within one block only the strongest can be one of them."""
     first, second, third = best[0, 2], best[1, 2], best[2, 2]
     new1, new2, new3 = False, False, False
-    for x in range(x0, x1):
-        g, y, threshold = np.float64(peaks[x]), rows[x], np.float64(thresholds[blocks[x]])
-        if not g > 0.5 * threshold:
-            continue
-        if g > third or (new3 and g == third and y < best[2, 1]):
-            best[2, 0], best[2, 1], third, new3 = x, y, g, True
-        if g > 0.75 * threshold and (g > second or (new2 and g == second and y < best[1, 1])):
-            best[1, 0], best[1, 1], second, new2 = x, y, g, True
-        if g > threshold and (g > first or (new1 and g == first and y < best[0, 1])):
-            best[0, 0], best[0, 1], first, new1 = x, y, g, True
+    start = x0
+    while start < x1:
+        threshold, end = np.float64(thresholds[start // block]), min(x1, (start // block + 1) * block)
+        peak = strongest(peaks, start, end)
+        g = np.float64(peak)
+        if g > 0.5 * threshold:
+            x = start
+            while peaks[x] != peak:
+                x += 1
+            for other in range(x + 1, end):
+                if peaks[other] == peak and rows[other] < rows[x]:
+                    x = other
+            y = rows[x]
+            if g > third or (new3 and g == third and y < best[2, 1]):
+                best[2, 0], best[2, 1], third, new3 = x, y, g, True
+            if g > 0.75 * threshold and (g > second or (new2 and g == second and y < best[1, 1])):
+                best[1, 0], best[1, 1], second, new2 = x, y, g, True
+            if g > threshold and (g > first or (new1 and g == first and y < best[0, 1])):
+                best[0, 0], best[0, 1], first, new1 = x, y, g, True
+        start = end
     best[0, 2], best[1, 2], best[2, 2] = first, second, third
 
 
@@ -56,13 +77,13 @@ def select_pixels(size, thresholds, block, cell, border, taken, points):  # type
     size (h, w) float32 gradient; thresholds (h/block, w/block); taken (h/8 + 1, w/8 + 1) bool; fills points (capacity, 2) int64
     with (u, v) and returns their number.
     """
-    blocks, strips = np.arange(size.shape[1]) // block, cell // block + 2
+    strips = cell // block + 2
     peaks, rows = np.empty((4, strips, size.shape[1]), np.float32), np.empty((4, strips, size.shape[1]), np.int32)
-    return scan_cells(size, thresholds, blocks, block, cell, border, taken, peaks, rows, np.zeros((3, 3)), points)
+    return scan_cells(size, thresholds, block, cell, border, taken, peaks, rows, np.zeros((3, 3)), points)
 
 
 @kernel
-def scan_cells(size, thresholds, blocks, block, cell, border, taken, peaks, rows, best, points):  # type: ignore[no-untyped-def]
+def scan_cells(size, thresholds, block, cell, border, taken, peaks, rows, best, points):  # type: ignore[no-untyped-def]
     """select_pixels; peaks and rows (4, strips, w) are working space for four rows of cells, each in strips within one row of
     blocks, best (3, 3) that of scan_cell. A column's peak is found once, by vectors over the image's width."""
     h, w, n = size.shape[0] - border, size.shape[1] - border, 0
@@ -85,7 +106,7 @@ def scan_cells(size, thresholds, blocks, block, cell, border, taken, peaks, rows
                             best[0, 2] = 0.0
                             for strip in range((low - 1) // block - y1 // block + 1):
                                 thresholds_here = thresholds[y1 // block + strip]
-                                scan_cell(peaks[r, strip], rows[r, strip], thresholds_here, blocks, x1, min(x1 + cell, w), best)
+                                scan_cell(peaks[r, strip], rows[r, strip], thresholds_here, block, x1, min(x1 + cell, w), best)
                             if best[0, 2] > 0.0:
                                 found2 = found4 = True
                                 n = append(int(best[0, 0]), int(best[0, 1]), taken, points, n)
