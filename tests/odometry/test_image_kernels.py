@@ -11,6 +11,13 @@ def noise(shape: tuple[int, int] = (41, 53)) -> np.ndarray:
     return np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)
 
 
+@pytest.mark.parametrize("shape", [(41, 53), (2, 2), (40, 17)])
+def test_a_halved_image_holds_the_exact_means_of_four_pixels(shape: tuple[int, int]) -> None:
+    image, (h, w) = noise(shape), (shape[0] // 2, shape[1] // 2)
+    expected = image[: 2 * h, : 2 * w].reshape(h, 2, w, 2).mean(axis=(1, 3), dtype=np.float64)
+    np.testing.assert_array_equal(images.halved(image), expected)
+
+
 def test_gradient_size_does_not_wrap_uint8_differences() -> None:
     image = noise()
     dy, dx = np.gradient(image.astype(float))

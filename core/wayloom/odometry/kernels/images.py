@@ -1,4 +1,4 @@
-"""Gradients of images and the thresholds of point selection."""
+"""Halves and gradients of images, and the thresholds of point selection."""
 
 import math
 
@@ -8,6 +8,24 @@ from wayloom.odometry.kernels.compiler import kernel
 
 f32 = np.float32
 HISTOGRAM = 100
+
+
+def halved(image):  # type: ignore[no-untyped-def]
+    """(h, w) uint8 to (h // 2, w // 2) float32: means of 2x2 pixels, exactly; an odd last row or column is left out."""
+    out = np.empty((image.shape[0] // 2, image.shape[1] // 2), np.float32)
+    fill_halved(image, out)
+    return out
+
+
+@kernel
+def fill_halved(image, out):  # type: ignore[no-untyped-def]
+    """halved into out."""
+    h, w = out.shape
+    for y in range(h):
+        upper, lower, row = image[2 * y], image[2 * y + 1], out[y]
+        for x in range(w):
+            total = np.int32(upper[2 * x]) + np.int32(upper[2 * x + 1]) + np.int32(lower[2 * x]) + np.int32(lower[2 * x + 1])
+            row[x] = f32(0.25) * f32(total)
 
 
 def gradient_size(image):  # type: ignore[no-untyped-def]

@@ -31,7 +31,7 @@ def tracking_equations(  # type: ignore[no-untyped-def]
 ):
     """Normal equations of r = I(project(T p)) - (gain I_ref + offset) with Huber weight, constant energy beyond cutoff.
 
-    image (h, w) float32, its gradient by central differences; reference (n, 4) x, y, rho, grey; T (4, 4) T_frame_keyframe;
+    image (h, w) uint8 or float32, its gradient by central differences; reference (n, 4) x, y, rho, grey; T (4, 4) T_frame_keyframe;
     camera (4,) px. Fills H (8, 8) = J^T W J and g (8,) = -J^T W r for (v, omega, gain, offset); places and columns are
     `working_space`; returns energy, points in view, points beyond cutoff.
     """

@@ -6,10 +6,12 @@ from numpy.typing import NDArray
 
 from wayloom.geometry.camera import PinholeCamera
 from wayloom.odometry.kernels.arrays import Rig
+from wayloom.odometry.kernels.images import halved
 
 SMALLEST_SIDE = 16
 Image = NDArray[np.uint8]
-Pyramid = list[NDArray[np.float32]]
+Pyramid = list[NDArray[np.uint8] | NDArray[np.float32]]
+"""An image (h, w) uint8 and its halves, quarters …, float32."""
 
 
 def grey(image: Image) -> Image:
@@ -32,10 +34,14 @@ def halve(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def build(image: Image, levels: int) -> Pyramid:
-    """(h, w) uint8 to `levels` images (h, w) float32, finest first."""
-    out = [image.astype(np.float32)]
-    while len(out) < levels:
-        out.append(halve(out[-1]))
+    """(h, w) uint8 to `levels` images, finest first: itself, and float32 ones half as large each."""
+    out: Pyramid = [image]
+    if levels > 1:
+        below = np.asarray(halved(image), np.float32)
+        out.append(below)
+        for _ in range(2, levels):
+            below = halve(below)
+            out.append(below)
     return out
 
 
