@@ -42,14 +42,37 @@ def shifted_pair(dx: float, dy: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("shift", [7.0, 7.3, 7.77])
 def test_a_column_is_refined_to_a_fraction_of_a_pixel(shift: float) -> None:
     left, right = shifted_pair(shift, 0.0)
-    x, sigma = refine_column(left, right, 60, 30, 53)
+    x, sigma = refine_column(left, right, 60, 30, 53, kernels.refinement_columns())
     assert 60 - x == pytest.approx(shift, abs=0.03)
     assert sigma < 0.5
 
 
+def naive_refinement(left: np.ndarray, right: np.ndarray, u: int, v: int, x: float) -> tuple[float, float]:
+    """Gauss-Newton with the offset eliminated, the gradient that of both images; x and sigma."""
+    patch, R = left[v - 2 : v + 3, u - 4 : u + 5].astype(float), right[v - 2 : v + 3].astype(float)
+    for _ in range(6):
+        columns = x + np.arange(-4, 5)
+        sampled = np.array([np.interp(columns, np.arange(R.shape[1]), row) for row in R])
+        r = (sampled - patch)[:, 1:-1].ravel()
+        j = (0.25 * (sampled[:, 2:] - sampled[:, :-2] + patch[:, 2:] - patch[:, :-2])).ravel()
+        information, step = 35 * j.var(), -np.mean((r - r.mean()) * (j - j.mean())) / j.var()
+        x += step
+        if abs(step) < 0.01:
+            break
+    return x, np.sqrt(max(r.var(), 4.0) / information)
+
+
+def test_a_refined_column_is_that_of_the_naive_twin() -> None:
+    left, right = shifted_pair(7.4, 0.0)
+    right = np.clip(right.astype(int) + np.random.default_rng(0).integers(-9, 10, right.shape) + 20, 0, 255).astype(np.uint8)
+    columns = kernels.refinement_columns()
+    for u, v in ((60, 30), (41, 12), (88, 50), (112, 7)):
+        assert refine_column(left, right, u, v, u - 7, columns) == pytest.approx(naive_refinement(left, right, u, v, u - 7), abs=1e-4)
+
+
 def test_a_flat_patch_has_no_match() -> None:
     flat = np.full((40, 60), 90, np.uint8)
-    assert refine_column(flat, flat, 30, 20, 25)[1] == kernels.NO_MATCH
+    assert refine_column(flat, flat, 30, 20, 25, kernels.refinement_columns())[1] == kernels.NO_MATCH
 
 
 def test_both_axes_are_refined_to_a_fraction_of_a_pixel() -> None:

@@ -44,7 +44,7 @@ STEREO: Final = (
     ("resampling.fill_resampled", "u1:2 f4:3 i8 f4:2 u1:2"),
     ("selection.scan_cells", "f4:2 f4:2 i8 i8 i8 b1:2 f4:3 i4:3 f8:2 i8:2"),
     ("stereo.sobel_rows", "u1:2 i8 i2:2"),
-    ("stereo.search_rows", "i2:2 i2:2 u1:2 u1:2 i8:2 i8 f8 f8 i2:1 f8:2"),
+    ("stereo.search_rows", "i2:2 i2:2 u1:2 u1:2 i8:2 i8 f8 f8 i2:1 f4:1 f8:2"),
     ("stereo.track_patches", "u1:2 u1:2 i8:2 f8:1 i8 f8 f8:1 f8:2"),
 )
 STATE: Final = (

@@ -13,6 +13,8 @@ BEHIND_INFINITY = 2
 """px: the search starts a little behind infinity, because of the disparity bias."""
 HALF_W, HALF_H = 3, 2
 PATCH_PIXELS = (2 * HALF_W + 1) * (2 * HALF_H + 1)
+SLOPES, SUMS, COUNTED = 40, 80, 120
+"""Where in `refinement_columns` the slopes begin, the sums, and what says which pixels count."""
 
 
 @inlined
@@ -72,31 +74,34 @@ def best_column(template, image, u, v, x_low, x_high, costs):  # type: ignore[no
 
 
 @part
-def refine_column(left, right, u, v, x_start):  # type: ignore[no-untyped-def]
-    """Sub-pixel column of left's patch at (u, v) in right, both (h, w) uint8.
+def refine_column(left, right, u, v, x_start, columns):  # type: ignore[no-untyped-def]
+    """Sub-pixel column of left's patch at (u, v) in right, both (h, w) uint8; columns (128,) of `refinement_columns`.
 
     Gauss-Newton on sum (R(x) - L - offset)^2 with the offset eliminated and the gradient averaged over both images. Returns x and
     its sigma = sqrt(residual variance / information), NO_MATCH where it does not converge.
     """
+    lanes = columns.shape[0] // 16  # not a constant: the compiler would unroll instead of using vectors
+    for row in range(2 * HALF_H + 1):
+        here = left[v - HALF_H + row]
+        for k in range(2 * HALF_W + 1):
+            columns[8 * row + k] = here[u - HALF_W + k]
+            columns[SLOPES + 8 * row + k] = f32(here[u - HALF_W + k + 1]) - f32(here[u - HALF_W + k - 1])
     x, information, variance = float(x_start), 0.0, 0.0
     for _ in range(6):
         if not (x - HALF_W >= 1.0 and x + HALF_W < right.shape[1] - 3):
             return x, NO_MATCH
         ix = int(x)
-        a = f32(x - ix)
+        for k in range(SUMS, COUNTED):
+            columns[k] = f32(0)
+        for row in range(2 * HALF_H + 1):
+            add_row(right[v - HALF_H + row, ix - HALF_W - 1 : ix - HALF_W + 10], f32(x - ix), 8 * row, columns, lanes)
         sr, sj, srj, sjj, srr = 0.0, 0.0, 0.0, 0.0, 0.0
-        for y in range(v - HALF_H, v + HALF_H + 1):
-            for dx in range(-HALF_W, HALF_W + 1):
-                before, r0 = f32(right[y, ix + dx - 1]), f32(right[y, ix + dx])
-                r1, after = f32(right[y, ix + dx + 1]), f32(right[y, ix + dx + 2])
-                r = float((f32(1) - a) * r0 + a * r1 - f32(left[y, u + dx]))
-                slope = f32(left[y, u + dx + 1]) - f32(left[y, u + dx - 1])
-                j = float(f32(0.25) * ((f32(1) - a) * (r1 - before) + a * (after - r0) + slope))
-                sr += r
-                sj += j
-                srj += r * j
-                sjj += j * j
-                srr += r * r
+        for k in range(8):
+            sr += columns[SUMS + k]
+            sj += columns[SUMS + 8 + k]
+            srj += columns[SUMS + 16 + k]
+            sjj += columns[SUMS + 24 + k]
+            srr += columns[SUMS + 32 + k]
         information, variance = sjj - sj * sj / PATCH_PIXELS, (srr - sr * sr / PATCH_PIXELS) / PATCH_PIXELS
         if information < 1.0:
             return x, NO_MATCH
@@ -109,6 +114,31 @@ def refine_column(left, right, u, v, x_start):  # type: ignore[no-untyped-def]
     return x, math.sqrt(max(variance, 4.0) / information)
 
 
+@inlined
+def add_row(row, share, first, columns, lanes):  # type: ignore[no-untyped-def]
+    """Adds a row of the patch, in columns from `first` on, to the sums of r, j, r j, j^2 and r^2; row (11,) uint8 of the right image
+    from a pixel before on, share of a pixel to the right."""
+    rest = f32(1) - share
+    for k in range(lanes):
+        before, r0, r1, after = f32(row[k]), f32(row[k + 1]), f32(row[k + 2]), f32(row[k + 3])
+        counted = columns[120 + k]
+        r = counted * (rest * r0 + share * r1 - columns[first + k])
+        j = counted * f32(0.25) * (rest * (r1 - before) + share * (after - r0) + columns[40 + first + k])
+        columns[80 + k] += r
+        columns[88 + k] += j
+        columns[96 + k] += r * j
+        columns[104 + k] += j * j
+        columns[112 + k] += r * r
+
+
+def refinement_columns():  # type: ignore[no-untyped-def]
+    """Working space of refine_column: rows of eight for the patch's grey levels and slopes and for five sums, and which of the eight
+    are in the patch."""
+    columns = np.zeros(128, np.float32)
+    columns[COUNTED : COUNTED + 2 * HALF_W + 1] = 1
+    return columns
+
+
 def match_rows(slope_left, slope_right, left, right, pixels, max_disparity, uniqueness, max_cost, out):  # type: ignore[no-untyped-def]
     """Disparity u_left - u_right of pixels (n, 2) int64 along rows.
 
@@ -117,14 +147,16 @@ def match_rows(slope_left, slope_right, left, right, pixels, max_disparity, uniq
     pixel that fails a test.
     """
     costs = np.empty(max(max_disparity, 80) + 8, np.int16)
-    search_rows(slope_left, slope_right, left, right, pixels, max_disparity, uniqueness, max_cost, costs, out)
+    search_rows(
+        slope_left, slope_right, left, right, pixels, max_disparity, uniqueness, max_cost, costs, refinement_columns(), out
+    )  # fmt: skip
 
 
 @kernel
 def search_rows(  # type: ignore[no-untyped-def]
-    slope_left, slope_right, left, right, pixels, max_disparity, uniqueness, max_cost, costs, out
+    slope_left, slope_right, left, right, pixels, max_disparity, uniqueness, max_cost, costs, columns, out
 ):
-    """match_rows with working space costs, int16, for each column that is searched."""
+    """match_rows with working space costs, int16, for each column that is searched, and `refinement_columns`."""
     h, w = left.shape
     for i in range(pixels.shape[0]):
         u, v = pixels[i, 0], pixels[i, 1]
@@ -138,7 +170,7 @@ def search_rows(  # type: ignore[no-untyped-def]
         back = best_column(slope_right, slope_left, x, v, low, high, costs)[0]
         if abs(back - u) > 1:
             continue
-        x_fine, sigma = refine_column(left, right, u, v, x)
+        x_fine, sigma = refine_column(left, right, u, v, x, columns)
         out[i, 0], out[i, 1] = u - x_fine, sigma
 
 
