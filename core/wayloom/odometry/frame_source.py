@@ -138,8 +138,12 @@ def first_matches(log: DriveLog, indices: tuple[int, ...]) -> NDArray[np.float64
     """
     check_rig(log)
     pairs = usable_pairs(log, [index for index in indices if index < len(log)])
-    matches = np.concatenate([np.zeros((0, 4)), *(rows.row_matches(left, right) for left, right in pairs)])
-    exchanged = sum(len(rows.row_matches(right, left)) for left, right in pairs)
+    found = [rows.row_matches(left, right) for left, right in pairs]
+    matches, exchanged = np.concatenate([np.zeros((0, 4)), *found]), 0
+    for k, (left, right) in enumerate(pairs):
+        exchanged += len(rows.row_matches(right, left))
+        if exchanged < sum(map(len, found[: k + 1])):  # one pair tells, unless it shows nothing
+            break
     if exchanged > EXCHANGED_LEAST and exchanged > EXCHANGED_FACTOR * len(matches):
         what = f"left and right images are exchanged: {len(matches)} pixels match as they are, {exchanged} the other way round"
         raise LogError(what, file=log.path, remedy="give the left camera's images as the left ones")
