@@ -67,7 +67,8 @@ def test_a_refined_column_is_that_of_the_naive_twin() -> None:
     right = np.clip(right.astype(int) + np.random.default_rng(0).integers(-9, 10, right.shape) + 20, 0, 255).astype(np.uint8)
     columns = kernels.refinement_columns()
     for u, v in ((60, 30), (41, 12), (88, 50), (112, 7)):
-        assert refine_column(left, right, u, v, u - 7, columns) == pytest.approx(naive_refinement(left, right, u, v, u - 7), abs=1e-4)
+        expected = naive_refinement(left, right, u, v, u - 7)
+        assert refine_column(left, right, u, v, u - 7, columns) == pytest.approx(expected, abs=1e-4)
 
 
 def test_a_flat_patch_has_no_match() -> None:

@@ -116,24 +116,24 @@ def refine_column(left, right, u, v, x_start, columns):  # type: ignore[no-untyp
 
 @inlined
 def add_row(row, share, first, columns, lanes):  # type: ignore[no-untyped-def]
-    """Adds a row of the patch, in columns from `first` on, to the sums of r, j, r j, j^2 and r^2; row (11,) uint8 of the right image
-    from a pixel before on, share of a pixel to the right."""
+    """Adds a row of the patch, in columns from `first` on, to the sums of r, j, r j, j^2 and r^2; row (11,) uint8 of the right
+    image from a pixel before on, share of a pixel to the right."""
     rest = f32(1) - share
     for k in range(lanes):
         before, r0, r1, after = f32(row[k]), f32(row[k + 1]), f32(row[k + 2]), f32(row[k + 3])
-        counted = columns[120 + k]
+        counted = columns[COUNTED + k]
         r = counted * (rest * r0 + share * r1 - columns[first + k])
-        j = counted * f32(0.25) * (rest * (r1 - before) + share * (after - r0) + columns[40 + first + k])
-        columns[80 + k] += r
-        columns[88 + k] += j
-        columns[96 + k] += r * j
-        columns[104 + k] += j * j
-        columns[112 + k] += r * r
+        j = counted * f32(0.25) * (rest * (r1 - before) + share * (after - r0) + columns[SLOPES + first + k])
+        columns[SUMS + k] += r
+        columns[SUMS + 8 + k] += j
+        columns[SUMS + 16 + k] += r * j
+        columns[SUMS + 24 + k] += j * j
+        columns[SUMS + 32 + k] += r * r
 
 
 def refinement_columns():  # type: ignore[no-untyped-def]
-    """Working space of refine_column: rows of eight for the patch's grey levels and slopes and for five sums, and which of the eight
-    are in the patch."""
+    """Working space of refine_column: rows of eight for the patch's grey levels and slopes and for five sums, and which of the
+    eight are in the patch."""
     columns = np.zeros(128, np.float32)
     columns[COUNTED : COUNTED + 2 * HALF_W + 1] = 1
     return columns
