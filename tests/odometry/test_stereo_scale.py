@@ -120,7 +120,7 @@ class BetweenBuses(MadeLog):
 
 @pytest.fixture(scope="module")
 def misled() -> tuple[BetweenBuses, OdometryResult]:
-    log = BetweenBuses(curve(44))
+    log = BetweenBuses(curve(56))
     return log, track(log)
 
 
@@ -141,7 +141,9 @@ def test_steps_between_two_buses_are_as_unsure_as_they_are_wrong(misled) -> None
 def test_steps_before_and_long_after_the_buses_are_not_doubted(misled) -> None:
     keyframes = misled[1].keyframes
     sigma = np.sqrt(np.diagonal(keyframes.step_covariance, axis1=1, axis2=2)).max(axis=1)
-    assert np.nanmax(sigma[(keyframes.frame < 8) | (keyframes.frame > 38)]) < 0.05
+    long_after = keyframes.frame > 50  # at 36 the last step errs by 4 %, and a span reaches six keyframes back
+    assert long_after.sum() >= 2
+    assert np.nanmax(sigma[(keyframes.frame < 8) | long_after]) < 0.05
 
 
 def test_no_step_of_a_still_street_is_doubted() -> None:
