@@ -143,7 +143,7 @@ def test_steps_before_and_long_after_the_buses_are_not_doubted(misled) -> None:
     sigma = np.sqrt(np.diagonal(keyframes.step_covariance, axis1=1, axis2=2)).max(axis=1)
     long_after = keyframes.frame > 50  # at 36 the last step errs by 4 %, and a span reaches six keyframes back
     assert long_after.sum() >= 2
-    assert np.nanmax(sigma[(keyframes.frame < 8) | long_after]) < 0.05
+    assert np.nanmax(sigma[(keyframes.frame < 8) | long_after]) < 0.02
 
 
 def test_no_step_of_a_still_street_is_doubted() -> None:
