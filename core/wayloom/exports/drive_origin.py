@@ -4,6 +4,8 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
+REPORT_FILE: Final = "report.json"
+"""Of a drive's outputs."""
 LOG_PARTS: Final = ("images", "gnss", "imu", "exposure")
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import ConfigError, InputError
-from wayloom.exports.drive_origin import drive_origin
+from wayloom.exports.drive_origin import REPORT_FILE, drive_origin
 from wayloom.exports.provenance import provenance_of
 from wayloom.exports.source import Feature
 from wayloom.geodesy.antimeridian import Box, overlap
@@ -54,7 +54,6 @@ ON_GROUND: Final[Mapping[str, Callable[[RegionKey, GroundOfRegions, MapFrame], b
     "areas": lambda key, ground, frame: region_areas(key, ground, frame, AreaSettings()),
 }
 """Features that are found on the ground of a region and of those around it."""
-REPORT_FILE: Final = "report.json"
 HELD_SUBMAPS, HELD_SHEETS, HELD_REGIONS, HELD_RASTERS = 32, 24, 9, 48
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.errors import InputError
-from wayloom.exports.drive_outputs import REPORT_FILE
+from wayloom.exports.drive_origin import REPORT_FILE
 from wayloom.exports.points import PointBatch, batch_of_submap, joined_batches
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.map_frame import MapFrame

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from wayloom.config.progress import NamedProgress, Progress, silent_for_each
 from wayloom.config.side_by_side import in_order
-from wayloom.exports.drive_outputs import REPORT_FILE
+from wayloom.exports.drive_origin import REPORT_FILE
 from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.geoid import GeoidGrid
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference

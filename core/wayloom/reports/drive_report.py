@@ -12,7 +12,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_NAMES, PALETTE
-from wayloom.exports.drive_outputs import REPORT_FILE
+from wayloom.exports.drive_origin import REPORT_FILE
 from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
