@@ -1,5 +1,6 @@
 """When an alignment is believed, and what is tried for a frame that motion alone does not explain."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -154,6 +155,22 @@ def test_matches_are_those_of_the_naive_search() -> None:
 
 def errors(result: OdometryResult, log: MadeLog) -> np.ndarray:
     return np.linalg.norm(result.trajectory.T_world_cam[:, :3, 3] - log.truth[:, :3, 3], axis=1)
+
+
+@pytest.mark.parametrize(("visible", "many", "asks"), [(0.8, 100, False), (0.5, 100, True), (0.8, 10_000, True)])
+def test_the_first_motion_needs_features_only_where_little_of_the_keyframe_is_seen(
+    visible: float, many: int, asks: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+    log = MadeLog(curve(4, step_m=1.0))
+    find, best = relocalisation.find_features, recovery.best_alignment
+    monkeypatch.setattr(relocalisation, "find_features", lambda *a: (asked.append(1), find(*a))[1])
+    monkeypatch.setattr(recovery, "MANY_POINTS", many)
+    monkeypatch.setattr(recovery, "best_alignment", lambda *a: replace(best(*a), visible=visible))
+    result = track(log)
+    assert bool(asked) == asks
+    assert result.trajectory.tracked.all()
+    assert errors(result, log).max() < 0.02
 
 
 def test_a_fast_turn_at_ten_hertz_is_followed() -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayloom.calibration.self_calibration import track_calibrated
+from wayloom.calibration.self_calibration import calibrate_drive, track_calibrated
 from wayloom.config.progress import Progress, silent
 from wayloom.evaluation.odometry_density import density
 from wayloom.evaluation.odometry_depth import depth_errors
@@ -178,7 +178,8 @@ def replaced(committed: Sequence[Summary], new: Sequence[Summary]) -> list[Summa
 
 
 def warm_up(recording: Recording) -> None:
-    """Load or compile every kernel, so that no run is timed with it."""
+    """Load or compile every kernel, those for a drive's own lens too, so that no run is timed with it."""
+    calibrate_drive(recording.log, OdometrySettings())
     kept = np.arange(0, len(recording.log), 2)[:WARM_UP_FRAMES]
     track_calibrated(Thinned(recording.log, kept), OdometrySettings(window=3))
 

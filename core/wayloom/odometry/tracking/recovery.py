@@ -30,6 +30,9 @@ WORSE_THAN_USUAL = 1.5
 SATURATED, GRAVELY_SATURATED, LONG_GAP_S = 0.15, 0.3, 0.45
 """Shares of the points in view beyond the cut-off, from which other motions are tried and from which features are looked for; and
 seconds without a tracked frame, after which both happen whatever the fit."""
+WELL_SEEN, MANY_POINTS = 0.6, 100
+"""Share and number of the keyframe's points that the first frame with a motion sees where its place needs no features: wrong places
+that fit as well saw a third of them, or a few dozen (decision 119)."""
 GRID_TURNS_RAD = (-0.32, -0.22, -0.14, -0.08, 0.08, 0.14, 0.22, 0.32)
 GRID_WAYS = (0.0, 1.0, 2.0)
 GRID_KEPT = 4
@@ -118,6 +121,11 @@ def fit_failure(fit: Alignment, settings: OdometrySettings, min_visible: float |
     return None
 
 
+def sees_much(fit: Alignment, reference: Reference) -> bool:
+    """Whether enough of the reference is in view that a place that fits cannot be chance."""
+    return fit.visible >= WELL_SEEN and fit.visible * len(reference.levels[0]) >= MANY_POINTS
+
+
 def motion_failure(
     T_cam_world: FloatArray, T_last: FloatArray, T_predicted: FloatArray | None, dt_s: float, settings: OdometrySettings
 ) -> str | None:
@@ -198,7 +206,8 @@ class Recovery:
         failure, tried = self._failure(fit, newest.keyframe, request, window), 1 + len(guesses)
         best = TrackingResult(fit, newest.keyframe, failure, tried)
         uncertain = request.since_s > LONG_GAP_S or fit.saturated > (SATURATED if request.starting else GRAVELY_SATURATED)
-        if failure is None and not uncertain and not self._surprises(fit, newest.keyframe, request, window):
+        expected = sees_much(fit, newest) if request.starting else not self._surprises(fit, newest.keyframe, request, window)
+        if failure is None and not uncertain and expected:
             return best
         decided = False
         for shrink in relocalisation.shrinks(request.frame.left):
