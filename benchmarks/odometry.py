@@ -43,7 +43,7 @@ from made_window import NUMBERS, ROBUST, made_window  # noqa: E402
 from pages import DOCS  # noqa: E402
 from wayloom.errors import InputError, WayloomError  # noqa: E402
 from wayloom.evaluation import odometry_peers, odometry_table  # noqa: E402
-from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, SEEDS, Summary, measured, peak_memory_mb, replaced, warm_up  # noqa: E402
+from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, SEEDS, Summary, joined, measured, peak_memory_mb, replaced, warm_up  # noqa: E402
 from wayloom.evaluation.odometry_recordings import Recording, clip_recordings, piece, recording_of  # noqa: E402
 from wayloom.geometry import se3  # noqa: E402
 from wayloom.geometry.camera import PinholeCamera, StereoRig  # noqa: E402
@@ -96,15 +96,28 @@ def measured_all(options: argparse.Namespace, cache: Path) -> list[Summary]:
     seeds, found = SEEDS[: options.seeds], []
     for recording in recordings(options):
         warm_up(recording)
-        own = measured(recording, seeds=seeds, progress=say)
+        own, *prototype = in_turn(recording, prototypes, seeds, cache)
         own.median["peak memory MB"], own.spread["peak memory MB"] = peak_memory_mb(recording.log.path), 0.0
-        found.append(own)
-        found += foreign(partial(odometry_peers.prototype_measured, recording, prototypes, seeds, cache))
+        found += [own, *prototype]
         for command in options.peer:
             found += foreign(partial(odometry_peers.peer_measured, recording, command))
         if options.ablations is not None and recording.name in (options.ablations or [recording.name]):
             found += [measured(recording, variant, SEEDS[: options.ablation_seeds], say) for variant in ABLATIONS]
     return found
+
+
+def in_turn(recording: Recording, prototypes: Path, seeds: Sequence[int], cache: Path) -> list[Summary]:
+    """The product and, where it is there, the prototype, one after the other seed by seed: what slows a shared machine for a while
+    slows both, and the share of the prototype's time is the median of the pairs'."""
+    own, prototype = [], []
+    for seed in seeds:
+        own.append(measured(recording, seeds=(seed,), progress=say))
+        prototype += foreign(partial(odometry_peers.prototype_measured, recording, prototypes, (seed,), cache))
+    if len(prototype) < len(own):
+        return [joined(own)]
+    for ours, theirs in zip(own, prototype, strict=True):
+        ours.median[odometry_table.CPU_SHARE] = ours.median["cpu mean ms"] / theirs.median["cpu mean ms"]
+    return [joined(own), joined(prototype)]
 
 
 def foreign(other: Callable[[], Summary | None]) -> list[Summary]:

@@ -10,7 +10,7 @@ import pytest
 
 from wayloom.errors import ConfigError, InputError
 from wayloom.evaluation import odometry_density, odometry_depth, odometry_peers, odometry_table
-from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, Summary, drift, replaced, run_measured, summarise
+from wayloom.evaluation.odometry import ABLATIONS, DEFAULT, Summary, drift, joined, replaced, run_measured, summarise
 from wayloom.evaluation.odometry_recordings import (
     CLIP_A_WRONG_UNTIL,
     Recording,
@@ -113,6 +113,11 @@ def test_a_summary_is_the_median_and_the_range_of_its_runs() -> None:
     assert summarise("A", DEFAULT, [{"z": float("nan")}]).as_json()["median"] == {"z": None}
 
 
+def test_runs_of_one_seed_each_are_joined_to_what_they_would_be_in_one() -> None:
+    runs = [{"x": 1.0, "y": 2.0}, {"x": 4.0}, {"x": 2.0}]
+    assert joined([summarise("A", DEFAULT, [run]) for run in runs]) == summarise("A", DEFAULT, runs)
+
+
 def test_a_process_is_measured_by_itself_and_not_by_who_started_it() -> None:
     ours = np.ones(40_000_000)  # 320 MB in this process
     small, large = (
@@ -128,6 +133,15 @@ def test_a_process_is_measured_by_itself_and_not_by_who_started_it() -> None:
 def test_every_ablation_is_a_setting_of_the_odometry() -> None:
     for changes in ABLATIONS.values():
         assert OdometrySettings.model_validate(changes) is not None
+
+
+def test_a_share_of_runs_in_turn_is_not_taken_of_their_medians_again() -> None:
+    numbers = {"frames": 10.0, "tracked": 10.0, "keyframes": 4.0, "cpu median ms": 20.0}
+    ours, theirs = (10.0, 30.0, 12.0), (20.0, 40.0, 30.0)
+    own = [{**numbers, "cpu mean ms": a, odometry_table.CPU_SHARE: a / b} for a, b in zip(ours, theirs, strict=True)]
+    other = [{"frames": 10.0, "tracked": 10.0, "cpu mean ms": b} for b in theirs]
+    page = odometry_table.page([summarise("A", DEFAULT, own), summarise("A", "prototype, fast", other)])
+    assert "| A | wayloom | 4 | – | 12.0 ± 20.0 | 20.0 | – | 0.50 ± 0.35 |" in page
 
 
 def test_the_page_has_a_row_for_each_system_and_a_dash_where_nothing_is_known() -> None:

@@ -159,6 +159,11 @@ def summarise(recording: str, variant: str, runs: Sequence[Numbers]) -> Summary:
     return Summary(recording, variant, len(runs), median, spread)
 
 
+def joined(summaries: Sequence[Summary]) -> Summary:
+    """One of several of the same recording and variant, of a run each."""
+    return summarise(summaries[0].recording, summaries[0].variant, [summary.median for summary in summaries])
+
+
 def measured(recording: Recording, variant: str = DEFAULT, seeds: Sequence[int] = SEEDS, progress: Progress = silent) -> Summary:
     """The recording tracked once for each seed with a variant's settings: DEFAULT or a key of ABLATIONS."""
     changes = {} if variant == DEFAULT else ABLATIONS[variant]

@@ -20,8 +20,9 @@ Each cell: median ± spread (largest minus smallest) over seeds of the choice of
 no scale; t_rel and r_rel over stretches that fit the recording. Depths are compared with the simulator's truth images, on clip B
 with LiDAR (the nearest return within 2 px that nothing hides from the camera, for points hosted up to three frames from the scan).
 CPU times are of one thread, decoding included, with the learning of the drive's own lens, which is done once a drive; a dash where
-they were taken on a busy machine. A block of 32×32 px has texture where ten of its pixels have a slope of 10 grey levels; it is
-covered where a point that the keyframe hosts or really saw lies in it. Ablations are judged by the last truth of each recording.
+they were taken on a busy machine. The prototype is run in turn with the product, seed by seed, and the share of its time is that of
+the pairs. A block of 32×32 px has texture where ten of its pixels have a slope of 10 grey levels; it is covered where a point that
+the keyframe hosts or really saw lies in it. Ablations are judged by the last truth of each recording.
 """
 ACCURACY: tuple[Column, ...] = (
     ("ATE m", "ATE m", 3),
@@ -128,9 +129,11 @@ def _ablation_cell(summary: Summary, columns: Sequence[Column]) -> str:
 
 
 def with_share_of_prototype(summaries: Sequence[Summary]) -> list[Summary]:
-    """The summaries, each of the product's with CPU_SHARE: its mean CPU time over the prototype's on the same recording."""
+    """The summaries, each of the product's with CPU_SHARE: its own, that of runs in turn, or its mean CPU time over the prototype's
+    on the same recording."""
     other = {s.recording: s.median["cpu mean ms"] for s in summaries if s.variant.startswith(PROTOTYPE)}
-    shares = {s.recording: s.median["cpu mean ms"] / other[s.recording] for s in summaries if s.recording in other and _is_own(s)}
+    alone = [s for s in summaries if _is_own(s) and CPU_SHARE not in s.median and s.recording in other]
+    shares = {s.recording: s.median["cpu mean ms"] / other[s.recording] for s in alone}
     return [
         replace(s, median={**s.median, CPU_SHARE: shares[s.recording]}, spread={**s.spread, CPU_SHARE: 0.0})
         if _is_own(s) and s.recording in shares
