@@ -243,7 +243,7 @@ def test_votes_are_inverse_depths_of_the_views_that_see_the_cell(rng, T_sheet_ca
 def test_a_pixel_that_may_not_be_shown_gives_no_colour_and_others_their_own(rng, T_sheet_cam, above):
     height = np.zeros(SHAPE)
     image = rng.integers(0, 200, (28, 40, 3)).astype(np.uint8)
-    shown = np.ones((40, 40), np.float32)
+    shown = np.ones((28, 40), np.float32)
     shown[:, :20] = 0.0
     T_cam_sheet = se3.inverse(T_sheet_cam)
     fine = (2 * SHAPE[0], 2 * SHAPE[1])

@@ -72,10 +72,10 @@ def test_ground_where_nothing_stands_is_shown_as_before(street):
     views = [view for _, view in seen]
     raster = raster_around(views, SETTINGS.reach_m)
     height = surface_of(views, raster, clean.rig, 0.0, SETTINGS).height
-    near = slice(CLOSE_ROW, None)
     for view in views:
+        near = slice(CLOSE_ROW - view.first_row, None)
         judged = without_standing(view, raster, height, clean.rig, 0.0, SETTINGS)
-        matched = np.isfinite(view.above[CLOSE_ROW - view.first_row :])
+        matched = np.isfinite(view.above[near])
         before, after = (one.shown[near][matched] > 0.0 for one in (view, judged))
         assert after[before].mean() > 0.95  # the kerb stands
 

@@ -52,7 +52,7 @@ def without_standing(
     large = reached | standing_pieces | pieces(unmatched, LEAST_UNMATCHED * width**2)
     near = within(large.view(np.uint8), round(settings.mover_margin_share * width)).view(np.bool_)
     shown = view.shown.copy()
-    shown[view.first_row :][near | standing | unmatched] = 0.0
+    shown[near | standing | unmatched] = 0.0
     return replace(view, shown=shown)
 
 

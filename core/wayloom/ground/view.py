@@ -37,10 +37,10 @@ HORIZON_SHARE: Final = 1.3
 @dataclass(frozen=True, slots=True)
 class GroundView:
     """T_sheet_cam (4, 4); plane of disparities; rows from first_row on: above (h', w) px over the plane, image (h', w, C) uint8 of
-    the left camera, right (h', w) uint8 of the right one, rows aligned.
+    the left camera, right (h', w) uint8 of the right one, rows aligned, and shown (h', w) float32 0 to 1: how far inside of what may
+    be shown; 0 where a person, a vehicle or no ground is near. A sheet holds all its views: none keeps whole images alive.
 
     label   (h, w) uint8 train ids of the whole image
-    shown   (h, w) float32 0 to 1: how far inside of what may be shown; 0 where a person, a vehicle or no ground is near
     gain, offset, fall_off   take the image's values to the drive's exposure (`exposure.DriveExposure`)
     """
 
@@ -59,8 +59,7 @@ class GroundView:
     @property
     def group(self) -> Image:
         """(h', w) group of the matched rows' pixels, 0 where they may not be used."""
-        rows = slice(self.first_row, None)
-        return np.where(self.shown[rows] >= SURE_INSIDE, cv2.LUT(self.label[rows], GROUP), np.uint8(0))
+        return np.where(self.shown >= SURE_INSIDE, cv2.LUT(self.label[self.first_row :], GROUP), np.uint8(0))
 
     @property
     def plane_row(self) -> FloatArray:
@@ -98,8 +97,8 @@ def see_ground(
     search = SEARCH_STEP * max(1, round(settings.search_share * width / SEARCH_STEP))
     right = right[first_row - start :].copy() if first_row >= start else rectifier.align(whole_right, first_row)
     above = above_plane(left[first_row:], right, plane, first_row, search)
-    image = np.ascontiguousarray(pair.left[first_row:]).reshape(height - first_row, width, -1)
-    return GroundView(T_sheet_cam, plane, first_row, above, image, right, label, shown, *exposure)
+    image = pair.left[first_row:].copy().reshape(height - first_row, width, -1)
+    return GroundView(T_sheet_cam, plane, first_row, above, image, right, label, shown[first_row:].copy(), *exposure)
 
 
 def numbers(camera: PinholeCamera) -> FloatArray:

@@ -95,7 +95,7 @@ def add_colours(  # type: ignore[no-untyped-def]
 
     image   (h, w, C) uint8 from row `image_row` of the view on; its value in the drive's exposure is (gain * value + offset)
             (1 + r^2)^fall_off, r the tangent of the angle from the axis
-    shown   (h, w) float32 0 to 1 of the whole view: how far inside of ground that may be shown; 0 shows nothing
+    shown   (h, w) float32 0 to 1 of the same rows: how far inside of ground that may be shown; 0 shows nothing
     colour  (2 rows, 2 columns, C), weight, sharp (2 rows, 2 columns) float32: sums
     """
     top, bottom, first, last = window[0], window[1], window[2], window[3]
@@ -120,7 +120,7 @@ def add_colours(  # type: ignore[no-untyped-def]
                 u, v, depth = _seen_at(x, y, z + 0.5 * (dx * slope_x + dy * slope_y), camera, T_cam_sheet)
                 if depth > reach or not (EDGE_PX <= u <= edge_u and image_row + EDGE_PX <= v <= edge_v):
                     continue
-                inside = shown[int(np.rint(v)), int(np.rint(u))]
+                inside = shown[int(np.rint(v)) - image_row, int(np.rint(u))]
                 if inside <= 0.0 or _hidden(u, v, depth, above, first_row, plane, bf, bias, slack):
                     continue
                 sharpness = _sharpness(u, v, depth, camera, T_cam_sheet)
