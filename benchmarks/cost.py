@@ -118,19 +118,21 @@ def best(runs: list[Measured]) -> Measured:
 
 
 def cost_table(by_cores: dict[int, Measured]) -> str:
-    """One row a stage: of a run on one core, beside the wall seconds of a run on two."""
+    """One row a stage: of a run on one core, beside the wall seconds and peak memory of a run on two."""
     one = by_cores[min(by_cores)]
     km, frames, total = one["metres"] / 1000, one["frames"], one["stages"]["all"]["cpu_s"]
     walls = "".join(f" wall ms a frame, {cores} core{'s' if cores > 1 else ''} |" for cores in by_cores)
+    peaks = "".join(f" peak MB, {cores} core{'s' if cores > 1 else ''} |" for cores in by_cores)
     lines = [
-        f"| stage | share of CPU | CPU ms a frame | CPU s a km |{walls} peak MB | MB read a km | MB written a km | MB kept a km |",
-        f"| --- | --- | --- | --- |{' --- |' * len(by_cores)} --- | --- | --- | --- |",
+        f"| stage | share of CPU | CPU ms a frame | CPU s a km |{walls}{peaks} MB read a km | MB written a km | MB kept a km |",
+        f"| --- | --- | --- | --- |{' --- |' * 2 * len(by_cores)} --- | --- | --- |",
     ]
     for name, stage in one["stages"].items():
         wall = " | ".join(f"{1000 * run['stages'][name]['wall_s'] / frames:.1f}" for run in by_cores.values())
+        peak = " | ".join(f"{run['stages'][name]['peak'] / 1e6:.0f}" for run in by_cores.values())
         cpu = f"{100 * stage['cpu_s'] / total:.1f} % | {1000 * stage['cpu_s'] / frames:.1f} | {stage['cpu_s'] / km:.1f}"
         bytes_ = " | ".join(f"{stage[key] / 1e6 / km:.1f}" for key in ("read", "written", "kept"))
-        lines.append(f"| {name} | {cpu} | {wall} | {stage['peak'] / 1e6:.0f} | {bytes_} |")
+        lines.append(f"| {name} | {cpu} | {wall} | {peak} | {bytes_} |")
     return "\n".join(lines)
 
 

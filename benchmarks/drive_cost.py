@@ -104,6 +104,8 @@ def main() -> None:
     parser.add_argument("--cores", type=int, default=1)
     args = parser.parse_args()
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: args.cores])
+    import wayloom.cli  # noqa: F401 - threads of the algebra and heaps, as the command has them
+
     json.dump(measured(args.log, args.out, args.gnss, args.model, args.cores), sys.stdout)
 
 

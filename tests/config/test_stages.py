@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from wayloom.config import stages
-from wayloom.config.stages import MAP_STAGES, REMOVAL, STAGES, Stage, drive_stages, find_stage, map_stages, queues
+from wayloom.config.stages import MAP_STAGES, REMOVAL, STAGES, Stage, drive_stages, find_stage, map_stages, origins_of, queues
 from wayloom.errors import StageError
 from wayloom.pipeline.log_parts import LOG_PARTS
 from wayloom.pipeline.running import stage_settings
@@ -17,6 +17,12 @@ from wayloom.pipeline.settings import ProcessSettings
 def test_a_stage_reads_only_stages_before_it():
     for place, stage in enumerate(STAGES):
         assert set(stage.results_read) <= set(drive_stages()[:place])
+
+
+def test_a_result_comes_of_its_stage_and_of_all_that_lead_to_it():
+    assert origins_of("ingest") == ("ingest",)
+    assert origins_of("looks") == ("ingest", "odometry", "segmentation", "looks")
+    assert set(drive_stages()) - set(origins_of("submaps")) == {"looks", "ground", "objects"}
 
 
 def test_names_are_unique():

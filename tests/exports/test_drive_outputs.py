@@ -10,6 +10,7 @@ from stitching.comparison import assert_identical
 from submaps.made_submaps import random_submap
 from wayloom.errors import InputError
 from wayloom.exports.boxes import inside, parse_box
+from wayloom.exports.drive_origin import drive_origin
 from wayloom.exports.drive_outputs import DriveOutputs
 from wayloom.exports.points import map_batches
 from wayloom.geodesy import wgs84
@@ -149,3 +150,12 @@ def test_the_provenance_names_the_drives_hashes_network_and_code_of_their_stages
     assert drive["code"] == {"submaps": "abc"}
     assert (told["code"], told["parameters"]["merge"]["voxel_m"]) == ("merge 1", 0.1)
     assert told["frame"] == {"lon_deg": 8.5, "lat_deg": 48.5, "height_m": 0.0}
+
+
+def test_points_come_of_the_stages_that_lead_to_them_alone(tmp_path):
+    """What is written while other stages still run says the same whichever of them is done."""
+    for name in ("odometry", "submaps", "looks", "objects"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "stage.json").write_text(json.dumps({"code": name.upper()}))
+    assert drive_origin(tmp_path, "a", "submaps")["code"] == {"odometry": "ODOMETRY", "submaps": "SUBMAPS"}
+    assert set(drive_origin(tmp_path, "a")["code"]) == {"odometry", "submaps", "looks", "objects"}

@@ -1,6 +1,8 @@
 """A network labels every pixel, whatever the image's size, and a network that does not fit is refused before any work."""
 
 import itertools
+import os
+import sys
 import time
 from pathlib import Path
 
@@ -301,3 +303,17 @@ def test_the_default_network_labels_every_usual_size_in_time(height: int, width:
     assert time.process_time() - started < 0.6 * height * width / (376 * 1408) + 0.3
     assert labels.shape == (height, width)
     assert labels.max() < 19
+
+
+def resident_mb() -> float:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is read from /proc")
+def test_what_a_network_keeps_for_the_next_images_can_be_given_back(tmp_path: Path) -> None:
+    network, image = Network(find_model(put(tmp_path, "made", logits_network(), THREE))), painted(2000, 3000)
+    first = network.labels(image)
+    held = resident_mb()
+    network.give_back()
+    assert resident_mb() < held - 60.0  # logits of three classes are 72 MB
+    assert np.array_equal(network.labels(image), first)

@@ -1,5 +1,7 @@
 """Celery application and task shells of wayloom: a task claims a job row and runs one stage of the pipeline."""
 
 from wayloom.config.blas_threads import use_one_blas_thread
+from wayloom.config.one_heap import use_one_heap
 
 use_one_blas_thread()
+use_one_heap()

@@ -1,5 +1,7 @@
 """The commands. They parse, make one call and return."""
 
 from wayloom.config.blas_threads import use_one_blas_thread
+from wayloom.config.one_heap import use_one_heap
 
 use_one_blas_thread()
+use_one_heap()

@@ -107,6 +107,16 @@ def find_stage(name: str) -> Stage:
     return known[name]
 
 
+def origins_of(name: str) -> tuple[str, ...]:
+    """The stage, and before it those that its result comes of, in the catalogue's order. Raises StageError."""
+    found, coming = set[str](), [name]
+    while coming:
+        stage = find_stage(coming.pop())
+        coming += {*stage.results_read} - found
+        found.add(stage.name)
+    return tuple(stage.name for stage in (*STAGES, *MAP_STAGES) if stage.name in found)
+
+
 def queues() -> tuple[str, ...]:
     """Names of all queues, each once, in the order in which a drive meets them."""
     return tuple(dict.fromkeys(stage.queue for stage in (*STAGES, *MAP_STAGES, REMOVAL)))

@@ -37,8 +37,8 @@ HORIZON_SHARE: Final = 1.3
 @dataclass(frozen=True, slots=True)
 class GroundView:
     """T_sheet_cam (4, 4); plane of disparities; rows from first_row on: above (h', w) px over the plane, image (h', w, C) uint8 of
-    the left camera, right (h', w) uint8 of the right one, rows aligned, and shown (h', w) float32 0 to 1: how far inside of what may
-    be shown; 0 where a person, a vehicle or no ground is near. A sheet holds all its views: none keeps whole images alive.
+    the left camera, right (h', w) uint8 of the right one, rows aligned, and shown (h', w) float32 0 to 1: how far inside of what
+    may be shown; 0 where a person, a vehicle or no ground is near. A sheet holds all its views: none keeps whole images alive.
 
     label   (h, w) uint8 train ids of the whole image
     gain, offset, fall_off   take the image's values to the drive's exposure (`exposure.DriveExposure`)

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,17 +14,19 @@ from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.geoid import GeoidGrid
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.georeference.types import GeoReference
+from wayloom.ground.exports import export_ground
+from wayloom.ground.markings.exports import MARKINGS_FILE, export_markings
 from wayloom.labelling.files import LABELS_FILE, load_labels
 from wayloom.labelling.types import PointLabels
 from wayloom.logs.registry import check_outside
 from wayloom.logs.types import DriveLog
-from wayloom.objects.exports import objects_of_drive
+from wayloom.objects.exports import OBJECTS_FILE, export_objects, objects_of_drive
 from wayloom.objects.types import MapObject
 from wayloom.odometry.frame_source import first_matches, one_opencv_thread
 from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.drive_quality import QUALITY_FILE, read_quality
-from wayloom.pipeline.exports import DENSE_FILE, GroundFound, write_dense, write_exports
+from wayloom.pipeline.exports import DENSE_FILE, write_dense, write_exports
 from wayloom.pipeline.folders import discard, new_folders, put_in_place, sole_writer, sweep, whole_folder, writing_to
 from wayloom.pipeline.labels_ahead import labels_ahead
 from wayloom.pipeline.log_parts import read_log_file
@@ -35,7 +37,7 @@ from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stage_files import finished_key, is_undamaged, read_stage_file
 from wayloom.pipeline.stages.odometry import key_parts as lens_of_rig_file
 from wayloom.pipeline.stages.segmentation import network_of
-from wayloom.pipeline.stages_in_turn import in_turn
+from wayloom.pipeline.stages_in_turn import Run, in_turn
 from wayloom.segmentation.keyframe_labels import MODEL_FILE, KeyframeLabels
 from wayloom.submaps.files import load_submaps
 from wayloom.submaps.submap import PlacedSubmap
@@ -75,8 +77,8 @@ class DriveResult:
     geo: GeoReference
     submaps: list[PlacedSubmap]
     quality: dict[str, Any]
-    objects: list[MapObject]
-    times: dict[str, StageTime]
+    objects: list[MapObject] = field(default_factory=list)
+    times: dict[str, StageTime] = field(default_factory=dict)
 
 
 def process_drive(
@@ -90,7 +92,7 @@ def process_drive(
     """Map one drive. Stages that an earlier run finished, with the same inputs, settings and code, are not run again.
 
     out_dir gets `stages/`, and, each by one rename and only when all are written, what `write_exports` and write_more leave.
-    progress : of each stage by its name, and of "exports"
+    progress : of each stage by its name, and of "exports"; with two threads or more these begin while objects are still looked for
     write_more : called with the result and the folder in which the finished files are gathered, when those of `write_exports` are
         there; with two threads or more beside the other exports, in a thread that is not the caller's (reports use it)
     Raises InputError for a bad log, network or setting, and for an out_dir that cannot be written; a bad log leaves no trace.
@@ -102,37 +104,77 @@ def process_drive(
     context = _checked(context, progress)
     with writing_to(out_dir), new_folders(stages_dir), sole_writer(stages_dir):
         sweep(stages_dir)
-        with labels_ahead(context) as followed:
-            times = in_turn(lambda name, progress: _stage(name, followed, progress), progress, settings.threads)
-        result = _load(context, times)
         with whole_folder(stages_dir / "exports") as folder:
-            _write(_writers(result, settings, stages_dir, folder, geoid, write_more), settings.threads, progress("exports"))
+
+            def exports(wait_for_all: Callable[[], dict[str, StageTime]]) -> DriveResult:
+                return _exports(context, wait_for_all, folder, geoid, write_more, progress("exports"))
+
+            with labels_ahead(context) as followed:
+                result = in_turn(_runner(followed), progress, settings.threads, exports)
         _publish(stages_dir / "exports", out_dir)
         progress("exports")(1.0, f"written to {out_dir}")
     return result
 
 
+def _exports(
+    context: StageContext,
+    wait_for_all: Callable[[], dict[str, StageTime]],
+    folder: Path,
+    geoid: GeoidGrid | None,
+    write_more: Callable[[DriveResult, Path], None],
+    progress: Progress,
+) -> DriveResult:
+    """Write a drive's products into the folder; what needs its objects waits for them in one of the threads."""
+    mapped, settings, stages_dir = _load(context), context.settings, context.inputs_dir
+    whole: list[DriveResult] = []
+
+    def objects_and_more() -> None:
+        times = wait_for_all()
+        objects = objects_of_drive(stages_dir / "objects", mapped.submaps, settings.object_fusion)
+        whole.append(replace(mapped, objects=objects, times=times))
+        if mapped.geo.frame is not None:
+            export_objects(objects, mapped.geo.frame, folder / OBJECTS_FILE)
+        write_more(whole[0], folder)
+
+    _write(_writers(mapped, settings, stages_dir, folder, geoid, objects_and_more), settings.threads, progress)
+    return whole[0]
+
+
+def _runner(context: StageContext) -> Run[StageTime]:
+    """What runs a stage, or finds that its result is there."""
+
+    def run(name: str, progress: NamedProgress, threads: int, /) -> StageTime:
+        settings = context.settings.model_copy(update={"threads": threads})
+        return _stage(name, replace(context, settings=settings), progress)
+
+    return run
+
+
 def _writers(
-    result: DriveResult,
+    mapped: DriveResult,
     settings: ProcessSettings,
     stages_dir: Path,
     folder: Path,
     geoid: GeoidGrid | None,
-    write_more: Callable[[DriveResult, Path], None],
+    objects_and_more: Callable[[], None],
 ) -> list[Callable[[], None]]:
-    """What writes a drive's products, each for itself, the longest first; write_more comes after `write_exports`."""
-    about = (result.log, result.odometry, result.images)
-    frame, ground = result.geo.frame, GroundFound(stages_dir / "ground", settings.markings, settings.kerbs, result.objects)
+    """What writes a drive's products, each for itself, the longest first; objects_and_more comes after `write_exports`."""
+    about, sheets_dir = (mapped.log, mapped.odometry, mapped.images), stages_dir / "ground"
 
     def trajectory_cloud_pictures_and_more() -> None:
-        write_exports(*about, result.geo, result.submaps, folder, geoid, stages_dir)
-        write_more(result, folder)
+        write_exports(*about, mapped.geo, mapped.submaps, folder, geoid, stages_dir)
+        objects_and_more()
 
     def dense() -> None:
-        write_dense(*about, result.submaps, folder / DENSE_FILE, frame, geoid, settings.looks)
+        write_dense(*about, mapped.submaps, folder / DENSE_FILE, mapped.geo.frame, geoid, settings.looks)
 
     wanted = [dense] if settings.dense else []
-    return [*wanted, trajectory_cloud_pictures_and_more, *ground.writers(result.submaps, frame, folder)]
+    return [
+        *wanted,
+        trajectory_cloud_pictures_and_more,
+        lambda: export_markings(sheets_dir, mapped.submaps, folder / MARKINGS_FILE, settings.markings, settings.kerbs),
+        lambda: export_ground(sheets_dir, mapped.submaps, folder),
+    ]
 
 
 def _write(writers: list[Callable[[], None]], threads: int, progress: Progress) -> None:
@@ -199,7 +241,8 @@ def _almost_done(progress: Progress) -> Progress:
     return lambda share, what, /: progress(min(share, NEARLY_DONE), what)
 
 
-def _load(context: StageContext, times: dict[str, StageTime]) -> DriveResult:
+def _load(context: StageContext) -> DriveResult:
+    """All but the objects and the times."""
     stages_dir = context.inputs_dir
     odometry = load_odometry(stages_dir / "odometry" / ODOMETRY_FILE)
     submaps = load_submaps(stages_dir / "submaps")
@@ -213,6 +256,4 @@ def _load(context: StageContext, times: dict[str, StageTime]) -> DriveResult:
         geo=load_georeference(stages_dir / "georeference" / GEOREFERENCE_FILE),
         submaps=submaps,
         quality=read_quality(stages_dir / "georeference" / QUALITY_FILE),
-        objects=objects_of_drive(stages_dir / "objects", submaps, context.settings.object_fusion),
-        times=times,
     )

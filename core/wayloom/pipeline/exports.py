@@ -1,7 +1,5 @@
 """Exports of a processed drive for people and other programs: trajectory, cloud, overlay pictures, map picture."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,12 +19,7 @@ from wayloom.geodesy.geoid import GeoidGrid
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geometry import se3
 from wayloom.georeference.types import GeoReference
-from wayloom.ground.exports import export_ground
-from wayloom.ground.markings.exports import MARKINGS_FILE, export_markings
-from wayloom.ground.markings.settings import KerbSettings, MarkingSettings
 from wayloom.logs.types import DriveLog
-from wayloom.objects.exports import OBJECTS_FILE, export_objects
-from wayloom.objects.types import MapObject
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.drive_map import drive_map, write_image
 from wayloom.places.stereo_pair import LeftLabels
@@ -38,26 +31,6 @@ MAP_FILE: Final = "map.png"
 DENSE_FILE: Final = "dense.laz"
 OVERLAYS_DIR: Final = "overlays"
 OVERLAYS: Final = 6
-
-
-@dataclass(frozen=True, slots=True)
-class GroundFound:
-    """Folder of what the stage ground left, how markings and kerbs are found on it, and the objects that stand on it."""
-
-    sheets_dir: Path
-    markings: MarkingSettings
-    kerbs: KerbSettings
-    objects: Sequence[MapObject] = ()
-
-    def writers(self, submaps: list[PlacedSubmap], frame: MapFrame | None, folder: Path) -> list[Callable[[], None]]:
-        """What writes ground.tif and height.tif and, with GNSS, markings.geojson and objects.geojson; in any order."""
-        writers: list[Callable[[], None]] = [
-            lambda: export_markings(self.sheets_dir, submaps, folder / MARKINGS_FILE, self.markings, self.kerbs),
-            lambda: export_ground(self.sheets_dir, submaps, folder),
-        ]
-        if frame is not None:
-            writers.append(lambda: export_objects(self.objects, frame, folder / OBJECTS_FILE))
-        return writers
 
 
 def write_exports(
@@ -80,7 +53,7 @@ def write_exports(
     write_kitti(folder / "trajectory.kitti", trajectory.T_world_cam)
     if geo.frame is not None:
         export_geojson_track(folder / "trajectory.geojson", geo.T_enu_cam, geo.frame, log.name)
-    _write_clouds(submaps, folder, geo.frame, geoid, {} if stages_dir is None else drive_origin(stages_dir, log.name))
+    _write_clouds(submaps, folder, geo.frame, geoid, {} if stages_dir is None else drive_origin(stages_dir, log.name, "submaps"))
     write_image(folder / MAP_FILE, drive_map(geo, submaps))
     write_overlays(log, odometry, images, folder / OVERLAYS_DIR)
 

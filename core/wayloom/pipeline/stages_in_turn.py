@@ -1,49 +1,67 @@
-"""Stages one after the other, and beside them, where there is a second thread, those whose results no stage waits for."""
+"""Stages one after the other, and beside them, where there is a second thread, those whose results no other one waits for."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from threading import Event
-from typing import Final, TypeVar
+from typing import Final, Protocol, TypeVar
 
 from wayloom.config.progress import NamedProgress, Progress
 from wayloom.config.stages import STAGES, drive_stages
 
 Result = TypeVar("Result")
+Made = TypeVar("Made", covariant=True)
+Whole = TypeVar("Whole")
 TOLD_S: Final = 0.3
-"""While it waits, the caller's thread repeats the last report of a stage beside it so often: the report may stop all."""
+"""Who waits for a stage beside the others repeats its last report so often: the report may stop all."""
 
 
 class _StoppedError(Exception):
     """The other stages have ended by an error, which is the one to tell."""
 
 
-def in_turn(run: Callable[[str, NamedProgress], Result], progress: NamedProgress, threads: int) -> dict[str, Result]:
-    """What `run` gives for each stage of a drive, in the catalogue's order.
+class Run(Protocol[Made]):
+    """Runs a stage of a drive by so many threads."""
+
+    def __call__(self, name: str, progress: NamedProgress, threads: int, /) -> Made: ...
+
+
+def in_turn(
+    run: Run[Result], progress: NamedProgress, threads: int, meanwhile: Callable[[Callable[[], dict[str, Result]]], Whole]
+) -> Whole:
+    """Run each stage of a drive, in the catalogue's order, and return what `meanwhile` does.
 
     With two threads or more, a stage that no other one reads begins in a thread of its own as soon as what it reads is there, and
-    goes on while others run. An error in the caller's thread, `progress` included, stops it at its next report; an error of its own
-    is raised when the others are done.
+    goes on while others run; it is given a thread less, since those that wait for one another come first. An error in the caller's
+    thread, `progress` included, stops it at its next report; an error of its own is raised when the others are done.
+    meanwhile : called in the caller's thread when all that others read is there, and what is beside them may still go on. Its
+        argument waits for it, in any thread, and gives what `run` gave for each stage.
     """
     if threads < 2:
-        return {name: run(name, progress) for name in drive_stages()}
-    read = {name for stage in STAGES for name in stage.results_read} | {drive_stages()[-1]}
+        results = {name: run(name, progress, threads) for name in drive_stages()}
+        return meanwhile(lambda: results)
+    read = {name for stage in STAGES for name in stage.results_read}
     done: dict[str, Result] = {}
     beside: dict[str, Future[Result]] = {}
     told = _ToldBeside(progress)
-    with ThreadPoolExecutor(1) as pool:
+
+    def wait_for_all() -> dict[str, Result]:
+        for name, future in beside.items():
+            while not wait([future], TOLD_S).done:
+                told.repeat(name)
+        return {name: done[name] if name in done else beside[name].result() for name in drive_stages()}
+
+    with ThreadPoolExecutor(len(STAGES) - len(read)) as pool:
         try:
             for name in (name for name in drive_stages() if name in read):
-                done[name] = run(name, progress)
+                done[name] = run(name, progress, threads)
                 for stage in STAGES:
                     if stage.name not in read | beside.keys() and done.keys() >= set(stage.results_read):
-                        beside[stage.name] = pool.submit(run, stage.name, told.named)
-            for name, future in beside.items():
-                while not wait([future], TOLD_S).done:
-                    told.repeat(name)
-                done[name] = future.result()
+                        beside[stage.name] = pool.submit(run, stage.name, told.named, threads - 1)
+            whole = meanwhile(wait_for_all)
+            wait_for_all()
+            return whole
         finally:
             told.ending.set()
-    return {name: done[name] for name in drive_stages()}
 
 
 class _ToldBeside:
@@ -66,6 +84,6 @@ class _ToldBeside:
         return report
 
     def repeat(self, name: str) -> None:
-        """What was last told of this work, by the caller's thread."""
+        """What was last told of this work, by the thread that waits for it."""
         if name in self._last:
             self._progress(name)(*self._last[name])

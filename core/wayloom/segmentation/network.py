@@ -111,6 +111,12 @@ class Network:
             done.append(Labelled(self._labels_of_logits(logits, image), self._scores(logits, image, k)))
         return done
 
+    def give_back(self) -> None:
+        """Free what it keeps for the next images, 100 MB and more after images of two threads; they may come nevertheless."""
+        options = onnxruntime.RunOptions()
+        options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
+        self._session.run(None, {self._input: self._batch([self._blank()])}, options)
+
     def _labels_of_frame(self, image: Image) -> Labels:
         """The whole frame, padded by its own border to the network's multiple, at once."""
         height, width = image.shape[:2]
@@ -207,10 +213,14 @@ class Network:
 
     def _try_out(self) -> None:
         """Run a blank image through, so that a network that does not fit its description is refused before any work."""
+        blank = self._blank()
+        _check_output(self.description, self._run(blank)[0], len(blank), self.path)
+
+    def _blank(self) -> Image:
+        """The smallest image that it takes."""
         d = self.description
         side = d.tile_px if d.size == "tiles" else -(-64 // d.multiple) * d.multiple
-        output = self._run(np.zeros((side, side, 3), np.uint8))[0]
-        _check_output(d, output, side, self.path)
+        return np.zeros((side, side, 3), np.uint8)
 
 
 def _load(path: Path, threads: int, device: str) -> Any:

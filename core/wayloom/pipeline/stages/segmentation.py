@@ -30,6 +30,7 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     frames = voting_frames(tracked_drive(context), settings.labelling)
     right = right_images_vote(len(frames), settings.labelling)
     segment_keyframes(context.log, frames, network, out_dir, progress, right, at_once(settings), folder)
+    network.give_back()
 
 
 def at_once(settings: "ProcessSettings") -> int:

@@ -1,0 +1,47 @@
+"""Heaps of our programs' threads, and those of a notebook of somebody else's."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+from wayloom.config.one_heap import VARIABLE
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="heaps are counted by glibc's malloc_stats")
+BUSY = """
+import ctypes, threading
+library = ctypes.CDLL(None)
+library.malloc.restype = ctypes.c_void_p
+all_there = threading.Barrier(4)
+def work():
+    all_there.wait()
+    library.malloc(ctypes.c_size_t(100_000))
+    all_there.wait()
+threads = [threading.Thread(target=work) for _ in range(4)]
+for thread in threads: thread.start()
+for thread in threads: thread.join()
+library.malloc_stats()
+"""
+
+
+def heaps_after(module: str, given: str | None = None) -> int:
+    environment = {name: text for name, text in os.environ.items() if name != VARIABLE} | ({VARIABLE: given} if given else {})
+    ran = subprocess.run(
+        [sys.executable, "-c", f"import {module}{BUSY}"], env=environment, capture_output=True, text=True, check=True
+    )
+    return len(re.findall(r"^Arena \d+:", ran.stderr, re.MULTILINE))
+
+
+@pytest.mark.parametrize("program", ["wayloom.cli", "wayloom_workers"])
+def test_threads_of_the_programs_share_one(program: str) -> None:
+    assert heaps_after(program) == 1
+
+
+def test_the_users_own_number_stands() -> None:
+    assert heaps_after("wayloom.cli", "3") == 3
+
+
+def test_a_notebook_keeps_its_own() -> None:
+    assert heaps_after("wayloom") > 1
