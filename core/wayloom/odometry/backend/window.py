@@ -130,9 +130,12 @@ def add_keyframe(
 
 def with_rows(H: FloatArray, g: FloatArray, at: int, count: int) -> tuple[FloatArray, FloatArray]:
     """H (n, n) and g (n,) with `count` unknowns that nothing is known of, put in before unknown `at`."""
-    for axis in (0, 1):
-        H = np.insert(H, [at] * count, 0.0, axis=axis)
-    return H, np.insert(g, [at] * count, 0.0)
+    n, after = len(g), at + count
+    wider, longer = np.zeros((n + count, n + count)), np.zeros(n + count)
+    wider[:at, :at], wider[:at, after:] = H[:at, :at], H[:at, at:]
+    wider[after:, :at], wider[after:, after:] = H[at:, :at], H[at:, at:]
+    longer[:at], longer[after:] = g[:at], g[at:]
+    return wider, longer
 
 
 def new_points(window: Window, pixels: IntArray, rho: FloatArray, gradient_scale: float) -> PointColumns:

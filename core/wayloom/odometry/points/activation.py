@@ -109,8 +109,8 @@ def activate_points(
         now, window.joined(window.chosen(now.immature.points, ripe), window.chosen(fresh.points, live)),
         np.append(now.immature.id[ripe], fresh.id[live]),
     )  # fmt: skip
-    immature.keep(now, np.isin(np.arange(len(now.immature.id)), ripe, invert=True))
-    immature.add(now, immature.part(fresh, np.setdiff1d(np.arange(len(fresh.id)), live)))
+    immature.keep(now, ~immature.in_rows(len(now.immature.id), ripe))
+    immature.add(now, immature.part(fresh, ~immature.in_rows(len(fresh.id), live)))
     wanted = max(room, s.matched_points)
     next_cell = selection.next_cell(cell, len(known), wanted)
     return ActivationResult(next_id + len(rows), next_cell, pixels[matched], disparity[matched], by_stereo)

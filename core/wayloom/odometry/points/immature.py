@@ -48,10 +48,18 @@ def of_pixels(
         points, np.arange(first_id, first_id + n), np.zeros(n), np.full(n, 1.0 / NEAREST_M), np.zeros(n), np.zeros(n, np.int64),
         np.zeros(n, np.int64),
     )  # fmt: skip
-    fits = np.isin(fresh.id, _update(window, fresh, np.flatnonzero(rho > 0), len(window) - 1, rig, robust)[:, 0])
+    seen = _update(window, fresh, np.flatnonzero(rho > 0), len(window) - 1, rig, robust)[:, 0]
+    fits = in_rows(n, seen - first_id)
     fresh.information[fits] = np.maximum(fresh.information[fits], START_INFORMATION)  # their depth is known, whatever it weighs
     points.has_static[:] = fits
     return part(fresh, (points.rho == 0) | fits)
+
+
+def in_rows(count: int, rows: IntArray) -> BoolArray:
+    """(count,) mask of these rows."""
+    mask = np.zeros(count, np.bool_)
+    mask[rows] = True
+    return mask
 
 
 def part(points: ImmaturePoints, rows: IntArray | BoolArray) -> ImmaturePoints:

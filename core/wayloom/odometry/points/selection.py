@@ -44,6 +44,8 @@ def select_candidates(
 
 def spread_sample(pixels: NDArray[np.int64], count: int, seed: int = 0) -> NDArray[np.int64]:
     """Indices of at most `count` of the pixels (n, 2), spread at random but always the same way for a seed, increasing."""
+    if len(pixels) <= count:
+        return np.arange(len(pixels))
     u, v = pixels.astype(np.uint64).T
     salt = np.uint64(0x165667B19E3779F9 * seed & 2**64 - 1)
     mixed = (u * np.uint64(0x9E3779B97F4A7C15)) ^ (v * np.uint64(0xC2B2AE3D27D4EB4F)) ^ salt
