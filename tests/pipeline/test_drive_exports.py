@@ -1,6 +1,8 @@
 """What a drive leaves can be read by others and lies where it should."""
 
 import json
+import subprocess
+import sys
 
 import cv2
 import laspy
@@ -127,3 +129,15 @@ def test_the_plane_of_a_drive_of_its_own_looks_ahead(tmp_path):
     assert track[-1, 0] > 5
     assert np.abs(track[:, 2]).max() < 0.1  # level is what the cameras are in the mean
     assert axis_labels(result.geo) == ("right of the start", "ahead of the start")
+
+
+def test_a_process_that_maps_a_drive_loads_nothing_that_makes_maps_of_fleets():
+    told = subprocess.run(
+        [sys.executable, "-c", "import sys, wayloom.pipeline.drive; print(*sys.modules)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
+    makers = ("wayloom.exports.drive_outputs", "wayloom.exports.source", "wayloom.stitching.voxel_map", "wayloom.tiles.pyramid")
+    assert "wayloom.pipeline.drive" in told
+    assert not set(makers) & set(told)

@@ -2,19 +2,21 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
 from wayloom.exports.boxes import inside
-from wayloom.exports.source import MapSource
 from wayloom.geodesy import wgs84
 from wayloom.geodesy.antimeridian import Box
 from wayloom.geodesy.map_frame import MapFrame
-from wayloom.stitching.voxel_map import VoxelMap
 from wayloom.submaps.submap import PlacedSubmap
+
+if TYPE_CHECKING:  # one drive's points are written without what makes maps
+    from wayloom.exports.source import MapSource
+    from wayloom.stitching.voxel_map import VoxelMap
 
 FloatArray = NDArray[np.float64]
 ALL_VOTES: Final = 255
@@ -50,7 +52,7 @@ class PointBatch:
         return PointBatch(*(getattr(self, one.name)[rows] for one in fields(self)))
 
 
-def batch_of_voxels(voxels: VoxelMap) -> PointBatch:
+def batch_of_voxels(voxels: "VoxelMap") -> PointBatch:
     """One point a voxel."""
     confidence = np.rint(ALL_VOTES * voxels.confidence).astype(np.uint8)
     return PointBatch(
@@ -91,7 +93,7 @@ def joined_batches(batches: Sequence[PointBatch]) -> PointBatch:
     return PointBatch(*columns)
 
 
-def map_batches(source: MapSource, box: Box | None, progress: Progress = silent) -> Iterator[PointBatch]:
+def map_batches(source: "MapSource", box: Box | None, progress: Progress = silent) -> Iterator[PointBatch]:
     """The static voxels of a map, region by region, cut to the box."""
     for number, key in enumerate(source.keys):
         voxels = source.voxels(key)
