@@ -2,13 +2,13 @@
 
 import json
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
 from wayloom.config.progress import NamedProgress, Progress, silent_for_each
-from wayloom.config.side_by_side import in_order
 from wayloom.exports.drive_origin import REPORT_FILE
 from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.geoid import GeoidGrid
@@ -94,7 +94,7 @@ def process_drive(
     out_dir gets `stages/`, and, each by one rename and only when all are written, what `write_exports` and write_more leave.
     progress : of each stage by its name, and of "exports"; with two threads or more these begin while objects are still looked for
     write_more : called with the result and the folder in which the finished files are gathered, when those of `write_exports` are
-        there; with two threads or more beside the other exports, in a thread that is not the caller's (reports use it)
+        there (reports use it)
     Raises InputError for a bad log, network or setting, and for an out_dir that cannot be written; a bad log leaves no trace.
     """
     stages_dir = out_dir / STAGES_DIR
@@ -124,20 +124,54 @@ def _exports(
     write_more: Callable[[DriveResult, Path], None],
     progress: Progress,
 ) -> DriveResult:
-    """Write a drive's products into the folder; what needs its objects waits for them in one of the threads."""
+    """Write a drive's products into the folder, what its objects are for when they are there."""
     mapped, settings, stages_dir = _load(context), context.settings, context.inputs_dir
-    whole: list[DriveResult] = []
-
-    def objects_and_more() -> None:
+    progress(0.0, "writing trajectory, cloud, pictures and report")
+    with _beside(_ground_and_dense(mapped, settings, stages_dir / "ground", folder, geoid), settings.threads - 1):
+        write_exports(mapped.log, mapped.odometry, mapped.images, mapped.geo, mapped.submaps, folder, geoid, stages_dir)
         times = wait_for_all()
         objects = objects_of_drive(stages_dir / "objects", mapped.submaps, settings.object_fusion)
-        whole.append(replace(mapped, objects=objects, times=times))
         if mapped.geo.frame is not None:
             export_objects(objects, mapped.geo.frame, folder / OBJECTS_FILE)
-        write_more(whole[0], folder)
+        result = replace(mapped, objects=objects, times=times)
+        write_more(result, folder)
+        progress(0.5, "writing trajectory, cloud, pictures and report")
+    return result
 
-    _write(_writers(mapped, settings, stages_dir, folder, geoid, objects_and_more), settings.threads, progress)
-    return whole[0]
+
+def _ground_and_dense(
+    mapped: DriveResult, settings: ProcessSettings, sheets_dir: Path, folder: Path, geoid: GeoidGrid | None
+) -> list[Callable[[], None]]:
+    """What writes them, each for itself, the longest first."""
+    about = (mapped.log, mapped.odometry, mapped.images, mapped.submaps)
+
+    def dense() -> None:
+        write_dense(*about, folder / DENSE_FILE, mapped.geo.frame, geoid, settings.looks)
+
+    return [
+        *([dense] if settings.dense else []),
+        lambda: export_markings(sheets_dir, mapped.submaps, folder / MARKINGS_FILE, settings.markings, settings.kerbs),
+        lambda: export_ground(sheets_dir, mapped.submaps, folder),
+    ]
+
+
+@contextmanager
+def _beside(work: list[Callable[[], None]], threads: int) -> Iterator[None]:
+    """Do all of it beside the block, by so many threads; without one before it."""
+    if threads < 1:
+        for one in work:
+            one()
+        yield
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        done = [pool.submit(one) for one in work]
+        try:
+            yield
+            for future in done:
+                future.result()
+        finally:
+            for future in done:
+                future.cancel()
 
 
 def _runner(context: StageContext) -> Run[StageTime]:
@@ -148,40 +182,6 @@ def _runner(context: StageContext) -> Run[StageTime]:
         return _stage(name, replace(context, settings=settings), progress)
 
     return run
-
-
-def _writers(
-    mapped: DriveResult,
-    settings: ProcessSettings,
-    stages_dir: Path,
-    folder: Path,
-    geoid: GeoidGrid | None,
-    objects_and_more: Callable[[], None],
-) -> list[Callable[[], None]]:
-    """What writes a drive's products, each for itself, the longest first; objects_and_more comes after `write_exports`."""
-    about, sheets_dir = (mapped.log, mapped.odometry, mapped.images), stages_dir / "ground"
-
-    def trajectory_cloud_pictures_and_more() -> None:
-        write_exports(*about, mapped.geo, mapped.submaps, folder, geoid, stages_dir)
-        objects_and_more()
-
-    def dense() -> None:
-        write_dense(*about, mapped.submaps, folder / DENSE_FILE, mapped.geo.frame, geoid, settings.looks)
-
-    wanted = [dense] if settings.dense else []
-    return [
-        *wanted,
-        trajectory_cloud_pictures_and_more,
-        lambda: export_markings(sheets_dir, mapped.submaps, folder / MARKINGS_FILE, settings.markings, settings.kerbs),
-        lambda: export_ground(sheets_dir, mapped.submaps, folder),
-    ]
-
-
-def _write(writers: list[Callable[[], None]], threads: int, progress: Progress) -> None:
-    """Run them, as many at a time as there are threads."""
-    progress(0.0, "writing trajectory, cloud, pictures and report")
-    for number, _ in enumerate(in_order(lambda write: write(), writers, threads), 1):
-        progress(NEARLY_DONE * number / len(writers), "writing trajectory, cloud, pictures and report")
 
 
 def _checked(context: StageContext, progress: NamedProgress) -> StageContext:

@@ -112,7 +112,9 @@ class Network:
         return done
 
     def give_back(self) -> None:
-        """Free what it keeps for the next images, 100 MB and more after images of two threads; they may come nevertheless."""
+        """Free what it keeps for the next images on a CPU, 100 MB and more after those of two threads; they may still come."""
+        if self.device != "cpu":
+            return
         options = onnxruntime.RunOptions()
         options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
         self._session.run(None, {self._input: self._batch([self._blank()])}, options)
