@@ -80,6 +80,25 @@ def test_ground_where_nothing_stands_is_shown_as_before(street):
         assert after[before].mean() > 0.95  # the kerb stands
 
 
+def kept_bytes(array):
+    """Of the memory that an array keeps from being freed."""
+    while isinstance(array.base, np.ndarray):
+        array = array.base
+    return array.nbytes
+
+
+def test_a_view_keeps_no_picture_beyond_the_rows_that_sheets_are_made_of(street):
+    odometry, n = street.odometry(), street.count
+    exposure = DriveExposure(np.ones(n), np.zeros(n), 255.0, 0.0)
+    seen = views_of(street, odometry, street, street.submaps()[0], chosen_keyframes(odometry, SETTINGS), exposure, SETTINGS)
+    assert len(seen) > 3
+    for _, view in seen:
+        assert view.first_row > 0
+        for held in (view.above, view.image, view.right, view.shown):
+            assert held.shape[:2] == view.above.shape
+            assert kept_bytes(held) == held.nbytes
+
+
 CLOSE_ROW = 85
 """The road is nearer than 10 m from here on."""
 
