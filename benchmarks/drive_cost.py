@@ -10,6 +10,7 @@ import resource
 import sys
 import time
 from dataclasses import asdict, dataclass, fields
+from importlib import import_module
 from pathlib import Path
 
 
@@ -104,8 +105,7 @@ def main() -> None:
     parser.add_argument("--cores", type=int, default=1)
     args = parser.parse_args()
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: args.cores])
-    import wayloom.cli  # noqa: F401 - threads of the algebra and heaps, as the command has them
-
+    import_module("wayloom.cli")  # threads of the algebra and heaps, as the command has them
     json.dump(measured(args.log, args.out, args.gnss, args.model, args.cores), sys.stdout)
 
 

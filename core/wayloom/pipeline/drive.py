@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -37,7 +38,7 @@ from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stage_files import finished_key, is_undamaged, read_stage_file
 from wayloom.pipeline.stages.odometry import key_parts as lens_of_rig_file
 from wayloom.pipeline.stages.segmentation import network_of
-from wayloom.pipeline.stages_in_turn import Run, in_turn
+from wayloom.pipeline.stages_in_turn import in_turn
 from wayloom.segmentation.keyframe_labels import MODEL_FILE, KeyframeLabels
 from wayloom.submaps.files import load_submaps
 from wayloom.submaps.submap import PlacedSubmap
@@ -104,13 +105,9 @@ def process_drive(
     context = _checked(context, progress)
     with writing_to(out_dir), new_folders(stages_dir), sole_writer(stages_dir):
         sweep(stages_dir)
-        with whole_folder(stages_dir / "exports") as folder:
-
-            def exports(wait_for_all: Callable[[], dict[str, StageTime]]) -> DriveResult:
-                return _exports(context, wait_for_all, folder, geoid, write_more, progress("exports"))
-
-            with labels_ahead(context) as followed:
-                result = in_turn(_runner(followed), progress, settings.threads, exports)
+        with whole_folder(stages_dir / "exports") as folder, labels_ahead(context) as followed:
+            exports = partial(_exports, context, folder, geoid, write_more, progress("exports"))
+            result = in_turn(partial(_stage, followed), progress, settings.threads, exports)
         _publish(stages_dir / "exports", out_dir)
         progress("exports")(1.0, f"written to {out_dir}")
     return result
@@ -118,24 +115,24 @@ def process_drive(
 
 def _exports(
     context: StageContext,
-    wait_for_all: Callable[[], dict[str, StageTime]],
     folder: Path,
     geoid: GeoidGrid | None,
     write_more: Callable[[DriveResult, Path], None],
     progress: Progress,
+    wait_for_all: Callable[[], dict[str, StageTime]],
 ) -> DriveResult:
     """Write a drive's products into the folder, what its objects are for when they are there."""
     mapped, settings, stages_dir = _load(context), context.settings, context.inputs_dir
-    progress(0.0, "writing trajectory, cloud, pictures and report")
+    progress(0.0, "writing trajectory, cloud and pictures")
     with _beside(_ground_and_dense(mapped, settings, stages_dir / "ground", folder, geoid), settings.threads - 1):
         write_exports(mapped.log, mapped.odometry, mapped.images, mapped.geo, mapped.submaps, folder, geoid, stages_dir)
         times = wait_for_all()
+        progress(0.5, "writing objects and report")
         objects = objects_of_drive(stages_dir / "objects", mapped.submaps, settings.object_fusion)
         if mapped.geo.frame is not None:
             export_objects(objects, mapped.geo.frame, folder / OBJECTS_FILE)
         result = replace(mapped, objects=objects, times=times)
         write_more(result, folder)
-        progress(0.5, "writing trajectory, cloud, pictures and report")
     return result
 
 
@@ -174,16 +171,6 @@ def _beside(work: list[Callable[[], None]], threads: int) -> Iterator[None]:
                 future.cancel()
 
 
-def _runner(context: StageContext) -> Run[StageTime]:
-    """What runs a stage, or finds that its result is there."""
-
-    def run(name: str, progress: NamedProgress, threads: int, /) -> StageTime:
-        settings = context.settings.model_copy(update={"threads": threads})
-        return _stage(name, replace(context, settings=settings), progress)
-
-    return run
-
-
 def _checked(context: StageContext, progress: NamedProgress) -> StageContext:
     """The context with its network and the first pairs' matches: a network, a rig file or a rig that cannot be used is told before
     anything is made."""
@@ -209,8 +196,9 @@ def _publish(gathered: Path, out_dir: Path) -> None:
     write_atomically(listing, json.dumps(names).encode())
 
 
-def _stage(name: str, context: StageContext, progress: NamedProgress) -> StageTime:
-    """Run a stage, or find that its result is there."""
+def _stage(context: StageContext, name: str, progress: NamedProgress, threads: int, /) -> StageTime:
+    """Run a stage by so many threads, or find that its result is there."""
+    context = replace(context, settings=context.settings.model_copy(update={"threads": threads}))
     key = stage_key(name, context)
     home = context.inputs_dir / name
     reused = finished_key(home) == key.hex and is_undamaged(home)
