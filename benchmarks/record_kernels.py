@@ -2,8 +2,9 @@
 
     python benchmarks/record_kernels.py [--drives demo-out/drives]
 
-Runs `wayloom demo` with an empty cache of kernels and an empty list, and notes in each of its processes what numba compiles because
-Python called it, and in which stage. --drives: simulated by a demo before.
+Runs `wayloom demo`, and `wayloom process` on a drive that comes back to where it was, each with an empty cache of kernels and an
+empty list, and notes in each process what numba compiles because Python called it, and in which stage. Nothing here is grey:
+kernels for grey images are added by hand. --drives: simulated by a demo before.
 """
 
 import argparse
@@ -35,7 +36,7 @@ def stage():
         name = frame.f_code.co_name
         if name in STAGES and ("running.py" in frame.f_code.co_filename or "stitching.py" in frame.f_code.co_filename):
             return frame.f_locals[STAGES[name]] if STAGES[name] else name
-        if name == "write_exports":
+        if name == "_exports" and "drive.py" in frame.f_code.co_filename:
             return "exports"
         frame = frame.f_back
     return "prepare_stitch" if "wayloom_workers" in " ".join(sys.orig_argv) else ""
@@ -86,9 +87,15 @@ def recorded(drives: Path | None) -> list[list[str | None]]:
         if drives is not None:
             shutil.copytree(drives, folder / "demo" / "drives")
         path = os.pathsep.join([name, *(str(ROOT / part) for part in ("core", "services", "workers"))])
-        environment = os.environ | {"PYTHONPATH": path, "NUMBA_CACHE_DIR": f"{name}/cache", "RECORDED_KERNELS": str(out)}
-        command = [sys.executable, "-m", "wayloom.cli.main", "demo", "--once", "--port", "0", "--out", f"{name}/demo"]
-        subprocess.run(command, env=environment, check=True)
+        environment = os.environ | {"PYTHONPATH": path, "RECORDED_KERNELS": str(out)}
+        demo, drive = folder / "demo", folder / "loop"
+        for number, command in enumerate((
+            f"demo --once --port 0 --out {demo}",
+            f"simulate loop --size half --out {drive}",
+            f"process {drive / 'car-1'} --out {folder / 'mapped'} --threads 1",
+        )):  # fmt: skip
+            parts = [sys.executable, "-m", "wayloom.cli.main", *command.split()]
+            subprocess.run(parts, env=environment | {"NUMBA_CACHE_DIR": f"{name}/cache-{number}"}, check=True)
         return [json.loads(line) for line in out.read_text().splitlines()]
 
 

@@ -79,7 +79,7 @@ def test_what_is_compiled_is_said_and_compiled_once(tmp_path: Path, monkeypatch:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
     f, g, said = Kernel(), Kernel(), []
-    groups = [KernelGroup("first", lambda: [(f, ("i",)), (g, ("j",))]), KernelGroup("second", lambda: [(f, ("k",))])]
+    groups = [KernelGroup("first", lambda: [(f, ("i",)), (g, ("j",))], 2), KernelGroup("second", lambda: [(f, ("k",))], 1)]
     assert compile_kernels(groups, lambda share, what: said.append((share, what))) == 3
     assert (f.compiled, g.compiled) == ([("i",), ("k",)], [("j",)])
     assert said == [(0.0, f"compiling kernels, {k} of 3 (first run only)") for k in (1, 2, 3)]
@@ -92,7 +92,7 @@ def test_a_group_that_another_process_compiles_is_waited_for(tmp_path: Path, mon
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
     theirs, ours, said = Kernel(), Kernel(), []
-    groups = [KernelGroup("theirs", lambda: [(theirs, ())]), KernelGroup("ours", lambda: [(ours, ())])]
+    groups = [KernelGroup("theirs", lambda: [(theirs, ())], 1), KernelGroup("ours", lambda: [(ours, ())], 1)]
     code = (
         "import fcntl, pathlib, sys; held = open(sys.argv[1], 'a'); fcntl.flock(held, fcntl.LOCK_EX); print(flush=True);"
         "sys.stdin.read(); pathlib.Path(sys.argv[1]).with_suffix('.compiled').touch()"

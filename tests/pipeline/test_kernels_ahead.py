@@ -1,25 +1,30 @@
 """The list of kernels that are compiled before the stages that call them."""
 
 import inspect
+import json
 import os
 import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from wayloom.config.kernel_types import types_of, words_of
 from wayloom.config.stages import drive_stages
 from wayloom.pipeline.code_version import code_version
-from wayloom.pipeline.kernels_ahead import listed
+from wayloom.pipeline.kernels_ahead import PROGRAM, compile_stages, listed
 
 LISTED = [(one["module"], name, types) for one in listed() for name, types in one["kernels"]]
+
+OTHER = {"stitch", "exports"}
+"""Stages that are no drive's."""
 
 
 def test_there_are_kernels_of_the_stages_that_compile_most() -> None:
     stages = {stage for one in listed() for stage in one["stages"]}
-    assert {"ground", "labelling", "objects", "looks", "stitch"} <= stages <= {*drive_stages(), "stitch"}
+    assert {"ground", "labelling", "objects", "looks", "loops", *OTHER} <= stages <= {*drive_stages(), *OTHER}
     assert len(LISTED) > 60
 
 
@@ -36,19 +41,60 @@ def test_a_stage_is_listed_with_kernels_that_it_imports() -> None:
     for one in listed():
         if one["module"].startswith("wayloom.logs."):
             continue
-        for stage in set(one["stages"]) - {"stitch"}:
+        for stage in set(one["stages"]) - OTHER:
             assert one["module"] in closures[stage]
 
 
-def test_what_was_compiled_ahead_is_there_for_the_next_process(tmp_path: Path) -> None:
-    code = "from wayloom.pipeline.kernels_ahead import compile_stage; print(compile_stage('objects'))"
-    environment = {name: text for name, text in os.environ.items() if name != "NUMBA_DISABLE_JIT"}
+COMPILING = """
+import json, sys
+from numba.core import event
+from wayloom.pipeline import kernels_ahead
 
-    def compiled() -> int:
-        done = subprocess.run(
-            [sys.executable, "-c", code], env=environment | {"NUMBA_CACHE_DIR": str(tmp_path)}, capture_output=True, check=True
-        )
-        return int(done.stdout)
+class Here(event.Listener):
+    begun = 0
+    def on_start(self, compiled): Here.begun += 1
+    def on_end(self, compiled): pass
 
-    assert compiled() == sum(len(one["kernels"]) for one in listed() if "objects" in one["stages"])
-    assert compiled() == 0
+event.register("numba:compile", Here())
+said = []
+made = kernels_ahead.compile_stages(("objects",), lambda share, what: said.append(what), threads=2)
+print(json.dumps([made, said, Here.begun, len(kernels_ahead.lacking(kernels_ahead.groups_of(("objects",))))]))
+"""
+
+
+def compiled_in(cache: Path, before: str = "") -> list[Any]:
+    """What a process with this cache says: how many kernels were made, what was said, compilations of its own, groups that lack."""
+    environment = {name: text for name, text in os.environ.items() if name != "NUMBA_DISABLE_JIT"} | {"NUMBA_CACHE_DIR": str(cache)}
+    return json.loads(subprocess.check_output([sys.executable, "-c", before + COMPILING], env=environment, timeout=300))
+
+
+def test_what_other_processes_compiled_ahead_is_there_and_said(tmp_path: Path) -> None:
+    total = sum(len(one["kernels"]) for one in listed() if "objects" in one["stages"])
+    said = [f"compiling kernels, {k + 1} of {total} (first run only)" for k in range(total)]
+    assert compiled_in(tmp_path) == [total, said, 0, 0]
+    assert compiled_in(tmp_path) == [0, [], 0, 0]
+
+
+def test_kernels_whose_process_ends_badly_are_left_to_their_first_call(tmp_path: Path) -> None:
+    broken = "from wayloom.pipeline import kernels_ahead; kernels_ahead.PROGRAM = 'wayloom.no_such_module'\n"
+    groups = sum("objects" in one["stages"] for one in listed())
+    assert compiled_in(tmp_path, broken) == [0, [], 0, groups]
+
+
+def own_children() -> list[str]:
+    """Numbers of the processes that this one began."""
+    return [number for path in Path("/proc/self/task").glob("*/children") for number in path.read_text().split()]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are looked up in /proc")
+def test_an_interrupt_ends_the_processes_that_compile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
+
+    def interrupt(_share: float, _what: str, /) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        compile_stages(("objects",), interrupt, threads=2)
+    commands = [path.read_bytes() for process in own_children() for path in Path("/proc").glob(f"{process}/cmdline")]
+    assert not [command for command in commands if PROGRAM.encode() in command]

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from wayloom.config.gate import gate_of
-from wayloom.config.stages import REMOVAL
+from wayloom.config.stages import INGEST, ODOMETRY, REMOVAL
 from wayloom.geodesy import wgs84
 from wayloom.georeference.files import GEOREFERENCE_FILE, load_georeference
 from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
@@ -39,8 +39,6 @@ from wayloom_workers.stitching import prepare_stitch
 from wayloom_workers.submap_rows import submap_row
 
 TRACK_POINTS: Final = 2000
-INGEST: Final = "ingest"
-ODOMETRY: Final = "odometry"
 GEOREFERENCE: Final = "georeference"
 SUBMAPS: Final = "submaps"
 

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from wayloom.config.side_by_side import in_order
-from wayloom.pipeline.kernels_ahead import compile_stage
+from wayloom.pipeline.kernels_ahead import compile_stages
 from wayloom.stitching.layer_names import LAYERS, OVERLAYS, STATIC
 from wayloom.stitching.region_grid import RegionKey, region_box
 from wayloom.store import map_versions, maps
@@ -36,7 +36,7 @@ FUSED_SHARE: Final = 0.7
 
 def prepare_stitch(attempt: StageAttempt) -> PreparedStage:
     """The stage; where many regions have changed, several workers merge them."""
-    compile_stage("stitch", attempt.progress)
+    compile_stages(("stitch",), attempt.progress, threads=attempt.context.settings.threads)
     key = str(attempt.claim.payload["key"]) if attempt.claim.part else key_of_inputs(attempt)
     folder = attempt.context.folders.map(str(attempt.claim.map_id)) / "parts" / "stitch" / key
     parts = RegionParts(attempt, folder)

@@ -57,23 +57,34 @@ class KernelGroup:
     """Kernels that one process compiles at a stretch, because they share parts.
 
     kernels : each with the types of its arguments; called only where something is to be compiled
+    size : how many they are
     """
 
     name: str
     kernels: Callable[[], Sequence[tuple[Any, tuple[Any, ...]]]]
+    size: int
 
 
-def compile_kernels(groups: Sequence[KernelGroup], progress: Progress = silent) -> int:
+def lacking(groups: Sequence[KernelGroup]) -> list[KernelGroup]:
+    """Those of which the cache does not hold everything; none where numba's compiler is off."""
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+        return []
+    folder = Path(os.environ["NUMBA_CACHE_DIR"])
+    return [group for group in groups if not _mark(folder, group).exists()]
+
+
+def compile_kernels(groups: Sequence[KernelGroup], progress: Progress = silent, begin: Callable[[], None] = lambda: None) -> int:
     """Compile what the cache does not hold yet, and say which of how many kernels it is; returns how many that were.
 
+    begin : called before each kernel
     Of several processes each takes groups that no other one works on, and waits for the rest: nothing is compiled twice.
     """
     folder = Path(os.environ["NUMBA_CACHE_DIR"])
-    waiting = [group for group in groups if not _mark(folder, group).exists()]
-    if not waiting or os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+    waiting = lacking(groups)
+    if not waiting:
         return 0
     folder.mkdir(parents=True, exist_ok=True)
-    done, total = 0, sum(len(group.kernels()) for group in waiting)
+    done, total = 0, sum(group.size for group in waiting)
     while waiting:
         for group in tuple(waiting):
             with _lock(_mark(folder, group).with_suffix(".lock")) as is_ours:
@@ -83,6 +94,7 @@ def compile_kernels(groups: Sequence[KernelGroup], progress: Progress = silent) 
                 if _mark(folder, group).exists():  # by now
                     continue
                 for kernel, types in group.kernels():
+                    begin()
                     progress(0.0, f"compiling kernels, {done + 1} of {total} (first run only)")
                     kernel.compile(types)
                     done += 1

@@ -46,10 +46,11 @@ class Stage:
 
 
 INGEST: Final = "ingest"
+ODOMETRY: Final = "odometry"
 _ROOMS: Final = "wayloom.pipeline.stages"
 STAGES: tuple[Stage, ...] = (
     Stage(INGEST, "ingest", room=f"{_ROOMS}.ingest"),
-    Stage("odometry", "odometry", log_parts=("images", "imu", "name"), settings=("odometry",), room=f"{_ROOMS}.odometry"),
+    Stage(ODOMETRY, "odometry", log_parts=("images", "imu", "name"), settings=("odometry",), room=f"{_ROOMS}.odometry"),
     Stage(
         "segmentation", "segmentation", inputs=("odometry",), log_parts=("images", "name"),
         settings=("labelling.between_keyframes", "labelling.right_images"), room=f"{_ROOMS}.segmentation",

@@ -75,12 +75,20 @@ INERTIAL: Final = (
 
 def compile_odometry(imu: bool, progress: Progress = silent) -> int:
     """Compile the kernels that a drive with or without an IMU needs, where the cache does not hold them; returns how many."""
+    return compile_kernels(odometry_groups(imu), progress)
+
+
+def odometry_groups(imu: bool) -> list[KernelGroup]:
+    """The kernels that a drive with or without an IMU needs."""
     groups = (("window", WINDOW), ("alignment", ALIGNMENT), ("stereo", STEREO), ("state", STATE), ("inertial", INERTIAL))
-    return compile_kernels([_group(name, table) for name, table in groups[: 5 if imu else 4]], progress)
+    return [_group(name, table) for name, table in groups[: 5 if imu else 4]]
 
 
 def _group(name: str, table: tuple[tuple[str, str], ...]) -> KernelGroup:
-    return KernelGroup(f"odometry-{name}", lambda: [(_kernel(kernel), types_of(words, _named_tuples())) for kernel, words in table])
+    def kernels() -> list[tuple[Any, tuple[Any, ...]]]:
+        return [(_kernel(kernel), types_of(words, _named_tuples())) for kernel, words in table]
+
+    return KernelGroup(f"odometry-{name}", kernels, len(table))
 
 
 def _kernel(place: str) -> Any:

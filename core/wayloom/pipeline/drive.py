@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from wayloom.config.progress import NamedProgress, Progress, silent_for_each
+from wayloom.config.stages import INGEST, drive_stages
 from wayloom.exports.drive_origin import REPORT_FILE
 from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.geoid import GeoidGrid
@@ -32,7 +33,7 @@ from wayloom.pipeline.folders import discard, new_folders, put_in_place, sole_wr
 from wayloom.pipeline.labels_ahead import labels_ahead
 from wayloom.pipeline.log_parts import read_log_file
 from wayloom.pipeline.log_source import LogSource
-from wayloom.pipeline.running import run_stage, stage_key
+from wayloom.pipeline.running import compile_for, run_stage, stage_key
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stage_files import finished_key, is_undamaged, read_stage_file
@@ -44,6 +45,8 @@ from wayloom.submaps.files import load_submaps
 from wayloom.submaps.submap import PlacedSubmap
 
 STAGES_DIR: Final = "stages"
+EXPORTS: Final = "exports"
+"""What follows the stages, in progress and among those whose kernels are listed."""
 PRODUCTS_FILE: Final = "products.json"
 PARTS_SUFFIX: Final = ".parts"
 NEARLY_DONE: Final = 0.999
@@ -106,10 +109,10 @@ def process_drive(
     with writing_to(out_dir), new_folders(stages_dir), sole_writer(stages_dir):
         sweep(stages_dir)
         with whole_folder(stages_dir / "exports") as folder, labels_ahead(context) as followed:
-            exports = partial(_exports, context, folder, geoid, write_more, progress("exports"))
+            exports = partial(_exports, context, folder, geoid, write_more, progress(EXPORTS))
             result = in_turn(partial(_stage, followed), progress, settings.threads, exports)
         _publish(stages_dir / "exports", out_dir)
-        progress("exports")(1.0, f"written to {out_dir}")
+        progress(EXPORTS)(1.0, f"written to {out_dir}")
     return result
 
 
@@ -176,8 +179,9 @@ def _checked(context: StageContext, progress: NamedProgress) -> StageContext:
     anything is made."""
     settings = context.settings
     network = network_of(settings)
-    progress("ingest")(0.0, "looking at the first pairs")
+    progress(INGEST)(0.0, "looking at the first pairs")
     lens_of_rig_file(context)
+    compile_for((*drive_stages(), EXPORTS), context, progress(INGEST))
     with one_opencv_thread():
         return replace(context, network=network, first_matches=first_matches(context.log, settings.odometry.row_frames))
 

@@ -3,23 +3,30 @@
 What is missing in the list is compiled where it is first called, as numba does it: the list saves time, it is not needed.
 
 `python -m wayloom.pipeline.kernels_ahead` compiles them all, in the order of the stages and at low priority, into the cache that
-all processes of this installation use.
+all processes of this installation use; with names of stages, theirs, and with --imu those of inertial odometry.
 """
 
+import argparse
 import json
 import os
+import signal
+import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
-from wayloom.config.kernel_cache import KernelGroup, compile_kernels
+from wayloom.config.child_processes import ending_with_parent
+from wayloom.config.kernel_cache import KernelGroup, compile_kernels, lacking
 from wayloom.config.kernel_types import types_of
 from wayloom.config.progress import Progress, silent
-from wayloom.odometry.warm_up import compile_odometry
+from wayloom.config.stages import ODOMETRY
+from wayloom.odometry.warm_up import odometry_groups
 
+PROGRAM: Final = "wayloom.pipeline.kernels_ahead"
 LOW_PRIORITY: Final = 10
 
 LIST: Final = Path(__file__).with_name("kernels.json")
@@ -27,9 +34,53 @@ LIST: Final = Path(__file__).with_name("kernels.json")
 types of their arguments (`wayloom.config.kernel_types`), in the order of their first use."""
 
 
-def compile_stage(stage: str, progress: Progress = silent) -> int:
-    """Compile what the stage calls and the cache lacks; returns how many kernels. Processes at the same stage share the work."""
-    return compile_kernels([_group(one) for one in listed() if stage in one["stages"]], progress)
+def compile_stages(stages: Sequence[str], progress: Progress = silent, imu: bool = False, threads: int = 1) -> int:
+    """Compile what these stages call and the cache lacks, and say which of how many kernels it is; returns how many are there now
+    that were not.
+
+    imu : whether the odometry is inertial
+    threads : so many processes compile at a time, and end: what a compiler takes of memory, half a gigabyte, it never gives back
+    Processes of others that compile the same kernels share the work. Kernels whose process ends badly are left to their first call.
+    """
+    groups = groups_of(stages, imu)
+    before = lacking(groups)
+    if not before:
+        return 0
+    total = sum(group.size for group in before)
+    with _compilers(stages, imu, min(threads, len(before))) as compiled:
+        for done, _ in enumerate(compiled):
+            progress(0.0, f"compiling kernels, {min(done + 1, total)} of {total} (first run only)")
+    return total - sum(group.size for group in lacking(groups))
+
+
+@contextmanager
+def _compilers(stages: Sequence[str], imu: bool, processes: int) -> Iterator[IO[str]]:
+    """Processes that compile, and what they write: a line as each kernel is begun. They are gone when the block ends."""
+    command = [sys.executable, "-m", PROGRAM, *stages, *(["--imu"] if imu else [])]
+    read, write = os.pipe()
+    running: list[subprocess.Popen[bytes]] = []
+    with os.fdopen(read, encoding="utf-8") as lines:
+        try:
+            try:
+                for _ in range(processes):
+                    one = subprocess.Popen(
+                        command, stdin=subprocess.DEVNULL, stdout=write, stderr=subprocess.DEVNULL,
+                        preexec_fn=ending_with_parent(signal.SIGKILL), start_new_session=True,
+                    )  # fmt: skip
+                    running.append(one)
+            finally:
+                os.close(write)
+            yield lines
+        finally:
+            for one in running:
+                one.kill()
+                one.wait()
+
+
+def groups_of(stages: Sequence[str], imu: bool = False) -> list[KernelGroup]:
+    """The kernels that stages call, those of inertial odometry where imu says so."""
+    odometry = odometry_groups(imu) if ODOMETRY in stages else []
+    return [*odometry, *(_group(one) for one in listed() if not set(stages).isdisjoint(one["stages"]))]
 
 
 @lru_cache(1)
@@ -39,7 +90,8 @@ def listed() -> Sequence[dict[str, Any]]:
 
 
 def _group(one: dict[str, Any]) -> KernelGroup:
-    return KernelGroup(one["module"].removeprefix("wayloom."), partial(_kernels, one["module"], one["kernels"]))
+    module, kernels = one["module"], one["kernels"]
+    return KernelGroup(module.removeprefix("wayloom."), partial(_kernels, module, kernels), len(kernels))
 
 
 def _kernels(module: str, kernels: Sequence[tuple[str, str]]) -> list[tuple[Any, tuple[Any, ...]]]:
@@ -48,14 +100,20 @@ def _kernels(module: str, kernels: Sequence[tuple[str, str]]) -> list[tuple[Any,
 
 
 def main() -> None:
-    """Compile all, and tell on stderr how far it is."""
+    """Compile. With names of stages, a line on stdout as each kernel is begun; else tell on stderr how far it is."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("stages", nargs="*", metavar="STAGE")
+    parser.add_argument("--imu", action="store_true")
+    options = parser.parse_args()
+    if options.stages:
+        compile_kernels(groups_of(options.stages, options.imu), begin=partial(print, flush=True))
+        return
     os.nice(LOW_PRIORITY)
 
     def say(_share: float, what: str, /) -> None:
         sys.stderr.write(f"{what}\n")
 
-    compile_odometry(True, say)
-    compile_kernels([_group(one) for one in listed()], say)
+    compile_kernels([*odometry_groups(True), *(_group(one) for one in listed())], say)
 
 
 if __name__ == "__main__":

@@ -6,18 +6,18 @@ settings, the code that its room imports, and the versions of the libraries that
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from wayloom.config.progress import Progress, silent
-from wayloom.config.stages import INGEST, Stage, find_stage
+from wayloom.config.stages import INGEST, ODOMETRY, Stage, find_stage
 from wayloom.errors import StageError
 from wayloom.pipeline.code_version import CodeVersion, code_version
 from wayloom.pipeline.digests import sha256_of_json
-from wayloom.pipeline.kernels_ahead import compile_stage
+from wayloom.pipeline.kernels_ahead import compile_stages
 from wayloom.pipeline.log_parts import fingerprint, read_log_file
 from wayloom.pipeline.settings import ProcessSettings
 from wayloom.pipeline.stage_context import StageContext
@@ -60,6 +60,17 @@ def stage_key(name: str, context: StageContext) -> StageKey:
     return StageKey(name, inputs, _parameters(stage, context), code_version(_room(stage)))
 
 
+def compile_for(stages: Sequence[str], context: StageContext, progress: Progress = silent) -> None:
+    """Have the kernels at hand that these stages of this drive call, compiled by as many processes as the settings have threads."""
+    compile_stages(stages, progress, ODOMETRY in stages and _is_inertial(context), context.settings.threads)
+
+
+def _is_inertial(context: StageContext) -> bool:
+    from wayloom.odometry.backend.visual_inertial import for_log  # of the odometry's whole room, which is not always needed
+
+    return for_log(context.log, context.settings.odometry) is not None
+
+
 def run_stage(
     name: str, context: StageContext, out_dir: Path, progress: Progress = silent, key: StageKey | None = None
 ) -> dict[str, Any]:
@@ -70,7 +81,7 @@ def run_stage(
     StageError where the stages before it left nothing to go on with.
     """
     key = key or stage_key(name, context)
-    compile_stage(name, progress)
+    compile_for((name,), context, progress)
     start = time.perf_counter()
     import_module(_room(find_stage(name))).run(context, out_dir, progress)
     metadata = {
