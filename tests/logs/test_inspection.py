@@ -34,6 +34,21 @@ def test_a_made_drive_is_described_as_it_was_made(tmp_path: Path, log_format: st
     assert LogReport.model_validate_json(report.model_dump_json()) == report
 
 
+@pytest.mark.parametrize("log_format", [name for name in LOG_FORMATS if name != "mcap"])
+def test_each_image_is_told_of_once_with_its_bytes(tmp_path: Path, log_format: str) -> None:
+    log, told = open_log(write_drive(tmp_path, log_format)), list[tuple[Path, bytes]]()
+    inspect_log(log, threads=2, seen=lambda file, data: told.append((file, data)))
+    assert len(told) == len({file for file, _ in told}) == 2 * len(log)
+    assert {file for file, _ in told} <= {log.root / name for name in log.files}
+    assert all(file.read_bytes() == data for file, data in told)
+
+
+def test_nothing_is_told_of_images_that_are_not_read_as_a_whole(tmp_path: Path) -> None:
+    told: list[Path] = []
+    inspect_log(open_log(write_drive(tmp_path, "kitti-raw")), decode=False, seen=lambda file, data: told.append(file))
+    assert not told
+
+
 def test_without_truth_the_distance_is_that_of_the_fixes_and_noise_does_not_add_up(tmp_path: Path) -> None:
     drive = write_drive(tmp_path, "kitti-raw", gnss=False)
     (drive / "poses.txt").unlink()

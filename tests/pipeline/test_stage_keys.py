@@ -13,10 +13,10 @@ from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.labelling.settings import LabellingSettings
 from wayloom.logs.registry import open_log
 from wayloom.odometry.settings import OdometrySettings
-from wayloom.pipeline import running
+from wayloom.pipeline import digests, running
 from wayloom.pipeline.code_version import CodeVersion
 from wayloom.pipeline.digests import sha256_of_json
-from wayloom.pipeline.log_parts import LOG_PARTS
+from wayloom.pipeline.log_parts import LOG_PARTS, images_digest, read_log_file
 from wayloom.pipeline.log_source import LogSource
 from wayloom.pipeline.running import StageKey, run_stage, stage_key
 from wayloom.pipeline.settings import ProcessSettings
@@ -93,6 +93,20 @@ def keys_of(log_path: Path, folder: Path, gnss: Path | None = None) -> dict[str,
         (folder / name / STAGE_FILE).write_text('{"key": "k", "digest": "d", "seconds": 1.0}')
     run_stage("ingest", context, folder / "ingest")
     return {name: stage_key(name, context).hex for name in ("ingest", "odometry", "segmentation", "georeference")}
+
+
+@pytest.mark.parametrize("log_format", ["kitti-raw", "euroc", "mcap"])
+def test_digests_of_what_ingest_has_read_are_those_of_the_files(tmp_path: Path, log_format: str, monkeypatch: pytest.MonkeyPatch):
+    log_path, read = write_drive(tmp_path / "drive", log_format), list[Path]()
+    whole = digests.sha256_of_file
+    monkeypatch.setattr(digests, "sha256_of_file", lambda file: (read.append(file), whole(file))[1])
+    (tmp_path / "ingest").mkdir()
+    context = StageContext(LogSource(log_path, None), tmp_path, ProcessSettings())
+    run_stage("ingest", context, tmp_path / "ingest")
+    images = {*context.log.pairs.left, *context.log.pairs.right} if log_format != "mcap" else set[Path]()
+    assert not images.intersection(read)
+    content = read_log_file(tmp_path / "ingest")
+    assert content["digests"]["images"] == images_digest(context.log, context.reader_version)
 
 
 def changed(before: dict[str, str], after: dict[str, str]) -> set[str]:

@@ -3,7 +3,6 @@
 Its bytes are a `wayloom.files.blob` (`docs/formats.md`, "Ground of a region"): equal ground gives equal bytes.
 """
 
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -124,7 +123,7 @@ class GroundFile:
     def _checked(self, read: Callable[[], Any]) -> Any:
         try:
             return read()
-        except (ValueError, KeyError, TypeError, IndexError, zlib.error) as error:
+        except (ValueError, KeyError, TypeError, IndexError) as error:
             message = f"is no ground of a region or is damaged ({error})"
             raise InputError(message, file=self._name, remedy="have the map stitched anew") from error
 

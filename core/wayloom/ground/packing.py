@@ -4,6 +4,7 @@ import zlib
 from typing import Any
 
 import numpy as np
+from isal import isal_zlib
 from numpy.typing import DTypeLike, NDArray
 
 
@@ -14,5 +15,9 @@ def packed(raster: NDArray[Any], dtype: DTypeLike, level: int) -> bytes:
 
 
 def unpacked(data: bytes | memoryview, dtype: DTypeLike, shape: tuple[int, ...]) -> NDArray[Any]:
-    """The inverse of `packed`. Raises ValueError or zlib.error for bytes that are none."""
-    return np.cumsum(np.frombuffer(zlib.decompress(data), dtype).reshape(shape), axis=1, dtype=dtype)
+    """The inverse of `packed`. Raises ValueError for bytes that are none."""
+    try:
+        differences = isal_zlib.decompress(data)
+    except isal_zlib.error as problem:  # type: ignore[misc]  # a class, which the stub takes for an instance
+        raise ValueError(problem) from problem
+    return np.cumsum(np.frombuffer(differences, dtype).reshape(shape), axis=1, dtype=dtype)

@@ -12,7 +12,7 @@ from wayloom.files.text_files import utf8_text
 from wayloom.files.timestamps import NS, wall_clock_from_ns
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geodesy.wgs84 import enu_from_lonlatheight
-from wayloom.logs.types import Damage, DriveLog, FixType, GnssTrack, StoredLog
+from wayloom.logs.types import Damage, DriveLog, FixType, GnssTrack, Seen, StoredLog
 
 FloatArray = NDArray[np.float64]
 GAP_FACTOR = 1.5
@@ -100,9 +100,14 @@ class LogReport(BaseModel):
     usable: bool
 
 
-def inspect_log(log: DriveLog, *, decode: bool = True, progress: Progress = silent, threads: int = 1) -> LogReport:
-    """Look at the whole log: every image is decoded, or, where `decode` is False, looked at from both ends."""
-    damaged = damaged_images(log, decode, progress, threads)
+def inspect_log(
+    log: DriveLog, *, decode: bool = True, progress: Progress = silent, threads: int = 1, seen: Seen | None = None
+) -> LogReport:
+    """Look at the whole log: every image is decoded, or, where `decode` is False, looked at from both ends.
+
+    seen : as of `StoredLog.damaged`
+    """
+    damaged = damaged_images(log, decode, progress, threads, seen)
     distance_m, distance_from = distance(log)
     first_ns = int(log.t_ns[0])
     return LogReport(
@@ -139,10 +144,10 @@ def imu_place(T_cam_imu: FloatArray) -> tuple[float, float, float]:
     return x, y, z
 
 
-def damaged_images(log: DriveLog, decode: bool, progress: Progress, threads: int = 1) -> Sequence[Damage]:
-    """All images that cannot be used."""
+def damaged_images(log: DriveLog, decode: bool, progress: Progress, threads: int = 1, seen: Seen | None = None) -> Sequence[Damage]:
+    """All images that cannot be used. seen : as of `StoredLog.damaged`."""
     if isinstance(log, StoredLog):
-        return log.damaged(decode=decode, progress=progress, threads=threads)
+        return log.damaged(decode=decode, progress=progress, threads=threads, seen=seen)
     found = []
     for i in range(len(log)):
         try:

@@ -1,6 +1,6 @@
 """Drive log protocol, stereo frames, GNSS and IMU tracks."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -15,6 +15,8 @@ from wayloom.geometry.camera import StereoRig
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
+Seen = Callable[[Path, bytes], None]
+"""What is told of a file that was read as a whole, and of its bytes."""
 
 
 class FixType(IntEnum):
@@ -160,8 +162,11 @@ class StoredLog(DriveLog, Protocol):
         """Look at every image without decoding it. Raises LogError at the first that is empty, truncated or of another size."""
         ...
 
-    def damaged(self, *, decode: bool, progress: Progress = ..., threads: int = ...) -> list[Damage]:
-        """All images that cannot be used, by checking or by decoding them, so many pairs at a time."""
+    def damaged(self, *, decode: bool, progress: Progress = ..., threads: int = ..., seen: Seen | None = ...) -> list[Damage]:
+        """All images that cannot be used, by checking or by decoding them, so many pairs at a time.
+
+        seen : where they are decoded, given each file of its own that was read as a whole, by the thread that read it
+        """
         ...
 
     def kept(self, rows: NDArray[np.int64], missing: tuple[str, ...]) -> "StoredLog":

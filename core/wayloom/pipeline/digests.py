@@ -2,8 +2,9 @@
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 
@@ -18,6 +19,6 @@ def sha256_of_json(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
-def digest_of_files(root: Path, names: Iterable[str]) -> str:
-    """One digest of files by their names relative to root and their bytes."""
-    return sha256_of_json([[name, sha256_of_file(root / name)] for name in sorted(names)])
+def digest_of_files(root: Path, names: Iterable[str], known: Mapping[Path, str] = MappingProxyType({})) -> str:
+    """One digest of files by their names relative to root and their bytes. known : by path, SHA-256 of what was read already."""
+    return sha256_of_json([[name, known.get(root / name) or sha256_of_file(root / name)] for name in sorted(names)])

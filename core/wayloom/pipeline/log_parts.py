@@ -13,8 +13,9 @@ the same changes no key.
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -49,9 +50,12 @@ def rejected_frames(folder: Path) -> dict[int, LogError]:
     return {int(frame): told_again(one["problem"], one["file"], one["reason"]) for frame, one in rejected.items()}
 
 
-def images_digest(log: DriveLog, reader_version: str) -> str:
-    """One digest of all files of the log, of its calibration and time stamps as read, and of the reader's code."""
-    return sha256_of_json([digest_of_files(log.root, log.files), _calibration_digest(log), reader_version])
+def images_digest(log: DriveLog, reader_version: str, known: Mapping[Path, str] = MappingProxyType({})) -> str:
+    """One digest of all files of the log, of its calibration and time stamps as read, and of the reader's code.
+
+    known : SHA-256, hexadecimal, of files that were read already
+    """
+    return sha256_of_json([digest_of_files(log.root, log.files, known), _calibration_digest(log), reader_version])
 
 
 def gnss_digest(log: DriveLog, reader_version: str = "") -> str:

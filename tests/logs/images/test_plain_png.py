@@ -106,6 +106,7 @@ def test_mixed_filters_and_one_pixel_are_decoded(channels: int, colour_type: int
         found = plain_png.decode(check_png(data, tmp_path), colour=colour)
         assert found is not None
         assert np.array_equal(found, by_opencv(data, colour))
+        assert plain_png.size_of_whole(check_png(data, tmp_path)) == (width, height, channels)
 
 
 @pytest.mark.parametrize("row", [0, 5, 11])
@@ -116,6 +117,7 @@ def test_an_unknown_filter_is_left_to_opencv(row: int, tmp_path: Path) -> None:
         kinds[row] = 5
         chunks = check_png(png(packed(filtered(kinds, 9 * channels)), (12, 9), colour_type=colour_type), tmp_path)
         assert [plain_png.decode(chunks, colour=colour) for colour in (False, None)] == [None, None]
+        assert plain_png.size_of_whole(chunks) is None
 
 
 def test_what_is_not_plain_is_left_to_opencv(tmp_path: Path) -> None:
@@ -124,6 +126,7 @@ def test_what_is_not_plain_is_left_to_opencv(tmp_path: Path) -> None:
     for image in (picture, picture[..., 0].astype(np.uint16) * 257):
         data = cv2.imencode(".png", image)[1].tobytes()
         assert plain_png.decode(check_png(data, tmp_path)) is None
+        assert plain_png.size_of_whole(check_png(data, tmp_path)) is None
         for colour in (False, True):
             assert np.array_equal(decode_image(data, tmp_path, colour=colour), by_opencv(data, colour))
     data = png(packed(filtered(np.zeros(8), 8)), (8, 8), interlaced=1)
@@ -154,7 +157,9 @@ def test_a_stream_with_too_much_or_too_little_in_it_is_left_to_opencv(tmp_path: 
     """Which pads or cuts as ever."""
     rows = filtered(np.ones(20), 30)
     for content in (rows[:-5], rows + rows):
-        assert plain_png.decode(check_png(png(packed(content), (20, 30)), tmp_path)) is None
+        chunks = check_png(png(packed(content), (20, 30)), tmp_path)
+        assert plain_png.decode(chunks) is None
+        assert plain_png.size_of_whole(chunks) is None
 
 
 def test_a_stream_that_swells_beyond_its_header_is_stopped_there(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from wayloom.errors import LogError
 from wayloom.files.regular import open_regular
 from wayloom.files.text_files import read_bytes, reason_of
+from wayloom.logs.types import Seen
 
 Image = NDArray[np.uint8]
 T = TypeVar("T")
@@ -230,15 +231,27 @@ def decode_image(data: bytes, file: Path, *, colour: bool | None, record: str | 
     return picture
 
 
-def check_image(file: Path) -> ImageHeader:
-    """Size and colour of an image that can be decoded; raises LogError as `read_image`. Of a JPEG all is unpacked, but an eighth of
-    the picture made."""
+def check_image(file: Path, seen: Seen | None = None) -> ImageHeader:
+    """Size and colour of an image that can be decoded; raises LogError as `read_image`.
+
+    Of a JPEG all is unpacked, but an eighth of the picture made; of a plain PNG all is unpacked and its filters looked at.
+    seen : given the file's bytes
+    """
     data = read_bytes(file, remedy=COPY_AGAIN)
+    if seen is not None:
+        seen(file, data)
     if data.startswith(JPEG_START):
         _check_end(data[-TAIL_BYTES:], JPEG_END, file, len(data))
         header = _not_too_large(_jpeg_header(io.BytesIO(data), file), file)
         _decoded(data, cv2.IMREAD_REDUCED_GRAYSCALE_8, file)
         return header
+    if data.startswith(PNG_SIGNATURE):
+        from wayloom.logs.images import plain_png
+
+        _check_size(data, file)
+        size = plain_png.size_of_whole(check_png(data, file))
+        if size is not None:
+            return ImageHeader(size[0], size[1], size[2] == 3)
     picture = decode_image(data, file, colour=None)
     return ImageHeader(picture.shape[1], picture.shape[0], picture.ndim == 3)
 

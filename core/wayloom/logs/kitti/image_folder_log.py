@@ -17,7 +17,7 @@ from wayloom.logs.images.image_files import COPY_AGAIN, ImageHeader, ImagePairs,
 from wayloom.logs.kitti.positioning import Positioning
 from wayloom.logs.sidecars.exposure_csv import EXPOSURE_NAME, read_exposure_csv
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, Sidecar
-from wayloom.logs.types import Damage, GnssTrack, Image, ImuTrack, StatedReceiver, StereoFrame
+from wayloom.logs.types import Damage, GnssTrack, Image, ImuTrack, Seen, StatedReceiver, StereoFrame
 
 FloatArray = NDArray[np.float64]
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
@@ -107,8 +107,11 @@ class ImageFolderLog:
             for file, size in ((left, self.stored_sizes[0]), (right, self.stored_sizes[1])):
                 check_size(read_header(file), size, file)
 
-    def damaged(self, *, decode: bool, progress: Progress = silent, threads: int = 1) -> list[Damage]:
-        """All images that cannot be used, by checking headers and ends or by decoding every file."""
+    def damaged(self, *, decode: bool, progress: Progress = silent, threads: int = 1, seen: Seen | None = None) -> list[Damage]:
+        """All images that cannot be used, by checking headers and ends or by decoding every file.
+
+        seen : where they are decoded, given each file and its bytes, by the thread that read them
+        """
 
         def damaged_of(i: int) -> list[Damage]:
             found = []
@@ -116,7 +119,7 @@ class ImageFolderLog:
                 try:
                     check_size(read_header(files[i]), size, files[i])
                     if decode:
-                        check_size(check_image(files[i]), size, files[i])
+                        check_size(check_image(files[i], seen), size, files[i])
                 except LogError as problem:
                     found.append(Damage(i, problem))
             return found

@@ -29,7 +29,7 @@ from wayloom.logs.ros2.mcap_rig import McapRig, find_rig
 from wayloom.logs.ros2.mcap_sensors import read_exposures, read_fixes, read_imu, read_places, read_truth
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, read_sidecar
 from wayloom.logs.stereo_pairing import taken_together
-from wayloom.logs.types import Damage, GnssTrack, Image, ImuTrack, StatedReceiver, StereoFrame
+from wayloom.logs.types import Damage, GnssTrack, Image, ImuTrack, Seen, StatedReceiver, StereoFrame
 
 FloatArray = NDArray[np.float64]
 FORMAT: Final = "mcap"
@@ -108,9 +108,9 @@ class McapLog:
         """Nothing: opening has read the head of every message, and its check sum where it is compressed."""
         return
 
-    def damaged(self, *, decode: bool, progress: Progress = silent, threads: int = 1) -> list[Damage]:
+    def damaged(self, *, decode: bool, progress: Progress = silent, threads: int = 1, seen: Seen | None = None) -> list[Damage]:
         """All images that cannot be used, by decoding every one; and, as frame -1, a chunk that holds none of them and whose check
-        sum is wrong."""
+        sum is wrong. No image is a file of its own, so `seen` is given none."""
         found: list[Damage] = []
         spoilt = set[int]()
         for index, of_pair in enumerate(in_order(self._damaged_pair, range(len(self)) if decode else (), threads)):
