@@ -24,17 +24,16 @@ def best_step(
     best = math.inf
     for k in range(6):
         out[k] = math.nan
-    A, r, szz = np.zeros((3, 3)), np.zeros(3), 0.0
+    a00, a01, a11, r0, r1, szz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(across.shape[0]):
         x, z, w = across[n], height[n], weight[n]
         if w > 0:
-            A[0, 0] += w
-            A[0, 1] += w * x
-            A[1, 1] += w * x * x
-            r[0] += w * z
-            r[1] += w * x * z
+            a00 += w
+            a01 += w * x
+            a11 += w * x * x
+            r0 += w * z
+            r1 += w * x * z
             szz += w * z * z
-    A[1, 0] = A[0, 1]
     for s in range(shifts.shape[0]):
         for q in range(smears.shape[0]):
             low, high = 0, 0
@@ -53,20 +52,21 @@ def best_step(
                     a12 += w * x * u
                     a22 += w * u * u
                     r2 += w * u * z
-            A[0, 2], A[1, 2], A[2, 2], r[2] = a02, a12, a22, r2
-            A[2, 0], A[2, 1] = a02, a12
-            if abs(np.linalg.det(A)) < 1e-12 * A[0, 0] ** 3:
+            c00, c01, c02 = a11 * a22 - a12 * a12, a02 * a12 - a01 * a22, a01 * a12 - a02 * a11
+            c11, c12, c22 = a00 * a22 - a02 * a02, a01 * a02 - a00 * a12, a00 * a11 - a01 * a01
+            det = a00 * c00 + a01 * c01 + a02 * c02
+            if abs(det) < 1e-12 * a00**3:
                 continue
-            inverse = np.linalg.inv(A)
-            p = inverse @ r
-            cost = max(szz - p[0] * r[0] - p[1] * r[1] - p[2] * r[2], 0.0) / A[0, 0]
+            a, b = (c00 * r0 + c01 * r1 + c02 * r2) / det, (c01 * r0 + c11 * r1 + c12 * r2) / det
+            h = (c02 * r0 + c12 * r1 + c22 * r2) / det
+            cost = max(szz - a * r0 - b * r1 - h * r2, 0.0) / a00
             if cost < best:
                 best = cost
-                out[0], out[1], out[3], out[5] = shifts[s], p[2], cost, smears[q]
-                out[2] = math.sqrt(max(inverse[2, 2], 0.0) * A[0, 0] * cost / max(low + high - 3, 1))
-                mean = r[0] / A[0, 0]
-                slope = (r[1] - mean * A[0, 1]) / max(A[1, 1] - A[0, 1] * A[0, 1] / A[0, 0], 1e-12)
-                out[4] = max(szz / A[0, 0] - mean * mean - slope * (r[1] - mean * A[0, 1]) / A[0, 0], 0.0)
+                out[0], out[1], out[3], out[5] = shifts[s], h, cost, smears[q]
+                out[2] = math.sqrt(max(c22 / det, 0.0) * a00 * cost / max(low + high - 3, 1))
+                mean = r0 / a00
+                slope = (r1 - mean * a01) / max(a11 - a01 * a01 / a00, 1e-12)
+                out[4] = max(szz / a00 - mean * mean - slope * (r1 - mean * a01) / a00, 0.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
