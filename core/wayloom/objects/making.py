@@ -1,13 +1,14 @@
 """Object sightings of a drive, one submap after the other: views → measurements → tracks → things with evidence."""
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.progress import Progress, silent
-from wayloom.config.side_by_side import in_order
+from wayloom.config.side_by_side import Each
 from wayloom.geometry import se3
 from wayloom.ground.sheet import GroundSheet
 from wayloom.logs.types import DriveLog
@@ -30,8 +31,6 @@ from wayloom.places.stereo_pair import LeftLabels, read_pair, right_rectifier
 from wayloom.submaps.submap import PlacedSubmap
 
 FloatArray = NDArray[np.float64]
-MOST_AT_ONCE: Final = 2
-"""Submaps that are searched at a time, whatever the threads: each holds its views."""
 
 
 def find_objects(
@@ -44,19 +43,17 @@ def find_objects(
     progress: Progress = silent,
     threads: int = 1,
 ) -> Iterator[ObjectSightings]:
-    """The sightings along each submap, in the order of the road; with more threads than one, two submaps are seen at a time.
+    """The sightings along each submap, in the order of the road; so many threads read a submap's images.
 
     sheet_of : the ground sheet of a submap's digest, None where it has none
     Raises StageError where an image's labels are missing, LogError where an image cannot be read.
     """
     chosen = spaced(road_m(odometry.keyframes.T_world_cam), odometry.keyframes.segment, settings.spacing_m)
 
-    def sightings(placed: PlacedSubmap) -> ObjectSightings:
-        views = read_views(log, odometry, labels, placed, chosen)
-        return sightings_of(views, placed, sheet_of(placed.submap.digest), settings)
-
-    with one_opencv_thread():
-        for number, found in enumerate(in_order(sightings, submaps, min(threads, MOST_AT_ONCE)), 1):
+    with ThreadPoolExecutor(threads) as pool:
+        for number, placed in enumerate(submaps, 1):
+            views = read_views(log, odometry, labels, placed, chosen, pool.map if threads > 1 else map)
+            found = sightings_of(views, placed, sheet_of(placed.submap.digest), settings)
             progress(number / len(submaps), f"objects of {number} of {len(submaps)} submaps")
             yield found
 
@@ -67,20 +64,20 @@ def level_frame(placed: PlacedSubmap) -> FloatArray:
 
 
 def read_views(
-    log: DriveLog, odometry: OdometryResult, labels: LeftLabels, placed: PlacedSubmap, chosen: NDArray[np.bool_]
+    log: DriveLog, odometry: OdometryResult, labels: LeftLabels, placed: PlacedSubmap, chosen: NDArray[np.bool_], each: Each = map
 ) -> list[ObjectView]:
     """The views of the chosen (K,) keyframes of a submap, in its level frame."""
     rectifier, T_level_submap = right_rectifier(odometry), se3.inverse(level_frame(placed))
     rows = np.searchsorted(odometry.keyframes.frame, placed.submap.keyframe_frame)
-    views = []
+
+    def see(at: int) -> ObjectView:
+        row = int(rows[at])
+        pair = read_pair(log, int(odometry.keyframes.frame[row]), labels.left(row), rectifier)
+        T_level_cam = T_level_submap @ placed.submap.T_submap_cam[at]
+        return view_of(pair, odometry.rig, odometry.disparity_bias_px, T_level_cam, int(placed.submap.keyframe_t_ns[at]))
+
     with one_opencv_thread():
-        for at, row in enumerate(rows.tolist()):
-            if chosen[row]:
-                pair = read_pair(log, int(odometry.keyframes.frame[row]), labels.left(row), rectifier)
-                T_level_cam = T_level_submap @ placed.submap.T_submap_cam[at]
-                t_ns = int(placed.submap.keyframe_t_ns[at])
-                views.append(view_of(pair, odometry.rig, odometry.disparity_bias_px, T_level_cam, t_ns))
-    return views
+        return list(each(see, np.flatnonzero(chosen[rows]).tolist()))
 
 
 def sightings_of(

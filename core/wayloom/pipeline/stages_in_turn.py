@@ -31,8 +31,9 @@ def in_turn(
     """Run each stage of a drive, in the catalogue's order, and return what `meanwhile` does.
 
     With two threads or more, a stage that no other one reads begins in a thread of its own as soon as what it reads is there, and
-    goes on while others run; it is given a thread less, since those that wait for one another come first. An error in the caller's
-    thread, `progress` included, stops it at its next report; an error of its own is raised when the others are done.
+    goes on while others run; while some of these are still to come it is given a thread less, since those that wait for one another
+    come first. An error in the caller's thread, `progress` included, stops it at its next report; an error of its own is raised
+    when the others are done.
     meanwhile : called in the caller's thread when all that others read is there, and what is beside them may still go on. Its
         argument waits for it, in any thread, and gives what `run` gave for each stage.
     """
@@ -56,7 +57,8 @@ def in_turn(
                 done[name] = run(name, progress, threads)
                 for stage in STAGES:
                     if stage.name not in read | beside.keys() and done.keys() >= set(stage.results_read):
-                        beside[stage.name] = pool.submit(run, stage.name, told.named, threads - 1)
+                        given = threads if done.keys() >= read else threads - 1
+                        beside[stage.name] = pool.submit(run, stage.name, told.named, given)
             whole = meanwhile(wait_for_all)
             wait_for_all()
             return whole
