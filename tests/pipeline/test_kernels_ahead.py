@@ -75,10 +75,11 @@ def test_what_other_processes_compiled_ahead_is_there_and_said(tmp_path: Path) -
     assert compiled_in(tmp_path) == [0, [], 0, 0]
 
 
-def test_kernels_whose_process_ends_badly_are_left_to_their_first_call(tmp_path: Path) -> None:
-    broken = "from wayloom.pipeline import kernels_ahead; kernels_ahead.PROGRAM = 'wayloom.no_such_module'\n"
+def test_kernels_whose_process_ends_badly_or_cannot_begin_are_left_to_their_first_call(tmp_path: Path) -> None:
+    failing = "from wayloom.pipeline import kernels_ahead; kernels_ahead.PROGRAM = 'wayloom.no_such_module'\n"
+    refused = "import sys; sys.executable = '/no/such/python'\n"
     groups = sum("objects" in one["stages"] for one in listed())
-    assert compiled_in(tmp_path, broken) == [0, [], 0, groups]
+    assert [compiled_in(tmp_path, before) for before in (failing, refused)] == [[0, [], 0, groups]] * 2
 
 
 def own_children() -> list[str]:

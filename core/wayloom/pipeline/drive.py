@@ -105,8 +105,10 @@ def process_drive(
     context = StageContext(LogSource(log_path, gnss_path), stages_dir, settings)
     check_outside(context.log, out_dir)
     geoid = None if settings.geoid is None else GeoidGrid(settings.geoid)
-    context = _checked(context, progress)
+    context = replace(context, network=network_of(settings))
+    lens_of_rig_file(context)
     with writing_to(out_dir), new_folders(stages_dir), sole_writer(stages_dir):
+        context = _started(context, progress)
         sweep(stages_dir)
         with whole_folder(stages_dir / "exports") as folder, labels_ahead(context) as followed:
             exports = partial(_exports, context, folder, geoid, write_more, progress(EXPORTS))
@@ -174,16 +176,13 @@ def _beside(work: list[Callable[[], None]], threads: int) -> Iterator[None]:
                 future.cancel()
 
 
-def _checked(context: StageContext, progress: NamedProgress) -> StageContext:
-    """The context with its network and the first pairs' matches: a network, a rig file or a rig that cannot be used is told before
-    anything is made."""
-    settings = context.settings
-    network = network_of(settings)
+def _started(context: StageContext, progress: NamedProgress) -> StageContext:
+    """The context with the first pairs' matches, when all kernels are compiled: a rig that cannot be used is told before anything
+    is made."""
     progress(INGEST)(0.0, "looking at the first pairs")
-    lens_of_rig_file(context)
     compile_for((*drive_stages(), EXPORTS), context, progress(INGEST))
     with one_opencv_thread():
-        return replace(context, network=network, first_matches=first_matches(context.log, settings.odometry.row_frames))
+        return replace(context, first_matches=first_matches(context.log, context.settings.odometry.row_frames))
 
 
 def _publish(gathered: Path, out_dir: Path) -> None:

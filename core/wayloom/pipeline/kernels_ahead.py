@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
@@ -55,21 +55,20 @@ def compile_stages(stages: Sequence[str], progress: Progress = silent, imu: bool
 
 @contextmanager
 def _compilers(stages: Sequence[str], imu: bool, processes: int) -> Iterator[IO[str]]:
-    """Processes that compile, and what they write: a line as each kernel is begun. They are gone when the block ends."""
+    """So many processes that compile, or as many as the system lets begin, and what they write: a line as each kernel is begun.
+    They are gone when the block ends."""
     command = [sys.executable, "-m", PROGRAM, *stages, *(["--imu"] if imu else [])]
     read, write = os.pipe()
     running: list[subprocess.Popen[bytes]] = []
     with os.fdopen(read, encoding="utf-8") as lines:
         try:
-            try:
+            with os.fdopen(write, "wb") as end, suppress(OSError):
                 for _ in range(processes):
                     one = subprocess.Popen(
-                        command, stdin=subprocess.DEVNULL, stdout=write, stderr=subprocess.DEVNULL,
+                        command, stdin=subprocess.DEVNULL, stdout=end, stderr=subprocess.DEVNULL,
                         preexec_fn=ending_with_parent(signal.SIGKILL), start_new_session=True,
                     )  # fmt: skip
                     running.append(one)
-            finally:
-                os.close(write)
             yield lines
         finally:
             for one in running:
