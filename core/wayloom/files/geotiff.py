@@ -2,7 +2,7 @@
 
 TIFF 6.0, BigTIFF, OGC GeoTIFF 1.1 and the layout of OGC's Cloud Optimized GeoTIFF (directories first, from the full image to the
 smallest overview; then the data, the smallest overview first). The tiles are visited in the order of a quadtree, so that no more
-than four of a level are in memory, and wait in a temporary file. Equal content is equal bytes.
+than four of a level are in memory, and wait in a temporary file. Equal content is equal bytes on equal processors.
 """
 
 import struct

@@ -50,7 +50,7 @@ def find_objects(
     """
     chosen = spaced(road_m(odometry.keyframes.T_world_cam), odometry.keyframes.segment, settings.spacing_m)
 
-    with ThreadPoolExecutor(threads) as pool:
+    with one_opencv_thread(), ThreadPoolExecutor(threads) as pool:
         for number, placed in enumerate(submaps, 1):
             views = read_views(log, odometry, labels, placed, chosen, pool.map if threads > 1 else map)
             found = sightings_of(views, placed, sheet_of(placed.submap.digest), settings)
