@@ -1,7 +1,7 @@
 """Searches for cycles of objects, as rarely as their cost asks for.
 
-Python looks through all objects for cycles again and again while modules are loaded, where there are hardly any, and half a
-thousand times in a drive; and no thread runs meanwhile.
+Python looks through objects for cycles again and again while modules are loaded, where there are hardly any; and no thread runs
+meanwhile.
 """
 
 import gc
@@ -10,7 +10,7 @@ from typing import Final
 THRESHOLDS: Final = (20_000, 20, 20)
 """Objects more than before at which new ones are looked through, and of how many such searches one is of older ones, and of all.
 
-Python 3.11 has (700, 10, 10). With these a drive is searched twenty times, and holds no more memory.
+Python 3.11 has (700, 10, 10).
 """
 
 
