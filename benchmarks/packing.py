@@ -31,9 +31,7 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     out = parser.parse_args().out
     for name, streams in (("sheets", list(of_sheets(out))), ("tiles", list(of_tiles(out)))):
-        print(
-            f"| {name}, {sum(map(len, streams)) / 1e6:.1f} MB | time to pack | bytes | time to unpack |"
-        )
+        print(f"| {name}, {sum(map(len, streams)) / 1e6:.1f} MB | time to pack | bytes | time to unpack |")
         print("| --- | --- | --- | --- |")
         measured = {packer: measure(module, level, streams) for packer, (module, level) in PACKERS.items()}
         packing, size, unpacking = measured["zlib 6"]

@@ -21,7 +21,7 @@ from wayloom.files.atomic import replacing
 
 TILE: Final = 512
 DEFLATE, LEVEL = 8, 2
-"""LEVEL of ISA-L's deflate: a twentieth of the time of zlib's 6, for an eighth to a quarter more bytes (`benchmarks/packing.py`)."""
+"""LEVEL of ISA-L's deflate: a twentieth of zlib's time at 6, for an eighth to a quarter more bytes (`benchmarks/packing.py`)."""
 SHORT, LONG, ASCII, DOUBLE, LONG8 = 3, 4, 2, 12, 16
 FORMATS: Final = {SHORT: "H", LONG: "I", DOUBLE: "d", LONG8: "Q"}
 USER_DEFINED: Final = 32767
