@@ -119,6 +119,16 @@ def test_samples_are_spread_and_always_the_same() -> None:
     counts = np.histogram2d(*pixels[chosen].T, bins=(4, 4))[0]
     assert counts.min() > 10
     assert len(spread_sample(pixels[:5], 400)) == 5
+    assert len(spread_sample(pixels, 0)) == 0
+
+
+def test_of_equal_pixels_the_first_are_sampled() -> None:
+    pixels = np.repeat(np.argwhere(np.ones((6, 8))).astype(np.int64), 5, axis=0)
+    chosen = spread_sample(pixels, 33)
+    assert len(chosen) == 33
+    assert np.bincount(chosen // 5).max() == 5
+    last = np.flatnonzero(np.bincount(chosen // 5) == 3)
+    np.testing.assert_array_equal(chosen[chosen // 5 == last[0]] % 5, [0, 1, 2])
 
 
 def test_the_cell_grows_with_too_many_matches_and_shrinks_with_too_few() -> None:

@@ -60,3 +60,14 @@ def test_the_hosts_map_to_local_unknowns_is_the_derivative() -> None:
     # predicted grey value of a host's grey value I: exp(a_t - a_h) (I - b_h) + b_t
     assert A[6, 6] == -1.0
     assert A[7, 7] == -gain
+
+
+def test_rows_are_solved_as_each_alone() -> None:
+    rng = np.random.default_rng(7)
+    A = rng.normal(size=(9, 9))
+    H, B, X, alone = A @ A.T + np.eye(9), rng.normal(size=(4, 9)), np.empty((4, 9)), np.empty(9)
+    assert linear.solve_spd_rows(H, B, X)
+    for b, x in zip(B, X, strict=True):
+        assert linear.solve_spd(H, b, alone)
+        np.testing.assert_array_equal(x, alone)
+    assert not linear.solve_spd_rows(-H, B, X)

@@ -11,8 +11,8 @@ from wayloom.config.kernel_types import types_of
 from wayloom.odometry import warm_up
 
 MODULES = (
-    "adjustment", "equations", "images", "inertial", "linear", "match_equations", "matches", "preintegration", "resampling",
-    "selection", "stereo", "tracing", "tracking",
+    "adjustment", "equations", "images", "inertial", "linear", "match_equations", "matches", "patch", "point_rows",
+    "preintegration", "resampling", "selection", "stereo", "tracing", "tracking",
 )  # fmt: skip
 LISTED = (*warm_up.WINDOW, *warm_up.ALIGNMENT, *warm_up.STEREO, *warm_up.STATE, *warm_up.INERTIAL)
 

@@ -19,16 +19,9 @@ class LargeFileError(OSError):
 
 
 def open_regular(file: Path) -> BufferedReader:
-    """The file, opened for reading without waiting. Raises OSError; IrregularFileError where it is no regular file.
-
-    It is looked at before it is opened, for opening a device may do something, and again after, for it may have been exchanged.
-    """
-    if not stat.S_ISREG(os.stat(file).st_mode):
-        raise IrregularFileError(None, "it is no regular file")
-    fd = os.open(file, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
+    """The file, opened for reading without waiting. Raises OSError; IrregularFileError where it is no regular file."""
+    fd, _ = _opened(file)
     try:
-        if not stat.S_ISREG(os.fstat(fd).st_mode):
-            raise IrregularFileError(None, "it is no regular file")
         return BufferedReader(FileIO(fd))
     except BaseException:
         os.close(fd)
@@ -36,9 +29,32 @@ def open_regular(file: Path) -> BufferedReader:
 
 
 def read_regular(file: Path, most: int = MOST_BYTES) -> bytes:
-    """All bytes of the file. Raises OSError; LargeFileError before a byte is read."""
-    with open_regular(file) as stream:
-        size = os.fstat(stream.fileno()).st_size
+    """All bytes of the file. Raises OSError as `open_regular`; LargeFileError before a byte is read."""
+    fd, size = _opened(file)
+    try:
         if size > most:
             raise LargeFileError(None, f"it has {size} bytes, {most} are allowed")
-        return stream.read(size)  # of a bound that is larger all would be set aside first
+        data = os.read(fd, size)  # of a bound that is larger all would be set aside first
+        while len(data) < size and (more := os.read(fd, size - len(data))):
+            data += more
+        return data
+    finally:
+        os.close(fd)
+
+
+def _opened(file: Path) -> tuple[int, int]:
+    """Descriptor and size of a regular file.
+
+    It is looked at before it is opened, for opening a device may do something, and again after, for it may have been exchanged.
+    """
+    if not stat.S_ISREG(os.stat(file).st_mode):
+        raise IrregularFileError(None, "it is no regular file")
+    fd = os.open(file, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
+    try:
+        status = os.fstat(fd)
+        if not stat.S_ISREG(status.st_mode):
+            raise IrregularFileError(None, "it is no regular file")
+        return fd, status.st_size
+    except BaseException:
+        os.close(fd)
+        raise

@@ -25,6 +25,7 @@ ALIGNMENT: Final = (
         "f8:2 f8:3 f8:1 i8:1 f8:4 f8:2 f8:3 f8:1 f8:1 f8 f8 f8:2 f8:2 f8:3 f8:2 f8:1 f8:2",
     ),
     ("linear.cholesky_solve", "f8:2 f8:1 f8:1 f8:1 f8:2"),
+    ("linear.cholesky_solve_rows", "f8:2 f8:2 f8:2 f8:1 f8:2"),
     ("linear.fill_exp_se3", "f8:1 f8:2"),
     ("linear.orthonormalise", "f8:2"),
     ("images.fill_halved", "u1:2 f4:2"),
@@ -41,6 +42,7 @@ ALIGNMENT: Final = (
 STEREO: Final = (
     ("images.fill_gradient_size", "u1:2 f4:2"),
     ("images.fill_block_medians", "f4:2 i8 i8:1 f4:2"),
+    ("patch.fill_patches", "u1:2 i8:2 f8 f4:2 f4:2"),
     ("resampling.fill_resampled", "u1:2 f4:3 i8 f4:2 u1:2"),
     ("selection.scan_cells", "f4:2 f4:2 i8 i8 i8 b1:2 f4:3 i4:3 f8:2 i8:2"),
     ("stereo.sobel_rows", "u1:2 i8 i2:2"),
@@ -48,9 +50,13 @@ STEREO: Final = (
     ("stereo.track_patches", "u1:2 u1:2 i8:2 f8:1 i8 f8 f8:1 f8:2"),
 )
 STATE: Final = (
+    ("point_rows.take_points", "points i8:1 points"),
+    ("point_rows.join_points", "points points points"),
+    ("point_rows.forget_frame", "i8:1 i8:2 i8"),
     ("linear.fill_relative", "f8:2 f8:2 f8:2"),
     ("linear.fill_log_se3", "f8:2 f8:1"),
     ("equations.fill_relative_poses", "f8:3 f8:4"),
+    ("equations.fill_right_of", "f8:3 f8 f8 f8 f8:3"),
     ("adjustment.deviation_of_poses", "f8:3 f8:3 i8:1 f8:2 f8:2 f8:2 f8:1"),
     ("adjustment.prior_energy", "f8:1 f8:2 f8:1 f8:2 f8:1"),
     ("adjustment.add_prior", "f8:1 f8:2 f8:1 f8:2 f8:1 f8:2 f8:1"),

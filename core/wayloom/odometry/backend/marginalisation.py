@@ -45,12 +45,14 @@ def fix_first_estimates(frames: Frames, inertial: Inertial) -> None:
 
 def eliminate(H: FloatArray, g: FloatArray, out: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
     """Schur complement of the unknowns `out` of z^T H z - 2 g^T z. Pseudo-inverse after scaling: a, b are poorly conditioned."""
-    rest = np.setdiff1d(np.arange(len(g)), out)
-    H_out = H[np.ix_(out, out)]
-    scale = 1.0 / np.sqrt(np.diag(H_out) + 1e-6)
-    inverse = np.linalg.pinv(H_out * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
-    B = np.einsum("ij,jk->ik", H[np.ix_(rest, out)], inverse)
-    H_rest = H[np.ix_(rest, rest)] - np.einsum("ij,jk->ik", B, H[np.ix_(out, rest)])
+    rest = np.delete(np.arange(len(g)), out)
+    H_out, H_rest = H.take(out, axis=0), H.take(rest, axis=0)
+    H_own, H_both = H_out.take(out, axis=1), H_out.take(rest, axis=1)
+    scale = 1.0 / np.sqrt(H_own.diagonal() + 1e-6)
+    scales = scale[:, None] * scale
+    inverse = np.linalg.pinv(H_own * scales, hermitian=True) * scales
+    B = np.einsum("ij,jk->ik", H_rest.take(out, axis=1), inverse)
+    H_rest = H_rest.take(rest, axis=1) - np.einsum("ij,jk->ik", B, H_both)
     return 0.5 * (H_rest + H_rest.T), g[rest] - np.einsum("ij,j->i", B, g[out])
 
 

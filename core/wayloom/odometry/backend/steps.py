@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wayloom.geometry import se3
 from wayloom.odometry.backend.window import Window
-from wayloom.odometry.kernels.linear import relative, solve_spd
+from wayloom.odometry.kernels.linear import relative, solve_spd_rows
 
 FloatArray = NDArray[np.float64]
 
@@ -28,14 +28,11 @@ def step_covariance(window: Window, grey_sigma: float) -> FloatArray:
     """
     T_cam_world, f = window.frames.T_cam_world, len(window) - 1
     Ad = se3.adjoint(relative(T_cam_world[f - 1], T_cam_world[f]))
-    before = 1 + 8 * (f - 1)
-    rest = np.delete(np.arange(len(window.H)), np.s_[before : before + 6])
-    own = np.searchsorted(rest, 1 + 8 * f) + np.arange(6)
-    H, columns = window.H[np.ix_(rest, rest)], np.zeros((6, len(rest)))
-    for k in range(6):
-        unit = np.zeros(len(rest))
-        unit[own[k]] = 1.0
-        if not solve_spd(H, unit, columns[k]):
-            return np.full((6, 6), np.nan)
+    before, own = 1 + 8 * (f - 1), slice(3 + 8 * (f - 1), 9 + 8 * (f - 1))
+    rest = np.r_[:before, before + 6 : len(window.H)]
+    H, units, columns = window.H.take(rest, axis=0).take(rest, axis=1), np.zeros((6, len(rest))), np.empty((6, len(rest)))
+    units[:, own] = np.eye(6)
+    if not solve_spd_rows(H, units, columns):
+        return np.full((6, 6), np.nan)
     covariance = grey_sigma**2 * np.einsum("ij,jk,lk->il", Ad, columns[:, own], Ad)
     return np.asarray(0.5 * (covariance + covariance.T))

@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.odometry.backend.inertial import NO_IMU
-from wayloom.odometry.kernels.arrays import PATTERN, Frames, Images, PointColumns, Rig
+from wayloom.odometry.kernels.arrays import PATCH, Frames, Images, PointColumns, Rig
 from wayloom.odometry.kernels.equations import relative_poses
 from wayloom.odometry.kernels.inertial import Inertial
+from wayloom.odometry.kernels.patch import fill_patches
+from wayloom.odometry.kernels.point_rows import empty_points, forget_frame, join_points, take_points
 from wayloom.odometry.kernels.tracking import project_points
 
 FloatArray = NDArray[np.float64]
@@ -141,26 +143,27 @@ def with_rows(H: FloatArray, g: FloatArray, at: int, count: int) -> tuple[FloatA
 def new_points(window: Window, pixels: IntArray, rho: FloatArray, gradient_scale: float) -> PointColumns:
     """Points at pixels (n, 2) of the newest keyframe with inverse depths rho (n,) 1/m."""
     n, newest = len(pixels), len(window) - 1
-    left = window.images.left[window.frames.slot[newest]]
-    x, y = pixels[:, :1] + PATTERN[:, 0], pixels[:, 1:] + PATTERN[:, 1]
-    right, before, below, above = (left[b, a].astype(np.float32) for a, b in ((x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)))
-    gradient2 = np.float32(0.25) * ((right - before) ** 2 + (below - above) ** 2)
-    scale2 = np.float32(gradient_scale**2)
+    colour, weight = np.empty((n, PATCH), np.float32), np.empty((n, PATCH), np.float32)
+    fill_patches(window.images.left[window.frames.slot[newest]], pixels, gradient_scale**2, colour, weight)
     return PointColumns(
-        np.full(n, newest, np.int64), pixels.astype(np.float64), rho, left[y, x].astype(np.float32), scale2 / (scale2 + gradient2),
-        np.ones(n, np.int64), np.zeros((n, window.points.closed.shape[1]), np.int64),
+        np.full(n, newest, np.int64), pixels.astype(np.float64), rho, colour, weight, np.ones(n, np.int64),
+        np.zeros((n, window.points.closed.shape[1]), np.int64),
     )  # fmt: skip
 
 
 def joined(first: PointColumns, second: PointColumns) -> PointColumns:
     """The points of both, in that order."""
-    return PointColumns(*(np.concatenate([a, b]) for a, b in zip(first, second, strict=True)))
+    out: PointColumns = empty_points(len(first.rho) + len(second.rho), first)
+    join_points(first, second, out)
+    return out
 
 
 def chosen(points: PointColumns, rows: IntArray | BoolArray) -> PointColumns:
     """The points in these rows, or in this mask."""
     indices = indices_of(rows)
-    return PointColumns(*(column.take(indices, axis=0) for column in points))
+    out: PointColumns = empty_points(len(indices), points)
+    take_points(points, indices, out)
+    return out
 
 
 def indices_of(rows: IntArray | BoolArray) -> IntArray:
@@ -187,11 +190,8 @@ def remove_keyframe(window: Window, j: int) -> None:
     """Take frame j out; no live or immature point may be hosted in it. The prior's rows are the caller's."""
     window.frames = Frames(*(np.delete(column, j, axis=0) for column in window.frames))
     window.keyframe = np.delete(window.keyframe, j)
-    p = window.points
-    closed = np.column_stack([np.delete(p.closed, j, axis=1), np.zeros(len(p.rho), np.int64)])
-    window.points = p._replace(host=p.host - (p.host > j), closed=closed)
-    waiting = window.immature.points
-    window.immature.points = waiting._replace(host=waiting.host - (waiting.host > j))
+    forget_frame(window.points.host, window.points.closed, j)
+    forget_frame(window.immature.points.host, window.immature.points.closed, j)
     window.inlier = np.delete(window.inlier, j, axis=1)
 
 

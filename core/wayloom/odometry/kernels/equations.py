@@ -85,9 +85,21 @@ def remove_patch_offset(M, e):  # type: ignore[no-untyped-def]
 
 def right_of(T, rig):  # type: ignore[no-untyped-def]
     """T_right_host (…, 4, 4) of T_left_host (…, 4, 4): the same rotation, the translation moved by t_right_left."""
-    out = T.copy()
-    out[..., :3, 3] += (rig.tx, rig.ty, rig.tz)
+    out = np.empty_like(T)
+    fill_right_of(T.reshape(-1, 4, 4), rig.tx, rig.ty, rig.tz, out.reshape(-1, 4, 4))
     return out
+
+
+@kernel
+def fill_right_of(T, tx, ty, tz, out):  # type: ignore[no-untyped-def]
+    """right_of of T (n, 4, 4) into out (n, 4, 4), by t_right_left."""
+    for i in range(T.shape[0]):
+        for k in range(4):
+            for m in range(4):
+                out[i, k, m] = T[i, k, m]
+        out[i, 0, 3] += tx
+        out[i, 1, 3] += ty
+        out[i, 2, 3] += tz
 
 
 @inlined

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wayloom.odometry.kernels.compiler import kernel, part
-from wayloom.odometry.kernels.linear import solve_spd
+from wayloom.odometry.kernels.linear import solve_spd_rows
 from wayloom.odometry.kernels.preintegration import (
     fill_exp_so3,
     fill_log_so3,
@@ -323,11 +323,5 @@ def energy_of_each_link(T_cam_world, inertial, link, r):  # type: ignore[no-unty
 def inverse_covariance(C):  # type: ignore[no-untyped-def]
     """The inverse (n, n) of a covariance; zeros where it is not positive definite."""
     n = len(C)
-    out, unit, column = np.zeros((n, n)), np.zeros(n), np.zeros(n)
-    for k in range(n):
-        unit[:] = 0.0
-        unit[k] = 1.0
-        if not solve_spd(C, unit, column):
-            return np.zeros((n, n))
-        out[:, k] = column
-    return out
+    rows = np.empty((n, n))
+    return rows.T.copy() if solve_spd_rows(C, np.eye(n), rows) else np.zeros((n, n))

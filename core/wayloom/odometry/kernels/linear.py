@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from wayloom.odometry.kernels.compiler import kernel, part
+from wayloom.odometry.kernels.compiler import inlined, kernel, part
 
 SMALL_ANGLE = 1e-6
 
@@ -126,10 +126,35 @@ def solve_spd(A, b, x):  # type: ignore[no-untyped-def]
     return cholesky_solve(A, b, x, np.empty(n), np.empty((n, n)))
 
 
+def solve_spd_rows(A, B, X):  # type: ignore[no-untyped-def]
+    """solve_spd for each row of B (m, n) into that of X (m, n), A factorised once."""
+    n = len(A)
+    return cholesky_solve_rows(A, B, X, np.empty(n), np.empty((n, n)))
+
+
 @kernel
 def cholesky_solve(A, b, x, scale, L):  # type: ignore[no-untyped-def]
     """solve_spd with working space scale (n,) and L (n, n)."""
-    n = b.shape[0]
+    if not factorise(A, b.shape[0], scale, L):
+        return False
+    substitute(L, scale, b, x)
+    return True
+
+
+@kernel
+def cholesky_solve_rows(A, B, X, scale, L):  # type: ignore[no-untyped-def]
+    """solve_spd_rows with working space scale (n,) and L (n, n)."""
+    if not factorise(A, B.shape[1], scale, L):
+        return False
+    for row in range(B.shape[0]):
+        substitute(L, scale, B[row], X[row])
+    return True
+
+
+@inlined
+def factorise(A, n, scale, L):  # type: ignore[no-untyped-def]
+    """Cholesky factor L (n, n, lower) of A (n, n) scaled by scale (n,) to a unit diagonal; False where A is not positive
+    definite."""
     for i in range(n):
         if not A[i, i] > 0.0:
             return False
@@ -145,6 +170,13 @@ def cholesky_solve(A, b, x, scale, L):  # type: ignore[no-untyped-def]
                 L[i, i] = math.sqrt(s)
             else:
                 return False
+    return True
+
+
+@inlined
+def substitute(L, scale, b, x):  # type: ignore[no-untyped-def]
+    """Solution of A x = b into x (n,), by what factorise made of A."""
+    n = b.shape[0]
     for i in range(n):
         s = b[i] * scale[i]
         for k in range(i):
@@ -157,7 +189,6 @@ def cholesky_solve(A, b, x, scale, L):  # type: ignore[no-untyped-def]
         x[i] = s / L[i, i]
     for i in range(n):
         x[i] *= scale[i]
-    return True
 
 
 @part

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from wayloom.odometry.kernels.arrays import PATCH, PATTERN, Scratch
-from wayloom.odometry.kernels.compiler import inlined
+from wayloom.odometry.kernels.compiler import inlined, kernel
 
 f32, int32 = np.float32, np.int32
 index = np.uint64
@@ -27,6 +27,19 @@ ACROSS, DOWN = PATTERN[:, 0].astype(np.float32), PATTERN[:, 1].astype(np.float32
 def make_scratch() -> Scratch:
     """Working space for patch_residual and projection_jacobian."""
     return Scratch(np.zeros((4, 4)), np.zeros(4), np.zeros((2, 8)), np.zeros(48, np.int32), np.zeros(128, np.float32))
+
+
+@kernel
+def fill_patches(image, pixels, scale2, colours, weights):  # type: ignore[no-untyped-def]
+    """Grey values of the patches around pixels (n, 2) of image (h, w) into colours (n, 8), and what their gradients g weigh into
+    weights (n, 8): scale2 / (scale2 + |g|^2) (Engel et al. 2018, eq. 7)."""
+    scale2 = f32(scale2)
+    for i in range(pixels.shape[0]):
+        for k in range(PATCH):
+            x, y = pixels[i, 0] + PATTERN[k, 0], pixels[i, 1] + PATTERN[k, 1]
+            gx, gy = f32(image[y, x + 1]) - f32(image[y, x - 1]), f32(image[y + 1, x]) - f32(image[y - 1, x])
+            colours[i, k] = f32(image[y, x])
+            weights[i, k] = scale2 / (scale2 + f32(0.25) * (gx * gx + gy * gy))
 
 
 @inlined

@@ -91,8 +91,10 @@ def _update(window: Window, waiting: ImmaturePoints, rows: IntArray, target: int
         window.images, rig, window.frames, waiting.points, rows, target, window.disparity_bias[0], robust, waiting.information,
         state, agrees,
     )  # fmt: skip
-    seen = state == TRACED
-    return np.column_stack([waiting.id[rows][seen], np.full(int(seen.sum()), window.keyframe[target]), agrees[seen]])
+    seen = np.flatnonzero(state == TRACED)
+    out = np.empty((len(seen), 3), np.int64)
+    out[:, 0], out[:, 1], out[:, 2] = waiting.id.take(rows.take(seen)), window.keyframe[target], agrees.take(seen)
+    return out
 
 
 def trace(window: Window, rig: Rig, robust: Robust) -> IntArray:

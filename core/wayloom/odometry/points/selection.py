@@ -50,8 +50,9 @@ def spread_sample(pixels: NDArray[np.int64], count: int, seed: int = 0) -> NDArr
     salt = np.uint64(0x165667B19E3779F9 * seed & 2**64 - 1)
     mixed = (u * np.uint64(0x9E3779B97F4A7C15)) ^ (v * np.uint64(0xC2B2AE3D27D4EB4F)) ^ salt
     mixed = (mixed ^ (mixed >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
-    order = np.argsort(mixed ^ (mixed >> np.uint64(32)), kind="stable")
-    return np.sort(order[:count])
+    mixed ^= mixed >> np.uint64(32)
+    first = np.flatnonzero(mixed <= np.partition(mixed, count - 1)[count - 1]) if count else np.zeros(0, np.int64)
+    return first if len(first) == count else np.sort(np.argsort(mixed, kind="stable")[:count])
 
 
 def next_cell(cell: float, matched: int, wanted: int) -> float:

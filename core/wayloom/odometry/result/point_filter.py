@@ -63,8 +63,8 @@ class KeptPoints:
         """
         order = np.argsort(columns["id"], kind="stable")
         column = {name: values[order] for name, values in columns.items()}
-        seen = seen[np.lexsort((seen[:, 1], seen[:, 0]))]
-        seen = seen[np.append(True, (np.diff(seen[:, :2], axis=0) != 0).any(axis=1))[: len(seen)]]
+        pair = seen[:, 0] * (seen[:, 1].max(initial=0) + 1) + seen[:, 1]
+        seen = seen[np.unique(pair, return_index=True)[1]]  # of equal ones the first
         row = np.searchsorted(column["id"], seen[:, 0])
         observers = np.bincount(row, minlength=len(order))
         agree = np.bincount(row[seen[:, 2] & RIGHT > 0], minlength=len(order))
