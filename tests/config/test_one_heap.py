@@ -52,3 +52,28 @@ def test_the_users_own_number_stands() -> None:
 
 def test_a_notebook_keeps_its_own() -> None:
     assert heaps_after("wayloom") > 1
+
+
+FREED = """
+import ctypes
+from pathlib import Path
+from wayloom.config.one_heap import give_back, use_one_heap
+use_one_heap()
+library = ctypes.CDLL(None)
+library.malloc.restype, library.free.argtypes = ctypes.c_void_p, [ctypes.c_void_p]
+def held_mb():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
+blocks = [library.malloc(ctypes.c_size_t(60_000)) for _ in range(2_000)]
+for block in blocks:
+    ctypes.memset(block, 1, 60_000)
+for block in blocks[:-1]:
+    library.free(block)
+before = held_mb()
+give_back()
+print(before - held_mb())
+"""
+
+
+def test_what_is_freed_below_something_in_use_is_given_back() -> None:
+    ran = subprocess.run([sys.executable, "-c", FREED], capture_output=True, text=True, check=True)
+    assert float(ran.stdout) > 100.0

@@ -24,7 +24,7 @@ SMALL = LookSettings(width_px=128)
 @pytest.fixture(scope="module")
 def looks() -> Looks:
     log, odometry, _, images = made_drive()
-    return make_looks(log, odometry, images, SMALL)
+    return make_looks(log, odometry, images, SMALL).looks()
 
 
 def depth_of_code(code):
@@ -154,7 +154,7 @@ def test_a_look_whose_packing_is_damaged_is_refused_by_name(looks, tmp_path):
 def test_labels_with_a_hole_are_void_and_of_no_kind():
     log, odometry, _, images = made_drive(frames=1)
     void = MadeLabels(np.full_like(images.image, 255))
-    assert not make_looks(log, replace(odometry), void, SMALL).kinds.any()
+    assert not make_looks(log, replace(odometry), void, SMALL).looks().kinds.any()
 
 
 def naive_patches(near_code, far_code, kinds, edge, share):

@@ -37,6 +37,15 @@ def test_without_votes_the_labels_stay(labels: PointLabels) -> None:
     assert alone.vote_start[-1] == len(alone.vote_class) == len(alone.vote_weight) == 0
 
 
+def test_labels_read_without_votes_are_those_without_votes(labels: PointLabels, tmp_path: Path) -> None:
+    save_labels(labels, tmp_path / "labels.npz")
+    read, alone = load_labels(tmp_path / "labels.npz", votes=False), labels.without_votes()
+    for field in fields(PointLabels):
+        one, other = getattr(read, field.name), getattr(alone, field.name)
+        assert one.dtype == other.dtype
+        assert np.array_equal(one, other)
+
+
 def test_the_same_labels_are_the_same_bytes(labels: PointLabels, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     save_labels(labels, tmp_path / "one.npz")
     monkeypatch.setattr("time.localtime", lambda *_: (2031, 5, 4, 3, 2, 1, 0, 1, 0))

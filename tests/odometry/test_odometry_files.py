@@ -9,8 +9,7 @@ from made_street import MadeLog, curve
 from wayloom.errors import InputError
 from wayloom.odometry.odometry import track
 from wayloom.odometry.result.odometry_file import load_odometry, save_odometry
-from wayloom.odometry.types import OdometryResult
-from wayloom.pipeline.tracked_drive import without_observations
+from wayloom.odometry.types import OdometryResult, Points
 
 
 @pytest.fixture(scope="module")
@@ -87,9 +86,18 @@ def test_points_of_some_rows_lie_where_they_do_among_all(result: OdometryResult,
     assert result.points_world(rows[:0]).shape == (0, 3)
 
 
-def test_without_observations_the_points_stay(result: OdometryResult) -> None:
-    alone = without_observations(result)
-    np.testing.assert_array_equal(alone.points_world(), result.points_world())
-    assert alone.points.obs_start.tolist() == [0] * (len(result.points) + 1)
-    assert len(alone.points.obs_keyframe) == len(alone.points.obs_right) == 0
+def test_of_a_long_drive_no_more_is_read_than_is_wanted(result: OdometryResult, tmp_path: Path) -> None:
+    save_odometry(result, tmp_path / "odometry.npz")
+    points, way = (load_odometry(tmp_path / "odometry.npz", wanted) for wanted in ("points", "way"))
+    np.testing.assert_array_equal(points.points_world(), result.points_world())
+    assert points.points.obs_start.tolist() == [0] * (len(result.points) + 1)
+    assert len(points.points.obs_keyframe) == len(points.points.obs_right) == 0
     assert len(result.points.obs_keyframe) > 0
+    assert len(way.points) == 0
+    for name in Points.__slots__:
+        none, some = getattr(way.points, name), getattr(result.points, name)
+        assert (none.dtype, none.shape[1:]) == (some.dtype, some.shape[1:]), name
+    for part in (points, way):
+        np.testing.assert_array_equal(part.keyframes.T_world_cam, result.keyframes.T_world_cam)
+        np.testing.assert_array_equal(part.trajectory.t_ns, result.trajectory.t_ns)
+        assert part.rig == result.rig

@@ -19,8 +19,19 @@ def use_one_heap() -> None:
 
     Called before threads are begun. The programs do so; `import wayloom` does not.
     """
-    if sys.platform != "linux" or VARIABLE in os.environ:
-        return
-    library = ctypes.CDLL(None)
-    if hasattr(library, "gnu_get_libc_version"):
+    library = None if VARIABLE in os.environ else _glibc()
+    if library is not None:
         library.mallopt(M_ARENA_MAX, 1)
+
+
+def give_back() -> None:
+    """Give the system back what has been freed, which glibc keeps where something behind it is still used. Some milliseconds."""
+    library = _glibc()
+    if library is not None:
+        library.malloc_trim(ctypes.c_size_t(0))
+
+
+def _glibc() -> ctypes.CDLL | None:
+    """This process's C library, where it is glibc."""
+    library = ctypes.CDLL(None) if sys.platform == "linux" else None
+    return library if hasattr(library, "gnu_get_libc_version") else None

@@ -11,8 +11,9 @@ from wayloom.config.progress import Progress, silent
 from wayloom.config.side_by_side import in_order
 from wayloom.dense.disparity import dense_disparity, search_px
 from wayloom.dense.kernels.patches import encode_depths, reduce_patches
+from wayloom.dense.packing import PackedLooks, pack
 from wayloom.dense.settings import LookSettings
-from wayloom.dense.types import DEPTHS_M, KINDS_OF_CLASS, OPEN_SKY, Looks
+from wayloom.dense.types import DEPTHS_M, KINDS_OF_CLASS, OPEN_SKY
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.logs.types import DriveLog
 from wayloom.odometry.frame_source import one_opencv_thread
@@ -36,27 +37,25 @@ def make_looks(
     settings: LookSettings = LookSettings(),
     progress: Progress = silent,
     threads: int = 1,
-) -> Looks:
+) -> PackedLooks:
     """The looks of a drive, so many at a time. Raises StageError where an image's labels are missing, LogError where an image
     cannot be read."""
     keyframes, rectifier = odometry.keyframes, right_rectifier(odometry)
     chosen = np.flatnonzero(spaced(road_m(keyframes.T_world_cam), keyframes.segment, settings.spacing_m))
     camera, edge = small_camera(odometry.rig.camera, settings.width_px)
-    found: list[Look] = []
+    packed: list[bytes] = []
 
-    def look(k: int) -> Look:
+    def look(k: int) -> bytes:
         pair = read_pair(log, int(keyframes.frame[k]), images.left(k), rectifier)
         depth = matched_depth(pair, odometry.rig, odometry.disparity_bias_px, settings)
-        return look_of(depth, pair.label, camera, edge, settings.sure_share)
+        return pack(*look_of(depth, pair.label, camera, edge, settings.sure_share))
 
     with one_opencv_thread():
         for one in in_order(look, chosen.tolist(), threads):
-            found.append(one)
-            progress(len(found) / len(chosen), f"look {len(found)} of {len(chosen)}")
-    shape = (len(found), camera.height, camera.width)
-    near, far, kinds = (np.array([look[part] for look in found], np.uint8).reshape(shape) for part in range(3))
+            packed.append(one)
+            progress(len(packed) / len(chosen), f"look {len(packed)} of {len(chosen)}")
     sigma = SIGMA_PX * (1 << _level(odometry.rig.camera.width, settings.match_width_px)) / odometry.rig.bf
-    return Looks(camera, sigma, keyframes.frame[chosen].astype(np.uint32), near, far, kinds)
+    return PackedLooks(camera, sigma, keyframes.frame[chosen].astype(np.uint32), packed)
 
 
 def dense_depth(pair: StereoPair, rig: StereoRig, bias_px: float, settings: LookSettings) -> FloatArray:

@@ -5,17 +5,18 @@ Each look is packed by itself, so that a reader takes those that it wants out of
 
 import mmap
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.dense.packing import PackedLooks, packed_looks, unpacked
 from wayloom.dense.types import Looks
 from wayloom.errors import InputError
 from wayloom.files.atomic import write_atomically
-from wayloom.files.blob import decode_blob, encode_blob
+from wayloom.files.blob import Piece, blob_pieces, decode_blob
 from wayloom.geometry.camera import PinholeCamera
 
 LOOKS_FILE: Final = "drive.looks"
@@ -23,26 +24,28 @@ MAGIC: Final = b"WLLOOKS\0"
 VERSION: Final = 1
 REMEDY: Final = "run the stage looks again while the drive's images are there"
 DTYPES: Final = {"frame": "<u4", "start": "<i8", "packed": "|u1"}
-LEVEL: Final = 9
-"""Of the packing: it takes a tenth of the stage's time."""
 
 
-def save_looks(looks: Looks, path: Path) -> None:
+def save_looks(looks: Looks | PackedLooks, path: Path) -> None:
     """Write the file, whole or not at all."""
-    write_atomically(path, encode_looks(looks))
+    write_atomically(path, _pieces(looks))
 
 
-def encode_looks(looks: Looks) -> bytes:
+def encode_looks(looks: Looks | PackedLooks) -> bytes:
     """The bytes of a drive's looks."""
-    c = looks.camera
-    planes = np.stack([looks.near, looks.far - looks.near, looks.kinds], axis=1)
-    packed = [zlib.compress(one.tobytes(), LEVEL) for one in planes]
+    return b"".join(_pieces(looks))
+
+
+def _pieces(looks: Looks | PackedLooks) -> Iterator[Piece]:
+    """The file's bytes, in pieces."""
+    packed = looks if isinstance(looks, PackedLooks) else packed_looks(looks)
+    c = packed.camera
     arrays = {
-        "frame": looks.frame.astype("<u4"),
-        "start": np.concatenate([[0], np.cumsum([len(one) for one in packed])]).astype("<i8"),
-        "packed": np.frombuffer(b"".join(packed), np.uint8),
+        "frame": packed.frame.astype("<u4"),
+        "start": np.concatenate([[0], np.cumsum([len(one) for one in packed.packed])]).astype("<i8"),
+        "packed": np.frombuffer(b"".join(packed.packed), np.uint8),
     }
-    return encode_blob(MAGIC, VERSION, {"camera": [c.fx, c.fy, c.cx, c.cy, c.width, c.height], "sigma": looks.sigma}, arrays)
+    return blob_pieces(MAGIC, VERSION, {"camera": [c.fx, c.fy, c.cx, c.cy, c.width, c.height], "sigma": packed.sigma}, arrays)
 
 
 class LookFile:
@@ -74,10 +77,8 @@ class LookFile:
     def read(self, rows: Iterable[int] | None = None) -> Looks:
         """The looks of these rows, increasing; all by default."""
         rows = list(range(len(self)) if rows is None else rows)
-        shape = (len(rows), 3, self.camera.height, self.camera.width)
         try:
-            planes = [zlib.decompress(self._packed[self._start[row] : self._start[row + 1]].data) for row in rows]
-            found = np.frombuffer(b"".join(planes), np.uint8).reshape(shape)
+            packed = [self._packed[self._start[row] : self._start[row + 1]].data for row in rows]
+            return unpacked(self.camera, self.sigma, self.frame[rows], packed)
         except (ValueError, zlib.error) as error:
             raise InputError(f"holds a look that is damaged ({error})", file=self.path, remedy=REMEDY) from error
-        return Looks(self.camera, self.sigma, self.frame[rows], found[:, 0], found[:, 0] + found[:, 1], found[:, 2])

@@ -23,7 +23,7 @@ NO_LINKS: Final = (errno.EPERM, errno.ENOTSUP, errno.EXDEV, errno.EMLINK, errno.
 """What a disk without hard links, or with too many of one file, answers to one more."""
 
 
-def write_atomically(file: Path, data: bytes | Iterable[bytes]) -> None:
+def write_atomically(file: Path, data: bytes | Iterable[bytes | memoryview]) -> None:
     """Write to a temporary name beside `file`, then put it in place in one step. Missing parent folders are made.
 
     Raises OSError that names `file`.

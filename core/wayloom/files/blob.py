@@ -10,27 +10,38 @@ equal bytes on every machine, and a browser can lay typed arrays over it.
 import json
 import mmap
 import struct
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+Piece: TypeAlias = bytes | memoryview
 ALIGNMENT = 8
 PREFIX = 16
 
 
 def encode_blob(magic: bytes, version: int, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
     """The bytes of a header and arrays (in their order, in their own dtypes, little-endian)."""
-    body, table = bytearray(), []
+    return b"".join(blob_pieces(magic, version, header, arrays))
+
+
+def blob_pieces(magic: bytes, version: int, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Iterator[Piece]:
+    """As `encode_blob`, in pieces: a large file is written without a copy of its arrays."""
+    table, end = [], 0
     for name, array in arrays.items():
-        little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
-        body += bytes(-len(body) % ALIGNMENT)
-        table.append([name, little.dtype.str, list(little.shape), len(body)])
-        body += little.tobytes()
+        start = end + -end % ALIGNMENT
+        little = array.dtype.newbyteorder("<")
+        table.append([name, little.str, list(np.atleast_1d(array).shape), start])
+        end = start + array.nbytes
     text = json.dumps({**header, "arrays": table}, sort_keys=True, separators=(",", ":")).encode()
     text += b" " * (-len(text) % ALIGNMENT)
-    return magic + struct.pack("<II", version, len(text)) + text + bytes(body)
+    yield magic + struct.pack("<II", version, len(text)) + text
+    end = 0
+    for array in arrays.values():
+        yield bytes(-end % ALIGNMENT)
+        yield np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(-1).view(np.uint8).data
+        end += -end % ALIGNMENT + array.nbytes
 
 
 def decode_blob(

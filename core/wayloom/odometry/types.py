@@ -96,6 +96,12 @@ class Points:
         return Points(self.host, self.uv_host, self.inverse_depth, self.variance, self.grey, *none, self.host_right)
 
 
+def no_points() -> Points:
+    """Points of which there is none."""
+    host, number, level, flag = np.zeros(0, np.int32), np.zeros(0, np.float32), np.zeros(0, np.uint8), np.zeros(0, bool)
+    return Points(host, number.reshape(0, 2), number, number, level, np.zeros(1, np.int64), host, flag, flag)
+
+
 @dataclass(frozen=True, slots=True)
 class OdometryResult:
     """A tracked drive.

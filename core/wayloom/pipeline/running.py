@@ -12,6 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from wayloom.config.one_heap import give_back
 from wayloom.config.progress import Progress, silent
 from wayloom.config.stages import INGEST, ODOMETRY, Stage, find_stage
 from wayloom.errors import StageError
@@ -83,7 +84,10 @@ def run_stage(
     key = key or stage_key(name, context)
     compile_for((name,), context, progress)
     start = time.perf_counter()
-    import_module(_room(find_stage(name))).run(context, out_dir, progress)
+    try:
+        import_module(_room(find_stage(name))).run(context, out_dir, progress)
+    finally:
+        give_back()  # else the next stage's memory comes on top of what this one held at most
     metadata = {
         "stage": name,
         "key": key.hex,

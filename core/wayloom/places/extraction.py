@@ -77,9 +77,11 @@ def make_stations(places: Places, settings: PlaceSettings) -> PlaceStations:
 
 
 def joined(parts: list[Table]) -> Table:
-    """The tables (one at least) one behind the other."""
+    """The tables (one at least) one behind the other. Takes them out of `parts`: no more than a column is in memory twice."""
     table = type(parts[0])
-    columns: dict[str, Any] = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(table)}
+    waiting: dict[str, list[Any]] = {f.name: [getattr(part, f.name) for part in parts] for f in fields(table)}
+    parts.clear()
+    columns: dict[str, Any] = {f.name: np.concatenate(waiting.pop(f.name)) for f in fields(table)}
     return table(**columns)
 
 

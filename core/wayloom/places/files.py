@@ -4,6 +4,7 @@ Positions are packed: a feature's place in the image in steps of 1/16 px, its po
 of each row by the rows at which the keyframes' begin.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from wayloom.errors import InputError
 from wayloom.files.atomic import write_atomically
-from wayloom.files.blob import decode_blob, encode_blob
+from wayloom.files.blob import Piece, blob_pieces, decode_blob
 from wayloom.geometry.camera import PinholeCamera
 from wayloom.places.types import PlaceCloud, PlaceFeatures, Places, PlaceStations
 
@@ -31,7 +32,7 @@ DTYPES: Final = {
 
 def save_places(places: Places, path: Path) -> None:
     """Write the file, whole or not at all."""
-    write_atomically(path, encode_places(places))
+    write_atomically(path, _pieces(places))
 
 
 def load_places(path: Path) -> Places:
@@ -45,6 +46,11 @@ def load_places(path: Path) -> Places:
 
 def encode_places(places: Places) -> bytes:
     """The bytes of a drive's places."""
+    return b"".join(_pieces(places))
+
+
+def _pieces(places: Places) -> Iterator[Piece]:
+    """The file's bytes, in pieces."""
     features, cloud, count = places.features, places.cloud, len(places)
     arrays = {
         "T_world_keyframe": places.T_world_keyframe,
@@ -61,8 +67,8 @@ def encode_places(places: Places) -> bytes:
         "station_keyframe": places.stations.keyframe,
         "station_grid": places.stations.grid,
     }
-    typed = {name: np.asarray(arrays[name]).astype(dtype) for name, dtype in DTYPES.items()}
-    return encode_blob(MAGIC, VERSION, {"camera": list(places.camera)}, typed)
+    typed = {name: np.asarray(arrays.pop(name)).astype(dtype, copy=False) for name, dtype in DTYPES.items()}
+    return blob_pieces(MAGIC, VERSION, {"camera": list(places.camera)}, typed)
 
 
 def decode_places(data: bytes, name: str = "places") -> Places:

@@ -8,8 +8,9 @@ import itertools
 import json
 import zipfile
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from wayloom.files.atomic import replacing
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import PARAMETERS, RightLens
 from wayloom.odometry.result.growing_arrays import forget_pages
-from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
+from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory, no_points
 
 ODOMETRY_FILE = "odometry.npz"
 FORMAT = "wayloom-odometry"
@@ -29,6 +30,9 @@ READABLE = (1, VERSION)
 META = "meta.json"
 EPOCH = (1980, 1, 1, 0, 0, 0)
 GROUPS: dict[str, Any] = {"trajectory": Trajectory, "keyframes": Keyframes, "points": Points}
+OBSERVATIONS = ("obs_start", "obs_keyframe", "obs_right")
+"""Fields of points that are half of a long drive."""
+Wanted: TypeAlias = Literal["all", "points", "way"]
 PIECE_BYTES = 1 << 22
 NOT_OF_THE_DRIVE = ("seconds",)
 """Keys of the report that differ from run to run; they are not stored."""
@@ -48,8 +52,9 @@ def save_odometry(result: OdometryResult, path: Path) -> None:
             _add(archive, f"{name}.npy", len(header) + array.nbytes, itertools.chain([header], _pieces(array)))
 
 
-def load_odometry(path: Path) -> OdometryResult:
-    """Read what save_odometry wrote. Raises InputError that names the file where it is none or of another version."""
+def load_odometry(path: Path, wanted: Wanted = "all") -> OdometryResult:
+    """Read what save_odometry wrote, and of a long drive no more than is wanted: points without their observations, or the way
+    alone, without a point. Raises InputError that names the file where it is none or of another version."""
     try:
         with zipfile.ZipFile(path) as archive:
             meta = json.loads(archive.read(META))
@@ -58,10 +63,7 @@ def load_odometry(path: Path) -> OdometryResult:
                     f"is {meta.get('format')} version {meta.get('version')}, not {FORMAT} version {VERSION}",
                     file=path, remedy="run the odometry again",
                 )  # fmt: skip
-            groups = {
-                name: cls(**{field: _array(archive, f"{name}.{field}") for field in cls.__slots__ if _has(archive, name, field)})
-                for name, cls in GROUPS.items()
-            }
+            groups = {name: _group(archive, name, wanted) for name in GROUPS}
     except (OSError, zipfile.BadZipFile, KeyError, ValueError, TypeError, AttributeError) as problem:
         raise InputError(f"is no odometry result ({problem})", file=path, remedy="run the odometry again") from problem
     return OdometryResult(
@@ -115,6 +117,14 @@ def _pieces(array: NDArray[Any]) -> Iterator[bytes]:
     for first in range(0, len(array), rows):
         yield np.ascontiguousarray(array[first : first + rows]).tobytes()
         forget_pages(array)
+
+
+def _group(archive: zipfile.ZipFile, name: str, wanted: Wanted) -> Any:
+    cls = GROUPS[name]
+    skipped = {"all": (), "points": OBSERVATIONS, "way": Points.__slots__}[wanted] if cls is Points else ()
+    read = [field for field in cls.__slots__ if field not in skipped and _has(archive, name, field)]
+    arrays = {field: _array(archive, f"{name}.{field}") for field in read}
+    return replace(no_points(), **arrays).without_observations() if skipped else cls(**arrays)
 
 
 def _has(archive: zipfile.ZipFile, group: str, field: str) -> bool:

@@ -19,15 +19,15 @@ from wayloom.pipeline.digests import sha256_of_json
 from wayloom.pipeline.drive_quality import QUALITY_FILE, drive_quality, write_quality
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stage_report import write_report
-from wayloom.pipeline.tracked_drive import tracked_drive, without_observations
+from wayloom.pipeline.tracked_drive import tracked_drive
 from wayloom.submaps.split import anchor_frames, split_road
 
 
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises StageError where no place fits the fixes."""
     settings = context.settings
-    odometry = without_observations(tracked_drive(context))
-    labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE).without_votes()
+    odometry = tracked_drive(context, "points")
+    labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE, votes=False)
     closures = load_loops(context.inputs_dir / "loops" / LOOPS_FILE)
     wanted = Wanted(settings.map_frame(), anchor_frames(odometry, split_road(odometry, settings.submaps)))
     geo = georeference(context.log, odometry, wanted, settings.georeference, progress, closures, labels, rig_receiver(context))

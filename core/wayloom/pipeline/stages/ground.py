@@ -13,7 +13,7 @@ from wayloom.submaps.files import load_submaps
 
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises StageError where an image's labels are missing, LogError where an image is."""
-    odometry = tracked_drive(context)
+    odometry = tracked_drive(context, "way")
     images = KeyframeLabels(context.inputs_dir / "segmentation", odometry.keyframes.frame)
     submaps, settings = load_submaps(context.inputs_dir / "submaps"), context.settings
     save_sheets(make_sheets(context.log, odometry, images, submaps, settings.ground, progress, settings.threads), out_dir)

@@ -12,7 +12,7 @@ from wayloom.segmentation.keyframe_labels import KeyframeLabels
 
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises StageError where an image's labels are missing, LogError where an image is."""
-    odometry = tracked_drive(context)
+    odometry = tracked_drive(context, "way")
     images = KeyframeLabels(context.inputs_dir / "segmentation", odometry.keyframes.frame)
     settings = context.settings
     save_looks(make_looks(context.log, odometry, images, settings.looks, progress, settings.threads), out_dir / LOOKS_FILE)

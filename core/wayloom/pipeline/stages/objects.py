@@ -15,7 +15,7 @@ from wayloom.submaps.files import load_submaps
 
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises StageError where an image's labels are missing, LogError where an image is, InputError for a damaged sheet."""
-    odometry = tracked_drive(context)
+    odometry = tracked_drive(context, "way")
     images = KeyframeLabels(context.inputs_dir / "segmentation", odometry.keyframes.frame)
     submaps = load_submaps(context.inputs_dir / "submaps")
     sheets_dir = context.inputs_dir / "ground"

@@ -13,8 +13,8 @@ from wayloom.segmentation.keyframe_labels import KeyframeLabels
 
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises StageError where an image's labels are missing, LogError where an image is."""
-    odometry = tracked_drive(context)
-    labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE)
+    odometry = tracked_drive(context, "points")
+    labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE, votes=False)
     images = KeyframeLabels(context.inputs_dir / "segmentation", odometry.keyframes.frame)
     settings = context.settings
     places = make_places(context.log, odometry, labels, images, settings.places, progress, settings.threads)

@@ -27,7 +27,7 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     settings, ahead = context.settings, context.ahead
     folder = None if ahead is None else ahead.finished()
     network = context.network or network_of(settings)
-    frames = voting_frames(tracked_drive(context), settings.labelling)
+    frames = voting_frames(tracked_drive(context, "way"), settings.labelling)
     right = right_images_vote(len(frames), settings.labelling)
     segment_keyframes(context.log, frames, network, out_dir, progress, right, at_once(settings), folder)
     network.give_back()

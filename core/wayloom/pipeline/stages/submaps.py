@@ -9,7 +9,7 @@ from wayloom.georeference.types import GeoReference
 from wayloom.labelling.files import LABELS_FILE, load_labels
 from wayloom.pipeline.drive_map import drive_map, write_image
 from wayloom.pipeline.stage_context import StageContext
-from wayloom.pipeline.tracked_drive import tracked_drive, without_observations
+from wayloom.pipeline.tracked_drive import tracked_drive
 from wayloom.submaps.files import save_submaps
 from wayloom.submaps.split import make_submaps
 from wayloom.submaps.submap import PlacedSubmap
@@ -29,6 +29,6 @@ def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
 
 def _made(context: StageContext, geo: GeoReference) -> list[PlacedSubmap]:
     """The submaps; the drive and its labels are let go of, which of an hour take as much memory again."""
-    odometry = without_observations(tracked_drive(context))
+    odometry = tracked_drive(context, "points")
     labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE)
     return make_submaps(context.log, odometry, labels, geo, context.settings.submaps, context.drive_id)
