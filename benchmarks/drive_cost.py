@@ -1,6 +1,8 @@
 """Runs one drive through `process_drive` and prints what each stage took, as JSON; the process that `cost.py` measures.
 
-python benchmarks/drive_cost.py LOG OUT [--gnss PATH] [--model NAME] [--cores 1]
+python benchmarks/drive_cost.py LOG OUT [--gnss PATH] [--model NAME] [--cores 1] [--no-loops]
+
+--no-loops  no place of the drive is looked for again: of laps on one road that is most of what they would cost
 """
 
 import argparse
@@ -96,6 +98,15 @@ def measured(log: Path, out: Path, gnss: Path | None, model: str | None, cores: 
     }
 
 
+def leave_out_loops() -> None:
+    """From now on the loop stage finds none."""
+    from wayloom.loops.files import LOOPS_FILE, save_loops
+    from wayloom.loops.types import no_loops
+    from wayloom.pipeline.stages import loops
+
+    loops.run = lambda context, out_dir, progress: save_loops(no_loops(), out_dir / LOOPS_FILE)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("log", type=Path)
@@ -103,9 +114,12 @@ def main() -> None:
     parser.add_argument("--gnss", type=Path)
     parser.add_argument("--model")
     parser.add_argument("--cores", type=int, default=1)
+    parser.add_argument("--no-loops", action="store_true")
     args = parser.parse_args()
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: args.cores])
     import_module("wayloom.cli")  # threads of the algebra and heaps, as the command has them
+    if args.no_loops:
+        leave_out_loops()
     json.dump(measured(args.log, args.out, args.gnss, args.model, args.cores), sys.stdout)
 
 

@@ -1,7 +1,7 @@
 """Long drives: in parts against in one piece, memory against length, and time with one process and with two.
 
-    python benchmarks/long_drives.py [--data FOLDER] [--long FOLDER] [--seeds 3] [--laps 1 4 16] [--stages 1 4] [--json FILE]
-                                     [--write]
+    python benchmarks/long_drives.py [--data FOLDER] [--long FOLDER] [--seeds 3] [--laps 1 4 16] [--stages 1 4] [--whole 4]
+                                     [--json FILE] [--write]
 
 --data    the recordings as docs/results.md describes them; clip A is tracked in one piece and in three parts
 --long    a drive of `wayloom simulate long --size quarter --laps N`, of as many laps as the largest number asked for
@@ -12,6 +12,8 @@
 --placed  laps of --long that are geo-referenced, cut into submaps and exported: its truth with an odometry's noise, and points as
           clip A would give
 --stages  lengths of which memory of every stage is measured, each in a process of its own
+--whole   lengths of which memory of every stage is measured as one process runs them all on two threads, as a rule beside one
+          another; without loops
 --write   the tables into docs/benchmarks/long_drives.md; those that are not measured again stay as they are
 """
 
@@ -107,6 +109,8 @@ def main() -> None:
         found["odometry"] = [measured_odometry(options.long, laps, *how) for laps in options.laps for how in ways_of(laps)]
     if options.long and options.stages:
         found["stages"] = [one for laps in options.stages for one in stages(options.long, laps)]
+    if options.long and options.whole:
+        found["whole"] = in_one_process([whole(options.long, laps) for laps in options.whole])
     print(json.dumps(found, indent=1))
     if options.json:
         options.json.write_text(json.dumps(found, indent=1) + "\n")
@@ -123,6 +127,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--laps", type=int, nargs="*", default=[1, 4, 16])
     parser.add_argument("--stages", type=int, nargs="*", default=[1, 4])
+    parser.add_argument("--whole", type=int, nargs="*", default=[4])
     parser.add_argument("--joins", type=int, nargs="*", default=[1, 3, 12])
     parser.add_argument("--labelled", type=int, nargs="*", default=[2, 12])
     parser.add_argument("--join", type=int, help=argparse.SUPPRESS)
@@ -202,6 +207,31 @@ def stages(path: Path, laps: int) -> list[dict[str, Any]]:
     with tempfile.TemporaryDirectory(dir=path.parent) as temporary:
         log = first_frames(path, Path(temporary) / "log", laps * LAP)
         return [in_a_process(stage, log, Path(temporary), LONG_PARTS.part_frames, 1) for stage in drive_stages()]
+
+
+def whole(path: Path, laps: int) -> dict[str, Any]:
+    """What `drive_cost.py` prints of the first laps."""
+    with tempfile.TemporaryDirectory() as temporary:
+        log = first_frames(path, Path(temporary) / "log", laps * LAP)
+        command = [
+            sys.executable,
+            str(ROOT / "benchmarks/drive_cost.py"),
+            str(log),
+            str(Path(temporary) / "out"),
+            "--cores",
+            "2",
+            "--no-loops",
+        ]
+        return dict(json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout))
+
+
+def in_one_process(runs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A row for each stage, a column for each run."""
+    stages = [*drive_stages(), "exports", "all"]
+    return [
+        {"stage": name} | {f"peak MB, {run['frames']} frames": round(run["stages"][name]["peak"] / 1e6) for run in runs}
+        for name in stages
+    ]
 
 
 def in_a_process(stage: str, log: Path, folder: Path, part_frames: int, threads: int) -> dict[str, Any]:

@@ -4,7 +4,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from wayloom.mapping.square_root_covariances import covariances, join_in_pattern
+from wayloom.mapping.square_root_covariances import covariances, half_log_determinant, join_in_pattern
 
 SIZES = {key: 1 + key % 3 for key in range(30)}
 
@@ -34,3 +34,11 @@ def test_they_are_those_of_the_dense_inverse(seed: int) -> None:
         np.testing.assert_allclose(block, dense[np.ix_(rows[key], rows[key])], atol=1e-9 * scale)
     for (a, b), block in zip(pairs, crosses, strict=True):
         np.testing.assert_allclose(block, dense[np.ix_(rows[a], rows[b])], atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_determinant_out_of_a_tree_is_the_dense_one(seed: int) -> None:
+    graph = loopy(np.random.default_rng(seed))
+    A, _ = graph.jacobian()
+    tree = graph.eliminateMultifrontal(function=gtsam.EliminateQR)
+    assert half_log_determinant(tree) == pytest.approx(0.5 * np.linalg.slogdet(A.T @ A)[1], rel=1e-12)

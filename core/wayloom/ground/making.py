@@ -7,6 +7,7 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.config.one_heap import give_back
 from wayloom.config.progress import Progress, silent
 from wayloom.config.side_by_side import Each, in_order
 from wayloom.geometry import se3
@@ -54,7 +55,10 @@ def make_sheets(
     def sheet(number: int, see: Each, show: Each) -> GroundSheet | None:
         placed = submaps[number]
         views = [view for _, view in views_of(log, odometry, labels, placed, chosen, exposure, settings, see)]
-        return sheet_of(placed.submap, level_frame(placed), views, odometry, exposure, settings, show)
+        made = sheet_of(placed.submap, level_frame(placed), views, odometry, exposure, settings, show)
+        views.clear()
+        give_back()  # what one sheet freed is in pieces that the next one has little use for
+        return made
 
     def alone(number: int) -> GroundSheet | None:
         def told(work: Callable[[Item], Result], items: Sequence[Item], /) -> Iterator[Result]:

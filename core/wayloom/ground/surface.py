@@ -72,8 +72,7 @@ def surface_of(
     views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: float, settings: GroundSettings, each: Each = map
 ) -> Surface:
     """The surface that the views tell of. bias_px : of the disparities; each : of the views, of stations, and of strips of rows."""
-    samples = gather(views, raster, rig, bias_px, settings.reach_m, each)
-    cells = fuse(samples, raster.shape)
+    cells = fuse(gather(views, raster, rig, bias_px, settings.reach_m, each), raster.shape)  # samples are held by nobody else
     cells, side = laid(find_steps(views, raster, cells, rig, bias_px, each), cells, raster)
     return smooth(cells, side, round(settings.smoothing_m / CELL_M), each)
 
@@ -90,7 +89,10 @@ def gather(
 
 
 def _joined(parts: list[Samples]) -> Samples:
-    return Samples(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("key", "height", "variance")))
+    """All of them, taken out of the list: no more than a column is in memory twice."""
+    columns = {name: [getattr(part, name) for part in parts] for name in ("key", "height", "variance")}
+    parts.clear()
+    return Samples(*(np.concatenate(columns.pop(name)) for name in ("key", "height", "variance")))
 
 
 def _gather(views: list[GroundView], raster: Raster, rig: StereoRig, bias_px: float, reach_m: float) -> list[Samples]:

@@ -12,13 +12,13 @@ from copy import copy
 from dataclasses import dataclass, replace
 from typing import Final
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geometry import se3
 from wayloom.mapping.drive_equations import CorrelatedFixes, DriveEquations, DriveState
 from wayloom.mapping.gnss_factors import receiver_covariance, with_held
+from wayloom.mapping.square_root_covariances import half_log_determinant
 
 FloatArray = NDArray[np.float64]
 DOWN: Final = 2
@@ -65,10 +65,11 @@ def antenna_height(equations: DriveEquations, start: DriveState) -> AntennaHeigh
     """The posterior of the antenna's height as a Gaussian, from a state near the minimum."""
     prior_sigma_m = float(np.sqrt(receiver_covariance(equations.noise)[DOWN, DOWN]))
     start = replace(start, receiver=without_height(start.receiver))
-    mean, sigma = 0.0, prior_sigma_m
+    mean, sigma, ends = 0.0, prior_sigma_m, list[tuple[float, DriveState]]()
     for _ in range(ROUNDS):
         heights = mean + sigma * np.array([-1.0, 0.0, 1.0])
-        ends = [_negative_log(held_at(equations, h), start) for h in heights.tolist()]
+        ends.clear()  # of an hour's drive states are large
+        ends += [_negative_log(held_at(equations, h), start) for h in heights.tolist()]
         values = np.array([value for value, _ in ends]) + 0.5 * (heights / prior_sigma_m) ** 2
         slope, bend = 0.5 * (values[2] - values[0]) / sigma, (values[0] - 2.0 * values[1] + values[2]) / sigma**2
         bend = max(bend, prior_sigma_m**-2)  # fixes never make a height less certain
@@ -84,6 +85,4 @@ def antenna_height(equations: DriveEquations, start: DriveState) -> AntennaHeigh
 def _negative_log(equations: DriveEquations, start: DriveState) -> tuple[float, DriveState]:
     """- log of the marginal likelihood, but for a constant, and the state where the equations have their minimum."""
     state = equations.descend(start)
-    net = equations.linear(state).eliminateSequential(function=gtsam.EliminateQR)
-    half_log_det = sum(np.log(np.abs(np.diagonal(net.at(k).R()))).sum() for k in range(net.size()))
-    return equations.cost(state) + float(half_log_det), state
+    return equations.cost(state) + half_log_determinant(equations.tree(state)), state

@@ -10,6 +10,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.config.one_heap import give_back
 from wayloom.geometry import se3
 from wayloom.mapping.drive_types import AntennaFixes, DriveNoise, OdometryChain
 from wayloom.mapping.gnss_factors import (
@@ -33,6 +34,8 @@ IntArray = NDArray[np.int64]
 LOST_POSITION_M, LOST_ROTATION_RAD = 20.0, 0.5  # a link over a loss, plus half of the guessed distance
 GAUGE_POSITION_M, GAUGE_ROTATION_RAD = 1e3, float(np.pi)
 MAX_ITERATIONS, MAX_HALVINGS, CONVERGED = 30, 8, 1e-9
+MANY_NODES = 2000
+"""From here on what trees are made of is given back to the system: of an hour's drive half a gigabyte of small pieces."""
 V_OMEGA = [3, 4, 5, 0, 1, 2]
 """Rows of gtsam's (omega, v) in the order (v, omega)."""
 
@@ -237,6 +240,8 @@ class DriveEquations:
             state, cost = self._step(state, self.tree(state).optimize(), before)
             if before - cost <= CONVERGED * (before + 1.0):
                 break
+        if len(state.T_enu_node) > MANY_NODES:
+            give_back()
         return state
 
     def _step(self, state: DriveState, step: gtsam.VectorValues, cost: float) -> tuple[DriveState, float]:

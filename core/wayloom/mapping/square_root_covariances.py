@@ -60,6 +60,16 @@ def covariances(
     return found, crosses
 
 
+def half_log_determinant(tree: gtsam.GaussianBayesTree) -> float:
+    """Half the logarithm of the information's determinant: the sum of those of all diagonals of R, of either sign."""
+    total, coming = 0.0, list(tree.roots())
+    while coming:
+        node = coming.pop()
+        total += float(np.log(np.abs(np.diagonal(node.conditional().R()))).sum())
+        coming += [node[row] for row in range(node.nrChildren())]
+    return total
+
+
 @dataclass(frozen=True, slots=True)
 class _Clique:
     """A clique, its frontal unknowns and those of its separator, and the rows of each in a covariance of all of them."""
