@@ -44,9 +44,7 @@ def packed_looks(looks: Looks) -> PackedLooks:
     return PackedLooks(looks.camera, looks.sigma, looks.frame, packed)
 
 
-def unpacked(
-    camera: PinholeCamera, sigma: float, frame: NDArray[np.uint32], packed: Sequence[bytes | memoryview]
-) -> Looks:  # fmt: skip
+def unpacked(camera: PinholeCamera, sigma: float, frame: NDArray[np.uint32], packed: Sequence[bytes | memoryview]) -> Looks:
     """The looks of these frames (n,). Raises ValueError or zlib.error where one is damaged."""
     planes = b"".join(zlib.decompress(one) for one in packed)
     found = np.frombuffer(planes, np.uint8).reshape(len(frame), 3, camera.height, camera.width)
