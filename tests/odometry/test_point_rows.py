@@ -1,11 +1,14 @@
 """The window's table of points, against what numpy makes of its columns."""
 
 import numpy as np
+import pytest
 from made_street import CAMERA
 from made_window import made_window
 
 from wayloom.odometry.backend import window as windows
 from wayloom.odometry.kernels.arrays import PATTERN
+
+pytestmark = pytest.mark.kernels
 
 
 def test_chosen_and_joined_points_are_those_of_every_column() -> None:
