@@ -84,6 +84,24 @@ def test_who_has_to_sign_in_comes_back_to_the_same_view(browser: Any, guarded: G
 
 
 @pytest.mark.browser
+def test_a_sign_in_before_the_page_is_ready_is_not_sent_by_the_browser_itself(browser: Any, guarded: Guarded) -> None:
+    context = browser.new_context()
+    page = context.new_page()
+    held: list[Any] = []
+    page.route("**/sign-in.js", lambda route: held.append(route))
+    page.goto(f"{guarded.api.url}/sign-in?next=%2Ffleet", wait_until="commit")
+    page.fill("#name", "anna")
+    page.fill("#password", PASSWORD)
+    page.press("#password", "Enter")
+    assert page.is_disabled("#sign-in button")
+    until(lambda: bool(held))
+    held[0].continue_()
+    page.click("#sign-in button")
+    page.wait_for_url(f"{guarded.api.url}/fleet")
+    context.close()
+
+
+@pytest.mark.browser
 def test_a_session_that_ends_while_a_page_is_open_leads_to_the_sign_in_and_back(browser: Any, guarded: Guarded) -> None:
     context = browser.new_context()
     page = context.new_page()

@@ -53,4 +53,7 @@ at("with-key").addEventListener("submit", (event) => {
   attempt(event.target, () => ask("/v1/session"));
 });
 
+// Until now a form would have been sent by the browser itself: to nobody, and the page to return to would be forgotten.
+for (const button of document.querySelectorAll("form button")) button.disabled = false;
+
 offerProvider().catch(() => {}); // names and passwords work without it

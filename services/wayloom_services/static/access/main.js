@@ -113,6 +113,7 @@ else {
     telling("audit", showAudit);
   });
   at("older").addEventListener("click", () => telling("audit", showOlder));
+  for (const button of document.querySelectorAll("main button")) button.disabled = false;
   await Promise.all([telling("keys", showKeys), telling("audit", showAudit)]);
 }
 follow(() => {});
