@@ -1,8 +1,9 @@
 """Runs one drive through `process_drive` and prints what each stage took, as JSON; the process that `cost.py` measures.
 
-python benchmarks/drive_cost.py LOG OUT [--gnss PATH] [--model NAME] [--cores 1] [--no-loops]
+python benchmarks/drive_cost.py LOG OUT [--gnss PATH] [--model NAME] [--cores 1] [--no-loops] [--report]
 
 --no-loops  no place of the drive is looked for again: of laps on one road that is most of what they would cost
+--report    report.html and report.json too, as `wayloom process` writes them, with the exports
 """
 
 import argparse
@@ -71,7 +72,7 @@ def folder_bytes(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) if folder.is_dir() else 0
 
 
-def measured(log: Path, out: Path, gnss: Path | None, model: str | None, cores: int) -> dict[str, object]:
+def measured(log: Path, out: Path, gnss: Path | None, model: str | None, cores: int, report: bool) -> dict[str, object]:
     """Frames, keyframes, metres and, for each stage, its counters, peak and kept bytes; `all` is the whole process from here on."""
     start = counters()
     from wayloom.evaluation.trajectory import path_length
@@ -79,9 +80,14 @@ def measured(log: Path, out: Path, gnss: Path | None, model: str | None, cores: 
     from wayloom.pipeline.settings import ProcessSettings
     from wayloom.segmentation.settings import SegmentationSettings
 
+    more = {}
+    if report:
+        from wayloom.reports.drive_report import write_report
+
+        more["write_more"] = write_report
     meter = Meter()
     settings = ProcessSettings(threads=cores, segmentation=SegmentationSettings(model=model))
-    result = process_drive(log, out, settings, gnss, meter)
+    result = process_drive(log, out, settings, gnss, meter, **more)
     whole = counters().minus(start)
     stages = {
         name: {**asdict(used), "peak": meter.peaks[name], "kept": folder_bytes(out / "stages" / name)}
@@ -115,12 +121,13 @@ def main() -> None:
     parser.add_argument("--model")
     parser.add_argument("--cores", type=int, default=1)
     parser.add_argument("--no-loops", action="store_true")
+    parser.add_argument("--report", action="store_true")
     args = parser.parse_args()
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: args.cores])
     import_module("wayloom.cli")  # threads of the algebra and heaps, as the command has them
     if args.no_loops:
         leave_out_loops()
-    json.dump(measured(args.log, args.out, args.gnss, args.model, args.cores), sys.stdout)
+    json.dump(measured(args.log, args.out, args.gnss, args.model, args.cores, args.report), sys.stdout)
 
 
 if __name__ == "__main__":

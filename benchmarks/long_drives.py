@@ -213,7 +213,7 @@ def whole(path: Path, laps: int) -> dict[str, Any]:
     """What `drive_cost.py` prints of the first laps."""
     with tempfile.TemporaryDirectory() as temporary:
         log = first_frames(path, Path(temporary) / "log", laps * LAP)
-        drive = [str(log), str(Path(temporary) / "out"), "--cores", "2", "--no-loops"]
+        drive = [str(log), str(Path(temporary) / "out"), "--cores", "2", "--no-loops", "--report"]
         command = [sys.executable, str(ROOT / "benchmarks/drive_cost.py"), *drive]
         return dict(json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout))
 

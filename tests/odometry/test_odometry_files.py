@@ -8,7 +8,7 @@ from made_street import MadeLog, curve
 
 from wayloom.errors import InputError
 from wayloom.odometry.odometry import track
-from wayloom.odometry.result.odometry_file import load_odometry, save_odometry
+from wayloom.odometry.result.odometry_file import load_odometry, observations_stored, save_odometry
 from wayloom.odometry.types import OdometryResult, Points
 
 
@@ -29,6 +29,15 @@ def test_a_result_comes_back_as_it_was_stored(result: OdometryResult, tmp_path: 
     assert again.disparity_bias_px == result.disparity_bias_px
     np.testing.assert_array_equal(again.row_coefficients, result.row_coefficients)
     assert again.report == {key: value for key, value in result.report.items() if key != "seconds"}
+
+
+def test_observations_are_counted_without_a_point_being_read(result: OdometryResult, tmp_path: Path) -> None:
+    save_odometry(result, tmp_path / "a.npz")
+    assert observations_stored(tmp_path / "a.npz") == len(result.points.obs_keyframe) > 100
+    (tmp_path / "bad.npz").write_bytes(b"no zip")
+    for name in ("bad.npz", "none.npz"):
+        with pytest.raises(InputError, match=name):
+            observations_stored(tmp_path / name)
 
 
 def test_equal_results_give_equal_bytes(result: OdometryResult, tmp_path: Path) -> None:

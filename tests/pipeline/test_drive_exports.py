@@ -20,7 +20,7 @@ from wayloom.files.ply import read_ply
 from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geodesy.wgs84 import T_enu_enu, enu_from_lonlatheight
 from wayloom.geometry import se3
-from wayloom.pipeline.drive_map import cloud
+from wayloom.pipeline.drive_map import PlacedPoints
 from wayloom.pipeline.exports import write_dense, write_exports, write_overlays
 from wayloom.pipeline.plane import T_plane_enu, axis_labels
 from wayloom.reports.drive_report import overlays
@@ -60,7 +60,7 @@ def test_the_geojson_track_lies_where_the_fixes_are(folder, result):
 
 def test_the_cloud_has_all_points_of_all_submaps_with_their_colours(folder, result):
     ply = read_ply(folder / "cloud.ply")
-    points, labels = cloud(result.submaps)
+    points, labels = map(np.concatenate, zip(*PlacedPoints(result.submaps), strict=True))
     origin = (folder / "cloud.ply").read_bytes()[:300].split(b"ENU at ")[1].split(b" (")[0].split()
     T_local_enu = T_enu_enu(MapFrame(*map(float, origin)), result.geo.frame)
     np.testing.assert_allclose(ply.points, se3.transform(T_local_enu, points), atol=1e-9)
@@ -71,7 +71,7 @@ def test_the_cloud_has_all_points_of_all_submaps_with_their_colours(folder, resu
 
 def test_the_laz_has_the_same_points_in_utm(folder, result):
     laz = laspy.read(folder / "cloud.laz")
-    _, labels = cloud(result.submaps)
+    labels = np.concatenate([item.submap.label for item in result.submaps])
     np.testing.assert_array_equal(np.asarray(laz.label), labels)
     assert laz.header.parse_crs().to_epsg() == 32632
     assert 450_000 < np.asarray(laz.x).mean() < 460_000

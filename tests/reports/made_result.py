@@ -130,6 +130,7 @@ def made_result(
         log_facts={"name": log.name, "log": inspect_log(log).model_dump(mode="json")},
         model={"name": "made", "licence": "Apache-2.0", "grey_images_to_a_colour_network": False},
         odometry=odometry,
+        observations=len(odometry.points.obs_keyframe),
         images=write_label_images(folder / "segmentation", odometry.keyframes.frame),
         labels=labels,
         geo=geo,

@@ -23,7 +23,7 @@ def test_ahead_is_to_the_right_and_high_is_above():
     road = np.column_stack([np.zeros(200), np.linspace(0, 50, 200), np.full(200, -1.6)])
     tree = np.column_stack([np.zeros(200), np.linspace(60, 100, 200), np.full(200, 4.0)])
     labels = np.repeat([CLASS_ID["road"], CLASS_ID["vegetation"]], 200).astype(np.uint8)
-    view = side_view(np.vstack([road, tree]), labels, TRACK)
+    view = side_view([(np.vstack([road, tree]), labels)], TRACK)
     road_row, road_column = rows_and_columns(view, "road")
     tree_row, tree_column = rows_and_columns(view, "vegetation")
     assert road_column.max() < tree_column.min()
@@ -36,19 +36,19 @@ def test_a_near_point_hides_a_far_one():
     near = np.column_stack([np.full(400, 5.0), y, np.zeros(400)])  # to the right of the road, where the viewer stands
     far = np.column_stack([np.full(400, -5.0), y, np.zeros(400)])
     labels = np.repeat([CLASS_ID["car"], CLASS_ID["building"]], 400).astype(np.uint8)
-    view = side_view(np.vstack([near, far]), labels, TRACK)
+    view = side_view([(np.vstack([near, far]), labels)], TRACK)
     assert len(rows_and_columns(view, "car")[0])
     assert not len(rows_and_columns(view, "building")[0])
 
 
 def test_a_cloud_without_points_is_a_white_picture():
-    view = side_view(np.empty((0, 3)), np.empty(0, np.uint8), TRACK)
+    view = side_view([(np.empty((0, 3)), np.empty(0, np.uint8))], TRACK)
     assert (view.image == 255).all()
 
 
 def test_a_car_that_stood_still_can_be_drawn():
     points = np.random.default_rng(0).normal(size=(100, 3)) * 5
-    view = side_view(points, np.zeros(100, np.uint8), np.zeros((1, 3)))
+    view = side_view([(points, np.zeros(100, np.uint8))], np.zeros((1, 3)))
     assert len(rows_and_columns(view, "road")[0])
 
 

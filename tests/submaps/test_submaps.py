@@ -1,5 +1,8 @@
 import dataclasses
+import gc
+import hashlib
 import json
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +14,7 @@ from wayloom.errors import InputError, StageError
 from wayloom.geometry import se3
 from wayloom.georeference.types import Anchors
 from wayloom.georeference.uncertainty import position_covariance
-from wayloom.submaps.files import load_submaps, save_submaps
+from wayloom.submaps.files import StoredSubmaps, load_submaps, save_submaps
 from wayloom.submaps.settings import SubmapSettings
 from wayloom.submaps.split import anchor_frames, make_submaps, split_road
 from wayloom.submaps.submap import decode_submap
@@ -174,6 +177,32 @@ def test_a_folder_of_submaps_comes_back_as_it_was(placed, tmp_path):
         assert np.array_equal(one.T_enu_submap, other.T_enu_submap)
         assert np.array_equal(one.covariance, other.covariance)
         assert (one.drive_id, one.frame) == (other.drive_id, other.frame) == ("made", FRAME)
+
+
+def test_stored_submaps_are_those_of_the_folder_and_few_of_them_stay_in_memory(placed, tmp_path, monkeypatch):
+    save_submaps(placed, tmp_path)
+    monkeypatch.setattr("wayloom.submaps.files.SUBMAPS_HELD", 2)
+    stored, names = StoredSubmaps(tmp_path), [one.submap.digest for one in placed]
+    assert len(stored) == len(names) > 2
+    assert [one.submap.digest for one in stored] == names
+    assert [hashlib.sha256(one.submap.encoded).hexdigest() for one in stored] == names
+    assert stored[-1].submap.digest == names[-1]
+    assert [one.submap.digest for one in stored[1:3]] == names[1:3]
+    assert stored[0] is stored[0]
+    seen = [weakref.ref(one.submap) for one in stored]
+    gc.collect()
+    assert sum(one() is not None for one in seen) <= 2
+    with pytest.raises(IndexError):
+        stored[len(names)]
+
+
+def test_a_stored_submap_that_is_gone_is_named_when_it_is_asked_for(placed, tmp_path):
+    save_submaps(placed, tmp_path)
+    stored = StoredSubmaps(tmp_path)
+    (tmp_path / f"{placed[1].submap.digest}.submap").unlink()
+    assert stored[0].submap.digest == placed[0].submap.digest
+    with pytest.raises(InputError, match=placed[1].submap.digest):
+        stored[1]
 
 
 def test_saving_twice_gives_the_same_bytes(placed, tmp_path):

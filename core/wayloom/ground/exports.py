@@ -46,12 +46,12 @@ class SheetPlace:
 
 def export_ground(sheets_dir: Path, submaps: Sequence[PlacedSubmap], folder: Path) -> None:
     """Write both files of a drive's sheets, memory bounded; nothing where it has none. Raises InputError for a damaged sheet."""
-    placed = {item.submap.digest: item for item in submaps}
+    T_enu_submap = {item.submap.digest: item.T_enu_submap for item in submaps}
     index = read_index(sheets_dir)
     frame = submaps[0].frame if len(submaps) else None
     epsg = None if frame is None else _epsg(submaps, frame)
     held = lru_cache(maxsize=SHEETS_HELD)(lambda digest: load_sheet(sheets_dir, digest))
-    places = [_place(digest, held(digest), placed[submap].T_enu_submap, frame, epsg) for submap, digest in index.items()]
+    places = [_place(digest, held(digest), T_enu_submap[submap], frame, epsg) for submap, digest in index.items()]
     if not places:
         return
     photo, height = _grid(places, PIXEL_M, epsg), _grid(places, CELL_M, epsg)

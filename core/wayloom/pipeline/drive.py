@@ -1,7 +1,7 @@
 """Embedded run of one drive on one page: check the log → its stages, in the catalogue's order → exports and report."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -25,7 +25,7 @@ from wayloom.logs.types import DriveLog
 from wayloom.objects.exports import OBJECTS_FILE, export_objects, objects_of_drive
 from wayloom.objects.types import MapObject
 from wayloom.odometry.frame_source import first_matches, one_opencv_thread
-from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry
+from wayloom.odometry.result.odometry_file import ODOMETRY_FILE, load_odometry, observations_stored
 from wayloom.odometry.types import OdometryResult
 from wayloom.pipeline.drive_quality import QUALITY_FILE, read_quality
 from wayloom.pipeline.exports import DENSE_FILE, write_dense, write_exports
@@ -41,7 +41,7 @@ from wayloom.pipeline.stages.odometry import key_parts as lens_of_rig_file
 from wayloom.pipeline.stages.segmentation import network_of
 from wayloom.pipeline.stages_in_turn import in_turn
 from wayloom.segmentation.keyframe_labels import MODEL_FILE, KeyframeLabels
-from wayloom.submaps.files import load_submaps
+from wayloom.submaps.files import StoredSubmaps
 from wayloom.submaps.submap import PlacedSubmap
 
 STAGES_DIR: Final = "stages"
@@ -66,7 +66,11 @@ class DriveResult:
 
     log_facts       content of ingest's log.json
     model           content of the segmentation's model.json
+    odometry        its way, keyframes and calibration; of the points it is the labels, and the submaps, that tell
+    observations    how often keyframes saw the odometry's points, their hosts left out
     images          the label images of the keyframes
+    labels          of the odometry's points, without their votes
+    submaps         read when they are asked for: those of a long drive do not lie in memory side by side
     quality         content of the geo-reference's quality.json
     objects         poles, signs, lights and trunks that the drive saw, each once, in the frame of `submaps`
     times           for each stage, in order
@@ -76,10 +80,11 @@ class DriveResult:
     log_facts: dict[str, Any]
     model: dict[str, Any]
     odometry: OdometryResult
+    observations: int
     images: KeyframeLabels
     labels: PointLabels
     geo: GeoReference
-    submaps: list[PlacedSubmap]
+    submaps: Sequence[PlacedSubmap]
     quality: dict[str, Any]
     objects: list[MapObject] = field(default_factory=list)
     times: dict[str, StageTime] = field(default_factory=dict)
@@ -235,16 +240,17 @@ def _almost_done(progress: Progress) -> Progress:
 def _load(context: StageContext) -> DriveResult:
     """All but the objects and the times."""
     stages_dir = context.inputs_dir
-    odometry = load_odometry(stages_dir / "odometry" / ODOMETRY_FILE)
-    submaps = load_submaps(stages_dir / "submaps")
+    tracked = stages_dir / "odometry" / ODOMETRY_FILE
+    odometry = load_odometry(tracked, "way")
     return DriveResult(
         log=context.log,
         log_facts=read_log_file(stages_dir / "ingest"),
         model=json.loads((stages_dir / "segmentation" / MODEL_FILE).read_text()),
         odometry=odometry,
+        observations=observations_stored(tracked),
         images=KeyframeLabels(stages_dir / "segmentation", odometry.keyframes.frame),
-        labels=load_labels(stages_dir / "labelling" / LABELS_FILE),
+        labels=load_labels(stages_dir / "labelling" / LABELS_FILE, votes=False),
         geo=load_georeference(stages_dir / "georeference" / GEOREFERENCE_FILE),
-        submaps=submaps,
+        submaps=StoredSubmaps(stages_dir / "submaps"),
         quality=read_quality(stages_dir / "georeference" / QUALITY_FILE),
     )

@@ -1,6 +1,7 @@
-"""Picture of a drive from above, the labelled cloud that it shows, and image files."""
+"""Picture of a drive from above, the labelled points that it shows, and image files."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -18,23 +19,25 @@ from wayloom.tiles.preview import top_down
 JPEG_QUALITY: Final = 90
 
 
+@dataclass(frozen=True, slots=True)
+class PlacedPoints:
+    """Points (N, 3) m of each submap in the map's frame, or the drive's own, moved by T (4, 4) where it is given, and their labels
+    (N,): however often they are gone through, one submap at a time is in memory."""
+
+    submaps: Sequence[PlacedSubmap]
+    T: NDArray[np.float64] | None = None
+
+    def __iter__(self) -> Iterator[tuple[NDArray[np.float64], NDArray[np.uint8]]]:
+        for placed in self.submaps:
+            points = placed.points_enu()
+            yield points if self.T is None else se3.transform(self.T, points), placed.submap.label
+
+
 def drive_map(geo: GeoReference, submaps: Sequence[PlacedSubmap]) -> NDArray[np.uint8]:
     """(h, w, 3) RGB: the points of the drive's submaps from above, with its track."""
     T = T_plane_enu(geo)
-    points, labels = cloud(submaps, T)
     track = se3.transform(T, geo.T_enu_cam[:, :3, 3])
-    return top_down(points, labels, tracks_enu=(track,), north_up=geo.frame is not None)
-
-
-def cloud(submaps: Sequence[PlacedSubmap], T: NDArray[np.float64] | None = None) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """points (N, 3) m in the map's frame, or the drive's own, moved by T (4, 4) where it is given, and labels (N,) of all
-    submaps."""
-    ends = np.cumsum([0, *(len(placed.submap.xyz) for placed in submaps)])
-    points, labels = np.empty((ends[-1], 3)), np.empty(ends[-1], np.uint8)
-    for placed, start, end in zip(submaps, ends, ends[1:], strict=False):
-        points[start:end] = placed.points_enu() if T is None else se3.transform(T, placed.points_enu())
-        labels[start:end] = placed.submap.label
-    return points, labels
+    return top_down(PlacedPoints(submaps, T), tracks_enu=(track,), north_up=geo.frame is not None)
 
 
 def write_image(file: Path, image: NDArray[np.uint8]) -> None:

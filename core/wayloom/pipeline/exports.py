@@ -1,5 +1,6 @@
 """Exports of a processed drive for people and other programs: trajectory, cloud, overlay pictures, map picture."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -38,7 +39,7 @@ def write_exports(
     odometry: OdometryResult,
     images: KeyframeLabels,
     geo: GeoReference,
-    submaps: list[PlacedSubmap],
+    submaps: Sequence[PlacedSubmap],
     folder: Path,
     geoid: GeoidGrid | None = None,
     stages_dir: Path | None = None,
@@ -59,7 +60,7 @@ def write_exports(
 
 
 def _write_clouds(
-    submaps: list[PlacedSubmap], folder: Path, frame: MapFrame | None, geoid: GeoidGrid | None, origin: dict[str, Any]
+    submaps: Sequence[PlacedSubmap], folder: Path, frame: MapFrame | None, geoid: GeoidGrid | None, origin: dict[str, Any]
 ) -> None:
     """All points of all submaps, vehicles included; the PLY near the drive's start, up as up."""
     place = submaps[0].T_enu_submap[:3, 3] if submaps else np.zeros(3)
@@ -72,17 +73,20 @@ def write_dense(
     log: DriveLog,
     odometry: OdometryResult,
     images: LeftLabels,
-    submaps: list[PlacedSubmap],
+    submaps: Sequence[PlacedSubmap],
     file: Path,
     frame: MapFrame | None,
     geoid: GeoidGrid | None,
     settings: LookSettings,
 ) -> None:
     """The dense points of all submaps, each at its place, as `cloud.laz` has the sparse ones: without grey values and sigmas."""
-    found = dense_points(log, odometry, images, [placed.submap for placed in submaps], settings)
     place = submaps[0].T_enu_submap[:3, 3] if submaps else np.zeros(3)
     provenance = provenance_of("one drive's dense points", [], frame, {}, "")
-    batches = (_dense_batch(placed, one) for placed, one in zip(submaps, found, strict=True))
+    batches = (
+        _dense_batch(placed, found)
+        for placed in submaps
+        for found in dense_points(log, odometry, images, [placed.submap], settings)
+    )
     write_laz(file, batches, projection_at(place, frame, geoid), provenance)
 
 

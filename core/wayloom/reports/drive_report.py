@@ -17,12 +17,12 @@ from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
 from wayloom.pipeline.drive import DriveResult
-from wayloom.pipeline.drive_map import read_image
+from wayloom.pipeline.drive_map import PlacedPoints, read_image
 from wayloom.pipeline.drive_quality import QUALITY_FILE, write_quality
 from wayloom.pipeline.exports import MAP_FILE, OVERLAYS_DIR
 from wayloom.pipeline.plane import T_plane_enu, axis_labels
 from wayloom.reports import plots, views
-from wayloom.reports.facts import concatenated, drive_facts
+from wayloom.reports.facts import drive_facts
 from wayloom.reports.quality_plots import PICTURES, quality_pictures
 from wayloom.reports.triple import cloud_views
 
@@ -63,11 +63,8 @@ def render(facts: dict[str, Any], shown: dict[str, Any]) -> str:
 def pictures(result: DriveResult, folder: Path) -> dict[str, Any]:
     """All drawings and pictures of the page."""
     T = T_plane_enu(result.geo)
-    clouds = [se3.transform(T, placed.points_enu()) for placed in result.submaps]
-    points = np.concatenate([np.empty((0, 3)), *clouds])
-    labels = concatenated(placed.submap.label for placed in result.submaps)
     track = se3.transform(T, result.geo.T_enu_cam[:, :3, 3])
-    side = views.side_view(points, labels, track)
+    side = views.side_view(PlacedPoints(result.submaps, T), track)
     drawn = quality_pictures(result.quality)
     return {
         "track": Markup(plots.track_svg(track_picture(result, track, T))),  # noqa: S704  drawn here, from numbers

@@ -1,11 +1,9 @@
 """Content of a drive's report.json: JSON-able numbers and warnings."""
 
 import math
-from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 import wayloom
 from wayloom.config.classes import CLASS_NAMES, VOID
@@ -52,10 +50,10 @@ def odometry_facts(result: DriveResult) -> dict[str, Any]:
         "frames_tracked": int(trajectory.tracked.sum()),
         "segments": len(np.unique(trajectory.segment)),
         "keyframes": len(odometry.keyframes),
-        "points": len(odometry.points),
-        "observations": len(odometry.points.obs_keyframe),
+        "points": len(result.labels),
+        "observations": result.observations,
         "distance_m": path_length(trajectory.T_world_cam[:, :3, 3]),
-        "points_per_m": len(odometry.points) / max(path_length(trajectory.T_world_cam[:, :3, 3]), 1.0),
+        "points_per_m": len(result.labels) / max(path_length(trajectory.T_world_cam[:, :3, 3]), 1.0),
         "disparity_bias_px": odometry.disparity_bias_px,
         "row_coefficients_px": [float(c) for c in odometry.row_coefficients],
         "row_offset_in_corner_px": row_offset_in_corner(odometry),
@@ -96,36 +94,30 @@ def quality_facts(result: DriveResult) -> dict[str, Any]:
 def cloud_facts(result: DriveResult) -> dict[str, Any]:
     """Points in the submaps, and the numbers of points left out by reason."""
     left_out: dict[str, int] = {}
-    for placed in result.submaps:
-        for reason, count in placed.submap.points_left_out.items():
+    submaps: list[dict[str, Any]] = []
+    for submap in (placed.submap for placed in result.submaps):
+        for reason, count in submap.points_left_out.items():
             left_out[reason] = left_out.get(reason, 0) + count
-    points = sum(len(placed.submap) for placed in result.submaps)
+        submaps.append({"digest": submap.digest, "points": len(submap), "length_m": submap.length_m})
+    points = sum(one["points"] for one in submaps)
     distance = path_length(result.odometry.trajectory.T_world_cam[:, :3, 3])
     return {
         "frame": "enu" if result.geo.frame is not None else "world",
         "points": points,
         "points_per_m": points / max(distance, 1.0),
         "left_out": left_out,
-        "submaps": [
-            {"digest": placed.submap.digest, "points": len(placed.submap), "length_m": placed.submap.length_m}
-            for placed in result.submaps
-        ],
+        "submaps": submaps,
     }
 
 
 def class_counts(result: DriveResult) -> dict[str, dict[str, int]]:
     """Class name to point counts: host image alone, TCL mono, TCL stereo, and, in stereo, those in the cloud."""
     labels = result.labels
-    cloud = concatenated(placed.submap.label for placed in result.submaps)
-    columns = {"baseline": labels.baseline, "tcl_mono": labels.mono, "tcl_stereo": labels.stereo, "cloud": cloud}
+    columns = {"baseline": labels.baseline, "tcl_mono": labels.mono, "tcl_stereo": labels.stereo}
     counts = {name: np.bincount(column, minlength=256) for name, column in columns.items()}
+    counts["cloud"] = sum((np.bincount(placed.submap.label, minlength=256) for placed in result.submaps), np.zeros(256, np.int64))
     ids = {name: i for i, name in enumerate(CLASS_NAMES)} | {"void": VOID}
     return {name: {column: int(count[i]) for column, count in counts.items()} for name, i in ids.items()}
-
-
-def concatenated(arrays: Iterable[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """All arrays one behind the other; empty where there is none."""
-    return np.concatenate([np.empty(0, np.uint8), *arrays])
 
 
 def truth_errors(result: DriveResult) -> dict[str, Any] | None:

@@ -2,10 +2,11 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, overload
 
 import numpy as np
 
@@ -20,6 +21,8 @@ INDEX = "index.json"
 BEND_DIGITS = 5
 """Decimals: 10 um and 10 urad."""
 REMEDY = "make the submaps again"
+SUBMAPS_HELD: Final = 16
+"""A kilometre of road: a drive that is no longer is read once."""
 
 
 def save_submaps(placed: Iterable[PlacedSubmap], folder: Path) -> None:
@@ -58,6 +61,28 @@ class SubmapEntry:
     def load(self) -> PlacedSubmap:
         """The submap. Raises InputError that names the file that is missing or damaged."""
         return _load(self.folder, self.content)
+
+
+class StoredSubmaps(Sequence[PlacedSubmap]):
+    """The submaps of a folder, in the order they were saved: each is read when it is asked for, and the last ones stay in memory.
+
+    Any thread may ask. The index is read at once. Raises InputError, whenever that is, that names a missing or damaged file.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._entries = submap_entries(folder)
+        self._held = lru_cache(SUBMAPS_HELD)(lambda row: self._entries[row].load())
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    @overload
+    def __getitem__(self, row: int) -> PlacedSubmap: ...
+    @overload
+    def __getitem__(self, row: slice) -> list[PlacedSubmap]: ...
+    def __getitem__(self, row: int | slice) -> PlacedSubmap | list[PlacedSubmap]:
+        rows = range(len(self))[row]
+        return self._held(rows) if isinstance(rows, int) else [self._held(one) for one in rows]
 
 
 def load_submaps(folder: Path) -> list[PlacedSubmap]:
@@ -108,7 +133,7 @@ def _load(folder: Path, entry: Mapping[str, Any]) -> PlacedSubmap:
     before = None if told is None else StepBefore.of(told)
     T_enu_submap = np.array(entry["T_enu_submap"], np.float64)
     bend = None if entry.get("bend") is None else np.array(entry["bend"], np.float64).reshape(-1, 6)  # likewise
-    submap = decode_submap(data, str(path))
+    submap = decode_submap(data, str(path), entry["digest"])
     if bend is not None and len(bend) != len(submap.keyframe_frame):
         raise InputError("tells bends of another number of keyframes", file=folder / INDEX, remedy=REMEDY)
     return PlacedSubmap(submap, T_enu_submap, covariance, entry["drive_id"], frame, before, bend)

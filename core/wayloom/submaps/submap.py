@@ -62,9 +62,9 @@ class Submap:
     def __len__(self) -> int:
         return len(self.xyz)
 
-    @cached_property
+    @property
     def encoded(self) -> bytes:
-        """The submap's bytes."""
+        """The submap's bytes, made anew each time: as large as the submap."""
         header = {"length_m": self.length_m, "points_left_out": self.points_left_out}
         return encode_blob(MAGIC, VERSION, header, {name: np.asarray(getattr(self, name), dtype) for name, dtype in DTYPES.items()})
 
@@ -74,11 +74,17 @@ class Submap:
         return hashlib.sha256(self.encoded).hexdigest()
 
 
-def decode_submap(data: bytes, name: str = "submap") -> Submap:
-    """The submap of these bytes. Raises InputError when they are none, cut off or of another version."""
+def decode_submap(data: bytes, name: str = "submap", digest: str | None = None) -> Submap:
+    """The submap of these bytes. Raises InputError when they are none, cut off or of another version.
+
+    digest : of the bytes, where it is known; the submap then never encodes itself for its name
+    """
     try:
         header, arrays = decode_blob(data, MAGIC, VERSION, DTYPES)
-        return Submap(**arrays, length_m=header["length_m"], points_left_out=header["points_left_out"])
+        submap = Submap(**arrays, length_m=header["length_m"], points_left_out=header["points_left_out"])
+        if digest is not None:
+            vars(submap)["digest"] = digest  # where the cached property looks for it
+        return submap
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"is no submap or is damaged ({error})", file=name, remedy="make the submaps again") from error
 

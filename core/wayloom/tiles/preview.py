@@ -1,5 +1,9 @@
 """Top-down preview picture of the map, with a scale bar and a north arrow."""
 
+import itertools
+from collections.abc import Iterable
+from typing import TypeAlias
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -7,18 +11,17 @@ from numpy.typing import NDArray
 from wayloom.config.classes import PALETTE_WITH_VOID
 
 FloatArray = NDArray[np.float64]
+Blocks: TypeAlias = Iterable[tuple[FloatArray, NDArray[np.uint8]]]
+"""Points (N, 3) m and their labels (N,), part by part; they can be gone through more than once."""
 Picture = NDArray[np.uint8]
 PAPER, INK = (250, 250, 248), (40, 40, 40)
 TRACK = (220, 30, 30)
 MARGIN_PX = 40
 FONT = cv2.FONT_HERSHEY_SIMPLEX
-POINTS_AT_ONCE = 1 << 18
-"""Of an hour's drive: what is made of them for a moment would take more memory than they do."""
 
 
 def top_down(
-    points_enu: FloatArray,
-    labels: NDArray[np.uint8],
+    blocks: Blocks,
     resolution_m: float | None = None,
     *,
     tracks_enu: tuple[FloatArray, ...] = (),
@@ -28,15 +31,12 @@ def top_down(
 ) -> Picture:
     """(h, w, 3) RGB: points in the colours of their classes, the higher over the lower, tracks as lines.
 
-    points_enu : (N, 3) m, with NaN left out; labels (N,) train ids
+    blocks : points, with NaN left out, and train ids; a block at a time is in memory
     resolution_m : m a pixel; None takes the finest that stays within max_size_px
     tracks_enu : (K, 3) m each
     north_up : whether the frame is geographic: then an arrow says so; the scale bar stands always
     """
-    finite = np.isfinite(points_enu).all(axis=1)
-    points, labels = (points_enu, labels) if finite.all() else (points_enu[finite], labels[finite])
-    everything = [some[:, :2] for some in (points, *tracks_enu) if len(some)] or [np.zeros((1, 2))]
-    low, high = np.min([some.min(axis=0) for some in everything], axis=0), np.max([some.max(axis=0) for some in everything], axis=0)
+    low, high = _extent(blocks, tracks_enu)
     room = max_size_px - 2 * MARGIN_PX
     finest = float((high - low).max()) / room
     resolution = max(resolution_m or max(finest, 0.02), finest)
@@ -47,20 +47,51 @@ def top_down(
         xy = np.rint((enu[:, :2] - low) / resolution).astype(np.int32) + MARGIN_PX
         return np.column_stack([xy[:, 0], size[1] - 1 - xy[:, 1]]).astype(np.int32)
 
-    upwards = np.argsort(points[:, 2], kind="stable")  # a later dot wins, so lower points are drawn first
-    blocks = np.split(upwards, range(POINTS_AT_ONCE, len(upwards), POINTS_AT_ONCE))
-    corners = [pixel(points[block]) for block in blocks]
-    last = np.array([picture.shape[1] - 1, picture.shape[0] - 1])
-    for dy, dx in np.ndindex(dot_px, dot_px):
-        for block, corner in zip(blocks, corners, strict=True):
-            column, row = np.clip(corner + np.array([dx, dy]), 0, last).T
-            picture[row, column] = PALETTE_WITH_VOID[labels[block]]
+    highest = Foremost(picture.shape[0] * picture.shape[1])
+    for points, labels in blocks:
+        finite = np.isfinite(points).all(axis=1)
+        column, row = pixel(points[finite]).T.astype(np.int64)
+        highest.add(row * picture.shape[1] + column, points[finite, 2], labels[finite])
+    seen, label = highest.seen()
+    pixels = picture.reshape(-1, 3)
+    for dy, dx in np.ndindex(dot_px, dot_px):  # within the margin
+        pixels[seen + dy * picture.shape[1] + dx] = PALETTE_WITH_VOID[label]
     for track in tracks_enu:
         cv2.polylines(picture, [pixel(track)], False, TRACK, 2, cv2.LINE_AA)
     _draw_scale(picture, resolution)
     if north_up:
         _draw_north(picture)
     return picture
+
+
+class Foremost:
+    """What lies foremost at each of so many pixels, of points that come in blocks."""
+
+    def __init__(self, pixels: int) -> None:
+        self._order = np.full(pixels, -np.inf)
+        self._label = np.zeros(pixels, np.uint8)
+        self._row = np.zeros(pixels, np.int32)
+
+    def add(self, pixel: NDArray[np.int64], order: FloatArray, label: NDArray[np.uint8]) -> None:
+        """Points (N,): the pixel, what the largest of lies foremost, the label. Of equals the last one does."""
+        rows = np.argsort(order, kind="stable").astype(np.int32)
+        self._row[pixel[rows]] = rows  # the last one stays
+        won = np.flatnonzero((self._row[pixel] == np.arange(len(pixel))) & (order >= self._order[pixel]))
+        self._order[pixel[won]], self._label[pixel[won]] = order[won], label[won]
+
+    def seen(self) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+        """Pixels with a point, ascending, and their labels."""
+        seen = np.flatnonzero(self._order > -np.inf)
+        return seen, self._label[seen]
+
+
+def _extent(blocks: Blocks, tracks: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray]:
+    """(2,) lowest and highest of all points and tracks in the plane; a point at zero where there is none."""
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for points in itertools.chain((points for points, _ in blocks), tracks):
+        plane = points[np.isfinite(points).all(axis=1), :2]
+        low, high = np.minimum(low, plane.min(axis=0, initial=np.inf)), np.maximum(high, plane.max(axis=0, initial=-np.inf))
+    return (low, high) if np.isfinite(low).all() else (np.zeros(2), np.zeros(2))
 
 
 def _draw_scale(picture: Picture, resolution_m: float) -> None:

@@ -36,11 +36,11 @@ def markings_of_drive(
 
     Raises InputError for a damaged sheet.
     """
-    placed = {item.submap.digest: item for item in submaps}
+    T_enu_submap = {item.submap.digest: item.T_enu_submap for item in submaps}
     found, steps = [], []
     for submap, digest in read_index(sheets_dir).items():
         sheet = load_sheet(sheets_dir, digest)
-        T_enu_sheet = placed[submap].T_enu_submap @ sheet.T_submap_sheet
+        T_enu_sheet = T_enu_submap[submap] @ sheet.T_submap_sheet
         raster = raster_of_sheet(sheet)
         found += [one.moved(T_enu_sheet) for one in find_markings(raster, markings)]
         steps += [one.moved(T_enu_sheet) for one in find_kerbs(raster, kerbs)]

@@ -76,6 +76,17 @@ def load_odometry(path: Path, wanted: Wanted = "all") -> OdometryResult:
     )
 
 
+def observations_stored(path: Path) -> int:
+    """How many observations the points in a file of `save_odometry` have, none of which is read. Raises InputError."""
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open("points.obs_keyframe.npy") as member:
+            np.lib.format.read_magic(member)
+            shape, _, _ = np.lib.format.read_array_header_1_0(member)
+            return int(shape[0])
+    except (OSError, zipfile.BadZipFile, KeyError, ValueError, IndexError) as problem:
+        raise InputError(f"is no odometry result ({problem})", file=path, remedy="run the odometry again") from problem
+
+
 def _meta(result: OdometryResult) -> dict[str, Any]:
     camera = result.rig.camera
     return {
