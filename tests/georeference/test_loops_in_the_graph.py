@@ -16,7 +16,7 @@ from georeference.made_gnss_drives import MadeDrive
 from wayloom.errors import StageError
 from wayloom.geometry import se3
 from wayloom.georeference.alignment import georeference
-from wayloom.georeference.types import GeoReference
+from wayloom.georeference.types import GeoReference, Wanted
 from wayloom.georeference.uncertainty import position_covariance
 from wayloom.logs.types import FixType
 from wayloom.loops.types import LoopClosures
@@ -150,3 +150,17 @@ def test_equal_closures_give_equal_bits(way_home):
     one, two = (georeference(way_home.log, way_home.odometry, closures=closures_of(way_home)) for _ in range(2))
     assert one.T_enu_cam.tobytes() == two.T_enu_cam.tobytes()
     assert one.covariance.tobytes() == two.covariance.tobytes()
+
+
+@pytest.mark.parametrize("with_fixes", [True, False])
+def test_a_drive_whose_unknowns_are_eliminated_part_by_part_lies_where_it_does_as_a_whole(way_home, monkeypatch, with_fixes):
+    log = way_home.log if with_fixes else dataclasses.replace(way_home.log, gnss=None)
+    wanted = Wanted(anchors=np.array([3, 40, 90]))
+    whole = georeference(log, way_home.odometry, wanted, closures=closures_of(way_home))
+    monkeypatch.setattr("wayloom.mapping.drive_equations.MANY_NODES", 10)
+    monkeypatch.setattr("wayloom.mapping.drive_equations.PART_NODES", 25)
+    parts = georeference(log, way_home.odometry, wanted, closures=closures_of(way_home))
+    np.testing.assert_allclose(parts.T_enu_cam, whole.T_enu_cam, atol=1e-6)
+    np.testing.assert_allclose(parts.covariance, whole.covariance, rtol=1e-4, atol=1e-6 * np.abs(whole.covariance).max())
+    assert whole.anchors is not None
+    np.testing.assert_allclose(parts.anchors.cross, whole.anchors.cross, rtol=1e-4, atol=1e-6 * np.abs(whole.anchors.cross).max())

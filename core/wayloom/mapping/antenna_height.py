@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from wayloom.geometry import se3
 from wayloom.mapping.drive_equations import CorrelatedFixes, DriveEquations, DriveState
 from wayloom.mapping.gnss_factors import receiver_covariance, with_held
-from wayloom.mapping.square_root_covariances import half_log_determinant
 
 FloatArray = NDArray[np.float64]
 DOWN: Final = 2
@@ -85,4 +84,4 @@ def antenna_height(equations: DriveEquations, start: DriveState) -> AntennaHeigh
 def _negative_log(equations: DriveEquations, start: DriveState) -> tuple[float, DriveState]:
     """- log of the marginal likelihood, but for a constant, and the state where the equations have their minimum."""
     state = equations.descend(start)
-    return equations.cost(state) + half_log_determinant(equations.tree(state)), state
+    return equations.cost(state) + equations.square_root(state).half_log_determinant(), state

@@ -3,6 +3,7 @@
 gtsam perturbs Pose3 on the right and orders (omega, v); covariances are converted to the left, (v, omega), in `left_covariances`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -27,7 +28,7 @@ from wayloom.mapping.gnss_factors import (
     white_covariance,
 )
 from wayloom.mapping.odometry_links import OdometryLinks, add_scale_factors, link_cost, link_factors, pose_key, scale_key
-from wayloom.mapping.square_root_covariances import covariances, join_in_pattern
+from wayloom.mapping.square_root import SquareRoot, join_in_pattern
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -35,7 +36,8 @@ LOST_POSITION_M, LOST_ROTATION_RAD = 20.0, 0.5  # a link over a loss, plus half 
 GAUGE_POSITION_M, GAUGE_ROTATION_RAD = 1e3, float(np.pi)
 MAX_ITERATIONS, MAX_HALVINGS, CONVERGED = 30, 8, 1e-9
 MANY_NODES = 2000
-"""From here on what trees are made of is given back to the system: of an hour's drive half a gigabyte of small pieces."""
+"""From here on a drive's unknowns are eliminated part by part, and what that was made of is given back to the system."""
+PART_NODES = 1000
 V_OMEGA = [3, 4, 5, 0, 1, 2]
 """Rows of gtsam's (omega, v) in the order (v, omega)."""
 
@@ -195,17 +197,18 @@ class DriveEquations:
             term.start(values)
         return DriveState(T_enu_node, np.zeros(self.links.stretches), receiver, places, values)
 
-    def tree(self, at: DriveState) -> gtsam.GaussianBayesTree:
-        """By QR: Cholesky gives up where a heading that nothing observes stands beside millimetres."""
-        return self.linear(at).eliminateMultifrontal(function=gtsam.EliminateQR)
+    def square_root(self, at: DriveState, joint: Sequence[tuple[int, int]] = ()) -> SquareRoot:
+        """Of the information at a state. joint : keys of pairs of poses whose covariances will be asked for together."""
+        linear, count = self.linear(at), len(at.T_enu_node)
+        join_in_pattern(linear, joint, 6)
+        return SquareRoot(linear, {pose_key(i): i // PART_NODES for i in range(count)} if count > MANY_NODES else {})
 
     def covariances(self, at: DriveState, pairs: IntArray) -> DriveCovariances:
         """What is known of the unknowns at the minimum. pairs : (P, 2) rows of nodes."""
-        linear, joint = self.linear(at), [(pose_key(a), pose_key(b)) for a, b in pairs.tolist()]
-        join_in_pattern(linear, joint, 6)
+        joint = [(pose_key(a), pose_key(b)) for a, b in pairs.tolist()]
         nodes, scales = range(len(at.T_enu_node)), range(self.links.stretches)
         wanted = {*map(pose_key, nodes), *map(scale_key, scales), receiver_key()}
-        found, crosses = covariances(linear, wanted, joint)
+        found, crosses = self.square_root(at, joint).covariances(wanted, joint)
         cross = np.array(crosses).reshape(-1, 6, 6)[:, V_OMEGA][:, :, V_OMEGA]
         Ad_a, Ad_b = (se3.adjoint(at.T_enu_node[rows]) for rows in pairs.T)
         return DriveCovariances(
@@ -237,7 +240,7 @@ class DriveEquations:
         cost = self.cost(state)
         for _ in range(iterations):
             before = cost
-            state, cost = self._step(state, self.tree(state).optimize(), before)
+            state, cost = self._step(state, self.square_root(state).minimum(), before)
             if before - cost <= CONVERGED * (before + 1.0):
                 break
         if len(state.T_enu_node) > MANY_NODES:
