@@ -1,6 +1,7 @@
 """Submap extraction: a labelled drive cut into submaps, with point selection by depth uncertainty."""
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from wayloom.georeference.rigid import mean_motion
 from wayloom.georeference.types import Anchors, GeoReference
 from wayloom.labelling.types import PointLabels
 from wayloom.logs.types import DriveLog
-from wayloom.odometry.types import Keyframes, OdometryResult
+from wayloom.odometry.types import POINTS_AT_ONCE, Keyframes, OdometryResult
 from wayloom.submaps.bend import noticed, stretches2
 from wayloom.submaps.settings import SubmapSettings
 from wayloom.submaps.submap import PlacedSubmap, StepBefore, Submap
@@ -36,17 +37,27 @@ def make_submaps(
     drive_id : which drive the map shall name; None takes the log's name
     Raises StageError when labels and points do not belong together.
     """
+    return list(each_submap(log, odometry, labels, geo, settings, drive_id))
+
+
+def each_submap(
+    log: DriveLog,
+    odometry: OdometryResult,
+    labels: PointLabels,
+    geo: GeoReference,
+    settings: SubmapSettings = SubmapSettings(),
+    drive_id: str | None = None,
+) -> Iterator[PlacedSubmap]:
+    """Those of `make_submaps`, each made when it is asked for."""
     if len(labels) != len(odometry.points):
         raise StageError(f"{len(labels)} labels for {len(odometry.points)} points: labelling and odometry are of different runs")
     verdict, hosted = _judge_points(odometry, labels, settings), HostedPoints.of(odometry)
     stretches = split_road(odometry, settings)
-    submaps = [_submap(odometry, labels, verdict, hosted.rows(stretch), stretch, settings) for stretch in stretches]
     anchors = anchor_frames(odometry, stretches)
-    steps = (None, *_steps(geo.anchors, anchors))
-    return [
-        _place(submap, geo, int(anchor), drive_id or log.name, step, stretch2)
-        for submap, anchor, step, stretch2 in zip(submaps, anchors, steps, stretches2(geo, anchors).tolist(), strict=True)
-    ]
+    told = zip(anchors.tolist(), (None, *_steps(geo.anchors, anchors)), stretches2(geo, anchors).tolist(), strict=True)
+    for stretch, (anchor, step, stretch2) in zip(stretches, told, strict=True):
+        submap = _submap(odometry, labels, verdict, hosted.rows(stretch), stretch, settings)
+        yield _place(submap, geo, anchor, drive_id or log.name, step, stretch2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,19 +131,29 @@ KEPT, NO_DEPTH, TOO_FAR, UNCERTAIN, IS_SKY, IS_PERSON = range(6)
 
 def _judge_points(odometry: OdometryResult, labels: PointLabels, settings: SubmapSettings) -> NDArray[np.int8]:
     """(P,) the reason, an index into NAMES, for which each point is kept or left out."""
-    d = odometry.points.inverse_depth.astype(np.float64)
-    variance = odometry.points.variance.astype(np.float64)
+    verdict = np.empty(len(odometry.points), np.int8)
+    for first in range(0, len(verdict), POINTS_AT_ONCE):
+        rows = slice(first, first + POINTS_AT_ONCE)
+        verdict[rows] = _verdict(odometry.points.inverse_depth[rows], odometry.points.variance[rows], labels.stereo[rows], settings)
+    return verdict
+
+
+def _verdict(
+    inverse_depth: NDArray[np.float32], of_depth: NDArray[np.float32], label: NDArray[np.uint8], settings: SubmapSettings
+) -> NDArray[np.int8]:
+    """Of points (n,) with variances of_depth."""
+    d, variance = inverse_depth.astype(np.float64), of_depth.astype(np.float64)
     has_depth = np.isfinite(d) & (d > 0.0) & np.isfinite(variance) & (variance >= 0.0)
     d = np.where(has_depth, d, 1.0)
     depth_sigma = np.sqrt(np.where(has_depth, variance, 0.0)) / d**2
     uncertain = (depth_sigma > settings.max_depth_sigma_m) & (depth_sigma * d > settings.max_depth_sigma_share)
     verdict = np.full(len(d), KEPT, np.int8)
-    verdict[labels.stereo == SKY] = IS_SKY
+    verdict[label == SKY] = IS_SKY
     verdict[uncertain] = UNCERTAIN
     verdict[d < 1.0 / settings.max_distance_m] = TOO_FAR
     verdict[~has_depth] = NO_DEPTH
     if not settings.keep_persons:
-        verdict[np.isin(labels.stereo, PERSONS)] = IS_PERSON
+        verdict[np.isin(label, PERSONS)] = IS_PERSON
     return verdict
 
 
