@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.made_streets import CAMERA_M, Street, surface_points, visible
+from wayloom.files.growing_arrays import GrowingTable
 from wayloom.geometry import se3
-from wayloom.places.cloud import packed
-from wayloom.places.extraction import joined
+from wayloom.places.cloud import no_cloud, packed
 from wayloom.places.types import PlaceFeatures, Places, PlaceStations
 
 FloatArray = NDArray[np.float64]
@@ -39,10 +39,12 @@ def cameras(y_m: FloatArray, x_m: float, heading: float) -> FloatArray:
 def made_places(street: Street, T_street_cam: FloatArray, seed: int, drift_share: float = 0.002) -> Places:
     """What is kept of a drive along these cameras (K, 4, 4), whose odometry turns and stretches a little at each step."""
     rng = np.random.default_rng(seed)
-    clouds = [_cloud(street, T, k, rng) for k, T in enumerate(T_street_cam)]
+    cloud = GrowingTable(no_cloud())
+    for k, T in enumerate(T_street_cam):
+        cloud.append(_cloud(street, T, k, rng))
     return Places(
         drifted(T_street_cam, drift_share, rng), np.zeros(len(T_street_cam), np.int32), (400.0, 400.0, 320.0, 120.0, 640, 240),
-        no_features(), joined(clouds),
+        no_features(), cloud.table(),
     )  # fmt: skip
 
 

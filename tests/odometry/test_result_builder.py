@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from wayloom.odometry.kernels.arrays import LEFT_ALIKE, RIGHT, RIGHT_ALIKE
-from wayloom.odometry.result.growing_arrays import GrowingArray, forget_pages
 from wayloom.odometry.result.point_filter import PointFilter
 from wayloom.odometry.result.result_builder import KeyframeRow, ResultBuilder
 
@@ -94,31 +93,3 @@ def test_what_is_settled_is_forgotten() -> None:
     builder = drive(1)
     assert sum(len(part["id"]) for part in builder.points) == 0
     assert sum(len(part) for part in builder.observations) == 0
-
-
-@pytest.mark.parametrize("limit", [0, 100, 10_000])
-def test_a_growing_array_is_the_same_in_memory_and_in_a_file(limit: int) -> None:
-    growing, rows = GrowingArray(np.float32, (2,), limit), []
-    for n in (0, 3, 1, 40):
-        rows.append(np.random.default_rng(n).random((n, 2)))
-        growing.append(rows[-1])
-    rows[-1][:] = 0.0  # what was appended is a copy
-    expected = np.concatenate([*rows[:-1], np.random.default_rng(40).random((40, 2))]).astype(np.float32)
-    np.testing.assert_array_equal(growing.array(), expected)
-    assert len(growing) == 44
-    assert (growing.file is None) == (limit == 10_000)
-
-
-def test_an_empty_growing_array_keeps_its_type_and_shape() -> None:
-    assert GrowingArray(np.int32, (3,)).array().shape == (0, 3)
-
-
-def test_pages_that_are_forgotten_are_read_again() -> None:
-    grown = GrowingArray(np.float64, (2,), in_memory_bytes=100)
-    rows = np.arange(20_000.0).reshape(-1, 2)
-    grown.append(rows)
-    in_file, in_memory = grown.array(), rows.copy()
-    for array in (in_file, in_file[3:], in_memory):
-        before = array.copy()
-        forget_pages(array)
-        np.testing.assert_array_equal(array, before)

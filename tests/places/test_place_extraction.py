@@ -12,7 +12,7 @@ from places.made_places import CAR_COLUMNS, SKY_ROWS, made_drive
 from wayloom.errors import StageError
 from wayloom.geometry.lens import displaced
 from wayloom.odometry.rig.rows import RightRectifier
-from wayloom.places.cloud import VoxelFilter
+from wayloom.places.cloud import VoxelFilter, hosted_points
 from wayloom.places.extraction import make_places
 from wayloom.places.features import spread
 from wayloom.places.files import encode_places
@@ -24,9 +24,13 @@ from wayloom.places.types import Places
 LARGEST_BYTES_A_KEYFRAME = 20_000
 
 
+def places_of(log, odometry, labels, images, settings=PlaceSettings()) -> Places:
+    return make_places(log, odometry, hosted_points(odometry, labels, settings), images, settings)
+
+
 @pytest.fixture(scope="module")
 def places() -> Places:
-    return make_places(*made_drive())
+    return places_of(*made_drive())
 
 
 def distance_to_the_street(points_world):
@@ -66,13 +70,13 @@ def test_a_keyframe_takes_no_more_than_20_kB_in_all(places):
 
 
 def test_the_same_drive_gives_the_same_bytes(places):
-    assert encode_places(make_places(*made_drive())) == encode_places(places)
+    assert encode_places(places_of(*made_drive())) == encode_places(places)
 
 
 def test_labels_of_another_run_are_refused():
     log, odometry, labels, images = made_drive(frames=3)
     with pytest.raises(StageError, match="of different runs"):
-        make_places(log, odometry, replace(labels, stereo=labels.stereo[:-1], baseline=labels.baseline[:-1]), images)
+        places_of(log, odometry, replace(labels, stereo=labels.stereo[:-1], baseline=labels.baseline[:-1]), images)
 
 
 def test_the_right_image_is_rectified_as_the_odometry_found_its_lens_and_rows():
@@ -129,5 +133,5 @@ def test_the_voxel_filter_does_as_a_dictionary_of_voxels():
 
 
 def test_no_more_features_than_asked_for():
-    places = make_places(*made_drive(frames=3), PlaceSettings(features=25))
+    places = places_of(*made_drive(frames=3), PlaceSettings(features=25))
     assert np.bincount(places.features.keyframe).max() <= 25

@@ -11,7 +11,7 @@ from wayloom.config.progress import Progress, silent
 from wayloom.config.side_by_side import in_order
 from wayloom.dense.disparity import dense_disparity, search_px
 from wayloom.dense.kernels.patches import encode_depths, reduce_patches
-from wayloom.dense.packing import PackedLooks, pack
+from wayloom.dense.packing import PackedLooks, Packing, pack
 from wayloom.dense.settings import LookSettings
 from wayloom.dense.types import DEPTHS_M, KINDS_OF_CLASS, OPEN_SKY
 from wayloom.geometry.camera import PinholeCamera, StereoRig
@@ -43,7 +43,7 @@ def make_looks(
     keyframes, rectifier = odometry.keyframes, right_rectifier(odometry)
     chosen = np.flatnonzero(spaced(road_m(keyframes.T_world_cam), keyframes.segment, settings.spacing_m))
     camera, edge = small_camera(odometry.rig.camera, settings.width_px)
-    packed: list[bytes] = []
+    packed = Packing()
 
     def look(k: int) -> bytes:
         pair = read_pair(log, int(keyframes.frame[k]), images.left(k), rectifier)
@@ -55,7 +55,7 @@ def make_looks(
             packed.append(one)
             progress(len(packed) / len(chosen), f"look {len(packed)} of {len(chosen)}")
     sigma = SIGMA_PX * (1 << _level(odometry.rig.camera.width, settings.match_width_px)) / odometry.rig.bf
-    return PackedLooks(camera, sigma, keyframes.frame[chosen].astype(np.uint32), packed)
+    return packed.of_frames(camera, sigma, keyframes.frame[chosen].astype(np.uint32))
 
 
 def dense_depth(pair: StereoPair, rig: StereoRig, bias_px: float, settings: LookSettings) -> FloatArray:

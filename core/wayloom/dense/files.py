@@ -42,8 +42,8 @@ def _pieces(looks: Looks | PackedLooks) -> Iterator[Piece]:
     c = packed.camera
     arrays = {
         "frame": packed.frame.astype("<u4"),
-        "start": np.concatenate([[0], np.cumsum([len(one) for one in packed.packed])]).astype("<i8"),
-        "packed": np.frombuffer(b"".join(packed.packed), np.uint8),
+        "start": packed.start.astype("<i8"),
+        "packed": packed.packed,
     }
     return blob_pieces(MAGIC, VERSION, {"camera": [c.fx, c.fy, c.cx, c.cy, c.width, c.height], "sigma": packed.sigma}, arrays)
 

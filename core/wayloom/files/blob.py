@@ -16,8 +16,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.files.growing_arrays import forget_pages
+
 Piece: TypeAlias = bytes | memoryview
 ALIGNMENT = 8
+PIECE_BYTES = 1 << 22
 PREFIX = 16
 
 
@@ -27,7 +30,8 @@ def encode_blob(magic: bytes, version: int, header: Mapping[str, Any], arrays: M
 
 
 def blob_pieces(magic: bytes, version: int, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Iterator[Piece]:
-    """As `encode_blob`, in pieces: a large file is written without a copy of its arrays."""
+    """As `encode_blob`, in pieces of some megabytes: a file is written without a copy of its arrays, and those that lie in files
+    themselves (`growing_arrays`) are never in memory as a whole."""
     table, end = [], 0
     for name, array in arrays.items():
         start = end + -end % ALIGNMENT
@@ -40,7 +44,10 @@ def blob_pieces(magic: bytes, version: int, header: Mapping[str, Any], arrays: M
     end = 0
     for array in arrays.values():
         yield bytes(-end % ALIGNMENT)
-        yield np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(-1).view(np.uint8).data
+        body = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(-1).view(np.uint8)
+        for first in range(0, len(body), PIECE_BYTES):
+            yield body[first : first + PIECE_BYTES].data
+            forget_pages(array)
         end += -end % ALIGNMENT + array.nbytes
 
 

@@ -1,13 +1,16 @@
 """Static point cloud of a drive: its odometry's points, and more from the stereo pairs of some keyframes, thinned by voxels."""
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.errors import StageError
+from wayloom.files.growing_arrays import GrowingTable
 from wayloom.labelling.types import PointLabels
 from wayloom.odometry.points.selection import first_cell, select_candidates, spread_sample
-from wayloom.odometry.types import OdometryResult
+from wayloom.odometry.types import POINTS_AT_ONCE, OdometryResult
 from wayloom.places.settings import PlaceSettings
 from wayloom.places.stereo_pair import STATIC, StereoPair
 from wayloom.places.types import PlaceCloud
@@ -22,17 +25,50 @@ AXIS_BITS = 21
 """A voxel's number holds three coordinates of so many bits: 400 km of 0.2 m."""
 
 
-def hosted_points(odometry: OdometryResult, labels: PointLabels, settings: PlaceSettings) -> tuple[NDArray[np.int64], PlaceCloud]:
-    """The odometry's static points that are near and sure enough: where each keyframe's begin (K + 1,), and the cloud."""
+@dataclass(frozen=True, slots=True)
+class HostedCloud:
+    """The odometry's static points that are near and sure enough, and where in them each keyframe's begin: start (K + 1,)."""
+
+    start: NDArray[np.int64]
+    cloud: PlaceCloud
+
+    def of_keyframe(self, k: int) -> PlaceCloud:
+        """Those that a keyframe hosts."""
+        return taken(self.cloud, slice(self.start[k], self.start[k + 1]))
+
+
+def hosted_points(odometry: OdometryResult, labels: PointLabels, settings: PlaceSettings) -> HostedCloud:
+    """Raises StageError when labels and points do not belong together."""
+    if len(labels) != len(odometry.points):
+        raise StageError(f"{len(labels)} labels for {len(odometry.points)} points: labelling and odometry are of different runs")
     p = odometry.points
-    depth = 1.0 / np.maximum(p.inverse_depth.astype(np.float64), 1e-6)
-    sigma = depth * depth * np.sqrt(p.variance.astype(np.float64))
-    kept = STATIC[labels.stereo] & (depth < settings.cloud_depth_m) & (sigma < settings.cloud_sigma_m)
+    kept = np.zeros(len(p), bool)
+    for block in _blocks(len(p)):
+        depth, sigma = _depths(p.inverse_depth[block], p.variance[block])
+        kept[block] = STATIC[labels.stereo[block]] & (depth < settings.cloud_depth_m) & (sigma < settings.cloud_sigma_m)
     rows = np.flatnonzero(kept)
     rows = rows[np.argsort(p.host[rows], kind="stable")]
-    p_cam = odometry.rig.camera.rays(p.uv_host[rows].astype(np.float64)) * depth[rows, None]
-    cloud = packed(p.host[rows], p_cam, labels.stereo[rows], sigma[rows])
-    return np.searchsorted(cloud.keyframe, np.arange(len(odometry.keyframes) + 1)), cloud
+    cloud = GrowingTable(no_cloud())
+    for some in (rows[block] for block in _blocks(len(rows))):
+        depth, sigma = _depths(p.inverse_depth[some], p.variance[some])
+        p_cam = odometry.rig.camera.rays(p.uv_host[some].astype(np.float64)) * depth[:, None]
+        cloud.append(packed(p.host[some], p_cam, labels.stereo[some], sigma))
+    return HostedCloud(np.searchsorted(p.host[rows], np.arange(len(odometry.keyframes) + 1)), cloud.table())
+
+
+def _blocks(count: int) -> list[slice]:
+    return [slice(first, first + POINTS_AT_ONCE) for first in range(0, count, POINTS_AT_ONCE)]
+
+
+def _depths(inverse_depth: NDArray[np.float32], variance: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
+    """Depths and their sigmas, m."""
+    depth = 1.0 / np.maximum(inverse_depth.astype(np.float64), 1e-6)
+    return depth, depth * depth * np.sqrt(variance.astype(np.float64))
+
+
+def no_cloud() -> PlaceCloud:
+    """A cloud without a point."""
+    return packed(np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros(0, np.uint8), np.zeros(0))
 
 
 def pair_points(pair: StereoPair, keyframe: int, odometry: OdometryResult, settings: PlaceSettings) -> PlaceCloud:

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from wayloom.errors import InputError
 from wayloom.files.atomic import replacing
+from wayloom.files.growing_arrays import forget_pages
 from wayloom.geometry.camera import PinholeCamera, StereoRig
 from wayloom.geometry.lens import PARAMETERS, RightLens
-from wayloom.odometry.result.growing_arrays import forget_pages
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory, no_points
 
 ODOMETRY_FILE = "odometry.npz"

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wayloom.files.growing_arrays import GrowingArray
 from wayloom.odometry.kernels.arrays import LEFT_ALIKE, RIGHT, RIGHT_ALIKE
-from wayloom.odometry.result.growing_arrays import GrowingArray
 from wayloom.odometry.types import Points
 
 FloatArray = NDArray[np.float64]

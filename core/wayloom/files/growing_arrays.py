@@ -5,11 +5,16 @@ So a drive of hours needs no more memory than one of minutes.
 
 import mmap
 import tempfile
-from typing import IO, Any
+from dataclasses import fields
+from typing import IO, TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Table = TypeVar("Table", bound="DataclassInstance")
 IN_MEMORY_BYTES = 1_000_000
 """A longer array goes to the folder for temporary files."""
 
@@ -17,8 +22,9 @@ IN_MEMORY_BYTES = 1_000_000
 class GrowingArray:
     """Rows of one type and shape, appended. row : shape of each, () for numbers."""
 
-    def __init__(self, dtype: DTypeLike, row: tuple[int, ...] = (), in_memory_bytes: int = IN_MEMORY_BYTES) -> None:
-        self.dtype, self.row, self.in_memory_bytes = np.dtype(dtype), row, in_memory_bytes
+    def __init__(self, dtype: DTypeLike, row: tuple[int, ...] = (), in_memory_bytes: int | None = None) -> None:
+        self.dtype, self.row = np.dtype(dtype), row
+        self.in_memory_bytes = IN_MEMORY_BYTES if in_memory_bytes is None else in_memory_bytes
         self.rows = self.waiting_bytes = 0
         self.waiting: list[NDArray[Any]] = []
         self.file: IO[bytes] | None = None
@@ -54,6 +60,24 @@ class GrowingArray:
         for chunk in self.waiting:
             self.file.write(chunk.tobytes())
         self.waiting, self.waiting_bytes = [], 0
+
+
+class GrowingTable(Generic[Table]):
+    """Rows of a table, a dataclass whose fields are all arrays (n, …), appended part by part; begun by an empty one."""
+
+    def __init__(self, empty: Table) -> None:
+        self._kind = type(empty)
+        columns = {field.name: getattr(empty, field.name) for field in fields(empty)}
+        self._columns = {name: GrowingArray(column.dtype, column.shape[1:]) for name, column in columns.items()}
+
+    def append(self, part: Table) -> None:
+        """Copies of a part's rows. Raises OSError where the disk is full."""
+        for name, column in self._columns.items():
+            column.append(getattr(part, name))
+
+    def table(self) -> Table:
+        """All rows; long columns are views of files."""
+        return self._kind(**{name: column.array() for name, column in self._columns.items()})
 
 
 def forget_pages(array: NDArray[Any]) -> None:
