@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT
+from wayloom.files.growing_arrays import GrowingArray
 from wayloom.labelling.kernels.kd_tree import LEAF, build_kd_tree, nearest_within_radius
 from wayloom.labelling.kernels.neighbours import gaussian_weights, smoothed_votes
 from wayloom.labelling.kernels.voting import argmax_classes, sparse_votes
@@ -113,18 +114,19 @@ def smoothed_labels(votes: SparseVotes, search: NeighbourSearch, baseline: NDArr
 def smoothed(
     votes: SparseVotes, search: NeighbourSearch, baseline: NDArray[np.uint8], min_share: float
 ) -> tuple[NDArray[np.uint8], SparseVotes]:
-    """`smoothed_labels`, and the votes themselves, each point's with the sum that its own had.
+    """`smoothed_labels`, and the votes themselves, each point's with the sum that its own had; those of a long drive lie in a file.
 
     min_share : classes with less of a point's votes are not kept
     """
     labels, start = baseline.copy(), np.zeros(len(baseline) + 1, np.int64)
-    parts: list[tuple[NDArray[np.uint8], NDArray[np.float32]]] = []
+    all_classes, all_weights = GrowingArray(np.uint8), GrowingArray(np.float32)
     for rows, block in _smoothed_blocks(votes, search, len(baseline)):
         labels[rows] = argmax_classes(block, baseline[rows])
         start[rows.start + 1 : rows.stop + 1], classes, weights = sparse_votes(block, min_share)
-        parts.append((classes, weights))
+        all_classes.append(classes)
+        all_weights.append(weights)
     np.cumsum(start, out=start)
-    return labels, SparseVotes(start, *_joined(parts, int(start[-1])))
+    return labels, SparseVotes(start, all_classes.array(), all_weights.array())
 
 
 def _smoothed_blocks(votes: SparseVotes, search: NeighbourSearch, count: int) -> Iterator[tuple[slice, FloatArray]]:
@@ -133,15 +135,3 @@ def _smoothed_blocks(votes: SparseVotes, search: NeighbourSearch, count: int) ->
         rows = slice(first, min(first + POINTS_AT_ONCE, count))
         near = search.of(rows.start, rows.stop)
         yield rows, smoothed_votes(votes.start, votes.classes, votes.weights, near.rows, near.weights, first, CLASS_COUNT)
-
-
-def _joined(
-    parts: list[tuple[NDArray[np.uint8], NDArray[np.float32]]], count: int
-) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Classes and weights (count,) of all parts, which it takes out of the list: none is in memory twice."""
-    classes, weights = np.empty(count, np.uint8), np.empty(count, np.float32)
-    while parts:
-        part, stop = parts.pop(), count
-        count -= len(part[0])
-        classes[count:stop], weights[count:stop] = part
-    return classes, weights

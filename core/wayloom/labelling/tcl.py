@@ -17,6 +17,7 @@ correction.
 Points are taken host by host, so what is in memory is bounded by the keyframes within reach; time is linear in points x observers.
 """
 
+import itertools
 import math
 from collections import OrderedDict
 from collections.abc import Iterator
@@ -27,6 +28,7 @@ from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_COUNT, VOID
 from wayloom.config.progress import Progress, silent
+from wayloom.files.growing_arrays import GrowingArray, forget_pages
 from wayloom.geometry import se3
 from wayloom.labelling.class_prior import class_prior_correction, class_prior_factors
 from wayloom.labelling.images import LabelImages, VoterImageCache
@@ -43,8 +45,9 @@ MIN_VOTE_SHARE = 0.01
 """Of soft votes, a class that got less than this share of its point's votes is not kept with the point."""
 MAX_CACHED_VOTERS = 256
 """Voters in memory at most, whatever the reach."""
-_HostVotes = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]
-"""`sparse_votes` of one host's points, how many classes each has in a byte."""
+MONO, STEREO = 0, 1
+HOSTS_AT_ONCE = 256
+"""So many hosts' votes are in memory when they are read from their files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +88,7 @@ def label_points(
     buffers = _OcclusionBuffers(odometry) if settings.occlusion_check else None
     labels = np.full((3, len(points)), VOID, np.uint8)
     min_share = MIN_VOTE_SHARE if settings.votes == "soft" or settings.spread > 0 else 0.0
-    by_host: tuple[list[_HostVotes], list[_HostVotes]] = ([], [])
+    by_host = _VotesByHost(), _VotesByHost()
     hosted = np.argsort(points.host, kind="stable")
     bounds = np.searchsorted(points.host[hosted], np.arange(count + 1))
     for k in range(count):
@@ -95,20 +98,22 @@ def label_points(
         both = votes.sum(axis=0)
         labels[:, rows] = baseline, argmax_classes(votes[0], baseline), argmax_classes(both, baseline)
         for part, counted in zip(by_host, (votes[0], both), strict=True):
-            kinds, classes, sums = sparse_votes(counted, min_share)
-            part.append((kinds.astype(np.uint8), classes, sums))
-    mono, stereo = (_by_point(hosted, bounds, part) for part in by_host)
-    prior_power = 0.0 if images.is_balanced else settings.class_prior_power
-    if prior_power > 0:
-        factors = class_prior_factors(stereo, prior_power)
-        mono, stereo = class_prior_correction(mono, factors), class_prior_correction(stereo, factors)
-    if (settings.spread > 0 or prior_power > 0) and len(points):
+            part.append(*sparse_votes(counted, min_share))
+    power = 0.0 if images.is_balanced else settings.class_prior_power
+    factors = class_prior_factors(by_host[STEREO].by_point(hosted, bounds), power) if power > 0 else None
+
+    def corrected(form: int) -> SparseVotes:
+        votes = by_host[form].by_point(hosted, bounds)
+        return votes if factors is None else class_prior_correction(votes, factors)
+
+    if (settings.spread > 0 or power > 0) and len(points):
         search = NeighbourSearch(odometry, settings.spread)
         # Each form asks for the neighbours anew: held for all points, or with the votes of both forms, they are what an hour's
         # drive has no room for.
-        labels[1] = smoothed_labels(mono, search, labels[0])
-        del mono
-        labels[2], stereo = smoothed(stereo, search, labels[0], min_share)
+        labels[1] = smoothed_labels(corrected(MONO), search, labels[0])
+        labels[2], stereo = smoothed(corrected(STEREO), search, labels[0], min_share)
+    else:
+        stereo = corrected(STEREO)
     progress(1.0, f"votes on the points of {count} keyframes counted")
     return PointLabels(labels[0], labels[1], labels[2], stereo.start, stereo.classes, stereo.weights)
 
@@ -229,15 +234,30 @@ class _OcclusionBuffers:
         return self._buffers[k]
 
 
-def _by_point(hosted: NDArray[np.int64], bounds: NDArray[np.int64], by_host: list[_HostVotes]) -> SparseVotes:
-    """The sparse votes of all hosts' points, which come in the order `hosted`, in the order of the points. Takes them out of
-    by_host: none is in memory twice."""
-    start = np.zeros(len(hosted) + 1, np.int64)
-    for k, (kinds, _, _) in enumerate(by_host):
-        start[1 + hosted[bounds[k] : bounds[k + 1]]] = kinds
-    np.cumsum(start, out=start)
-    classes, weights = np.empty(start[-1], np.uint8), np.empty(start[-1], np.float32)
-    while by_host:
-        _, ids, sums = by_host.pop()
-        put_votes(hosted[bounds[len(by_host)] : bounds[len(by_host) + 1]], start, ids, sums, classes, weights)
-    return SparseVotes(start, classes, weights)
+class _VotesByHost:
+    """Sparse votes on the points of one host after the other; those of a long drive lie in files."""
+
+    def __init__(self) -> None:
+        self._ends = [0]
+        self._kinds, self._classes, self._sums = GrowingArray(np.uint8), GrowingArray(np.uint8), GrowingArray(np.float32)
+
+    def append(self, kinds: NDArray[np.int64], classes: NDArray[np.uint8], sums: NDArray[np.float32]) -> None:
+        """`sparse_votes` of the next host's points. Raises OSError where the disk is full."""
+        for column, values in ((self._kinds, kinds), (self._classes, classes), (self._sums, sums)):
+            column.append(values)
+        self._ends.append(len(self._classes))
+
+    def by_point(self, hosted: NDArray[np.int64], bounds: NDArray[np.int64]) -> SparseVotes:
+        """In the order of the points: `hosted` are their rows as they came, those of host k from bounds[k] to before the next."""
+        start = np.zeros(len(hosted) + 1, np.int64)
+        start[1 + hosted] = self._kinds.array()
+        np.cumsum(start, out=start)
+        classes, weights = np.empty(start[-1], np.uint8), np.empty(start[-1], np.float32)
+        all_classes, all_sums = self._classes.array(), self._sums.array()
+        for k, (first, end) in enumerate(itertools.pairwise(self._ends)):
+            of_host = np.array(all_classes[first:end]), np.array(all_sums[first:end])
+            put_votes(hosted[bounds[k] : bounds[k + 1]], start, *of_host, classes, weights)
+            if k % HOSTS_AT_ONCE == 0:
+                forget_pages(all_classes)
+                forget_pages(all_sums)
+        return SparseVotes(start, classes, weights)
