@@ -67,7 +67,7 @@ from wayloom.pipeline.settings import ProcessSettings  # noqa: E402
 from wayloom.pipeline.stage_context import StageContext  # noqa: E402
 from wayloom.pipeline.stage_files import STAGE_FILE, digest_of_folder  # noqa: E402
 from wayloom.pipeline.stages import georeference, odometry, submaps  # noqa: E402
-from wayloom.submaps.files import load_submaps  # noqa: E402
+from wayloom.submaps.files import StoredSubmaps  # noqa: E402
 
 PAGE, LAP = DOCS / "benchmarks" / "long_drives.md", 484
 CLIP_PARTS, LONG_PARTS = OdometrySettings(part_frames=94, part_overlap=40), OdometrySettings(part_frames=700, part_overlap=80)
@@ -350,10 +350,10 @@ def child_of_placing(folder: Path, stage: str) -> None:
     out.mkdir()
     start = time.process_time()
     if stage == "exports":
-        drive = load_odometry(folder / "odometry" / "odometry.npz")
+        drive = load_odometry(folder / "odometry" / "odometry.npz", "way")
         geo = load_georeference(folder / "georeference" / GEOREFERENCE_FILE)
         images: Any = MadeImages((drive.rig.camera.height, drive.rig.camera.width))
-        write_exports(context.log, drive, images, geo, load_submaps(folder / "submaps"), out)
+        write_exports(context.log, drive, images, geo, StoredSubmaps(folder / "submaps"), out)
     else:
         {"georeference": georeference, "submaps": submaps}[stage].run(context, out, lambda share, what: None)
     seconds, peak = time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
