@@ -252,7 +252,7 @@ def child(text: str) -> None:
         run_stage(request["stage"], context, out)
     seconds = time.perf_counter() - start
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    own, children = (usage.ru_maxrss / 1024 for usage in used)
+    own, children = peak_mb(), used[1].ru_maxrss / 1024
     print(json.dumps({
         "stage": request["stage"], "frames": len(context.log),
         "how": "one piece" if request["part_frames"] == WHOLE else f"parts of {request['part_frames']}",
@@ -297,12 +297,18 @@ def labelled(count: int) -> dict[str, Any]:
         return found
 
 
+def peak_mb() -> float:
+    """The most memory that this process has held, without what its parent did before, which `ru_maxrss` counts."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:")) / 1024
+
+
 def child_of_labelling(file: Path) -> None:
     """Label the points of a drive, and say what it took."""
     drive = load_odometry(file)
-    before, start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, time.process_time()
+    before, start = peak_mb(), time.process_time()
     labels = label_points(drive, MadeImages())
-    seconds, after = time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    seconds, after = time.process_time() - start, peak_mb()
     print(json.dumps({
         "frames": len(drive.trajectory), "points": len(labels), "classes a point": round(len(labels.vote_class) / len(labels), 1),
         "CPU s": round(seconds, 1), "peak MB with the drive read": round(before), "peak MB": round(after),
@@ -356,7 +362,7 @@ def child_of_placing(folder: Path, stage: str) -> None:
         write_exports(context.log, drive, images, geo, StoredSubmaps(folder / "submaps"), out)
     else:
         {"georeference": georeference, "submaps": submaps}[stage].run(context, out, lambda share, what: None)
-    seconds, peak = time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    seconds, peak = time.process_time() - start, peak_mb()
     print(json.dumps({f"{stage}: CPU s": round(seconds), f"{stage}: peak MB": round(peak)}))
 
 
@@ -375,12 +381,12 @@ def child_of_join(count: int) -> None:
         file = Path(folder) / "part.npz"
         save_odometry(made_part(settings.part_frames), file)
         load_odometry(file)
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        before = peak_mb()
         start = time.perf_counter()
         result = join_parts(parts, lambda part: load_odometry(file))
         save_odometry(result, Path(folder) / "whole.npz")
         seconds, size = time.perf_counter() - start, (Path(folder) / "whole.npz").stat().st_size / 2**20
-    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    after = peak_mb()
     print(json.dumps({
         "parts": count, "frames": frames, "points": len(result.points), "result MB": round(size), "seconds": round(seconds, 1),
         "peak MB before": round(before), "peak MB": round(after),

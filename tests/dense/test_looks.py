@@ -117,6 +117,16 @@ def test_the_same_drive_gives_the_same_bytes_in_little_room(looks):
     assert len(data) < LARGEST_BYTES_A_LOOK * len(looks)
 
 
+def test_looks_that_wait_in_a_file_are_the_same(looks, monkeypatch):
+    monkeypatch.setattr("wayloom.files.growing_arrays.IN_MEMORY_BYTES", 0)
+    monkeypatch.setattr("wayloom.files.blob.PIECE_BYTES", 1000)
+    log, odometry, _, images = made_drive()
+    made = make_looks(log, odometry, images, SMALL)
+    assert not made.packed.flags.writeable  # it is a view of a file
+    assert encode_looks(made) == encode_looks(looks)
+    np.testing.assert_array_equal(made.looks().near, looks.near)
+
+
 def test_a_file_gives_the_looks_that_are_asked_for(looks, tmp_path):
     save_looks(looks, tmp_path / "drive.looks")
     file = LookFile(tmp_path / "drive.looks")

@@ -1,7 +1,7 @@
 """TCL in the paper's form against a slow, obvious twin, and the properties that equations 2 and 3 promise."""
 
 from collections import defaultdict
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -130,6 +130,20 @@ def test_the_order_of_the_points_does_not_matter(seed: int) -> None:
     assert np.array_equal(one.stereo[order], other.stereo)
     assert np.array_equal(one.baseline[order], other.baseline)
     assert [votes_of(one, p) for p in order] == [votes_of(other, i) for i in range(len(order))]
+
+
+def test_votes_that_wait_in_files_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    drive, images = made_drive(7, points=40), random_images(7)
+    smoothing = PAPER.model_copy(update={"spread": 0.05, "class_prior_power": 0.5})
+    in_memory = [label_points(drive, images, form) for form in (PAPER, smoothing)]
+    monkeypatch.setattr("wayloom.files.growing_arrays.IN_MEMORY_BYTES", 0)
+    monkeypatch.setattr("wayloom.labelling.tcl.HOSTS_AT_ONCE", 1)
+    monkeypatch.setattr("wayloom.labelling.neighbours.POINTS_AT_ONCE", 5)
+    for form, before in zip((PAPER, smoothing), in_memory, strict=True):
+        after = label_points(drive, images, form)
+        for field in fields(PointLabels):
+            np.testing.assert_array_equal(getattr(after, field.name), getattr(before, field.name))
+    assert not after.vote_weight.flags.writeable  # it is a view of a file
 
 
 @FEW

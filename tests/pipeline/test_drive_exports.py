@@ -60,7 +60,7 @@ def test_the_geojson_track_lies_where_the_fixes_are(folder, result):
 
 def test_the_cloud_has_all_points_of_all_submaps_with_their_colours(folder, result):
     ply = read_ply(folder / "cloud.ply")
-    points, labels = map(np.concatenate, zip(*PlacedPoints(result.submaps), strict=True))
+    points, labels = map(np.concatenate, zip(*PlacedPoints(result.submaps, np.eye(4)), strict=True))
     origin = (folder / "cloud.ply").read_bytes()[:300].split(b"ENU at ")[1].split(b" (")[0].split()
     T_local_enu = T_enu_enu(MapFrame(*map(float, origin)), result.geo.frame)
     np.testing.assert_allclose(ply.points, se3.transform(T_local_enu, points), atol=1e-9)

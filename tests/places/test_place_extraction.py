@@ -73,6 +73,16 @@ def test_the_same_drive_gives_the_same_bytes(places):
     assert encode_places(places_of(*made_drive())) == encode_places(places)
 
 
+def test_places_whose_tables_wait_in_files_are_the_same(places, monkeypatch):
+    monkeypatch.setattr("wayloom.files.growing_arrays.IN_MEMORY_BYTES", 0)
+    monkeypatch.setattr("wayloom.files.blob.PIECE_BYTES", 1000)
+    monkeypatch.setattr("wayloom.places.cloud.POINTS_AT_ONCE", 100)
+    monkeypatch.setattr("wayloom.places.extraction.STATIONS_AT_ONCE", 1)
+    made = places_of(*made_drive())
+    assert not made.cloud.p_cam.flags.writeable  # it is a view of a file
+    assert encode_places(made) == encode_places(places)
+
+
 def test_labels_of_another_run_are_refused():
     log, odometry, labels, images = made_drive(frames=3)
     with pytest.raises(StageError, match="of different runs"):

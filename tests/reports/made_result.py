@@ -20,7 +20,7 @@ from wayloom.logs.registry import open_log
 from wayloom.logs.sidecars.oxts_writer import OxtsPacket
 from wayloom.logs.types import FixType, StereoFrame
 from wayloom.loops.types import LoopClosures
-from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory
+from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory, no_points
 from wayloom.pipeline.drive import DriveResult, StageTime
 from wayloom.pipeline.drive_quality import drive_quality
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
@@ -129,7 +129,7 @@ def made_result(
         log=log,
         log_facts={"name": log.name, "log": inspect_log(log).model_dump(mode="json")},
         model={"name": "made", "licence": "Apache-2.0", "grey_images_to_a_colour_network": False},
-        odometry=odometry,
+        odometry=dataclasses.replace(odometry, points=no_points()),
         observations=len(odometry.points.obs_keyframe),
         images=write_label_images(folder / "segmentation", odometry.keyframes.frame),
         labels=labels,

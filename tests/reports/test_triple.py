@@ -5,6 +5,7 @@ import pytest
 
 from reports.made_result import made_result
 from wayloom.pipeline.drive import DriveResult
+from wayloom.rendering.cameras import street_level
 from wayloom.reports import triple
 
 WHOLE = ["The cloud as the cameras saw it, with the way", "The same with classes"]
@@ -45,6 +46,17 @@ def test_of_very_many_points_each_so_manieth_is_drawn(
     assert drawn[2:] == pytest.approx(2 * [drawn[0] / 2], abs=len(result.submaps))
     for name, view in whole.items():  # the same view, with half the points
         assert 1.0 < np.abs(view.astype(int) - thin[name]).mean() < 30.0, name
+
+
+def test_halfway_is_the_middle_of_the_road_however_long_the_drive_stood() -> None:
+    corner = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 30.0, 0.0]])
+    standing = np.concatenate([np.repeat(corner[:1], 500, axis=0), corner, np.repeat(corner[-1:], 20, axis=0)])
+    np.testing.assert_allclose(triple.halfway(standing), [10.0, 10.0, 0.0])
+    np.testing.assert_allclose(triple.halfway(corner[:1]), corner[0])
+    way = np.column_stack([np.repeat(np.linspace(0.0, 4000.0, 400), 4)[:-600], np.zeros(1000), np.zeros(1000)])
+    way = np.concatenate([way, np.column_stack([np.linspace(way[-1, 0], 8000.0, 50), np.zeros(50), np.zeros(50)])])  # faster now
+    eye = np.linalg.inv(street_level(way, triple.SIZE_PX).T_view_scene)[:3, 3]
+    assert np.linalg.norm(triple.halfway(way) - eye) < 20.0
 
 
 def test_from_the_street_what_is_out_of_sight_is_not_drawn(

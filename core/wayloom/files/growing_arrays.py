@@ -42,7 +42,7 @@ class GrowingArray:
             self._write()
 
     def array(self) -> NDArray[Any]:
-        """(len, *row), whole: a view of the file where there is one, which is not to be written to."""
+        """(len, *row), whole: of a long one a view of its file, not to be written to. Raises OSError where the disk is full."""
         if self.file is None:
             return np.concatenate([np.zeros((0, *self.row), self.dtype), *self.waiting])
         self._write()
@@ -76,7 +76,7 @@ class GrowingTable(Generic[Table]):
             column.append(getattr(part, name))
 
     def table(self) -> Table:
-        """All rows; long columns are views of files."""
+        """All rows; long columns are views of files, which are not to be written to. Raises OSError where the disk is full."""
         return self._kind(**{name: column.array() for name, column in self._columns.items()})
 
 

@@ -2,7 +2,7 @@
 
 Of many unknowns, those that only factors of one part of the drive know are eliminated by themselves, which leaves factors of what
 the part shares with others; what is shared follows: the receiver, the ends of parts, and whatever loops join. Rows of a part are
-made again where they are asked for, and never held: gtsam keeps them with all that they were made of, five kilobytes an unknown.
+made again where they are asked for, and never held: gtsam keeps them with all that they were made of.
 
 Covariances are found clique by clique from the root of a Bayes tree down. A clique's rows of R, of its frontal unknowns F and its
 separator P, are [R S]. With K = R^-1 S
@@ -95,7 +95,7 @@ class SquareRoot:
         tree = self._shared_tree([_net_of(part)[1] for part in self._parts])
         if not self._parts:
             return tree.optimize()
-        shared, found = tree.optimize(), self._zeros
+        shared, found = tree.optimize(), gtsam.VectorValues(self._zeros)
         found.update(shared)
         for part in self._parts:
             net, left = _net_of(part)

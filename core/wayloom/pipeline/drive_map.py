@@ -1,9 +1,8 @@
 """Picture of a drive from above, the labelled points that it shows, and image files."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, overload
 
 import cv2
 import numpy as np
@@ -19,18 +18,25 @@ from wayloom.tiles.preview import top_down
 JPEG_QUALITY: Final = 90
 
 
-@dataclass(frozen=True, slots=True)
-class PlacedPoints:
-    """Points (N, 3) m of each submap in the map's frame, or the drive's own, moved by T (4, 4) where it is given, and their labels
-    (N,): however often they are gone through, one submap at a time is in memory."""
+class PlacedPoints(Sequence[tuple[NDArray[np.float64], NDArray[np.uint8]]]):
+    """Points (n, 3) m of each submap in the drive's plane, by T_plane_enu (4, 4), and their labels (n,), made when they are asked
+    for: one submap at a time is in memory."""
 
-    submaps: Sequence[PlacedSubmap]
-    T: NDArray[np.float64] | None = None
+    def __init__(self, submaps: Sequence[PlacedSubmap], T_plane_enu: NDArray[np.float64]) -> None:
+        self._submaps, self._T_plane_enu = submaps, T_plane_enu
 
-    def __iter__(self) -> Iterator[tuple[NDArray[np.float64], NDArray[np.uint8]]]:
-        for placed in self.submaps:
-            points = placed.points_enu()
-            yield points if self.T is None else se3.transform(self.T, points), placed.submap.label
+    def __len__(self) -> int:
+        return len(self._submaps)
+
+    @overload
+    def __getitem__(self, row: int) -> tuple[NDArray[np.float64], NDArray[np.uint8]]: ...
+    @overload
+    def __getitem__(self, row: slice) -> Sequence[tuple[NDArray[np.float64], NDArray[np.uint8]]]: ...
+    def __getitem__(self, row: int | slice) -> Any:
+        if isinstance(row, slice):
+            return PlacedPoints(self._submaps[row], self._T_plane_enu)
+        placed = self._submaps[row]
+        return se3.transform(self._T_plane_enu, placed.points_enu()), placed.submap.label
 
 
 def drive_map(geo: GeoReference, submaps: Sequence[PlacedSubmap]) -> NDArray[np.uint8]:

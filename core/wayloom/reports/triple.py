@@ -31,7 +31,7 @@ def cloud_views(result: DriveResult) -> dict[str, Image]:
         return {}
     track = se3.transform(T_plane_enu(result.geo), result.geo.T_enu_cam[:, :3, 3])
     shown = whole_views(_scene(result, range(len(sizes)), sizes, track))
-    near = _rows_near(result, track[len(track) // 2])
+    near = _rows_near(result, halfway(track))
     return shown | street_view(_scene(result, near, sizes, track)) if any(sizes[row] for row in near) else shown
 
 
@@ -51,6 +51,12 @@ def whole_views(scene: Scene) -> dict[str, Image]:
 def street_view(scene: Scene) -> dict[str, Image]:
     """(h, w, 3) RGB by caption, where there is a way."""
     return {"From the street, halfway": _view(scene, "class", street=True)} if scene.tracks else {}
+
+
+def halfway(track: FloatArray) -> FloatArray:
+    """(3,) the place in the middle of the road (K, 3) m, however long the drive stood where, as `street_level` looks from it."""
+    road = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(track, axis=0), axis=1))])
+    return np.array([np.interp(0.5 * road[-1], road, axis) for axis in track.T])
 
 
 def _rows_near(result: DriveResult, place: FloatArray) -> list[int]:

@@ -30,8 +30,10 @@ def save_submaps(placed: Iterable[PlacedSubmap], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     entries = []
     for item in placed:
-        write_atomically(folder / f"{item.submap.digest}.submap", item.submap.encoded)
-        entries.append(_entry(item))
+        data = item.submap.encoded
+        digest = hashlib.sha256(data).hexdigest()
+        write_atomically(folder / f"{digest}.submap", data)
+        entries.append(_entry(item, digest))
     text = json.dumps({"format": FORMAT, "version": VERSION, "submaps": entries}, indent=1, sort_keys=True)
     write_atomically(folder / INDEX, text.encode())
 
@@ -70,11 +72,12 @@ class StoredSubmaps(Sequence[PlacedSubmap]):
     """
 
     def __init__(self, folder: Path) -> None:
-        self._entries = submap_entries(folder)
-        self._held = lru_cache(SUBMAPS_HELD)(lambda row: self._entries[row].load())
+        entries = submap_entries(folder)
+        self._count = len(entries)
+        self._held = lru_cache(SUBMAPS_HELD)(lambda row: entries[row].load())
 
     def __len__(self) -> int:
-        return len(self._entries)
+        return self._count
 
     @overload
     def __getitem__(self, row: int) -> PlacedSubmap: ...
@@ -104,10 +107,10 @@ def submap_entries(folder: Path) -> list[SubmapEntry]:
     return [SubmapEntry(folder, entry) for entry in index["submaps"]]
 
 
-def _entry(item: PlacedSubmap) -> dict[str, Any]:
+def _entry(item: PlacedSubmap, digest: str) -> dict[str, Any]:
     frame = item.frame
     return {
-        "digest": item.submap.digest,
+        "digest": digest,
         "drive_id": item.drive_id,
         "frame": None if frame is None else [frame.lon_deg, frame.lat_deg, frame.height_m],
         "T_enu_submap": item.T_enu_submap.tolist(),

@@ -48,7 +48,7 @@ def each_submap(
     settings: SubmapSettings = SubmapSettings(),
     drive_id: str | None = None,
 ) -> Iterator[PlacedSubmap]:
-    """Those of `make_submaps`, each made when it is asked for."""
+    """Those of `make_submaps`, each made when it is asked for; what that raises, this does with the first."""
     if len(labels) != len(odometry.points):
         raise StageError(f"{len(labels)} labels for {len(odometry.points)} points: labelling and odometry are of different runs")
     verdict, hosted = _judge_points(odometry, labels, settings), HostedPoints.of(odometry)

@@ -1,7 +1,7 @@
 """Top-down preview picture of the map, with a scale bar and a north arrow."""
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import cv2
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from wayloom.config.classes import PALETTE_WITH_VOID
 
 FloatArray = NDArray[np.float64]
-Blocks: TypeAlias = Iterable[tuple[FloatArray, NDArray[np.uint8]]]
-"""Points (N, 3) m and their labels (N,), part by part; they can be gone through more than once."""
+Blocks: TypeAlias = Sequence[tuple[FloatArray, NDArray[np.uint8]]]
+"""Points (n, 3) m and their labels (n,), part by part; they are gone through more than once."""
 Picture = NDArray[np.uint8]
 PAPER, INK = (250, 250, 248), (40, 40, 40)
 TRACK = (220, 30, 30)
@@ -73,7 +73,7 @@ class Foremost:
         self._row = np.zeros(pixels, np.int32)
 
     def add(self, pixel: NDArray[np.int64], order: FloatArray, label: NDArray[np.uint8]) -> None:
-        """Points (N,): the pixel, what the largest of lies foremost, the label. Of equals the last one does."""
+        """Points (n,): their pixels, their order, of which the largest lies foremost, of equals the last one, and their labels."""
         rows = np.argsort(order, kind="stable").astype(np.int32)
         self._row[pixel[rows]] = rows  # the last one stays
         won = np.flatnonzero((self._row[pixel] == np.arange(len(pixel))) & (order >= self._order[pixel]))

@@ -15,8 +15,8 @@ from wayloom.segmentation.keyframe_labels import KeyframeLabels
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises StageError where labels and points do not belong together or an image's labels are missing, LogError where an image
     is."""
-    labels, settings = load_labels(context.inputs_dir / "labelling" / LABELS_FILE, votes=False), context.settings
-    hosted = hosted_points(tracked_drive(context, "points"), labels, settings.places)
+    settings, labels_file = context.settings, context.inputs_dir / "labelling" / LABELS_FILE
+    hosted = hosted_points(tracked_drive(context, "points"), load_labels(labels_file, votes=False), settings.places)
     odometry = tracked_drive(context, "way")
     images = KeyframeLabels(context.inputs_dir / "segmentation", odometry.keyframes.frame)
     places = make_places(context.log, odometry, hosted, images, settings.places, progress, settings.threads)
