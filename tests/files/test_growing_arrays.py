@@ -1,4 +1,6 @@
 from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
 
 import numpy as np
 import pytest
@@ -34,6 +36,22 @@ def test_pages_that_are_forgotten_are_read_again() -> None:
         before = array.copy()
         forget_pages(array)
         np.testing.assert_array_equal(array, before)
+
+
+def test_a_full_disk_is_told_with_the_folder_for_temporary_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(prefix: str) -> IO[bytes]:
+        return Path("/dev/full").open("r+b", buffering=64)
+
+    monkeypatch.setattr(growing_arrays.tempfile, "TemporaryFile", full)
+    grown = GrowingArray(np.uint8, in_memory_bytes=0)
+    with pytest.raises(OSError, match="No space left") as told:
+        grown.append(np.zeros(1000, np.uint8))
+    assert told.value.filename == growing_arrays.tempfile.gettempdir()
+    few = GrowingArray(np.uint8, in_memory_bytes=0)
+    few.append(np.zeros(10, np.uint8))  # less than what a file holds back
+    with pytest.raises(OSError, match="No space left") as told:
+        few.array()
+    assert told.value.filename == growing_arrays.tempfile.gettempdir()
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,8 @@ So a drive of hours needs no more memory than one of minutes.
 
 import mmap
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import fields
 from typing import IO, TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -46,20 +48,32 @@ class GrowingArray:
         if self.file is None:
             return np.concatenate([np.zeros((0, *self.row), self.dtype), *self.waiting])
         self._write()
-        self.file.flush()
+        with _naming_the_folder():
+            self.file.flush()
         return np.asarray(np.memmap(self.file, self.dtype, "r", shape=(self.rows, *self.row)))  # keeps the file open itself
 
     def __del__(self) -> None:
         if self.file is not None:
-            self.file.close()
+            with suppress(OSError):  # what a full disk did not take
+                self.file.close()
 
     def _write(self) -> None:
         """Everything that waits goes to the file, which is made when it is first needed and is gone with its last user."""
-        if self.file is None:
-            self.file = tempfile.TemporaryFile(prefix="wayloom-")  # noqa: SIM115
-        for chunk in self.waiting:
-            self.file.write(chunk.tobytes())
+        with _naming_the_folder():
+            if self.file is None:
+                self.file = tempfile.TemporaryFile(prefix="wayloom-")  # noqa: SIM115
+            for chunk in self.waiting:
+                self.file.write(chunk.tobytes())
         self.waiting, self.waiting_bytes = [], 0
+
+
+@contextmanager
+def _naming_the_folder() -> Iterator[None]:
+    """An error of a file without a name names the folder for temporary files."""
+    try:
+        yield
+    except OSError as problem:
+        raise OSError(problem.errno, problem.strerror, tempfile.gettempdir()) from problem
 
 
 class GrowingTable(Generic[Table]):
