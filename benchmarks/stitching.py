@@ -208,7 +208,7 @@ def member_of(out: Path, log_path: Path, poses: str) -> Member:
         T = wgs84.T_enu_enu(CITY_ORIGIN, own.frame)
         anchors = replace(own.anchors, cross=moved_cross(T, own.anchors.cross))
         geo = GeoReference(CITY_ORIGIN, T @ own.T_enu_cam, moved_covariance(T, own.covariance), anchors=anchors)
-    placed = make_submaps(log, odometry, load_labels(stages / "labelling" / "labels.npz"), geo, drive_id=log_path.name)
+    placed = list(make_submaps(log, odometry, load_labels(stages / "labelling" / "labels.npz"), geo, drive_id=log_path.name))
     camera, points = log.rig.camera, {}
     for item in placed:
         submap = item.submap

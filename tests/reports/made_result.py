@@ -134,7 +134,7 @@ def made_result(
         images=write_label_images(folder / "segmentation", odometry.keyframes.frame),
         labels=labels,
         geo=geo,
-        submaps=make_submaps(log, odometry, labels, geo),
+        submaps=list(make_submaps(log, odometry, labels, geo)),
         quality=quality,
         objects=[],
         times={stage: StageTime(1.5 * i + 0.1, stage == "ingest") for i, stage in enumerate(drive_stages())},

@@ -32,7 +32,7 @@ def labels(odometry):
 
 @pytest.fixture
 def placed(odometry, labels):
-    return make_submaps(NamedLog(), odometry, labels, made_geo(odometry))
+    return list(make_submaps(NamedLog(), odometry, labels, made_geo(odometry)))
 
 
 @pytest.mark.parametrize("road_m", [30, 60, 99, 101, 149, 151, 200, 524])
@@ -84,7 +84,7 @@ def test_every_point_is_kept_once_or_left_out_for_a_reason(odometry, labels, pla
 
 def test_points_are_judged_in_blocks_as_all_at_once(odometry, labels, placed, monkeypatch):
     monkeypatch.setattr("wayloom.submaps.split.POINTS_AT_ONCE", 37)
-    again = make_submaps(NamedLog(), odometry, labels, made_geo(odometry))
+    again = list(make_submaps(NamedLog(), odometry, labels, made_geo(odometry)))
     assert [one.submap.digest for one in again] == [one.submap.digest for one in placed]
 
 
@@ -94,7 +94,7 @@ def test_points_without_depth_too_far_or_too_uncertain_are_left_out(odometry, la
     p.inverse_depth[5], p.variance[5] = 0.05, (0.06 * 0.05) ** 2  # 6 % of 20 m: 1.2 m
     p.inverse_depth[6], p.variance[6] = 0.2, (0.06 * 0.2) ** 2  # 6 % of 5 m is 0.3 m: kept
     labels.stereo[:7] = 0
-    first = make_submaps(NamedLog(), odometry, labels, made_geo(odometry))[0].submap
+    first = next(make_submaps(NamedLog(), odometry, labels, made_geo(odometry))).submap
     assert first.points_left_out["without depth"] == 4
     assert first.points_left_out["too far"] == 1
     assert first.points_left_out["depth too uncertain"] == 1
@@ -121,7 +121,7 @@ def test_no_point_and_no_vote_of_a_person_is_in_a_submap_unless_they_are_asked_f
     labels.stereo[::7] = CLASS_ID["person"]
     labels.stereo[3::7] = CLASS_ID["rider"]
     geo = made_geo(odometry)
-    placed = make_submaps(NamedLog(), odometry, labels, geo)
+    placed = list(make_submaps(NamedLog(), odometry, labels, geo))
     for item in placed:
         assert not np.isin(item.submap.label, PERSONS).any()
         assert not np.isin(item.submap.vote_class, PERSONS).any()
@@ -130,7 +130,7 @@ def test_no_point_and_no_vote_of_a_person_is_in_a_submap_unless_they_are_asked_f
     assert all_points == len(odometry.points)
     left_out = sum(item.submap.points_left_out["persons"] for item in placed)
     assert left_out == np.isin(labels.stereo, PERSONS).sum()
-    kept = make_submaps(NamedLog(), odometry, labels, geo, SubmapSettings(keep_persons=True))
+    kept = list(make_submaps(NamedLog(), odometry, labels, geo, SubmapSettings(keep_persons=True)))
     assert sum(np.isin(item.submap.label, PERSONS).sum() for item in kept) > 0.5 * left_out
     assert any(np.isin(item.submap.vote_class, PERSONS).any() for item in kept)
     assert all("persons" not in item.submap.points_left_out for item in kept)
@@ -139,7 +139,7 @@ def test_no_point_and_no_vote_of_a_person_is_in_a_submap_unless_they_are_asked_f
 def test_moving_the_drive_moves_the_place_and_not_the_content(odometry, labels, placed):
     geo = made_geo(odometry)
     moved = dataclasses.replace(geo, T_enu_cam=se3.exp(np.array([5.0, 1.0, 0.3, 0.0, 0.0, 1e-5])) @ geo.T_enu_cam)
-    again = make_submaps(NamedLog(), odometry, labels, moved)
+    again = list(make_submaps(NamedLog(), odometry, labels, moved))
     assert [item.submap.digest for item in again] == [item.submap.digest for item in placed]
     assert not np.allclose(again[0].T_enu_submap, placed[0].T_enu_submap)
 
@@ -247,7 +247,7 @@ def test_what_joins_submaps_comes_from_the_drives_graph_and_back_from_the_folder
 def test_submaps_of_other_anchors_than_the_graph_was_asked_of_tell_nothing_of_their_neighbours(odometry, labels):
     anchors = anchor_frames(odometry, split_road(odometry, SubmapSettings()))
     told = Anchors(anchors + 2, np.zeros((len(anchors) - 1, 6, 6)), np.ones(len(anchors) - 1, bool))
-    placed = make_submaps(NamedLog(), odometry, labels, dataclasses.replace(made_geo(odometry), anchors=told))
+    placed = list(make_submaps(NamedLog(), odometry, labels, dataclasses.replace(made_geo(odometry), anchors=told)))
     assert all(item.before is None for item in placed)
 
 
@@ -265,7 +265,7 @@ def test_a_submap_is_as_uncertain_as_the_drives_graph_bends_it(odometry, labels,
     geo = made_geo(odometry)
     swing = np.zeros((len(geo.T_enu_cam), 6))
     swing[:, 0] = 0.05 * np.where(np.arange(len(swing)) // 4 % 2, 1.0, -1.0)
-    bent = make_submaps(NamedLog(), odometry, labels, dataclasses.replace(geo, T_enu_cam=se3.exp(swing) @ geo.T_enu_cam))
+    bent = list(make_submaps(NamedLog(), odometry, labels, dataclasses.replace(geo, T_enu_cam=se3.exp(swing) @ geo.T_enu_cam)))
     for item, stiff in zip(bent, placed, strict=True):
         assert np.linalg.norm(item.T_enu_submap[:3, 3] - stiff.T_enu_submap[:3, 3]) < 0.01
         more = position_covariance(item.T_enu_submap[None], (item.covariance - stiff.covariance)[None])[0]
@@ -281,7 +281,7 @@ def broken(geo, before_frame, by_m):
 
 def test_a_break_of_the_odometry_within_a_submap_is_told_of_each_keyframe_and_kept_in_the_folder(odometry, labels, tmp_path):
     geo = broken(made_geo(odometry), 20, 2.0)
-    placed = make_submaps(NamedLog(), odometry, labels, geo)
+    placed = list(make_submaps(NamedLog(), odometry, labels, geo))
     save_submaps(placed, tmp_path)
     first, *others = load_submaps(tmp_path)
     by_graph = first.T_enu_submap @ se3.exp(first.bend) @ first.submap.T_submap_cam
@@ -323,7 +323,7 @@ def test_a_folder_without_index_is_refused(tmp_path):
 
 def test_labels_of_another_run_are_refused(odometry):
     with pytest.raises(StageError, match="different runs"):
-        make_submaps(NamedLog(), odometry, made_labels(3), made_geo(odometry))
+        list(make_submaps(NamedLog(), odometry, made_labels(3), made_geo(odometry)))
 
 
 def test_the_track_of_a_submap_is_its_keyframes_in_the_map(odometry, placed):
@@ -341,12 +341,12 @@ def test_random_submaps_survive_their_bytes():
 def test_other_poses_of_the_drive_move_submaps_and_change_nothing_inside(odometry, labels, placed):
     geo = made_geo(odometry)
     bend = se3.exp(np.linspace(0.0, 1.0, len(geo.T_enu_cam))[:, None] * np.array([3.0, -1.0, 0.5, 0.01, 0.02, 0.3]))
-    moved = make_submaps(NamedLog(), odometry, labels, dataclasses.replace(geo, T_enu_cam=bend @ geo.T_enu_cam))
+    moved = list(make_submaps(NamedLog(), odometry, labels, dataclasses.replace(geo, T_enu_cam=bend @ geo.T_enu_cam)))
     assert [item.submap.digest for item in moved] == [item.submap.digest for item in placed]
     assert all(not np.allclose(a.T_enu_submap, b.T_enu_submap) for a, b in zip(moved[1:], placed[1:], strict=True))
 
 
 def test_another_odometry_makes_other_submaps(odometry, labels, placed):
     points = dataclasses.replace(odometry.points, inverse_depth=odometry.points.inverse_depth * np.float32(1.001))
-    again = make_submaps(NamedLog(), dataclasses.replace(odometry, points=points), labels, made_geo(odometry))
+    again = list(make_submaps(NamedLog(), dataclasses.replace(odometry, points=points), labels, made_geo(odometry)))
     assert not {item.submap.digest for item in again} & {item.submap.digest for item in placed}

@@ -270,7 +270,7 @@ def test_submaps_of_one_drive_that_touch_are_one_track():
     from wayloom.submaps.split import make_submaps
 
     odometry = made_odometry(200, 3)
-    placed = make_submaps(NamedLog(), odometry, made_labels(len(odometry.points)), made_geo(odometry))
+    placed = list(make_submaps(NamedLog(), odometry, made_labels(len(odometry.points)), made_geo(odometry)))
     tracks = tracks_of(reversed(placed))
     assert len(placed) == 3
     assert len(tracks) == 1

@@ -45,7 +45,7 @@ def seen() -> tuple[object, object]:
 def submaps(seen: tuple[object, object], keep_persons: bool = False) -> list[PlacedSubmap]:
     odometry, labels = seen
     settings = SubmapSettings(keep_persons=keep_persons)
-    return make_submaps(NamedLog(), odometry, labels, made_geo(odometry), settings, "d" * 64)  # type: ignore[arg-type]
+    return list(make_submaps(NamedLog(), odometry, labels, made_geo(odometry), settings, "d" * 64))  # type: ignore[arg-type]
 
 
 def in_map(context: WorkerContext, items: list[PlacedSubmap], folder: Path) -> None:

@@ -87,7 +87,7 @@ class SquareRoot:
     """R of some whitened factors; `part_of` as `divided` has it, by default a single whole."""
 
     def __init__(self, linear: gtsam.GaussianFactorGraph, part_of: Mapping[int, int] = {}) -> None:
-        self._zeros = linear.gradientAtZero()
+        self._linear = linear
         self._parts, self._shared = divided(linear, part_of) if part_of else ([], linear)
 
     def minimum(self) -> gtsam.VectorValues:
@@ -95,7 +95,7 @@ class SquareRoot:
         tree = self._shared_tree([_net_of(part)[1] for part in self._parts])
         if not self._parts:
             return tree.optimize()
-        shared, found = tree.optimize(), gtsam.VectorValues(self._zeros)
+        shared, found = tree.optimize(), self._linear.gradientAtZero()  # a value of each unknown, to be put in its place
         found.update(shared)
         for part in self._parts:
             net, left = _net_of(part)
@@ -147,8 +147,8 @@ class SquareRoot:
         return whole.eliminateMultifrontal(function=gtsam.EliminateQR)
 
     def _sizes(self) -> dict[int, int]:
-        graphs = [*(part.factors for part in self._parts), self._shared]
-        return {key: len(self._zeros.at(key)) for graph in graphs for key in map(int, graph.keyVector())}
+        one_each = self._linear.gradientAtZero()
+        return {int(key): len(one_each.at(key)) for key in self._linear.keyVector()}
 
 
 def _net_of(part: Part) -> tuple[gtsam.GaussianBayesNet, gtsam.GaussianFactorGraph]:

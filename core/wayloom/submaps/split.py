@@ -31,24 +31,12 @@ def make_submaps(
     geo: GeoReference,
     settings: SubmapSettings = SubmapSettings(),
     drive_id: str | None = None,
-) -> list[PlacedSubmap]:
-    """The submaps of a drive in the order of the road. Every point that is kept is in exactly one.
+) -> Iterator[PlacedSubmap]:
+    """The submaps of a drive in the order of the road, each made when it is asked for. Every point that is kept is in exactly one.
 
     drive_id : which drive the map shall name; None takes the log's name
-    Raises StageError when labels and points do not belong together.
+    Raises StageError, with the first, when labels and points do not belong together.
     """
-    return list(each_submap(log, odometry, labels, geo, settings, drive_id))
-
-
-def each_submap(
-    log: DriveLog,
-    odometry: OdometryResult,
-    labels: PointLabels,
-    geo: GeoReference,
-    settings: SubmapSettings = SubmapSettings(),
-    drive_id: str | None = None,
-) -> Iterator[PlacedSubmap]:
-    """Those of `make_submaps`, each made when it is asked for; what that raises, this does with the first."""
     if len(labels) != len(odometry.points):
         raise StageError(f"{len(labels)} labels for {len(odometry.points)} points: labelling and odometry are of different runs")
     verdict, hosted = _judge_points(odometry, labels, settings), HostedPoints.of(odometry)

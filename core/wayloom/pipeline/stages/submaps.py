@@ -12,7 +12,7 @@ from wayloom.pipeline.drive_map import drive_map, write_image
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.tracked_drive import tracked_drive
 from wayloom.submaps.files import StoredSubmaps, save_submaps
-from wayloom.submaps.split import each_submap
+from wayloom.submaps.split import make_submaps
 from wayloom.submaps.submap import PlacedSubmap
 
 PREVIEW_FILE: Final = "preview.png"
@@ -32,4 +32,4 @@ def _made(context: StageContext, geo: GeoReference) -> Iterator[PlacedSubmap]:
     """The submaps, one at a time in memory; the drive and its labels are let go of after the last."""
     odometry = tracked_drive(context, "points")
     labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE)
-    yield from each_submap(context.log, odometry, labels, geo, context.settings.submaps, context.drive_id)
+    yield from make_submaps(context.log, odometry, labels, geo, context.settings.submaps, context.drive_id)
