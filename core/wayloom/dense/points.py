@@ -4,7 +4,7 @@ One keyframe's stereo is off by metres at edges and far away, and alike over a w
 the edge before something else. So a voxel counts that several tell of.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.config.classes import CLASS_ID
-from wayloom.config.progress import Progress, silent
 from wayloom.dense.extraction import dense_depth
 from wayloom.dense.settings import LookSettings
 from wayloom.geometry import se3
@@ -56,10 +55,9 @@ def dense_points(
     log: DriveLog,
     odometry: OdometryResult,
     images: LeftLabels,
-    submaps: Sequence[Keyframed],
+    submaps: Iterable[Keyframed],
     settings: LookSettings = LookSettings(),
     least: int = KEYFRAMES,
-    progress: Progress = silent,
 ) -> Iterator[DensePoints]:
     """The voxels of each submap that at least so many of its keyframes, as far apart as the settings say, tell of.
 
@@ -69,7 +67,7 @@ def dense_points(
     chosen = spaced(road_m(keyframes.T_world_cam), keyframes.segment, settings.spacing_m)
     v, u = np.mgrid[0 : camera.height, 0 : camera.width].reshape(2, -1).astype(np.float64)
     rays = camera.rays(np.column_stack([u, v]))
-    for number, submap in enumerate(submaps):
+    for submap in submaps:
         rows = np.searchsorted(keyframes.frame, submap.keyframe_frame)
         seen: list[tuple[FloatArray, NDArray[np.uint8]]] = []
         with one_opencv_thread():
@@ -80,7 +78,6 @@ def dense_points(
                     kept = np.isin(label, STANDING) & (depth < REACH_M)  # NaN is not
                     seen.append((se3.transform(T_submap_cam, rays[kept] * depth[kept, None]), label[kept]))
         yield voxels(seen, least)
-        progress((number + 1) / len(submaps), f"dense points of submap {number + 1} of {len(submaps)}")
 
 
 def voxels(seen: Sequence[tuple[FloatArray, NDArray[np.uint8]]], least: int) -> DensePoints:

@@ -82,11 +82,8 @@ def write_dense(
     """The dense points of all submaps, each at its place, as `cloud.laz` has the sparse ones: without grey values and sigmas."""
     place = submaps[0].T_enu_submap[:3, 3] if submaps else np.zeros(3)
     provenance = provenance_of("one drive's dense points", [], frame, {}, "")
-    batches = (
-        _dense_batch(placed, found)
-        for placed in submaps
-        for found in dense_points(log, odometry, images, [placed.submap], settings)
-    )
+    found = dense_points(log, odometry, images, (placed.submap for placed in submaps), settings)
+    batches = (_dense_batch(placed, one) for placed, one in zip(submaps, found, strict=True))
     write_laz(file, batches, projection_at(place, frame, geoid), provenance)
 
 
