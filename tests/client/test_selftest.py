@@ -10,7 +10,8 @@ import httpx2
 import pytest
 
 from service_kit.running import ApiAlone, environment
-from wayloom.client.selftest.drills import at_once
+from wayloom.client.selftest import drills
+from wayloom.client.selftest.drills import CUTS, at_once, cut_links
 from wayloom.client.selftest.report import tried
 from wayloom.client.selftest.subject import FailedCheckError, Subject
 from wayloom.errors import ServiceError
@@ -88,7 +89,42 @@ def test_a_service_that_does_not_is_told_where(alone: ApiAlone, lie: Lie, failin
     with Lying(alone.url) as subject:
         verdicts = list(tried(subject))
         subject.remove()
-    assert {one.name for one in verdicts if one.verdict == "failed"} == failing
+    assert {one.name: one.found for one in verdicts if one.verdict == "failed"}.keys() == failing
+
+
+def test_bytes_of_a_cut_link_that_come_late_are_no_fault(alone: ApiAlone) -> None:
+    class Late(Subject):
+        """The same service, which comes to what a broken link brought only when the rest is on its way."""
+
+        late = 3
+
+        def patch(self, address: str, offset: int, content: bytes, **more: str) -> Answer:
+            if self.late:
+                self.late -= 1
+                assert super().patch(address, offset, content[:1]).status_code == 204
+            return super().patch(address, offset, content, **more)
+
+    with Late(alone.url) as subject:
+        cut_links(subject)
+        subject.remove()
+    assert subject.late == 0
+
+
+def test_a_cut_link_of_which_nothing_is_kept_is_tried_with_more_patience(alone: ApiAlone, monkeypatch: pytest.MonkeyPatch) -> None:
+    pauses: list[float] = []
+
+    def starved(subject: Subject, address: str, offset: int, content: bytes, sent: int, pause_s: float) -> None:
+        pauses.append(pause_s)
+        if len(pauses) > CUTS:
+            send_and_cut(subject, address, offset, content, sent, pause_s)
+
+    send_and_cut = drills._sent_and_cut
+    monkeypatch.setattr(drills, "_sent_and_cut", starved)
+    with Subject(alone.url) as subject:
+        cut_links(subject)
+        subject.remove()
+    assert len(pauses) > CUTS
+    assert pauses[-1] > pauses[CUTS - 1]
 
 
 def test_two_at_once_that_are_not_answered_fail(alone: ApiAlone) -> None:
