@@ -12,6 +12,7 @@ import argparse
 import sys
 import types
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,9 @@ from wayloom.geodesy.map_frame import MapFrame
 from wayloom.geometry import se3
 from wayloom.georeference.alignment import georeference
 from wayloom.georeference.fixes import interpolate
+from wayloom.georeference.gravity.witnesses import seen_up
 from wayloom.georeference.rigid import align_rigid
+from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.types import GeoReference
 from wayloom.georeference.uncertainty import position_covariance
 from wayloom.labelling.files import load_labels
@@ -92,7 +95,13 @@ def placed(log: DriveLog, odometry: OdometryResult, labels: PointLabels | None, 
     names = ("gnss", "p_cam_gnss", "receiver", "name", "rig", "t_ns", "T_cam_imu", "imu")
     plain = types.SimpleNamespace(**{name: getattr(log, name) for name in names})
     plain.gnss, plain.imu = log.gnss if gnss else None, log.imu if imu else None
-    return georeference(plain, odometry, labels=labels)  # type: ignore[arg-type]
+    return with_up(plain, odometry, labels)
+
+
+def with_up(log: Any, odometry: OdometryResult, labels: PointLabels | None) -> GeoReference:
+    """Geo-referenced by what is seen of up, too."""
+    settings = GeoReferenceSettings()
+    return georeference(log, odometry, settings=settings, up=seen_up(log, odometry, labels, settings))
 
 
 def stated_deg(geo: GeoReference, axis: int) -> float:
@@ -106,7 +115,7 @@ def kilometres(seeds: int) -> str:
     lines, nees = ["| seed | roll rms ° | stated ° | NEES of up / 2 |", "| --- | --- | --- | --- |"], []
     for seed in range(FIRST_SEED, FIRST_SEED + seeds):
         drive, labels = with_surroundings(street_drive(seed), seed)
-        geo = georeference(drive.log, drive.odometry, labels=labels)  # type: ignore[arg-type]
+        geo = with_up(drive.log, drive.odometry, labels)
         assert geo.frame is not None
         error = (geo.T_enu_cam[:, 2, :3] - drive.truth_in(geo.frame)[:, 2, :3])[:, ROLL_PITCH]
         axes = geo.T_enu_cam[:, :3, [2, 0]] * [1.0, -1.0]  # up moves to the right by a turn about ahead, ahead by one about left

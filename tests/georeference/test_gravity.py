@@ -8,7 +8,9 @@ from wayloom.georeference.alignment import georeference
 from wayloom.georeference.gravity.sections import sections
 from wayloom.georeference.gravity.street import CROSS_FALL_RAD, lean_by_street
 from wayloom.georeference.gravity.uprights import POLE_SIGMA, _lines, _poles, fitted, lean_by_uprights
+from wayloom.georeference.gravity.witnesses import seen_up
 from wayloom.georeference.settings import GeoReferenceSettings
+from wayloom.georeference.types import GeoReference
 
 
 def roll_errors(drive, geo) -> tuple[np.ndarray, np.ndarray]:
@@ -17,6 +19,12 @@ def roll_errors(drive, geo) -> tuple[np.ndarray, np.ndarray]:
     error = np.degrees(geo.T_enu_cam[:, 2, 0] - truth[:, 2, 0])
     ahead = geo.T_enu_cam[:, :3, 2]
     return error, np.degrees(np.sqrt(np.einsum("ni,nij,nj->n", ahead, geo.covariance[:, 3:, 3:], ahead)))
+
+
+def with_up(drive, labels, settings=GeoReferenceSettings()) -> GeoReference:
+    """By what is seen of up beside the road, too."""
+    up = seen_up(drive.log, drive.odometry, labels, settings)
+    return georeference(drive.log, drive.odometry, settings=settings, up=up)
 
 
 def rms(values: np.ndarray) -> float:
@@ -28,7 +36,7 @@ def test_on_a_straight_kilometre_with_rtk_walls_tell_the_roll_to_a_third_of_a_de
     errors, sigmas = [], []
     for seed in range(3):
         drive, labels = with_surroundings(street_drive(seed), seed)
-        error, sigma = roll_errors(drive, georeference(drive.log, drive.odometry, labels=labels))
+        error, sigma = roll_errors(drive, with_up(drive, labels))
         errors.append(error)
         sigmas.append(np.median(sigma))
     assert max(sigmas) < 0.3
@@ -48,14 +56,14 @@ def test_with_an_accelerometer_the_roll_is_within_its_lean():
 def test_walls_and_accelerometer_together_are_better_than_either():
     drive, labels = with_surroundings(with_imu(street_drive(4)), 4)
     _, alone = roll_errors(drive, georeference(drive.log, drive.odometry))
-    error, sigma = roll_errors(drive, georeference(drive.log, drive.odometry, labels=labels))
+    error, sigma = roll_errors(drive, with_up(drive, labels))
     assert np.median(sigma) < np.median(alone)
     assert rms(error) < 0.3
 
 
 def test_a_street_alone_tells_the_roll_to_its_cross_fall_and_says_no_more():
     drive, labels = with_surroundings(street_drive(5), 5, facades=False)
-    error, sigma = roll_errors(drive, georeference(drive.log, drive.odometry, labels=labels))
+    error, sigma = roll_errors(drive, with_up(drive, labels))
     assert 0.5 < rms(error) < 1.6  # it falls by 2 %, 1.15 degrees
     assert 0.8 < np.median(sigma) < 2.0
 
@@ -64,7 +72,7 @@ def test_roll_errors_of_walls_are_as_large_as_stated():
     normed = []
     for seed in range(8):
         drive, labels = with_surroundings(street_drive(seed, length_m=300.0), seed)
-        error, sigma = roll_errors(drive, georeference(drive.log, drive.odometry, labels=labels))
+        error, sigma = roll_errors(drive, with_up(drive, labels))
         normed.append(float(((error / sigma) ** 2).mean()))
     assert np.mean(normed) < 1.4
 
@@ -96,14 +104,14 @@ def test_where_nothing_stands_upright_nothing_is_said():
 def test_labels_of_another_run_are_not_used():
     drive, labels = with_surroundings(street_drive(9, length_m=60.0), 9)
     other = dataclasses.replace(labels, baseline=labels.baseline[:-1])
-    geo = georeference(drive.log, drive.odometry, labels=other)
+    geo = with_up(drive, other)
     assert np.array_equal(geo.T_enu_cam, georeference(drive.log, drive.odometry).T_enu_cam)
 
 
 def test_a_witness_that_is_said_to_lean_far_counts_little():
     drive, labels = with_surroundings(street_drive(2, length_m=300.0), 2)
     vague = GeoReferenceSettings(uprights_lean_deg=10.0, street_lean_deg=10.0)
-    _, sigma = roll_errors(drive, georeference(drive.log, drive.odometry, settings=vague, labels=labels))
+    _, sigma = roll_errors(drive, with_up(drive, labels, vague))
     assert np.median(sigma) > 1.0
 
 

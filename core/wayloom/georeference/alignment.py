@@ -20,7 +20,7 @@ from wayloom.geometry import se3
 from wayloom.georeference.closures import closure_links, closures_report
 from wayloom.georeference.first_guess import guess_nodes, level_world
 from wayloom.georeference.fixes import UsableFixes, usable_fixes
-from wayloom.georeference.gravity.witnesses import observed_up, witnesses_report
+from wayloom.georeference.gravity.witnesses import SeenUp, seen_up, witnesses_report
 from wayloom.georeference.joints import Joints, joints_between
 from wayloom.georeference.nodes import choose_nodes, nearest_node, odometry_chain, spread_covariances, spread_poses, travelled
 from wayloom.georeference.receiver_prior import ReceiverPrior, lever_sigma_m, receiver_prior
@@ -31,7 +31,6 @@ from wayloom.georeference.scale_prior import scale_prior
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.types import FixResiduals, GeoReference, Wanted
 from wayloom.georeference.uncertainty import moved_covariance, moved_cross
-from wayloom.labelling.types import PointLabels
 from wayloom.logs.types import DriveLog, GnssTrack
 from wayloom.loops.types import LoopClosures, no_loops
 from wayloom.mapping.drive_graph import optimise_drive, optimise_without_fixes
@@ -52,7 +51,7 @@ def georeference(
     settings: GeoReferenceSettings = GeoReferenceSettings(),
     progress: Progress = silent,
     closures: LoopClosures | None = None,
-    labels: PointLabels | None = None,
+    up: SeenUp | None = None,
     rig_receiver: Sequence[ReceiverEvidence] = (),
 ) -> GeoReference:
     """T_enu_cam and its covariance for every frame of the log.
@@ -60,7 +59,8 @@ def georeference(
     wanted : the map's frame, and of which keyframes the joint covariance. Without a usable fix the result has no frame: its
              poses are in the drive's own (`wayloom.mapping.own_frame`), covariances relative to the first frame.
     closures : loops between keyframes; None has none
-    labels : of the odometry's points, by which walls and streets say where up is
+    odometry : its points are not read
+    up : what is seen of up; None is what the log's accelerometer alone says
     rig_receiver : what other drives of the rig tell of its GNSS clock and lever arm
     Raises StageError when nothing was tracked, a pose is not finite, or no place fits the fixes.
     """
@@ -74,9 +74,9 @@ def georeference(
     road_m = travelled(trajectory)[nodes]
     joints = joints_between(trajectory, nodes, wanted.anchors)
     chain = odometry_chain(trajectory, nodes, settings.level_every_m, odometry.keyframes)
-    evidence = Evidence(
-        closure_links(closures or no_loops(), odometry.keyframes, nodes, chain), observed_up(log, odometry, labels, nodes, settings)
-    )
+    up = up or seen_up(log, odometry, None, settings)
+    closing = closure_links(closures or no_loops(), odometry.keyframes, nodes, chain)
+    evidence = Evidence(closing, up.at_nodes(trajectory, nodes))
     prior = receiver_prior(log, int(trajectory.t_ns[0]), settings, rig_receiver)
     noise = _noise(settings, log, scale_prior(odometry.report, settings), prior)
     if log.gnss is None or len(log.gnss) == 0:

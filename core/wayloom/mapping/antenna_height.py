@@ -10,7 +10,7 @@ H their normal matrix. A parabola through three heights is enough, once about th
 
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,16 +64,15 @@ def antenna_height(equations: DriveEquations, start: DriveState) -> AntennaHeigh
     """The posterior of the antenna's height as a Gaussian, from a state near the minimum."""
     prior_sigma_m = float(np.sqrt(receiver_covariance(equations.noise)[DOWN, DOWN]))
     start = replace(start, receiver=without_height(start.receiver))
-    mean, sigma, ends = 0.0, prior_sigma_m, list[tuple[float, DriveState]]()
+    mean, sigma = 0.0, prior_sigma_m
     for _ in range(ROUNDS):
         heights = mean + sigma * np.array([-1.0, 0.0, 1.0])
-        ends.clear()  # of an hour's drive states are large
-        ends += [_negative_log(held_at(equations, h), start) for h in heights.tolist()]
-        values = np.array([value for value, _ in ends]) + 0.5 * (heights / prior_sigma_m) ** 2
+        minima = [_minimum(held_at(equations, h), start) for h in heights.tolist()]
+        values = np.array([one.negative_log for one in minima]) + 0.5 * (heights / prior_sigma_m) ** 2
         slope, bend = 0.5 * (values[2] - values[0]) / sigma, (values[0] - 2.0 * values[1] + values[2]) / sigma**2
         bend = max(bend, prior_sigma_m**-2)  # fixes never make a height less certain
         mean, sigma = mean - slope / bend, bend**-0.5
-    (_, low), _, (_, high) = ends
+    low, _, high = minima
     apart = heights[2] - heights[0]
     moved = np.array([se3.log(T) for T in high.T_enu_node @ se3.inverse(low.T_enu_node)]) / apart
     by_receiver = (high.receiver - low.receiver) / apart
@@ -81,7 +80,16 @@ def antenna_height(equations: DriveEquations, start: DriveState) -> AntennaHeigh
     return AntennaHeight(float(mean), float(sigma), moved, by_receiver)
 
 
-def _negative_log(equations: DriveEquations, start: DriveState) -> tuple[float, DriveState]:
-    """- log of the marginal likelihood, but for a constant, and the state where the equations have their minimum."""
+class _Minimum(NamedTuple):
+    """- log of the marginal likelihood, but for a constant; T_enu_node (K, 4, 4) and receiver (4,) where the cost is least."""
+
+    negative_log: float
+    T_enu_node: FloatArray
+    receiver: FloatArray
+
+
+def _minimum(equations: DriveEquations, start: DriveState) -> _Minimum:
+    """Of the equations, found from a state. No more of it than is asked for: states of a long drive are large."""
     state = equations.descend(start)
-    return equations.cost(state) + equations.square_root(state).half_log_determinant(), state
+    negative_log = equations.cost(state) + equations.square_root(state).half_log_determinant()
+    return _Minimum(negative_log, state.T_enu_node, state.receiver)

@@ -56,7 +56,7 @@ def divided(linear: gtsam.GaussianFactorGraph, part_of: Mapping[int, int]) -> tu
     count = 1 + max(home, default=SHARED)
     graphs = [gtsam.GaussianFactorGraph() for _ in range(count + 1)]  # what is shared is the last
     for row, part in enumerate(home):
-        graphs[part].add(linear.at(row))
+        graphs[part].push_back(linear.at(row))  # `add` would copy it
     own: list[list[int]] = [[] for _ in range(count)]
     for key, part in of_key.items():
         if part >= 0:

@@ -1,7 +1,8 @@
 """Witnesses of up along a drive: accelerometer, uprights and street, each with a lean of its own, as terms of the drive's graph."""
 
 from collections.abc import Iterator
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,21 +27,37 @@ Observation = tuple[int, FloatArray, FloatArray, int]
 """Frame, up in its camera (3,), covariance (2, 2), row of WITNESSES."""
 
 
-def observed_up(
-    log: DriveLog, odometry: OdometryResult, labels: PointLabels | None, nodes: IntArray, settings: GeoReferenceSettings
-) -> UpObservations:
-    """What sensors and surroundings say of up at a drive's nodes (K,) frames. Without labels the accelerometer alone speaks."""
+@dataclass(frozen=True, slots=True)
+class SeenUp:
+    """N observations of up by WITNESSES in the cameras of a drive's frames.
+
+    frame (N,), up_cam (N, 3) unit vectors, covariance (N, 2, 2) rad^2 of their x and z components, witness (N,) row of WITNESSES,
+    bias_sigma (3, 2) rad as in `UpObservations`
+    """
+
+    frame: IntArray
+    up_cam: FloatArray
+    covariance: FloatArray
+    witness: IntArray
+    bias_sigma: FloatArray
+
+    def at_nodes(self, trajectory: Trajectory, nodes: IntArray) -> UpObservations:
+        """The same at a drive's nodes (K,) frames: each at the nearest."""
+        node, turn = _nearest(trajectory, nodes, self.frame)
+        up_node = np.einsum("nij,nj->ni", turn, self.up_cam)
+        return UpObservations(node, up_node, self.covariance, self.witness, self.bias_sigma)
+
+
+def seen_up(log: DriveLog, odometry: OdometryResult, labels: PointLabels | None, settings: GeoReferenceSettings) -> SeenUp:
+    """What sensors and surroundings say of up. Without labels of the odometry's points the accelerometer alone speaks."""
     found = list(_of_accelerometer(log, odometry, settings))
     if labels is not None and len(labels) == len(odometry.points):
         found += _of_surroundings(odometry, labels.stereo)
-    frames = np.array([row[0] for row in found], np.int64)
     lean_deg = [[settings.accelerometer_lean_deg] * 2, [settings.uprights_lean_deg, settings.uprights_pitch_deg]]
     lean_deg.append([settings.street_lean_deg] * 2)
-    node, turn = _nearest(odometry.trajectory, nodes, frames)
-    up = np.array([row[1] for row in found]).reshape(-1, 3)
-    return UpObservations(
-        node=node,
-        up_node=np.einsum("nij,nj->ni", turn, up),
+    return SeenUp(
+        frame=np.array([row[0] for row in found], np.int64),
+        up_cam=np.array([row[1] for row in found]).reshape(-1, 3),
         covariance=np.array([row[2] for row in found]).reshape(-1, 2, 2),
         witness=np.array([row[3] for row in found], np.int64),
         bias_sigma=np.radians(np.array(lean_deg)),
@@ -64,22 +81,35 @@ def _of_accelerometer(log: DriveLog, odometry: OdometryResult, settings: GeoRefe
 
 
 def _of_surroundings(odometry: OdometryResult, label: NDArray[np.uint8]) -> Iterator[Observation]:
-    pieces = list(sections(odometry, label, SECTION_M))
-    uprights = [(section, lean) for section in pieces if (lean := lean_by_uprights(section)) is not None]
-    ratio = scatter_ratio([lean for _, lean in uprights])
-    for section, lean in uprights:
-        yield int(odometry.keyframes.frame[section.keyframe]), *_in_camera(section, lean, ratio**2), 1
-    for section in pieces:
-        street = lean_by_street(section)
-        if street is not None:
-            yield int(odometry.keyframes.frame[section.keyframe]), *_in_camera(section, street, STREET_EVERY_M / SECTION_M), 2
+    told = [_told(odometry, section) for section in sections(odometry, label, SECTION_M)]
+    ratio = scatter_ratio([one.uprights for one in told if one.uprights is not None])
+    for one in told:
+        if one.uprights is not None:
+            yield one.frame, *_in_camera(one.T_level_cam, one.uprights, ratio**2), 1
+    for one in told:
+        if one.street is not None:
+            yield one.frame, *_in_camera(one.T_level_cam, one.street, STREET_EVERY_M / SECTION_M), 2
 
 
-def _in_camera(section: Section, lean: Lean, times: float) -> tuple[FloatArray, FloatArray]:
+class _Told(NamedTuple):
+    """What a section's points have said, by which they need not be kept."""
+
+    frame: int
+    T_level_cam: FloatArray
+    uprights: Lean | None
+    street: Lean | None
+
+
+def _told(odometry: OdometryResult, section: Section) -> _Told:
+    frame = int(odometry.keyframes.frame[section.keyframe])
+    return _Told(frame, section.T_level_cam, lean_by_uprights(section), lean_by_street(section))
+
+
+def _in_camera(T_level_cam: FloatArray, lean: Lean, times: float) -> tuple[FloatArray, FloatArray]:
     """Up in the camera's frame, and the covariance of its x and z components, so many times as large."""
     up = np.array([*lean.right_ahead, 1.0])
-    turn = section.T_level_cam[:2][:, ROLL_PITCH]
-    up_cam = section.T_level_cam[:3, :3].T @ (up / np.linalg.norm(up))
+    turn = T_level_cam[:2][:, ROLL_PITCH]
+    up_cam = T_level_cam[:3, :3].T @ (up / np.linalg.norm(up))
     return up_cam, times * turn.T @ lean.covariance @ turn
 
 

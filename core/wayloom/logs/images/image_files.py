@@ -6,11 +6,12 @@ OpenCV decodes a truncated PNG or JPEG into a picture that is grey from some row
 import contextlib
 import io
 import itertools
+import os
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, TypeVar
+from typing import BinaryIO, TypeVar, overload
 
 import cv2
 import numpy as np
@@ -54,15 +55,55 @@ class ImageHeader:
 
 
 @dataclass(frozen=True, slots=True)
+class FilesOf(Sequence[Path]):
+    """Files of one folder, by their names: an hour's images as paths would be 40 MB that every stage holds."""
+
+    folder: Path
+    names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @overload
+    def __getitem__(self, at: int) -> Path: ...
+
+    @overload
+    def __getitem__(self, at: slice) -> "FilesOf": ...
+
+    def __getitem__(self, at: int | slice) -> "Path | FilesOf":
+        """A path that is made now, or some of the files."""
+        return FilesOf(self.folder, self.names[at]) if isinstance(at, slice) else self.folder / self.names[at]
+
+
+@dataclass(frozen=True, slots=True)
 class ImagePairs:
     """Left and right image files of the same frames: numbers (the file's number, or its place where it has none), left, right."""
 
     numbers: tuple[int, ...]
-    left: tuple[Path, ...]
-    right: tuple[Path, ...]
+    left: Sequence[Path]
+    right: Sequence[Path]
 
     def __len__(self) -> int:
         return len(self.numbers)
+
+    def kept(self, rows: Sequence[int]) -> "ImagePairs":
+        """These pairs only, in this order."""
+        return ImagePairs(tuple(self.numbers[row] for row in rows), _kept(self.left, rows), _kept(self.right, rows))
+
+
+def _kept(files: Sequence[Path], rows: Sequence[int]) -> Sequence[Path]:
+    if isinstance(files, FilesOf):
+        return FilesOf(files.folder, tuple(files.names[row] for row in rows))
+    return tuple(files[row] for row in rows)
+
+
+def names_inside(root: Path, files: Sequence[Path]) -> Iterator[str]:
+    """Paths of files from a folder on, of those that are in it."""
+    if isinstance(files, FilesOf):
+        before = next(names_inside(root, [files.folder]), None)
+        yield from () if before is None else (name if before == "." else f"{before}/{name}" for name in files.names)
+    else:
+        yield from (file.relative_to(root).as_posix() for file in files if file.is_relative_to(root))
 
 
 def has_files(folder: Path) -> bool:
@@ -73,22 +114,25 @@ def has_files(folder: Path) -> bool:
         return False
 
 
-def list_images(folder: Path) -> dict[str, Path]:
-    """The images of a folder by stem, in order of their number. Raises LogError for no folder, no image, two of one stem."""
+def list_images(folder: Path) -> dict[str, str]:
+    """The names of a folder's images by stem, in order of their number. Raises LogError for no folder, two images of one stem."""
     try:
-        files = [file for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES and not file.name.startswith(".")]
+        names = [name for name in os.listdir(folder) if not name.startswith(".")]
     except FileNotFoundError:
         remedy = "a stereo log needs both cameras' images"
         raise LogError("no such folder", file=folder, remedy=remedy, reason="image.missing") from None
     except OSError as problem:
         what = f"cannot be listed ({problem.strerror})"
         raise LogError(what, file=folder, remedy="check its permissions", reason=reason_of(problem)) from None
-    by_stem: dict[str, Path] = {}
-    for file in sorted(files, key=lambda file: (not file.stem.isdecimal(), file.stem.zfill(20), file.suffix)):
-        if file.stem in by_stem:
-            remedy = f"remove it or {by_stem[file.stem].name}"
-            raise LogError("a second image of the same frame", file=file, remedy=remedy, reason="image.ambiguous")
-        by_stem[file.stem] = file
+    parted = [(stem, suffix) for stem, suffix in map(os.path.splitext, names) if suffix.lower() in IMAGE_SUFFIXES]
+    by_stem: dict[str, str] = {}
+    for stem, suffix in sorted(parted, key=lambda parts: (not parts[0].isdecimal(), parts[0].zfill(20), parts[1])):
+        if stem in by_stem:
+            remedy = f"remove it or {by_stem[stem]}"
+            raise LogError(
+                "a second image of the same frame", file=folder / (stem + suffix), remedy=remedy, reason="image.ambiguous"
+            )
+        by_stem[stem] = stem + suffix
     return by_stem
 
 
@@ -101,11 +145,14 @@ def pair_images(left_folder: Path, right_folder: Path) -> ImagePairs:
     alone = [stem for stem in (*left, *right) if (stem in left) != (stem in right)]
     if alone:
         first = min(alone, key=lambda stem: stem.zfill(20))
-        file, other = (left[first], right_folder) if first in left else (right[first], left_folder)
+        alone_in_left = first in left
+        file = left_folder / left[first] if alone_in_left else right_folder / right[first]
+        other = right_folder if alone_in_left else left_folder
         what = f"no partner in {other} ({len(left)} left and {len(right)} right images)"
         raise LogError(what, file=file, remedy="add the missing image or remove this one", reason="image.unpaired")
     numbers = tuple(int(stem) if stem.isdecimal() else i for i, stem in enumerate(left))
-    return ImagePairs(numbers, tuple(left.values()), tuple(right[stem] for stem in left))
+    in_right = tuple(right[stem] for stem in left)
+    return ImagePairs(numbers, FilesOf(left_folder, tuple(left.values())), FilesOf(right_folder, in_right))
 
 
 def read_header(file: Path) -> ImageHeader:

@@ -1,6 +1,6 @@
 """Drive log of two image folders: the common `DriveLog` of KITTI odometry, KITTI raw and KITTI-360."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from wayloom.config.side_by_side import in_order
 from wayloom.errors import LogError
 from wayloom.files.text_files import read_bytes, utf8_text
 from wayloom.geometry.camera import StereoRig
-from wayloom.logs.images.image_files import COPY_AGAIN, ImageHeader, ImagePairs, check_image, read_header, read_image
+from wayloom.logs.images.image_files import COPY_AGAIN, ImageHeader, ImagePairs, check_image, names_inside, read_header, read_image
 from wayloom.logs.kitti.positioning import Positioning
 from wayloom.logs.sidecars.exposure_csv import EXPOSURE_NAME, read_exposure_csv
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, Sidecar
@@ -132,17 +132,16 @@ class ImageFolderLog:
 
     def kept(self, rows: NDArray[np.int64], missing: tuple[str, ...]) -> "ImageFolderLog":
         """The log of these frames only, in order; `missing` is said in addition."""
-        left, right = (tuple(side[row] for row in rows) for side in (self.pairs.left, self.pairs.right))
         return replace(
             self,
             t_ns=self.t_ns[rows],
             truth=None if self.truth is None else self.truth[rows],
             exposure_s=None if self.exposure_s is None else self.exposure_s[rows],
-            pairs=ImagePairs(tuple(self.pairs.numbers[row] for row in rows), left, right),
+            pairs=self.pairs.kept(rows.tolist()),
             missing=(*self.missing, *missing),
         )
 
-    def _sides(self) -> tuple[tuple[tuple[Path, ...], tuple[int, int]], ...]:
+    def _sides(self) -> tuple[tuple[Sequence[Path], tuple[int, int]], ...]:
         return (self.pairs.left, self.stored_sizes[0]), (self.pairs.right, self.stored_sizes[1])
 
     def _read(self, file: Path, size: tuple[int, int], colour: bool) -> Image:
@@ -210,7 +209,7 @@ def assemble(
     root, pairs = location.root, sequence.pairs
     exposures = location.sidecars / EXPOSURE_NAME
     files = [*location.files, *(file for file in (location.sidecars / SIDECAR_NAME, exposures) if file.is_file())]
-    inside = {file for file in (*files, *pairs.left, *pairs.right, *positioning.files) if file.is_relative_to(root)}
+    inside = {*names_inside(root, [*files, *positioning.files]), *names_inside(root, pairs.left), *names_inside(root, pairs.right)}
     return ImageFolderLog(
         path=location.path,
         format=log_format,
@@ -228,7 +227,7 @@ def assemble(
         vehicle_id=sidecar.vehicle_id,
         missing=missing + positioning.missing,
         root=root,
-        files=tuple(sorted(file.relative_to(root).as_posix() for file in inside)),
+        files=tuple(sorted(inside)),
         pairs=pairs,
         stored_sizes=sequence.stored_sizes,
         rectifier=sequence.rectifier,

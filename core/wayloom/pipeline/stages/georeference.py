@@ -11,6 +11,7 @@ from wayloom.calibration.rig_file import rig_for_log
 from wayloom.config.progress import Progress
 from wayloom.georeference.alignment import georeference
 from wayloom.georeference.files import GEOREFERENCE_FILE, save_georeference
+from wayloom.georeference.gravity.witnesses import SeenUp, seen_up
 from wayloom.georeference.types import Wanted
 from wayloom.labelling.files import LABELS_FILE, load_labels
 from wayloom.loops.files import LOOPS_FILE, load_loops
@@ -26,14 +27,20 @@ from wayloom.submaps.split import anchor_frames, split_road
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises StageError where no place fits the fixes."""
     settings = context.settings
-    odometry = tracked_drive(context, "points")
-    labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE, votes=False)
+    up = _seen_up(context)
+    odometry = tracked_drive(context, "way")
     closures = load_loops(context.inputs_dir / "loops" / LOOPS_FILE)
     wanted = Wanted(settings.map_frame(), anchor_frames(odometry, split_road(odometry, settings.submaps)))
-    geo = georeference(context.log, odometry, wanted, settings.georeference, progress, closures, labels, rig_receiver(context))
+    geo = georeference(context.log, odometry, wanted, settings.georeference, progress, closures, up, rig_receiver(context))
     save_georeference(geo, out_dir / GEOREFERENCE_FILE)
     write_quality(out_dir / QUALITY_FILE, drive_quality(odometry, geo, closures))
     write_report(out_dir, geo.report)
+
+
+def _seen_up(context: StageContext) -> SeenUp:
+    """By the labelled points, which nothing else here asks for."""
+    labels = load_labels(context.inputs_dir / "labelling" / LABELS_FILE, votes=False)
+    return seen_up(context.log, tracked_drive(context, "points"), labels, context.settings.georeference)
 
 
 def rig_receiver(context: StageContext) -> tuple[ReceiverEvidence, ...]:
