@@ -26,7 +26,7 @@ from wayloom.store import drives, reprocessing, runs
 from wayloom.store.coming import note, note_place
 from wayloom.store.database import Session
 from wayloom.store.jobs import JobMessage
-from wayloom.submaps.files import load_submaps
+from wayloom.submaps.files import StoredSubmaps
 from wayloom_workers.drive_sightings import OBJECTS
 from wayloom_workers.exclusion import exclude
 from wayloom_workers.finished_stages import finished_stages
@@ -192,7 +192,7 @@ def _prepare_stitch(attempt: StageAttempt) -> PreparedStage:
 
 def _share_submaps(attempt: StageAttempt) -> None:
     """The submaps' blobs, after the drive's last stage: nothing names them before, and they would be dropped as unused."""
-    for placed in load_submaps(attempt.inputs_dir / SUBMAPS):
+    for placed in StoredSubmaps(attempt.inputs_dir / SUBMAPS):
         attempt.context.blobs.put(placed.submap.encoded)
     attempt.context.blobs.put(_preview(attempt))
 
@@ -205,14 +205,14 @@ def _preview(attempt: StageAttempt) -> bytes:
 def _record_submaps(attempt: StageAttempt) -> Record:
     """Place the submaps, now that all that the map takes of them is there; those without a place on Earth wait for other drives to
     give them one."""
-    items = load_submaps(attempt.inputs_dir / SUBMAPS)
+    items = StoredSubmaps(attempt.inputs_dir / SUBMAPS)
     preview = hashlib.sha256(_preview(attempt)).hexdigest()
 
     def write(session: Session) -> list[JobMessage]:
         drive = drives.get(session, str(attempt.claim.drive_id))
         rows = [submap_row(drive.id, drive.map_id, position, item) for position, item in enumerate(items)]
         reprocessing.place_submaps(session, drive.id, rows)
-        runs.record(session, drive, finished_stages(session, attempt), [item.submap.digest for item in items])
+        runs.record(session, drive, finished_stages(session, attempt), [row.digest for row in rows])
         note(drive, preview=preview)
         return []
 

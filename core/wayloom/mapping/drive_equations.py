@@ -209,6 +209,7 @@ class DriveEquations:
         nodes, scales = range(len(at.T_enu_node)), range(self.links.stretches)
         wanted = {*map(pose_key, nodes), *map(scale_key, scales), receiver_key()}
         found, crosses = self.square_root(at, joint).covariances(wanted, joint)
+        _give_back_of(at)
         cross = np.array(crosses).reshape(-1, 6, 6)[:, V_OMEGA][:, :, V_OMEGA]
         Ad_a, Ad_b = (se3.adjoint(at.T_enu_node[rows]) for rows in pairs.T)
         return DriveCovariances(
@@ -243,8 +244,7 @@ class DriveEquations:
             state, cost = self._step(state, self.square_root(state).minimum(), before)
             if before - cost <= CONVERGED * (before + 1.0):
                 break
-        if len(state.T_enu_node) > MANY_NODES:
-            give_back()
+        _give_back_of(state)
         return state
 
     def _step(self, state: DriveState, step: gtsam.VectorValues, cost: float) -> tuple[DriveState, float]:
@@ -257,6 +257,12 @@ class DriveEquations:
                 return moved, new_cost
             step, share = step.scale(0.5), 0.5 * share
         return state, cost
+
+
+def _give_back_of(state: DriveState) -> None:
+    """To the system what equations of so many unknowns were made of: else the heap's pieces stay beside what comes next."""
+    if len(state.T_enu_node) > MANY_NODES:
+        give_back()
 
 
 def _moved(state: DriveState, step: gtsam.VectorValues, receiver: FloatArray) -> DriveState:

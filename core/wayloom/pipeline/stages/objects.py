@@ -10,14 +10,14 @@ from wayloom.objects.making import find_objects
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.tracked_drive import tracked_drive
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
-from wayloom.submaps.files import load_submaps
+from wayloom.submaps.files import StoredSubmaps
 
 
 def run(context: StageContext, out_dir: Path, progress: Progress) -> None:
     """Raises StageError where an image's labels are missing, LogError where an image is, InputError for a damaged sheet."""
     odometry = tracked_drive(context, "way")
     images = KeyframeLabels(context.inputs_dir / "segmentation", odometry.keyframes.frame)
-    submaps = load_submaps(context.inputs_dir / "submaps")
+    submaps = StoredSubmaps(context.inputs_dir / "submaps")
     sheets_dir = context.inputs_dir / "ground"
     sheets = read_index(sheets_dir)
 
