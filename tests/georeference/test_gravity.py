@@ -11,6 +11,7 @@ from wayloom.georeference.gravity.uprights import POLE_SIGMA, _lines, _poles, fi
 from wayloom.georeference.gravity.witnesses import seen_up
 from wayloom.georeference.settings import GeoReferenceSettings
 from wayloom.georeference.types import GeoReference
+from wayloom.odometry.types import no_points
 
 
 def roll_errors(drive, geo) -> tuple[np.ndarray, np.ndarray]:
@@ -113,6 +114,15 @@ def test_a_witness_that_is_said_to_lean_far_counts_little():
     vague = GeoReferenceSettings(uprights_lean_deg=10.0, street_lean_deg=10.0)
     _, sigma = roll_errors(drive, with_up(drive, labels, vague))
     assert np.median(sigma) > 1.0
+
+
+def test_points_are_needed_only_to_say_where_up_is():
+    drive, labels = with_surroundings(street_drive(2, length_m=300.0), 2)
+    up = seen_up(drive.log, drive.odometry, labels, GeoReferenceSettings())
+    way = dataclasses.replace(drive.odometry, points=no_points())
+    without = georeference(drive.log, way, up=up)
+    assert np.array_equal(without.T_enu_cam, with_up(drive, labels).T_enu_cam)
+    assert not np.array_equal(without.T_enu_cam, georeference(drive.log, way).T_enu_cam)
 
 
 def made_poles(counts: list[int], seed: int = 0) -> list[np.ndarray]:

@@ -205,13 +205,15 @@ def _preview(attempt: StageAttempt) -> bytes:
 def _record_submaps(attempt: StageAttempt) -> Record:
     """Place the submaps, now that all that the map takes of them is there; those without a place on Earth wait for other drives to
     give them one."""
-    items = StoredSubmaps(attempt.inputs_dir / SUBMAPS)
+    drive_id, items = str(attempt.claim.drive_id), StoredSubmaps(attempt.inputs_dir / SUBMAPS)
+    with attempt.context.database.read() as session:
+        map_id = drives.get(session, drive_id).map_id
+    rows = [submap_row(drive_id, map_id, position, item) for position, item in enumerate(items)]
     preview = hashlib.sha256(_preview(attempt)).hexdigest()
 
     def write(session: Session) -> list[JobMessage]:
-        drive = drives.get(session, str(attempt.claim.drive_id))
-        rows = [submap_row(drive.id, drive.map_id, position, item) for position, item in enumerate(items)]
-        reprocessing.place_submaps(session, drive.id, rows)
+        drive = drives.get(session, drive_id)
+        reprocessing.place_submaps(session, drive_id, rows)
         runs.record(session, drive, finished_stages(session, attempt), [row.digest for row in rows])
         note(drive, preview=preview)
         return []

@@ -56,10 +56,10 @@ def georeference(
 ) -> GeoReference:
     """T_enu_cam and its covariance for every frame of the log.
 
+    odometry : none of its points is read
     wanted : the map's frame, and of which keyframes the joint covariance. Without a usable fix the result has no frame: its
              poses are in the drive's own (`wayloom.mapping.own_frame`), covariances relative to the first frame.
     closures : loops between keyframes; None has none
-    odometry : its points are not read
     up : what is seen of up; None is what the log's accelerometer alone says
     rig_receiver : what other drives of the rig tell of its GNSS clock and lever arm
     Raises StageError when nothing was tracked, a pose is not finite, or no place fits the fixes.
@@ -76,7 +76,7 @@ def georeference(
     chain = odometry_chain(trajectory, nodes, settings.level_every_m, odometry.keyframes)
     up = up or seen_up(log, odometry, None, settings)
     closing = closure_links(closures or no_loops(), odometry.keyframes, nodes, chain)
-    evidence = Evidence(closing, up.at_nodes(trajectory, nodes))
+    evidence = Evidence(closing, up.at_nodes(trajectory, nodes, settings))
     prior = receiver_prior(log, int(trajectory.t_ns[0]), settings, rig_receiver)
     noise = _noise(settings, log, scale_prior(odometry.report, settings), prior)
     if log.gnss is None or len(log.gnss) == 0:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wayloom.errors import LogError
-from wayloom.logs.images.image_files import FilesOf, ImageHeader, ImagePairs, list_images, names_inside, read_header, read_image
+from wayloom.logs.images.image_files import FilesOf, ImageHeader, ImagePairs, list_images, read_header, read_image
 
 COLOURS = np.random.default_rng(0).integers(0, 256, (30, 50, 3), dtype=np.uint8)
 
@@ -61,18 +61,16 @@ def test_images_are_listed_by_number_and_other_files_are_passed_over(tmp_path: P
 
 
 def test_files_of_a_folder_are_paths_by_row_and_slice_and_can_be_chosen(tmp_path: Path) -> None:
-    files = FilesOf(tmp_path / "left", ("1.png", "2.png", "3.png"))
-    alone = tuple(tmp_path / "right" / name for name in files.names)
-    assert files[-1] == tmp_path / "left" / "3.png"
-    assert list(files[1:]) == [tmp_path / "left" / "2.png", tmp_path / "left" / "3.png"]
-    kept = ImagePairs((1, 2, 3), files, alone).kept([2, 0])
+    left, right = (FilesOf(tmp_path / side, ("1.png", "2.png", "3.png")) for side in ("left", "right"))
+    assert left[-1] == tmp_path / "left" / "3.png"
+    assert list(left[1:]) == [tmp_path / "left" / "2.png", tmp_path / "left" / "3.png"]
+    kept = ImagePairs((1, 2, 3), left, right).kept([2, 0])
     assert (kept.numbers, [file.name for file in kept.left]) == ((3, 1), ["3.png", "1.png"])
-    assert kept.right == (alone[2], alone[0])
+    assert list(kept.right) == [right[2], right[0]]
 
 
 def test_files_have_names_from_a_folder_that_they_are_in_and_none_from_another(tmp_path: Path) -> None:
     files = FilesOf(tmp_path / "left", ("1.png", "2.png"))
-    for one in (files, list(files)):
-        assert list(names_inside(tmp_path, one)) == ["left/1.png", "left/2.png"]
-        assert list(names_inside(tmp_path / "left", one)) == ["1.png", "2.png"]
-        assert list(names_inside(tmp_path / "other", one)) == []
+    assert files.inside(tmp_path) == ["left/1.png", "left/2.png"]
+    assert files.inside(tmp_path / "left") == ["1.png", "2.png"]
+    assert files.inside(tmp_path / "other") == []

@@ -31,21 +31,21 @@ Observation = tuple[int, FloatArray, FloatArray, int]
 class SeenUp:
     """N observations of up by WITNESSES in the cameras of a drive's frames.
 
-    frame (N,), up_cam (N, 3) unit vectors, covariance (N, 2, 2) rad^2 of their x and z components, witness (N,) row of WITNESSES,
-    bias_sigma (3, 2) rad as in `UpObservations`
+    frame (N,), up_cam (N, 3) unit vectors, covariance (N, 2, 2) rad^2 of their x and z components, witness (N,) row of WITNESSES
     """
 
     frame: IntArray
     up_cam: FloatArray
     covariance: FloatArray
     witness: IntArray
-    bias_sigma: FloatArray
 
-    def at_nodes(self, trajectory: Trajectory, nodes: IntArray) -> UpObservations:
-        """The same at a drive's nodes (K,) frames: each at the nearest."""
+    def at_nodes(self, trajectory: Trajectory, nodes: IntArray, settings: GeoReferenceSettings) -> UpObservations:
+        """The same at a drive's nodes (K,) frames, each at the nearest, by witnesses that lean as far as the settings have it."""
         node, turn = _nearest(trajectory, nodes, self.frame)
         up_node = np.einsum("nij,nj->ni", turn, self.up_cam)
-        return UpObservations(node, up_node, self.covariance, self.witness, self.bias_sigma)
+        lean_deg = [[settings.accelerometer_lean_deg] * 2, [settings.uprights_lean_deg, settings.uprights_pitch_deg]]
+        lean_deg.append([settings.street_lean_deg] * 2)
+        return UpObservations(node, up_node, self.covariance, self.witness, np.radians(np.array(lean_deg)))
 
 
 def seen_up(log: DriveLog, odometry: OdometryResult, labels: PointLabels | None, settings: GeoReferenceSettings) -> SeenUp:
@@ -53,14 +53,11 @@ def seen_up(log: DriveLog, odometry: OdometryResult, labels: PointLabels | None,
     found = list(_of_accelerometer(log, odometry, settings))
     if labels is not None and len(labels) == len(odometry.points):
         found += _of_surroundings(odometry, labels.stereo)
-    lean_deg = [[settings.accelerometer_lean_deg] * 2, [settings.uprights_lean_deg, settings.uprights_pitch_deg]]
-    lean_deg.append([settings.street_lean_deg] * 2)
     return SeenUp(
         frame=np.array([row[0] for row in found], np.int64),
         up_cam=np.array([row[1] for row in found]).reshape(-1, 3),
         covariance=np.array([row[2] for row in found]).reshape(-1, 2, 2),
         witness=np.array([row[3] for row in found], np.int64),
-        bias_sigma=np.radians(np.array(lean_deg)),
     )
 
 

@@ -75,7 +75,7 @@ def paired_images(body: Path, names: tuple[str, str]) -> tuple[ImagePairs, NDArr
             lacking.append(f"{len(listed.files) - len(there)} of {len(listed.files)} images that {name}/data.csv lists")
         numbers.append(there)
         counts.append(len(listed.files))
-        sides.append(ImageList(listed.t_ns[there], tuple(listed.files[row] for row in there)))
+        sides.append(ImageList(listed.t_ns[there], listed.files.kept(there)))
     left, right = sides
     rows = taken_together(left.t_ns, right.t_ns)
     if not len(rows[0]):
@@ -92,8 +92,8 @@ def paired_images(body: Path, names: tuple[str, str]) -> tuple[ImagePairs, NDArr
             lacking.append(f"{names[other]} image for {without} of {len(sides[side].files)} of {names[side]}")
     pairs = ImagePairs(
         tuple(numbers[0][row] for row in rows[0]),
-        tuple(left.files[row] for row in rows[0]),
-        tuple(right.files[row] for row in rows[1]),
+        left.files.kept(rows[0].tolist()),
+        right.files.kept(rows[1].tolist()),
     )
     return pairs, left.t_ns[rows[0]], counts[0], tuple(lacking)
 

@@ -13,7 +13,7 @@ from wayloom.errors import LogError
 from wayloom.files.text_files import QUOTE_CHARACTERS, parse_numbers, quoted, stream_lines
 from wayloom.files.timestamps import check_increasing
 from wayloom.geometry import se3
-from wayloom.logs.images.image_files import IMAGE_SUFFIXES
+from wayloom.logs.images.image_files import IMAGE_SUFFIXES, FilesOf
 from wayloom.logs.sidecars.imu_csv import check_ranges
 from wayloom.logs.types import ImuTrack
 
@@ -28,10 +28,10 @@ POSE_COLUMNS: Final = ("p_RS_R_x", "p_RS_R_y", "p_RS_R_z", "q_RS_w", "q_RS_x", "
 
 @dataclass(frozen=True, slots=True)
 class ImageList:
-    """Images of a camera in the order of time: t_ns (N,), their files, the lines that name them."""
+    """Images of a camera in the order of time: t_ns (N,), their files."""
 
     t_ns: IntArray
-    files: tuple[Path, ...]
+    files: FilesOf
 
 
 def read_image_list(file: Path, folder: Path) -> ImageList:
@@ -48,13 +48,13 @@ def read_image_list(file: Path, folder: Path) -> ImageList:
             remedy = f"give the file's name alone ({', '.join(IMAGE_SUFFIXES)})"
             raise LogError(what, file=file, record=record, remedy=remedy, reason="file.outside" if leads_out else None)
         t_ns.append(_stamp(words[0], file, record))
-        files.append(folder / name)
+        files.append(name)
         lines.append(number)
     if not files:
         raise LogError("lists no images", file=file, remedy="a line is: stamp,file name")
     stamps = np.array(t_ns, np.int64)
     check_increasing(stamps, file=file, lines=lines)
-    return ImageList(stamps, tuple(files))
+    return ImageList(stamps, FilesOf(folder, tuple(files)))
 
 
 def read_imu(file: Path) -> tuple[ImuTrack, int]:

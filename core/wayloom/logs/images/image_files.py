@@ -8,7 +8,7 @@ import io
 import itertools
 import os
 import struct
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, TypeVar, overload
@@ -56,7 +56,7 @@ class ImageHeader:
 
 @dataclass(frozen=True, slots=True)
 class FilesOf(Sequence[Path]):
-    """Files of one folder, by their names: an hour's images as paths would be 40 MB that every stage holds."""
+    """Files of one folder, by their names: every stage holds those of a drive's images, and paths take several times as much."""
 
     folder: Path
     names: tuple[str, ...]
@@ -74,36 +74,32 @@ class FilesOf(Sequence[Path]):
         """A path that is made now, or some of the files."""
         return FilesOf(self.folder, self.names[at]) if isinstance(at, slice) else self.folder / self.names[at]
 
+    def kept(self, rows: Iterable[int]) -> "FilesOf":
+        """These files only, in this order."""
+        return FilesOf(self.folder, tuple(self.names[row] for row in rows))
+
+    def inside(self, root: Path) -> list[str]:
+        """Their paths from a folder on; none where they are not in it."""
+        if not self.folder.is_relative_to(root):
+            return []
+        parts = self.folder.relative_to(root).parts
+        return ["/".join((*parts, name)) for name in self.names]
+
 
 @dataclass(frozen=True, slots=True)
 class ImagePairs:
     """Left and right image files of the same frames: numbers (the file's number, or its place where it has none), left, right."""
 
     numbers: tuple[int, ...]
-    left: Sequence[Path]
-    right: Sequence[Path]
+    left: FilesOf
+    right: FilesOf
 
     def __len__(self) -> int:
         return len(self.numbers)
 
     def kept(self, rows: Sequence[int]) -> "ImagePairs":
         """These pairs only, in this order."""
-        return ImagePairs(tuple(self.numbers[row] for row in rows), _kept(self.left, rows), _kept(self.right, rows))
-
-
-def _kept(files: Sequence[Path], rows: Sequence[int]) -> Sequence[Path]:
-    if isinstance(files, FilesOf):
-        return FilesOf(files.folder, tuple(files.names[row] for row in rows))
-    return tuple(files[row] for row in rows)
-
-
-def names_inside(root: Path, files: Sequence[Path]) -> Iterator[str]:
-    """Paths of files from a folder on, of those that are in it."""
-    if isinstance(files, FilesOf):
-        before = next(names_inside(root, [files.folder]), None)
-        yield from () if before is None else (name if before == "." else f"{before}/{name}" for name in files.names)
-    else:
-        yield from (file.relative_to(root).as_posix() for file in files if file.is_relative_to(root))
+        return ImagePairs(tuple(self.numbers[row] for row in rows), self.left.kept(rows), self.right.kept(rows))
 
 
 def has_files(folder: Path) -> bool:

@@ -13,7 +13,7 @@ from wayloom.config.side_by_side import in_order
 from wayloom.errors import LogError
 from wayloom.files.text_files import read_bytes, utf8_text
 from wayloom.geometry.camera import StereoRig
-from wayloom.logs.images.image_files import COPY_AGAIN, ImageHeader, ImagePairs, check_image, names_inside, read_header, read_image
+from wayloom.logs.images.image_files import COPY_AGAIN, ImageHeader, ImagePairs, check_image, read_header, read_image
 from wayloom.logs.kitti.positioning import Positioning
 from wayloom.logs.sidecars.exposure_csv import EXPOSURE_NAME, read_exposure_csv
 from wayloom.logs.sidecars.sidecar import SIDECAR_NAME, Sidecar
@@ -209,7 +209,7 @@ def assemble(
     root, pairs = location.root, sequence.pairs
     exposures = location.sidecars / EXPOSURE_NAME
     files = [*location.files, *(file for file in (location.sidecars / SIDECAR_NAME, exposures) if file.is_file())]
-    inside = {*names_inside(root, [*files, *positioning.files]), *names_inside(root, pairs.left), *names_inside(root, pairs.right)}
+    others = (file.relative_to(root).as_posix() for file in (*files, *positioning.files) if file.is_relative_to(root))
     return ImageFolderLog(
         path=location.path,
         format=log_format,
@@ -227,7 +227,7 @@ def assemble(
         vehicle_id=sidecar.vehicle_id,
         missing=missing + positioning.missing,
         root=root,
-        files=tuple(sorted(inside)),
+        files=tuple(sorted({*pairs.left.inside(root), *pairs.right.inside(root), *others})),
         pairs=pairs,
         stored_sizes=sequence.stored_sizes,
         rectifier=sequence.rectifier,
