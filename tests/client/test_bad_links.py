@@ -160,13 +160,13 @@ def test_a_damaged_file_in_its_place_is_not_taken_for_the_one_announced(alone: A
 
 
 def test_an_upload_that_is_slower_than_its_expiry_lives_while_bytes_arrive(tmp_path: Path) -> None:
-    server = ApiAlone(tmp_path / "data", WAYLOOM_UPLOAD_EXPIRY_S="1")
+    server = ApiAlone(tmp_path / "data", WAYLOOM_UPLOAD_EXPIRY_S="6")
     database = Database(f"sqlite:///{server.data / 'wayloom.db'}")
     content = os.urandom(3 * MIB)
 
     def slowly() -> Iterator[bytes]:
         for start in range(0, len(content), MIB // 8):
-            time.sleep(0.1)
+            time.sleep(0.28)
             with database.write() as session:
                 uploads.drop_expired(session, Folders(server.data))
             yield content[start : start + MIB // 8]

@@ -1,15 +1,16 @@
 """Real but small stages for the tests of the service: they take a moment, leave files, and write down that they ran.
 
 The drive says what shall happen: its `log/play.json` names for each stage its `seconds`, `fail` (how many attempts), `full` (how
-often the disk is), `crash`, `hang`, `hoard` (bytes), or `bad`; for the drive its `grade` (A), or
-`placed` false. A map job waits as long as there is a file `stitch-waits` in the data folder.
+often the disk is), `crash`, `hang`, `hoard` (bytes), or `bad`; for the drive its `grade` (A), or `placed` false. A stage, the
+map's too, stays in its middle as long as there is a file `<stage>-waits` in the data folder (`held_up`).
 """
 
 import errno
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,6 +59,9 @@ def run(attempt: StageAttempt) -> None:
         os.abort()
     if begun(attempt) <= play.get("full", 0):
         raise OSError(errno.ENOSPC, "No space left on device")
+    while waits_at(attempt.context.folders.root, attempt.claim.stage).exists():
+        attempt.progress(0.5, "waits")  # and hears that it is to stop, or that the job is another's
+        time.sleep(0.02)
     steps = max(1, round(play.get("seconds", 0.0) / 0.05))
     for step in range(steps):
         attempt.progress(step / steps, f"step {step + 1} of {steps}")
@@ -67,6 +71,22 @@ def run(attempt: StageAttempt) -> None:
     earlier = sorted(folder.name for folder in attempt.inputs_dir.iterdir())
     (attempt.out_dir / "result.json").write_text(json.dumps({"stage": attempt.claim.stage, "after": earlier}))
     note(attempt, "end")
+
+
+def waits_at(data: Path, stage: str) -> Path:
+    """The file whose presence keeps the stage in its middle."""
+    return data / f"{stage}-waits"
+
+
+@contextmanager
+def held_up(data: Path, stage: str) -> Iterator[None]:
+    """Each run of the stage lasts until the end of this, however slow the machine is."""
+    file = waits_at(data, stage)
+    file.touch()
+    try:
+        yield
+    finally:
+        file.unlink()
 
 
 def begun(attempt: StageAttempt) -> int:
@@ -116,7 +136,7 @@ def stitch(attempt: StageAttempt) -> None:
         base = maps.get(session, str(attempt.claim.map_id)).version
         before = map_versions.all_current_tiles(session, str(attempt.claim.map_id))
         boxes = map_versions.changed_boxes(session, str(attempt.claim.map_id))
-    while (attempt.context.folders.root / "stitch-waits").exists():
+    while waits_at(attempt.context.folders.root, "stitch").exists():
         time.sleep(0.02)
     rgba = np.zeros((256, 256, 4), np.uint8)
     rgba[64:192, 32:224] = (128, 64 + 10 * len(rows), 128, 255)

@@ -12,6 +12,7 @@ import pytest
 
 from service_kit import little_stages
 from service_kit.guarded import API_KEY, PASSWORD, Guarded
+from service_kit.little_stages import held_up
 from service_kit.packed_drives import packed_drive
 from service_kit.running import ApiAlone, service, until
 from wayloom.client.upload import upload
@@ -80,9 +81,10 @@ def test_the_dashboard_shows_map_and_drives_and_follows_them(browser: Any, tmp_p
         bad = upload(api, packed_drive(tmp_path / "b", "broken drive", {"odometry": {"bad": True}}))["id"]
         page.wait_for_selector(f"[data-id='{bad}'] .error")
         assert "record it again" in page.inner_text(f"[data-id='{bad}'] .error")
-        slow = upload(api, packed_drive(tmp_path / "c", "slow drive", {"odometry": {"seconds": 2.0}}))["id"]
-        page.wait_for_selector(f"[data-id='{slow}'][data-state=running]")
-        until(lambda: "odometry" in page.inner_text(f"[data-id='{slow}'] .words"))
+        with held_up(up.data, "odometry"):
+            slow = upload(api, packed_drive(tmp_path / "c", "slow drive"))["id"]
+            page.wait_for_selector(f"[data-id='{slow}'][data-state=running]")
+            until(lambda: "odometry" in page.inner_text(f"[data-id='{slow}'] .words"))
         page.wait_for_selector(f"[data-id='{slow}'][data-state=done]")
         until(lambda: page.inner_text("#version") == "city · version 2")
         until(lambda: page.evaluate(SHOWN))
@@ -173,10 +175,11 @@ def test_the_page_of_a_held_drive_tells_why_and_an_operator_releases_it_there(br
         assert "Released by Ada" in page.inner_text("#release")
         assert wait_for_drive(api, held)["state"] == "done"
         page.reload()
-        page.click("#reprocess")
-        page.click("dialog .primary")
-        page.wait_for_selector("#anew:not([hidden])")
-        assert "This page shows the result before" in page.inner_text("#anew")
+        with held_up(up.data, "stitch"):
+            page.click("#reprocess")
+            page.click("dialog .primary")
+            page.wait_for_selector("#anew:not([hidden])")
+            assert "This page shows the result before" in page.inner_text("#anew")
         until(lambda: api.drive(held)["reprocess"] is None)
         assert said == []
         page.close()

@@ -31,6 +31,7 @@ def page_of(browser: Any, guarded: Guarded, name: str, path: str) -> Any:
     """A page as a user sees it, signed in."""
     page = browser.new_context().new_page()
     page.goto(f"{guarded.api.url}{path}")
+    page.wait_for_url("**/sign-in?next=*")
     page.fill("#name", name)
     page.fill("#password", PASSWORD)
     page.click("#sign-in button")
@@ -77,6 +78,7 @@ def test_an_area_comes_from_a_file_too(browser: Any, guarded: Guarded, tmp_path:
     named = [{"type": "Feature", "properties": {"name": name}, "geometry": YARD} for name in ("depot", "gate")]
     file.write_text(json.dumps({"type": "FeatureCollection", "features": named}))
     with closing(page_of(browser, guarded, "anna", "/areas")) as page:
+        page.wait_for_selector("#add")
         page.set_input_files("#file", str(file))
         until(lambda: "depot" in page.input_value("#geojson"))
         page.click("#add-form button")

@@ -8,6 +8,7 @@ import httpx2
 import pytest
 
 from service_kit.browsers import watched
+from service_kit.little_stages import held_up
 from service_kit.packed_drives import packed_drive
 from service_kit.running import Up, service, until
 from wayloom.client.upload import upload
@@ -54,8 +55,9 @@ def test_a_failed_drive_is_begun_again_from_a_stage_and_its_log_tells_every_atte
         page.click("#retry-from")
         assert page.evaluate("document.querySelector('dialog select').value") == "segmentation"
         page.select_option("dialog select", "odometry")
-        page.click("dialog .primary")
-        until(lambda: page.inner_text("#state") != "failed")
+        with held_up(up.data, "odometry"):
+            page.click("dialog .primary")
+            until(lambda: page.inner_text("#state") != "failed")
         until(lambda: page.inner_text("#state") == "failed", 60)
         until(lambda: "this stage and those after it are made anew" in page.inner_text("#history"))
 
@@ -73,8 +75,9 @@ def test_a_drive_is_processed_anew_with_other_settings_and_refusals_are_told_in_
         until(lambda: page.is_visible("dialog .error"))
         assert "not of the form key = value" in page.inner_text("dialog .error")
         page.fill("dialog textarea[name=labelling]", "between_keyframes = 0")
-        page.click("dialog .primary")
-        page.wait_for_selector("#anew:not([hidden])")
+        with held_up(up.data, "stitch"):
+            page.click("dialog .primary")
+            page.wait_for_selector("#anew:not([hidden])")
         until(lambda: up.api().drive(drive)["reprocess"] is None)
     runs = up.api().json("GET", f"/v1/drives/{drive}/history")["events"]
     assert any("processed anew with {'labelling': {'between_keyframes': 0}}" in one["text"] for one in runs)

@@ -185,9 +185,10 @@ def test_the_fleet_page_takes_its_complaint_back_and_tells_what_the_map_s_jobs_d
     with closing(database), database.write() as session:
         job = create_map_job(session, "stitch", "city")
         job.state, job.started_at, job.finished_at, job.error = "failed", job.created_at, job.created_at + 75.0, "no memory"
-    page.route("**/v1/fleet", lambda route: route.fulfill(status=503, json={"detail": "the database is away"}), times=1)
+    page.route("**/v1/fleet", lambda route: route.fulfill(status=503, json={"detail": "the database is away"}))
     page.goto(f"{alone.url}/fleet")
     until(lambda: page.is_visible("#problem") and page.inner_text("#problem") == "the database is away")
+    page.unroute("**/v1/fleet")
     until(lambda: not page.is_visible("#problem"), RENEWED_S)
     cells = page.locator("#map-jobs tbody tr").first.locator("td").all_inner_texts()
     assert [cells[1], cells[2], cells[4], cells[5]] == ["stitch", "failed", "1 min 15 s", "no memory"]

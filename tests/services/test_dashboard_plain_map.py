@@ -28,7 +28,7 @@ def test_without_webgl_the_list_is_there_and_a_plain_map_is_moved_by_keys(tmp_pa
         seen.on("pageerror", lambda error: wrong.append(str(error)))
         seen.goto(up.url)
         seen.wait_for_selector(f"[data-id='{first}'][data-state=done]")
-        assert seen.inner_text("#live") == "live"
+        until(lambda: seen.inner_text("#live") == "live")
         until(lambda: seen.locator(".plain-tiles img.semantic").count() > 0)
         assert "has no WebGL 2" in seen.inner_text(".plain-note")
         until(lambda: seen.evaluate("[...document.querySelectorAll('.plain-tiles img')].some((one) => one.naturalWidth === 256)"))

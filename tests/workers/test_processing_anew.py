@@ -9,6 +9,7 @@ from typing import Any
 import httpx2
 import pytest
 
+from service_kit.little_stages import held_up
 from service_kit.packed_drives import packed_drive
 from service_kit.running import Up, service, until
 from wayloom.client.api import Api
@@ -116,12 +117,13 @@ def test_a_run_that_fails_changes_nothing_and_goes_on_when_it_is_told_to(up: Up,
 def test_a_run_whose_worker_is_killed_ends_as_one_that_was_not(up: Up, drive_id: str) -> None:
     api = up.api()
     before = page(api, drive_id)
-    play(up, drive_id, odometry={"seconds": 1.5})
-    reprocess(api, drive_id)
-    until(lambda: api.drive(drive_id)["stages"][1]["progress"] > 0.2)
-    for pid in up.children("wayloom_workers worker"):
-        up.kill_process(pid)
-    assert page(api, drive_id) == before
+    play(up, drive_id, odometry={"seconds": 0.1})
+    with held_up(up.data, "odometry"):
+        reprocess(api, drive_id)
+        until(lambda: api.drive(drive_id)["stages"][1]["progress"] > 0.2)
+        for pid in up.children("wayloom_workers worker"):
+            up.kill_process(pid)
+        assert page(api, drive_id) == before
     until(lambda: api.drive(drive_id)["reprocess"] is None)
     assert api.drive(drive_id)["state"] == "done"
     tracked = api.drive(drive_id)["stages"][1]
