@@ -59,3 +59,9 @@ def checksum(content: bytes, algorithm: str = "sha256") -> dict[str, str]:
 def pieces(content: bytes, size: int) -> dict[str, str]:
     sums = b"".join(zlib.crc32(content[start : start + size]).to_bytes(4) for start in range(0, len(content), size))
     return {"Upload-Pieces": f"crc32 {size} {b64(sums)}"}
+
+
+def received(url: str) -> float:
+    """Bytes of drives that a server has taken, by its own count: in an object store they wait in its memory."""
+    text = httpx2.get(f"{url}/metrics", timeout=30.0, trust_env=False).text
+    return float(text.partition("\nwayloom_upload_bytes_total ")[2].split()[0])

@@ -261,14 +261,17 @@ def test_a_file_that_was_whole_but_not_verified_when_the_server_died_is_finished
 
 
 def broken_link(url: str, address: str, at: int, promised: int, sent: bytes) -> socket.socket:
-    """A PATCH that promises more bytes than it sends; the link stays open."""
+    """A PATCH that promises more bytes than it sends; the link stays open. The server waits for them when this returns."""
     where = urlsplit(url)
     link = socket.create_connection((str(where.hostname), int(where.port or 80)))
     lines = [
         f"PATCH {address} HTTP/1.1", f"Host: {where.netloc}", "Tus-Resumable: 1.0.0", f"Upload-Offset: {at}",
-        "Content-Type: application/offset+octet-stream", f"Content-Length: {promised}", "", "",
+        "Content-Type: application/offset+octet-stream", f"Content-Length: {promised}", "Expect: 100-continue", "", "",
     ]  # fmt: skip
-    link.sendall("\r\n".join(lines).encode() + sent)
+    link.settimeout(60)
+    link.sendall("\r\n".join(lines).encode())
+    assert link.recv(1000).startswith(b"HTTP/1.1 100")
+    link.sendall(sent)
     return link
 
 
@@ -282,7 +285,6 @@ def test_what_came_before_the_link_broke_is_kept(http: httpx2.Client, address: s
 
 def test_whoever_continues_takes_over_from_a_link_that_hangs(http: httpx2.Client, address: str, api_process: ApiAlone) -> None:
     link = broken_link(api_process.url, address, 0, len(DATA), b"")
-    time.sleep(0.2)
     started = time.monotonic()
     assert patch(http, address, 0, DATA).status_code == 204
     assert time.monotonic() - started < 5
@@ -357,8 +359,12 @@ def test_a_server_killed_in_the_middle_of_a_chunk_goes_on_where_its_bytes_end(
             chunk = alone.data / "uploads" / f"{address.rpartition('/')[2]}.chunk"
             return chunk.exists() and chunk.stat().st_size > 1 << 20 if alone.objects is None else bool(_on_hold(alone))
 
+        killed = threading.Event()
+
         def slowly() -> Iterator[bytes]:
             for start in range(2 << 20, len(data), 1 << 20):
+                if start + (1 << 20) == len(data):
+                    killed.wait(60)  # a server that is late must not get the whole chunk
                 yield data[start : start + (1 << 20)]
                 time.sleep(0.05)
 
@@ -367,6 +373,7 @@ def test_a_server_killed_in_the_middle_of_a_chunk_goes_on_where_its_bytes_end(
         sender.start()
         until(is_in_the_middle)
         alone.kill()
+        killed.set()
         sender.join()
         alone.start()
         with httpx2.Client(base_url=alone.url, timeout=30.0, trust_env=False) as http:
