@@ -147,7 +147,7 @@ def test_a_key_of_a_vehicle_sends_drives_of_that_vehicle_alone(browser: Any, gua
         page.click("dialog .primary")
         until(lambda: page.is_visible("#made code"))
         key = page.inner_text("#made code")
-        assert any("van-9" in one for one in keys_of(page))
+        until(lambda: any("van-9" in one for one in keys_of(page)))
     assert guarded.announce(key, vehicle_id="van-9").status_code == 201
     assert guarded.announce(key, vehicle_id="van-8").status_code == 403
 
