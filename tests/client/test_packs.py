@@ -96,13 +96,12 @@ def test_whole_files_are_stored_though_the_request_breaks_and_the_rest_goes_on_a
     drive = tus.register(http, "broken", **contents)
     address = begin(http, drive, *(f"log/{name}" for name in "abcd")).json()["upload"]
     stream = b"".join(contents.values())
+    before = tus.received(alone.url)
 
     def breaks() -> Iterator[bytes]:
         yield stream[: 5 * MIB // 2]
         until(lambda: is_stored(alone, address, 2 * MIB) and tus.received(alone.url) - before >= 2 * MIB)
         raise ConnectionError
-
-    before = tus.received(alone.url)
 
     with pytest.raises(ConnectionError):
         tus.patch(http, address, 0, breaks())
@@ -163,7 +162,6 @@ def test_a_server_and_a_client_that_are_killed_in_the_middle_of_a_pack_go_on(
     server = ApiAlone(tmp_path / "data", object_store if wherever == "objects" else None)
     drive = small_files(tmp_path / "killed", 100, 100_000)
     stream = b"".join(source.read_bytes() for source in drive.sources.values())
-
     killed = threading.Event()
 
     def stalls() -> Iterator[bytes]:
