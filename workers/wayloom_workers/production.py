@@ -20,7 +20,6 @@ from wayloom.pipeline.settings import ProcessSettings, with_asked
 from wayloom.pipeline.stage_context import StageContext
 from wayloom.pipeline.stages.submaps import PREVIEW_FILE
 from wayloom.reports.drive_warnings import CALIBRATION_FACTS, NETWORK_FACTS
-from wayloom.reports.quality_plots import quality_pictures
 from wayloom.segmentation.keyframe_labels import MODEL_FILE
 from wayloom.store import drives, reprocessing, runs
 from wayloom.store.coming import note, note_place
@@ -173,6 +172,8 @@ def _share_quality(attempt: StageAttempt) -> None:
 
 def _quality(attempt: StageAttempt) -> bytes:
     """The quality report with its pictures: one blob, so that the API needs nothing of the drive's folder."""
+    from wayloom.reports.quality_plots import quality_pictures  # matplotlib is loaded when the first drive is placed
+
     quality = read_quality(attempt.out_dir / QUALITY_FILE)
     return json.dumps({**quality, "pictures": quality_pictures(quality)}, separators=(",", ":")).encode()
 

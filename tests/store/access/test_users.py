@@ -4,12 +4,13 @@ import hashlib
 import threading
 
 import pytest
+from argon2 import PasswordHasher, extract_parameters
 from sqlalchemy import select, update
 
 from wayloom.config.roles import Role
 from wayloom.errors import ConfigError, ConflictError, NotFoundError
 from wayloom.store.access import provided, users
-from wayloom.store.access.passwords import is_right
+from wayloom.store.access.passwords import is_right, password_hash
 from wayloom.store.database import Database
 from wayloom.store.tables.access import UserSession
 
@@ -41,6 +42,15 @@ def test_a_password_is_kept_as_argon2id_and_recognised(database: Database) -> No
         assert not is_right(wrong, kept)
     assert not is_right("nobody's", None)  # what is verified where there is no user
     assert not is_right(PASSWORD, "no hash")
+
+
+def test_a_name_without_a_user_costs_as_much_as_one_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    verified: list[str] = []
+    monkeypatch.setattr(PasswordHasher, "verify", lambda _, kept, password: verified.append(kept))
+    for kept in (None, password_hash(PASSWORD)):
+        is_right(PASSWORD, kept)
+    nobodys, annas = map(extract_parameters, verified)
+    assert nobodys == annas
 
 
 def test_what_is_no_user_is_refused(database: Database) -> None:
