@@ -36,7 +36,7 @@ def stage():
         name = frame.f_code.co_name
         if name in STAGES and ("running.py" in frame.f_code.co_filename or "stitching.py" in frame.f_code.co_filename):
             return frame.f_locals[STAGES[name]] if STAGES[name] else name
-        if name == "_exports" and "drive.py" in frame.f_code.co_filename:
+        if name == "write_products" and "drive_products.py" in frame.f_code.co_filename:
             return "exports"
         frame = frame.f_back
     return "prepare_stitch" if "wayloom_workers" in " ".join(sys.orig_argv) else ""

@@ -102,7 +102,7 @@ def stage_of(frame: str) -> str | None:
     """The stage whose function this is."""
     if match := re.search(r"wayloom/pipeline/stages/(\w+)\.py", frame):
         return match[1]
-    return "exports" if re.match(r"_exports \(.*wayloom/pipeline/drive\.py", frame) else None
+    return "exports" if re.match(r"write_products \(.*wayloom/pipeline/drive_products\.py", frame) else None
 
 
 def readable(frame: str) -> str:

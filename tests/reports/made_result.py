@@ -21,8 +21,8 @@ from wayloom.logs.sidecars.oxts_writer import OxtsPacket
 from wayloom.logs.types import FixType, StereoFrame
 from wayloom.loops.types import LoopClosures
 from wayloom.odometry.types import Keyframes, OdometryResult, Points, Trajectory, no_points
-from wayloom.pipeline.drive import DriveResult, StageTime
 from wayloom.pipeline.drive_quality import drive_quality
+from wayloom.pipeline.drive_result import DriveResult, StageTime
 from wayloom.segmentation.keyframe_labels import KeyframeLabels
 from wayloom.submaps.split import make_submaps
 

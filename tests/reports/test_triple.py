@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from reports.made_result import made_result
-from wayloom.pipeline.drive import DriveResult
+from wayloom.pipeline.drive_result import DriveResult
 from wayloom.rendering.cameras import street_level
 from wayloom.reports import triple
 

@@ -11,7 +11,7 @@ from wayloom.cli.progress_bars import ProgressBars
 from wayloom.cli.results import JsonOption, words
 
 if TYPE_CHECKING:
-    from wayloom.pipeline.drive import DriveResult
+    from wayloom.pipeline.drive_result import DriveResult
 
 
 def process_command(

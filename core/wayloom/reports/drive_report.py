@@ -16,9 +16,9 @@ from wayloom.exports.drive_origin import REPORT_FILE
 from wayloom.files.atomic import write_atomically
 from wayloom.geodesy.wgs84 import enu_from_lonlatheight
 from wayloom.geometry import se3
-from wayloom.pipeline.drive import DriveResult
 from wayloom.pipeline.drive_map import PlacedPoints, read_image
 from wayloom.pipeline.drive_quality import QUALITY_FILE, write_quality
+from wayloom.pipeline.drive_result import DriveResult
 from wayloom.pipeline.exports import MAP_FILE, OVERLAYS_DIR
 from wayloom.pipeline.plane import T_plane_enu, axis_labels
 from wayloom.reports import plots, views

@@ -10,7 +10,7 @@ from wayloom.config.classes import CLASS_NAMES, VOID
 from wayloom.evaluation.trajectory import evaluate, path_length
 from wayloom.objects.types import KINDS
 from wayloom.odometry.types import OdometryResult
-from wayloom.pipeline.drive import DriveResult
+from wayloom.pipeline.drive_result import DriveResult
 from wayloom.reports import drive_warnings
 
 FORMAT: Final = "wayloom-drive-report"

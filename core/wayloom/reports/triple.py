@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayloom.geometry import se3
-from wayloom.pipeline.drive import DriveResult
+from wayloom.pipeline.drive_result import DriveResult
 from wayloom.pipeline.plane import T_plane_enu
 from wayloom.rendering.cameras import oblique, street_level
 from wayloom.rendering.colouring import COLOURINGS, way_colours
