@@ -12,8 +12,8 @@ print(*sys.modules)
 """
 
 
-def test_a_worker_starts_without_what_draws_its_reports() -> None:
+def test_a_worker_starts_without_what_draws_its_reports_and_what_stitches() -> None:
     said = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
     loaded = set(said.stdout.split())
     assert "wayloom_workers.production" in loaded
-    assert "matplotlib" not in loaded
+    assert not loaded.intersection({"matplotlib", "gtsam", "wayloom_workers.stitching"})

@@ -34,7 +34,6 @@ from wayloom_workers.publishing import publish, request_publish, tidy
 from wayloom_workers.removal import nothing, remove_files, remove_rows
 from wayloom_workers.rig_memory import forget, remember, remember_gnss, rig_file_for
 from wayloom_workers.stage_hooks import PreparedStage, Record, StageAttempt, StageHooks, StageParts, at_once, keyed_by_inputs
-from wayloom_workers.stitching import prepare_stitch
 from wayloom_workers.submap_rows import submap_row
 
 TRACK_POINTS: Final = 2000
@@ -186,6 +185,8 @@ def _finite(facts: dict[str, Any]) -> dict[str, Any]:
 
 def _prepare_stitch(attempt: StageAttempt) -> PreparedStage:
     """The map's stage, after what lies in excluded areas was dropped from what it is made of."""
+    from wayloom_workers.stitching import prepare_stitch  # what makes maps of fleets is loaded by those who make one
+
     if not attempt.claim.part:
         exclude(attempt.context, str(attempt.claim.map_id))
     return prepare_stitch(attempt)
