@@ -42,9 +42,9 @@ lint: .venv/.dev
 	$(BIN)/lint-imports
 	$(BIN)/python -m wayloom.store.migrate --check
 
-# Kernels are compiled beside the checks that run nothing: else two processes of tests would compile each of them at once.
 # Tests start many processes, which read bytecode that the first one wrote, whatever the caller's shell says of writing it.
 test: export PYTHONDONTWRITEBYTECODE =
+# Kernels are compiled beside the checks that run nothing: else two processes of tests would compile each of them at once.
 test: .venv/.dev
 	$(BIN)/python -m wayloom.pipeline.kernels_ahead 2>/dev/null & compiling=$$!; $(MAKE) --no-print-directory lint || { kill $$compiling; exit 1; }; wait $$compiling || true
 	$(BIN)/pytest $(PYTEST_ARGS)

@@ -61,25 +61,16 @@ def process_drive(
         context = _started(context, progress)
         sweep(stages_dir)
         with whole_folder(stages_dir / "exports") as folder, labels_ahead(context) as followed:
-            products = partial(_products, context, folder, geoid, write_more, progress(EXPORTS))
+
+            def products(wait_for_all: Callable[[], dict[str, StageTime]]) -> DriveResult:
+                from wayloom.pipeline.drive_products import write_products  # loaded beside objects that are still looked for
+
+                return write_products(context, folder, geoid, write_more, progress(EXPORTS), wait_for_all)
+
             result = in_turn(partial(_stage, followed), progress, settings.threads, products)
         _publish(stages_dir / "exports", out_dir)
         progress(EXPORTS)(1.0, f"written to {out_dir}")
     return result
-
-
-def _products(
-    context: StageContext,
-    folder: Path,
-    geoid: GeoidGrid | None,
-    write_more: Callable[[DriveResult, Path], None],
-    progress: Progress,
-    wait_for_all: Callable[[], dict[str, StageTime]],
-) -> DriveResult:
-    """What `write_products` does, loaded when there is something to write: beside objects that are still looked for."""
-    from wayloom.pipeline.drive_products import write_products
-
-    return write_products(context, folder, geoid, write_more, progress, wait_for_all)
 
 
 def _started(context: StageContext, progress: NamedProgress) -> StageContext:

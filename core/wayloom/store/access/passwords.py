@@ -12,7 +12,8 @@ MOST_LETTERS: Final = 256
 _HASHER: Final = PasswordHasher(time_cost=3, memory_cost=64 * 1024, parallelism=1)
 _KIND: Final = "$argon2"
 _OF_NOBODY: Final = "$argon2id$v=19$m=65536,t=3,p=1$lg4SE51VuDcVhE1BxJLSVg$ImBK6OBVuRfD+fKR8YeSmt8B5TILUUTnwoiIOjc2mUI"
-"""What is verified where there is no user of a name, so that the time does not tell: nobody's, with the hasher's parameters."""
+"""What is verified where there is no user of a name, so that the time does not tell: the hash of a word, by `_HASHER`'s parameters.
+Written down: to make it would take each start of the API as long as a sign-in."""
 
 
 def password_hash(password: str) -> str:
